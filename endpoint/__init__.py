@@ -1,0 +1,1 @@
+"""The web endpoint: SPARQL, graph store, rosbridge for robots, pages for people."""

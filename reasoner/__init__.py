@@ -1,0 +1,1 @@
+"""OWL 2 RL closure, contradictions and proofs over the shared graph."""

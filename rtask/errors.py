@@ -1,0 +1,223 @@
+"""Every error that RTASK raises on purpose.
+
+::
+
+    RtaskError
+    ├── UsageError                  the call itself is wrong (bad argument, bad option)
+    ├── StoreError
+    │   ├── StoreLockedError        another process has the folder open for writing
+    │   ├── StoreFormatError        not a knowledge base, or one of another format
+    │   ├── StorageFullError        the disk is full
+    │   ├── ClosedError             used after close()
+    │   ├── MissingBlobError        a triple names bytes that are not there
+    │   └── UnsupportedError        not possible on this kind of store
+    ├── DataError
+    │   ├── ParseError              file, line, column, reason
+    │   ├── QuerySyntaxError        SPARQL text that does not parse
+    │   ├── ValidationError         SHACL violations, with the report
+    │   ├── InconsistentError       a contradiction, with the triples that clash
+    │   ├── VersionConflictError    somebody else wrote first
+    │   ├── TooLargeError           beyond a stated limit
+    │   └── UnknownTermError        a name or IRI that the graph does not know
+    ├── AccessError
+    │   ├── AuthenticationError     no token, or not a valid one
+    │   └── ForbiddenError          a valid token without the right
+    ├── RemoteError
+    │   ├── RemoteUnavailableError  no answer, connection lost
+    │   └── CallFailedError         the server answered: no
+    └── RobotError                  a robot cannot do what was asked
+
+An error says what was wrong, where, what was expected and what to do. The command line prints it
+as one line and exits with :attr:`RtaskError.exit_code`; HTTP turns it into RFC 9457 problem
+details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+__all__ = [
+    "AccessError",
+    "AuthenticationError",
+    "CallFailedError",
+    "ClosedError",
+    "DataError",
+    "ForbiddenError",
+    "InconsistentError",
+    "MissingBlobError",
+    "ParseError",
+    "QuerySyntaxError",
+    "RemoteError",
+    "RemoteUnavailableError",
+    "RobotError",
+    "RtaskError",
+    "StorageFullError",
+    "StoreError",
+    "StoreFormatError",
+    "StoreLockedError",
+    "TooLargeError",
+    "UnknownTermError",
+    "UnsupportedError",
+    "UsageError",
+    "ValidationError",
+    "VersionConflictError",
+]
+
+
+class RtaskError(Exception):
+    """Base of all errors raised on purpose.
+
+    Parameters
+    ----------
+    message
+        One line: what was wrong, where, what to do.
+    **details
+        Machine-readable facts (``line``, ``column``, ``graph``, ``did_you_mean`` ...), kept in
+        :attr:`details` and sent as members of the problem details.
+    """
+
+    status: ClassVar[int] = 500
+    slug: ClassVar[str] = "internal"
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self, message: str, **details: Any) -> None:
+        super().__init__(message)
+        self.details = details
+
+
+class UsageError(RtaskError):
+    """The call itself is wrong: a bad argument, option or combination."""
+
+    status, slug, exit_code = 400, "usage", 2
+
+
+class StoreError(RtaskError):
+    """The store cannot do it."""
+
+    slug = "store"
+
+
+class StoreLockedError(StoreError):
+    """Another process has the folder open for writing."""
+
+    status, slug = 503, "store-locked"
+
+
+class StoreFormatError(StoreError):
+    """The folder is no knowledge base, or one that another version wrote."""
+
+    slug = "store-format"
+
+
+class StorageFullError(StoreError):
+    """The disk is full; nothing of the write was stored."""
+
+    status, slug = 507, "storage-full"
+
+
+class ClosedError(StoreError):
+    """The knowledge base, session or client was used after it was closed."""
+
+    slug = "closed"
+
+
+class MissingBlobError(StoreError):
+    """A statement names bytes that are not in the blob store."""
+
+    status, slug = 422, "missing-blob"
+
+
+class UnsupportedError(StoreError):
+    """This kind of store cannot do what was asked."""
+
+    status, slug = 501, "unsupported"
+
+
+class DataError(RtaskError):
+    """The data given are not acceptable; nothing was stored."""
+
+    status, slug = 422, "data"
+
+
+class ParseError(DataError):
+    """A file or message does not parse; ``line`` and ``column`` where known."""
+
+    status, slug = 400, "rdf-syntax"
+
+
+class QuerySyntaxError(DataError):
+    """SPARQL text that does not parse; ``line`` and ``column`` where known."""
+
+    status, slug = 400, "query-syntax"
+
+
+class ValidationError(DataError):
+    """The data violate a SHACL shape; ``results`` lists focus, path, value and message."""
+
+    slug = "validation-failed"
+
+
+class InconsistentError(DataError):
+    """The data contradict the ontology; ``contradictions`` lists the clashing triples."""
+
+    slug = "inconsistent"
+
+
+class VersionConflictError(DataError):
+    """The caller's version is not the current one."""
+
+    status, slug = 412, "version-conflict"
+
+
+class TooLargeError(DataError):
+    """Beyond a stated limit."""
+
+    status, slug = 413, "too-large"
+
+
+class UnknownTermError(DataError):
+    """A name or IRI that the graph does not know; ``did_you_mean`` where something is near."""
+
+    slug = "unknown-term"
+
+
+class AccessError(RtaskError):
+    """The caller may not do it."""
+
+    status, slug = 403, "forbidden"
+
+
+class AuthenticationError(AccessError):
+    """No token where one is needed, or one that is wrong, expired or revoked."""
+
+    status, slug = 401, "unauthenticated"
+
+
+class ForbiddenError(AccessError):
+    """A valid caller without the right; ``graph`` names the graph concerned."""
+
+    status, slug = 403, "graph-forbidden"
+
+
+class RemoteError(RtaskError):
+    """Something at the other end of a connection."""
+
+    status, slug = 502, "remote"
+
+
+class RemoteUnavailableError(RemoteError):
+    """No answer, or the connection was lost."""
+
+    status, slug = 503, "remote-unavailable"
+
+
+class CallFailedError(RemoteError):
+    """The server answered that the call failed; the message is the server's."""
+
+    slug = "call-failed"
+
+
+class RobotError(RtaskError):
+    """A robot cannot do what was asked; ``reason`` is one of the ontology's reason codes."""
+
+    status, slug = 409, "robot"

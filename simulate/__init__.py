@@ -1,0 +1,1 @@
+"""Robots in a physics simulator: description, camera, planning, execution, the agent."""
