@@ -1,0 +1,64 @@
+# Two commands: `make demo` watches robots learn, `make test` proves it. Both do all set-up.
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+# Open3D and the off-screen renderer link against these; nothing else is needed from the system.
+SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
+
+.PHONY: help setup system demo test check conformance bench docs clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
+
+setup: $(READY)  ## create .venv and install everything
+
+system:
+	@missing=""; \
+	if command -v dpkg-query >/dev/null; then \
+	  for package in $(SYSTEM_PACKAGES); do \
+	    dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$package"; \
+	  done; \
+	  if $(PYTHON) -c 'import ensurepip' 2>/dev/null; then missing="$${missing/ python3-venv/}"; fi; \
+	fi; \
+	if [ -z "$$missing" ]; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	  echo "installing system packages:$$missing"; \
+	  apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing; \
+	else \
+	  echo "system packages are missing; install them with:  sudo apt-get install$$missing"; exit 1; \
+	fi
+
+$(READY): pyproject.toml
+	@$(MAKE) --no-print-directory system
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "RTASK needs Python 3.11 or newer: make PYTHON=python3.11 setup")'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing Python packages (a few minutes the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,browser]'
+	@echo "compiling numeric kernels"
+	@$(BIN)/rtask doctor --warm-up --quiet
+	@touch $(READY)
+
+demo: $(READY)  ## robots learn to grasp and share it; ARGS="--seed 3" passes options
+	@$(BIN)/rtask demo $(ARGS)
+
+test: $(READY)  ## run the tests; ARGS="-k name" passes options
+	@$(BIN)/python -m pytest -n 2 --dist loadscope $(ARGS)
+
+check: $(READY)  ## lint, types, import layers, docs
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+	@$(BIN)/python -m pytest -q tests/docs
+
+conformance: $(READY)  ## the standards' own test suites, one line each
+	@$(BIN)/python tests/conformance/report.py
+
+bench: $(READY)  ## every benchmark, both sides and the ratio
+	@for script in tests/benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+clean:  ## remove everything that the targets made
+	rm -rf $(VENV) dist build rtask-demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,216 @@
+"""``rtask doctor``: say what is wrong with a machine, and the command that mends it."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import json
+import os
+import shutil
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+
+_OPEN3D_PACKAGES = "libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6"
+_IMPORT_TIMEOUT_S = 120
+_MIN_FREE_BYTES = 2 * 1024**3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at.
+
+    Parameters
+    ----------
+    name
+        What was looked at.
+    state
+        ``ok``; ``note`` = works, with less; ``broken`` = must be mended.
+    detail
+        What was found.
+    mend
+        The command or action that mends it; empty when there is nothing to mend.
+    """
+
+    name: str
+    state: str
+    detail: str
+    mend: str = ""
+
+
+def _python() -> Finding:
+    found = ".".join(map(str, sys.version_info[:3]))
+    if sys.version_info >= (3, 11):
+        return Finding("python", "ok", found)
+    return Finding("python", "broken", f"{found}, need 3.11", "make PYTHON=python3.11 setup")
+
+
+def _imports(module: str, mend: str, state: str = "broken") -> Finding:
+    """Import in a child process: a missing system library may end the process that loads it."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", f"import {module}"],
+            capture_output=True,
+            text=True,
+            timeout=_IMPORT_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Finding(module, state, f"import took over {_IMPORT_TIMEOUT_S} s", mend)
+    if done.returncode == 0:
+        return Finding(module, "ok", "imports")
+    last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+    return Finding(module, state, last, mend)
+
+
+def _packages() -> Finding:
+    missing = []
+    for text in importlib.metadata.requires("rtask-kg") or []:
+        if "extra ==" in text:
+            continue
+        name = text.split(";")[0].split("<")[0].split(">")[0].split("=")[0].strip()
+        try:
+            importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            if "sys_platform" not in text or sys.platform != "win32":
+                missing.append(name)
+    if missing:
+        return Finding("packages", "broken", f"missing: {', '.join(missing)}", "make setup")
+    return Finding("packages", "ok", "all installed")
+
+
+def _java() -> Finding:
+    if shutil.which("java"):
+        return Finding("java", "ok", "HermiT can run")
+    return Finding(
+        "java",
+        "note",
+        "not found: DL classification with HermiT is off, everything else works",
+        "sudo apt-get install default-jre-headless",
+    )
+
+
+def _display() -> Finding:
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return Finding("display", "ok", "--gui can open a window")
+    return Finding("display", "note", "none: --gui is refused, everything else runs headless")
+
+
+def _sqlite() -> Finding:
+    with sqlite3.connect(":memory:") as connection:
+        try:
+            connection.execute("CREATE VIRTUAL TABLE t USING fts5(x)")
+        except sqlite3.OperationalError:
+            return Finding(
+                "sqlite", "note", "built without FTS5: no text search", "use Debian's python3"
+            )
+    return Finding("sqlite", "ok", f"{sqlite3.sqlite_version} with FTS5")
+
+
+def _cache() -> Finding:
+    """Compiled kernels are kept beside the package; without that each start compiles again."""
+    spec = importlib.util.find_spec("features")
+    folder = Path(spec.origin).parent if spec and spec.origin else Path.cwd()
+    if os.access(folder, os.W_OK) or os.environ.get("NUMBA_CACHE_DIR"):
+        return Finding("kernel cache", "ok", "writable")
+    return Finding(
+        "kernel cache",
+        "note",
+        "read-only package folder: kernels are compiled at each start",
+        "export NUMBA_CACHE_DIR=~/.cache/rtask",
+    )
+
+
+def _disk(folder: Path) -> Finding:
+    probe = next(p for p in [folder, *folder.absolute().parents] if p.exists())
+    free = shutil.disk_usage(probe).free
+    if free >= _MIN_FREE_BYTES:
+        return Finding("disk", "ok", f"{free / 1e9:.0f} GB free")
+    return Finding("disk", "broken", f"{free / 1e9:.1f} GB free at {probe}", "make room: 2 GB")
+
+
+def _port(port: int) -> Finding:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            return Finding(
+                f"port {port}", "note", f"in use ({error.strerror})", "rtask serve -p 0"
+            )
+    return Finding(f"port {port}", "ok", "free")
+
+
+def _store(folder: Path) -> Finding:
+    import rtask
+    from rtask.errors import RtaskError
+
+    if not folder.exists():
+        return Finding("store", "note", f"{folder} does not exist yet", f"rtask load -d {folder}")
+    try:
+        with rtask.open(folder, mode="r") as kb:
+            return Finding("store", "ok", f"{kb.stats()['triples']} triples")
+    except RtaskError as error:
+        return Finding("store", "broken", str(error))
+
+
+def examine(data: Path | None, port: int) -> Iterator[Finding]:
+    """Look at everything, cheapest first."""
+    checks: list[Callable[[], Finding]] = [
+        _python,
+        _packages,
+        _sqlite,
+        _java,
+        _display,
+        _cache,
+        lambda: _disk(data or Path.cwd()),
+        lambda: _port(port),
+        lambda: _imports("pybullet", "make setup"),
+        lambda: _imports("open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
+    ]
+    if data is not None:
+        checks.append(lambda: _store(data))
+    for check in checks:
+        yield check()
+
+
+def warm_up() -> None:
+    """Compile the numeric kernels once; numba keeps them on disk."""
+    for module in ("features.segmentation", "features.recognition", "reasoner"):
+        loaded = importlib.import_module(module)
+        compile_all = getattr(loaded, "warm_up", None)
+        if compile_all is not None:
+            compile_all()
+
+
+@click.command()
+@click.option("--data", "-d", type=click.Path(path_type=Path), help="Also look at this store.")
+@click.option("--port", "-p", default=8765, show_default=True, help="Port that serve would use.")
+@click.option("--warm-up", "warm", is_flag=True, help="Compile the numeric kernels as well.")
+@click.option("--quiet", "-q", is_flag=True, help="Print only what is broken.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON list.")
+def doctor(data: Path | None, port: int, warm: bool, quiet: bool, as_json: bool) -> None:
+    """Say what is wrong with this machine, and the command that mends it.
+
+    Exit code 1 when something must be mended; notes do not count.
+    """
+    findings = []
+    for finding in examine(data, port):
+        findings.append(finding)
+        if as_json or (quiet and finding.state != "broken"):
+            continue
+        click.echo(f"{finding.state:7s} {finding.name:13s} {finding.detail}")
+        if finding.mend and finding.state != "ok":
+            click.echo(f"{'':7s} {'':13s} mend: {finding.mend}")
+    if as_json:
+        click.echo(json.dumps([asdict(f) for f in findings], indent=2))
+    if any(f.state == "broken" for f in findings):
+        raise SystemExit(1)
+    if warm:
+        warm_up()
