@@ -1,0 +1,474 @@
+"""The robot's mind: look, ask the graph, grasp, report (ARCHITECTURE: one observation, end to end).
+
+The agent knows what its camera, its joints and the server tell it, and nothing else. Ground truth
+about the scene reaches it nowhere; :mod:`simulate.scoring` uses that afterwards, from outside.
+"""
+
+from __future__ import annotations
+
+import base64
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec import encode_frame, to_wire
+from features.geometry import Frame
+from simulate.executor import GraspRecord, GraspRequest, PlannedGrasp
+from simulate.perception import Ignored, Perceived, Seen, perceive
+from simulate.tracking import Thing, Tracker
+
+__all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
+
+log = logging.getLogger(__name__)
+
+_MAX_NEIGHBOUR_POINTS = 400
+_ROUND = 0.85
+_CONFIDENT = 0.9
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """How patient the agent is.
+
+    Parameters
+    ----------
+    max_attempts
+        Physical attempts at one object.
+    max_plans
+        Grasps of one answer that are planned before the object counts as out of reach.
+    max_looks
+        Looks at one side of the table, a guard against a scene that never settles.
+    seed
+        Of every choice that the server makes for this robot.
+    """
+
+    max_attempts: int = 4
+    max_plans: int = 12
+    max_looks: int = 40
+    seed: int = 0
+
+
+class Body(Protocol):
+    """What the agent needs of a robot; :class:`simulate.robot_process.SimulatedBody` is one."""
+
+    gripper_ids: Mapping[str, str]
+    base_frame: str
+    ignored: tuple[Ignored, ...]
+
+    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
+        """Turn the head and return a frame with base_from_camera (4, 4)."""
+
+    def plan(
+        self, request: GraspRequest, obstacles: list[NDArray[np.float64]], seed: int
+    ) -> PlannedGrasp | str:
+        """Return a plan, or the reason code why there is none."""
+
+    def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
+        """Carry a plan out; return its record and pictures (phase, PNG) of it."""
+
+
+class Server(Protocol):
+    """What the agent needs of the engine; any :func:`rtask.connect` client is one."""
+
+    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]: ...
+
+    def insert_object(self, **request: Any) -> dict[str, Any]: ...
+
+    def report_outcome(self, **request: Any) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One try: the grasp, where it came from, what became of it."""
+
+    number: int
+    source: str
+    grasp: str
+    reason: str
+    held: bool
+    placed: bool
+    physical: bool
+    mean: float
+    seconds: Mapping[str, float]
+    pictures: tuple[str, ...] = ()
+
+
+@dataclass
+class Encounter:
+    """Everything that happened between one robot and one object.
+
+    Parameters
+    ----------
+    recognised
+        IRI that the server was sure of at first sight; empty = the object was new to it.
+    confidence
+        Of the best match at first sight, whether accepted or not.
+    object_iri
+        IRI under which the graph knows it in the end.
+    """
+
+    number: int
+    side: str
+    position: tuple[float, float]
+    size: tuple[float, float, float]
+    recognised: str = ""
+    label: str = ""
+    confidence: float = 0.0
+    object_iri: str = ""
+    attempts: list[Attempt] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def tries(self) -> int:
+        """Physical attempts so far."""
+        return sum(attempt.physical for attempt in self.attempts)
+
+    @property
+    def held(self) -> bool:
+        """Whether some attempt held the object."""
+        return any(attempt.held for attempt in self.attempts)
+
+    @property
+    def placed(self) -> bool:
+        """Whether the object reached the box."""
+        return any(attempt.placed for attempt in self.attempts)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the encounter as JSON data."""
+        data = asdict(self)
+        data.update(tries=self.tries, held=self.held, placed=self.placed)
+        return data
+
+
+class Agent:
+    """Clears a table: for each object asks the graph, grasps, reports.
+
+    Parameters
+    ----------
+    body
+        Eyes and hands.
+    server
+        The shared graph.
+    config
+        Patience and seed.
+    on_event
+        Called with (name, data) at every step worth telling.
+    on_sight
+        Called with the frame and an object's pixels when it is first recognised or not; scoring
+        hangs on here and returns nothing to the agent.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        server: Server,
+        config: AgentConfig,
+        on_event: Callable[[str, dict[str, Any]], None] = lambda name, data: None,
+        on_sight: Callable[[Encounter, Seen], None] = lambda encounter, seen: None,
+    ) -> None:
+        self.body = body
+        self.server = server
+        self.config = config
+        self.encounters: dict[int, Encounter] = {}
+        self._tell = on_event
+        self._on_sight = on_sight
+        self._tracker = Tracker()
+
+    def clear_table(self) -> list[Encounter]:
+        """Handle every object on both sides; return what happened, in order."""
+        for side in ("right", "left"):
+            self._clear_side(side)
+        return list(self.encounters.values())
+
+    def _clear_side(self, side: str) -> None:
+        handled: Thing | None = None
+        sign = -1 if side == "right" else 1
+        for _ in range(self.config.max_looks):
+            started = time.perf_counter()
+            frame, base_from_camera = self.body.look(side)
+            view = perceive(frame, base_from_camera, self.body.ignored)
+            looked_s = time.perf_counter() - started
+            mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
+            things = self._tracker.update(mine, handled, sign)
+            self._tell("look", {"side": side, "status": view.status, "objects": len(mine)})
+            todo = [thing for thing in things if not thing.finished]
+            if not todo:
+                return
+            # The outermost first: the hand comes from outside, and each success clears its way.
+            handled = max(todo, key=lambda thing: thing.seen.position[1] * sign)
+            self._attempt(handled, side, view, base_from_camera, looked_s)
+
+    def _attempt(
+        self,
+        thing: Thing,
+        side: str,
+        view: Perceived,
+        base_from_camera: NDArray[np.float64],
+        looked_s: float,
+    ) -> None:
+        """Ask, plan, grasp and report once."""
+        encounter = self._encounter(thing, side)
+        seconds = {"look": looked_s}
+        started = time.perf_counter()
+        observation = self._observation(thing, view, base_from_camera)
+        seconds["encode"] = time.perf_counter() - started
+        number = encounter.tries + 1
+        started = time.perf_counter()
+        answer = self.server.recognise_for_grasp(
+            task="pick",
+            gripper_id=self.body.gripper_ids[side],
+            propose=True,
+            max_grasps=50,
+            seed=_seed(self.config.seed, thing.number, number),
+            neighbours=_neighbours(thing, view),
+            **observation,
+            **({"object": thing.object_iri} if thing.object_iri else {}),
+        )
+        seconds["ask"] = time.perf_counter() - started
+        if not encounter.attempts:
+            self._first_sight(encounter, thing, answer)
+        plan, grasp, reason = self._plan(thing, side, view, answer, seconds)
+        if plan is None:
+            self._give_up(encounter, thing, observation, answer, grasp, reason, number, seconds)
+            return
+        self._tell(
+            "grasping",
+            {
+                "object": thing.number,
+                "attempt": number,
+                "source": grasp["source"],
+                "doing": f"grasping object {thing.number}",
+            },
+        )
+        started = time.perf_counter()
+        record, pictures = self.body.execute(plan)
+        seconds["move"] = time.perf_counter() - started
+        outcome = _outcome(record, number, answer, grasp, seconds, pictures)
+        self._report(encounter, thing, observation, answer, grasp, outcome)
+        attempt = Attempt(
+            number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
+            True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
+        )  # fmt: skip
+        encounter.attempts.append(attempt)
+        thing.finished = record.held or encounter.tries >= self.config.max_attempts
+        self._tell(
+            "attempt",
+            {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},
+        )
+
+    def _encounter(self, thing: Thing, side: str) -> Encounter:
+        if thing.number not in self.encounters:
+            shape = thing.seen.shape
+            self.encounters[thing.number] = Encounter(
+                thing.number,
+                side,
+                (float(shape.centre[0]), float(shape.centre[1])),
+                (shape.length, shape.width, shape.height),
+            )
+        return self.encounters[thing.number]
+
+    def _observation(
+        self, thing: Thing, view: Perceived, base_from_camera: NDArray[np.float64]
+    ) -> dict[str, Any]:
+        return {
+            "data": to_wire(encode_frame(thing.seen.crop)),
+            "sensor_pose": _pose_message(base_from_camera),
+            "frame_id": self.body.base_frame,
+            "support_height": view.table_height,
+        }
+
+    def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> None:
+        recognition = answer["recognition"]
+        matches = recognition["matches"]
+        encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
+        if recognition["accepted"]:
+            encounter.recognised = thing.object_iri = answer["object"]
+            encounter.label = answer["label"]
+        self._on_sight(encounter, thing.seen)
+        self._tell(
+            "recognised",
+            {
+                "object": thing.number,
+                "recognised": encounter.recognised,
+                "label": encounter.label,
+                "confidence": encounter.confidence,
+                "doing": f"planning a grasp of object {thing.number}",
+            },
+        )
+
+    def _plan(
+        self,
+        thing: Thing,
+        side: str,
+        view: Perceived,
+        answer: dict[str, Any],
+        seconds: dict[str, float],
+    ) -> tuple[PlannedGrasp | None, dict[str, Any] | None, str]:
+        """Return the first grasp in the learner's order that the robot can reach."""
+        started = time.perf_counter()
+        obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
+        first: dict[str, Any] | None = None
+        reason = "no_grasp"
+        for rank, grasp in enumerate(answer["grasps"][: self.config.max_plans]):
+            request = _request(thing, grasp, view.table_height, side)
+            planned = self.body.plan(request, obstacles, seed=_seed(self.config.seed, rank))
+            if not isinstance(planned, str):
+                seconds["plan"] = time.perf_counter() - started
+                return planned, {**grasp, "rank": rank + 1}, "ok"
+            if first is None:
+                first, reason = {**grasp, "rank": rank + 1}, planned
+        seconds["plan"] = time.perf_counter() - started
+        return None, first, reason
+
+    def _give_up(
+        self,
+        encounter: Encounter,
+        thing: Thing,
+        observation: dict[str, Any],
+        answer: dict[str, Any],
+        grasp: dict[str, Any] | None,
+        reason: str,
+        number: int,
+        seconds: dict[str, float],
+    ) -> None:
+        """Record that no grasp can be reached: the object as it was seen, and why."""
+        thing.finished = True
+        source = "none" if grasp is None else str(grasp["source"])
+        attempt = Attempt(number, source, "", reason, False, False, False, 0.0, seconds)
+        encounter.attempts.append(attempt)
+        if grasp is not None:
+            outcome = {
+                "success": False,
+                "placed": False,
+                "reason": reason,
+                "attempt_number": number,
+            }
+            self._report(encounter, thing, observation, answer, grasp, outcome)
+        self._tell("attempt", {"object": thing.number, **asdict(attempt), "doing": "looking on"})
+
+    def _report(
+        self,
+        encounter: Encounter,
+        thing: Thing,
+        observation: dict[str, Any],
+        answer: dict[str, Any],
+        grasp: dict[str, Any],
+        outcome: dict[str, Any],
+    ) -> None:
+        """Write the outcome; with it the view, unless the graph knew the object well already."""
+        started = time.perf_counter()
+        common = {"gripper_id": self.body.gripper_ids[encounter.side], "task": "pick"}
+        well_known = encounter.recognised and encounter.confidence >= _CONFIDENT
+        if thing.object_iri and well_known:
+            self.server.report_outcome(
+                task_id=answer["task_id"],
+                object=thing.object_iri,
+                grasp=grasp,
+                outcome=outcome,
+                **common,
+            )
+        else:
+            item = {**observation, **common, "grasp": grasp, "outcome": outcome,
+                    "task_id": answer["task_id"]}  # fmt: skip
+            if thing.object_iri:
+                item["object"] = thing.object_iri
+            stored = self.server.insert_object(objects=[item])
+            thing.object_iri = stored["objects"][0]["object"]
+        encounter.object_iri = thing.object_iri
+        encounter.seconds["report"] = (
+            encounter.seconds.get("report", 0.0) + time.perf_counter() - started
+        )
+
+
+def _seed(*parts: int) -> int:
+    """Mix numbers into one seed below 2^31, the same on every machine."""
+    return int(np.random.SeedSequence(parts).generate_state(1)[0] >> 1)
+
+
+def _neighbours(thing: Thing, view: Perceived) -> list[list[float]]:
+    """Return points of the other objects near the thing, m, base frame."""
+    others = [seen.points for seen in view.objects if seen is not thing.seen]
+    if not others:
+        return []
+    points = np.concatenate(others)
+    near = points[np.linalg.norm(points[:, :2] - thing.seen.position, axis=1) < 0.12]
+    step = max(1, len(near) // _MAX_NEIGHBOUR_POINTS)
+    return [[round(float(x), 4) for x in point] for point in near[::step]]
+
+
+def _request(thing: Thing, grasp: dict[str, Any], table: float, side: str) -> GraspRequest:
+    shape = thing.seen.shape
+    return GraspRequest(
+        x=float(grasp["x"]),
+        y=float(grasp["y"]),
+        z=float(grasp["z"]),
+        theta=float(grasp["theta"]),
+        width=float(grasp["width"]),
+        opening=float(grasp["opening"]),
+        height=shape.height,
+        length=shape.length,
+        table_height=table,
+        arm=side,
+        round=shape.roundness >= _ROUND,
+    )
+
+
+def _pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, float]]:
+    """Return a (4, 4) pose as geometry_msgs/Pose."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z = (float(v) for v in base_from_camera[:3, 3])
+    q = [float(v) for v in Rotation.from_matrix(base_from_camera[:3, :3]).as_quat()]
+    return {
+        "position": {"x": x, "y": y, "z": z},
+        "orientation": {"x": q[0], "y": q[1], "z": q[2], "w": q[3]},
+    }
+
+
+def _outcome(
+    record: GraspRecord,
+    number: int,
+    answer: dict[str, Any],
+    grasp: dict[str, Any],
+    seconds: dict[str, float],
+    pictures: list[tuple[str, bytes]],
+) -> dict[str, Any]:
+    """Return what a physical attempt is reported with."""
+    return {
+        "success": record.held,
+        "placed": record.placed,
+        "reason": record.reason,
+        "lifted_m": record.lifted_m,
+        "slip": record.slip_m,
+        "duration_s": record.duration_s,
+        "links_touching": record.links_touching,
+        "contact_force": record.contact_force_n,
+        "preset": record.preset,
+        "seed": record.seed,
+        "attempt_number": number,
+        "candidate_count": len(answer["grasps"]),
+        "candidate_rank": grasp["rank"],
+        "times": {
+            "planning_s": seconds.get("plan", 0.0),
+            "execution_s": record.duration_s,
+            "transfer_s": seconds["ask"] - answer["times"].get("total_s", 0.0),
+        },
+        "images": [
+            {"phase": phase, "data": base64.b64encode(png).decode()} for phase, png in pictures
+        ],
+    }
+
+
+def crop_png(seen: Seen) -> bytes:
+    """Return the object's image crop as PNG."""
+    assert seen.crop.rgb is not None
+    done, data = cv2.imencode(".png", cv2.cvtColor(seen.crop.rgb, cv2.COLOR_RGB2BGR))
+    if not done:
+        raise ValueError(f"cannot encode an image of shape {seen.crop.rgb.shape}")
+    return data.tobytes()

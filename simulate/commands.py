@@ -1,0 +1,83 @@
+"""The commands that this room adds to ``rtask``: ``demo`` and ``simulate``."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from rtask.errors import RobotError
+
+__all__ = ["demo", "simulate"]
+
+
+def _interrupt(signum: int, frame: FrameType | None) -> None:
+    """Treat SIGTERM as Ctrl-C, so that the children are ended in both cases."""
+    raise KeyboardInterrupt
+
+
+@click.command()
+@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
+@click.option("--objects", default=6, show_default=True, help="Objects on each table.")
+@click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
+@click.option(
+    "--data",
+    default="rtask-demo",
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the store, the report and the logs.",
+)
+@click.option("--keep", is_flag=True, help="Go on with the store that an earlier run left there.")
+@click.option("--gui", is_flag=True, help="Show the simulation in a window.")
+@click.option("--stay", is_flag=True, help="Keep the endpoint up afterwards, until Ctrl-C.")
+@click.option("--attempts", default=4, show_default=True, help="Attempts at one object.")
+@click.option("--port", "-p", default=0, show_default=True, help="Port of the endpoint; 0 = free.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+def demo(
+    seed: int,
+    objects: int,
+    robots: int,
+    data: Path,
+    keep: bool,
+    gui: bool,
+    stay: bool,
+    attempts: int,
+    port: int,
+    as_json: bool,
+) -> None:
+    """Watch a robot learn to grasp, and others profit from it.
+
+    Starts an endpoint on an embedded store and simulated Naos that share it. The first meets
+    objects nobody knows; the next ones find them in the graph. Ends with what each robot did,
+    three SPARQL queries on the live store, and a report folder with pictures.
+    """
+    from simulate.demo.console import Console
+    from simulate.demo.orchestrate import Demo, Settings
+
+    if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RobotError("--gui needs a display and there is none; leave it out to run headless")
+    settings = Settings(data, seed, objects, robots, attempts, keep, gui, port)
+    signal.signal(signal.SIGTERM, _interrupt)
+    result = Demo(settings, Console(results=not as_json)).run(stay)
+    if as_json:
+        click.echo(json.dumps(result))
+
+
+@click.group()
+def simulate() -> None:
+    """Simulated robots."""
+
+
+@simulate.command()
+@click.argument("robot", type=click.Choice(["nao"]))
+@click.option("--legs", type=click.Choice(["fixed", "joints"]), default="fixed", show_default=True)
+def urdf(robot: str, legs: str) -> None:
+    """Print the generated URDF of a robot."""
+    from simulate.robots.nao import nao_description
+    from simulate.robots.urdf import to_urdf
+
+    click.echo(to_urdf(nao_description(legs=legs)))

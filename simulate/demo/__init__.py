@@ -1,0 +1,1 @@
+"""``rtask demo``: robots learn to grasp at a table, and share what they learned."""

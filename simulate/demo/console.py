@@ -1,0 +1,77 @@
+"""How the demo speaks: a live display on a terminal, plain lines otherwise, always on stderr.
+
+Standard output carries results only, so that ``rtask demo --json | jq`` works.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Console as RichConsole
+from rich.table import Table
+
+from simulate.demo.queries import Answer, with_prefixes
+
+__all__ = ["Console"]
+
+
+class Console:
+    """Progress to standard error, results to standard output.
+
+    Parameters
+    ----------
+    results
+        False = print no results; the caller prints its own.
+    """
+
+    def __init__(self, results: bool = True) -> None:
+        self._progress = RichConsole(stderr=True, highlight=False)
+        width = None if sys.stdout.isatty() else 160
+        self._results = RichConsole(highlight=False, width=width, quiet=not results)
+        self._terminal = self._progress.is_terminal
+
+    def step(self, text: str) -> None:
+        """Say what begins now."""
+        self._progress.print(f"[bold]{text}[/bold]" if self._terminal else text)
+
+    def event(self, robot: str, event: dict[str, Any]) -> None:
+        """Say what a robot did."""
+        line = _sentence(event)
+        if line:
+            self._progress.print(f"  {robot}: {line}", markup=False)
+
+    def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Print a table of results."""
+        table = Table(title=title, title_justify="left")
+        for column in columns:
+            table.add_column(column, no_wrap=len(column) < 12)
+        for row in rows:
+            table.add_row(*row)
+        self._results.print(table)
+
+    def answer(self, answer: Answer) -> None:
+        """Print a question, its SPARQL and the live answer."""
+        self._results.print(f"\n[bold]{answer.question.words}[/bold]")
+        self._results.print(with_prefixes(answer.question.sparql).rstrip(), style="dim")
+        self.table("", answer.columns, answer.rows)
+
+    def line(self, text: str = "") -> None:
+        """Print a line of results."""
+        self._results.print(text, markup=False)
+
+
+def _sentence(event: dict[str, Any]) -> str:
+    """Return an event in words; empty = not worth a line."""
+    name = event["event"]
+    if name == "recognised":
+        number, conf = event["object"], event["confidence"]
+        if event["recognised"]:
+            return f"object {number} is {event['label'] or event['recognised']} ({conf:.2f})"
+        return f"object {number} is new to the graph (best match {conf:.2f})"
+    if name == "attempt":
+        result = "held" + (" and placed" if event["placed"] else ", not placed")
+        said = result if event["held"] else f"failed: {event['reason']}"
+        return f"object {event['object']}, attempt {event['number']} ({event['source']}): {said}"
+    return ""

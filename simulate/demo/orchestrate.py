@@ -1,0 +1,220 @@
+"""The demo from start to end: endpoint up, robots one after the other, questions, report, down."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rtask.errors import RtaskError, UsageError
+from simulate.demo.console import Console
+from simulate.demo.processes import Endpoint, Robot, run_rtask
+from simulate.demo.queries import QUESTIONS, ask
+from simulate.demo.report import COLUMNS, robot_totals, rows, summary, write_report
+from simulate.robot_process import Job
+
+__all__ = ["Demo", "Settings"]
+
+_MARK = "demo.json"
+_STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the demo is asked to do.
+
+    Parameters
+    ----------
+    data
+        Folder for store, report and logs.
+    keep
+        Go on with the store in ``data`` instead of a new one.
+    """
+
+    data: Path
+    seed: int = 0
+    objects: int = 6
+    robots: int = 2
+    max_attempts: int = 4
+    keep: bool = False
+    gui: bool = False
+    port: int = 0
+    preset: str = "faithful"
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.objects <= 12:
+            raise UsageError(f"--objects must lie in 1..12, got {self.objects}")
+        if not 1 <= self.robots <= 16:
+            raise UsageError(f"--robots must lie in 1..16, got {self.robots}")
+        if self.seed < 0:
+            raise UsageError(f"--seed must not be negative, got {self.seed}")
+
+
+class Demo:
+    """Runs the closed loop once.
+
+    Parameters
+    ----------
+    settings
+        What to do.
+    console
+        Where to tell of it.
+    """
+
+    def __init__(self, settings: Settings, console: Console) -> None:
+        self.settings = settings
+        self.console = console
+        self._products: dict[str, str] = {}
+
+    def run(self, stay: bool = False) -> dict[str, Any]:
+        """Run to the end and return the result that ``--json`` prints.
+
+        Parameters
+        ----------
+        stay
+            Keep the endpoint up until interrupted, so that its pages can be looked at.
+        """
+        folder = self.settings.data
+        self._prepare(folder)
+        with ExitStack() as stack:
+            self.console.step("starting the endpoint")
+            endpoint = self._endpoint(folder)
+            stack.callback(endpoint.stop)
+            self.console.step(f"endpoint at {endpoint.url}; starting {self.settings.robots} robots")
+            robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
+            done = [self._watch(robot) for robot in robots]
+            answers = [ask(endpoint.url, question) for question in QUESTIONS]
+            table = rows(done)
+            result = summary(
+                done,
+                self.settings.max_attempts,
+                folder / _STORE,
+                endpoint.url,
+                self.settings.seed,
+            )
+            write_report(folder / _REPORT, result, table, answers)
+            self.console.table("What the robots did", COLUMNS, table)
+            self._totals(done)
+            for answer in answers:
+                self.console.answer(answer)
+            self._farewell(folder, endpoint.url, stay)
+            if stay:
+                self._wait(endpoint)
+        return result
+
+    @property
+    def _count(self) -> int:
+        return self.settings.robots
+
+    def _prepare(self, folder: Path) -> None:
+        """Make the folder ours: new, or a former demo's."""
+        mark = folder / _MARK
+        if folder.exists() and any(folder.iterdir()) and not mark.exists():
+            raise UsageError(
+                f"{folder} exists and is not a demo's folder; name another with --data"
+            )
+        if self.settings.keep:
+            if not (folder / _STORE).exists():
+                raise UsageError(f"--keep: there is no store in {folder}; run once without it")
+            self._products = json.loads(mark.read_text(encoding="utf-8"))["products"]
+        else:
+            for name in (_STORE, _REPORT, _LOGS, _OUTBOX):
+                shutil.rmtree(folder / name, ignore_errors=True)
+        for name in (_REPORT, _LOGS, _OUTBOX):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        self._remember(folder)
+
+    def _remember(self, folder: Path) -> None:
+        """Keep the settings, and which product each object of the store is (for scoring only)."""
+        settings = {**asdict(self.settings), "data": str(folder)}
+        text = json.dumps({"settings": settings, "products": self._products}, indent=2)
+        (folder / _MARK).write_text(text + "\n", encoding="utf-8")
+
+    def _endpoint(self, folder: Path) -> Endpoint:
+        return Endpoint(folder / _STORE, self.settings.port, folder / _LOGS / "endpoint.log")
+
+    def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
+        """Give a robot its token and start it; it waits for ``go``."""
+        name = f"nao-{index + 1}"
+        token = json.loads(
+            run_rtask("token", "create", "--data", str(folder / _STORE), "--robot", name, "--json")
+        )["token"]
+        job = Job(
+            name=name,
+            index=index,
+            url=url,
+            seed=self.settings.seed,
+            objects=self.settings.objects,
+            max_attempts=self.settings.max_attempts,
+            pictures=str(folder / _REPORT / name),
+            outbox=str(folder / _OUTBOX / f"{name}.jsonl"),
+            gui=self.settings.gui,
+            preset=self.settings.preset,
+        )
+        robot = Robot(name, asdict(job), token, folder / _LOGS / f"{name}.log")
+        stack.callback(robot.stop)
+        return robot
+
+    def _watch(self, robot: Robot) -> dict[str, Any]:
+        """Let one robot clear its table and return what it did, scored."""
+        for event in robot.events():
+            if event["event"] == "ready":
+                self.console.step(
+                    f"{robot.name} faces {event['objects']} objects, "
+                    f"{event['in_reach']} of them in reach"
+                )
+                robot.go()
+            elif event["event"] == "done":
+                scored = self._score(event)
+                self._remember(self.settings.data)
+                return scored
+            else:
+                self.console.event(robot.name, event)
+        raise RtaskError(f"{robot.name} ended without a result")
+
+    def _score(self, done: dict[str, Any]) -> dict[str, Any]:
+        """Decide which recognitions were right: an object is the product it was first made from."""
+        known = set(self._products.values())
+        done["known_before"] = sum(met["product"] in known for met in done["encounters"])
+        for met in done["encounters"]:
+            if met["recognised"]:
+                met["right"] = self._products.get(met["recognised"]) == met["product"] != ""
+            elif met["object_iri"]:
+                self._products.setdefault(met["object_iri"], met["product"])
+        return done
+
+    def _totals(self, done: list[dict[str, Any]]) -> None:
+        totals = [robot_totals(robot, self.settings.max_attempts) for robot in done]
+        names = [name for name in totals[0] if name != "name"]
+        self.console.table(
+            "Side by side",
+            ("", *(total["name"] for total in totals)),
+            [
+                (name.replace("_", " "), *(_number(total[name]) for total in totals))
+                for name in names
+            ],
+        )
+
+    def _farewell(self, folder: Path, url: str, stay: bool) -> None:
+        store = folder / _STORE
+        self.console.line()
+        self.console.line(f"report  {folder / _REPORT / 'report.md'}")
+        self.console.line(f"page    {url}/" + ("" if stay else "  (ends with this command)"))
+        self.console.line(f"again   rtask serve --data {store} -p 8765")
+        self.console.line(f"more    rtask demo --data {folder} --keep --seed {self.settings.seed}")
+
+    def _wait(self, endpoint: Endpoint) -> None:
+        self.console.step(f"serving {endpoint.url}/ until Ctrl-C")
+        while endpoint.process.poll() is None:
+            time.sleep(0.2)  # waiting for a person: nothing else can wake us portably
+        raise RtaskError(f"the endpoint went away: {endpoint.complaint()}")
+
+
+def _number(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,193 @@
+"""The process tree of the demo: one endpoint, one process a robot, all ended with the parent.
+
+Children talk in lines: the endpoint says when it is ready, a robot prints one JSON event a line
+and waits for ``go`` on its standard input. Whatever way the parent ends, its children follow: it
+stops them on the way out, and where it is killed outright the kernel does (Linux) or their
+standard input closes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rtask.errors import RobotError, RtaskError
+
+__all__ = ["Endpoint", "Robot", "run_rtask"]
+
+_PR_SET_PDEATHSIG = 1
+_READY_TIMEOUT_S = 120.0
+_STOP_TIMEOUT_S = 20.0
+
+
+def _end_with_parent() -> None:
+    """Ask the kernel to end this process when its parent dies (prctl(2)); Linux only."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "rtask", *arguments]
+
+
+def run_rtask(*arguments: str) -> str:
+    """Run one ``rtask`` command to its end and return what it printed.
+
+    Raises
+    ------
+    RtaskError
+        With the command's own line when it exits other than 0.
+    """
+    done = subprocess.run(_command(*arguments), capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RtaskError(_last_line(done.stderr) or f"rtask {arguments[0]}: exit {done.returncode}")
+    return done.stdout
+
+
+def _last_line(text: str) -> str:
+    lines = [line for line in text.strip().splitlines() if line.strip()]
+    return lines[-1].removeprefix("rtask: ").removeprefix("Error: ") if lines else ""
+
+
+class _Child:
+    """A child process whose standard output is read line by line in a thread."""
+
+    def __init__(self, name: str, command: list[str], log: Path, env: dict[str, str]) -> None:
+        self.name = name
+        self._log_path = log
+        self._log = log.open("w", encoding="utf-8")
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        self.process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            bufsize=1,
+            env={**os.environ, **env},
+            start_new_session=True,  # Ctrl-C reaches the parent only, which then ends its children
+            preexec_fn=_end_with_parent,
+        )
+        threading.Thread(target=self._pump, name=f"read-{name}", daemon=True).start()
+
+    def _pump(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._lines.put(line.rstrip("\n"))
+        self._lines.put(None)
+
+    def next_line(self, timeout_s: float) -> str | None:
+        """Return the next line, or None when the child has closed its output.
+
+        Raises
+        ------
+        RobotError
+            When nothing was said for ``timeout_s``.
+        """
+        try:
+            return self._lines.get(timeout=timeout_s)
+        except queue.Empty:
+            raise RobotError(
+                f"{self.name} said nothing for {timeout_s:.0f} s; see {self._log_path}"
+            ) from None
+
+    def complaint(self) -> str:
+        """Return why the child ended: its last words on standard error, else its exit status."""
+        code = self.process.wait()
+        self._log.flush()
+        said = _last_line(self._log_path.read_text(encoding="utf-8", errors="replace"))
+        if code < 0:
+            return f"killed by signal {-code} ({signal.Signals(-code).name})"
+        return said or f"exit code {code}"
+
+    def stop(self) -> None:
+        """End the child: ask, wait, then insist."""
+        if self.process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self.process.stdin.close()
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(_STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+        self._log.close()
+
+
+class Endpoint(_Child):
+    """``rtask serve`` on a store, ready to answer.
+
+    Parameters
+    ----------
+    store
+        Folder of the knowledge base.
+    port
+        0 = a free one; :attr:`url` tells which.
+    log
+        File that takes the server's log.
+    """
+
+    def __init__(self, store: Path, port: int, log: Path) -> None:
+        command = _command("serve", "--data", str(store), "-p", str(port))
+        super().__init__("the endpoint", command, log, {})
+        self.url = self._wait_ready()
+
+    def _wait_ready(self) -> str:
+        while (line := self.next_line(_READY_TIMEOUT_S)) is not None:
+            if line.startswith("ready "):
+                return line.split()[1].rstrip("/")
+        why = self.complaint()
+        self.stop()
+        raise RtaskError(f"the endpoint did not start: {why}")
+
+
+class Robot(_Child):
+    """One simulated robot in its own process; see :mod:`simulate.robot_process`."""
+
+    def __init__(self, name: str, job: dict[str, Any], token: str, log: Path) -> None:
+        super().__init__(
+            name,
+            [sys.executable, "-m", "simulate.robot_process", json.dumps(job)],
+            log,
+            {"RTASK_TOKEN": token},
+        )
+
+    def go(self) -> None:
+        """Let the robot begin."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it ended already: events() says why
+            self.process.stdin.write("go\n")
+            self.process.stdin.flush()
+
+    def events(self, timeout_s: float = 180.0) -> Iterator[dict[str, Any]]:
+        """Yield the robot's events up to and including ``done``.
+
+        Raises
+        ------
+        RobotError
+            When the robot ends before it is done: what it was doing, and its last words.
+        """
+        doing = "it began"
+        while (line := self.next_line(timeout_s)) is not None:
+            event: dict[str, Any] = json.loads(line)
+            yield event
+            if event["event"] == "done":
+                return
+            doing = event.get("doing", doing)
+        raise RobotError(
+            f"{self.name} disappeared while {doing}: {self.complaint()}; the store holds every "
+            "attempt that was reported before, and nothing of this one"
+        )

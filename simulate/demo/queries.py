@@ -1,0 +1,123 @@
+"""The three questions that the demo ends with, asked of the live endpoint over HTTP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+
+from ontology import PREFIXES
+from rtask.errors import RemoteUnavailableError
+
+__all__ = ["QUESTIONS", "Answer", "Question", "ask", "with_prefixes"]
+
+_TIMEOUT_S = 30.0
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question in words and in SPARQL (prefixes are added by :func:`with_prefixes`)."""
+
+    words: str
+    sparql: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A table as SPARQL returned it, values shortened for reading."""
+
+    question: Question
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+QUESTIONS = (
+    Question(
+        "Which objects are known, and who grasped them how?",
+        """
+SELECT ?id ?robot ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts) (COUNT(DISTINCT ?won) AS ?held) {
+  ?object a rt:ManipulableObject ; rt:objectId ?id ; rt:hasGrasp ?grasp .
+  ?attempt rt:executesGrasp ?grasp ; rt:performedBy/rt:name ?robot ; rt:hasOutcome ?outcome .
+  OPTIONAL { ?outcome rt:judgedSuccess true BIND(?outcome AS ?won) }
+} GROUP BY ?id ?robot ?grasp ORDER BY ?id ?robot ?grasp""",
+    ),
+    Question(
+        "How often does each class of object stay in the hand, by where the grasp came from?",
+        """
+SELECT ?class ?generator (COUNT(DISTINCT ?outcome) AS ?attempts)
+       (ROUND(100 * SUM(IF(?held, 1, 0)) / COUNT(?held)) AS ?percentHeld) {
+  { SELECT DISTINCT ?class ?generator ?outcome ?held {
+      ?object rt:hasGrasp ?grasp ; a ?type . ?type rdfs:label ?class .
+      VALUES ?type { rt:Box rt:Cylinder rt:Ball rt:Bottle rt:Pen rt:Can rt:ManipulableObject }
+      ?grasp rt:triedIn/rt:hasOutcome ?outcome . ?outcome rt:judgedSuccess ?held .
+      OPTIONAL { ?grasp rt:generator ?generator }
+  } }
+} GROUP BY ?class ?generator ORDER BY ?class ?generator""",
+    ),
+    Question(
+        "What is known about the robots that nobody ever asserted?",
+        """
+SELECT ?robot ?property ?value {
+  ?who a cora:Robot ; rt:name ?robot .
+  { GRAPH ?inferred { ?who rdf:type ?value } BIND("is a" AS ?property)
+    VALUES ?value { rt:ManipulatorRobot sumo:Agent prov:Agent } }
+  UNION
+  { GRAPH ?inferred { ?who rt:hasCapability ?value } BIND("is capable of" AS ?property) }
+  UNION
+  { { SELECT ?who (COUNT(DISTINCT ?object) AS ?value) {
+        GRAPH ?inferred { ?who rt:canGrasp ?object } FILTER(STRENDS(STR(?inferred), "graph/inferred"))
+      } GROUP BY ?who } BIND("can grasp, objects" AS ?property) }
+  FILTER(!BOUND(?inferred) || STRENDS(STR(?inferred), "graph/inferred"))
+} ORDER BY ?robot ?property ?value""",
+    ),
+)
+
+
+def with_prefixes(sparql: str) -> str:
+    """Return the query with declarations of the prefixes it uses."""
+    used = [(name, iri) for name, iri in PREFIXES.items() if f"{name}:" in sparql]
+    return "".join(f"PREFIX {name}: <{iri}>\n" for name, iri in used) + sparql.strip() + "\n"
+
+
+def ask(url: str, question: Question) -> Answer:
+    """Ask a live endpoint by SPARQL 1.1 Protocol.
+
+    Raises
+    ------
+    RemoteUnavailableError
+        When it does not answer with 200.
+    """
+    try:
+        response = httpx.post(
+            f"{url}/sparql",
+            content=with_prefixes(question.sparql).encode(),
+            headers={
+                "Content-Type": "application/sparql-query",
+                "Accept": "application/sparql-results+json",
+            },
+            timeout=_TIMEOUT_S,
+        )
+        response.raise_for_status()
+    except httpx.HTTPError as error:
+        raise RemoteUnavailableError(f"{url}/sparql did not answer: {error}") from error
+    data = response.json()
+    columns = tuple(data["head"]["vars"])
+    rows = tuple(
+        tuple(_shorten(binding.get(column)) for column in columns)
+        for binding in data["results"]["bindings"]
+    )
+    return Answer(question, columns, rows)
+
+
+def _shorten(term: dict[str, Any] | None) -> str:
+    """Return a term as a person reads it: prefixed names, numbers without datatypes."""
+    if term is None:
+        return ""
+    value = str(term["value"])
+    if term["type"] != "uri":
+        return value
+    for name, iri in PREFIXES.items():
+        if value.startswith(iri):
+            return f"{name}:{value[len(iri) :]}"
+    return "/".join(value.split("/")[-2:])

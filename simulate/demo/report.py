@@ -1,0 +1,125 @@
+"""What the demo shows at the end: one row per object and robot, totals side by side, a folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simulate.demo.queries import Answer, with_prefixes
+
+__all__ = ["COLUMNS", "mean_attempts", "robot_totals", "rows", "summary", "write_report"]
+
+COLUMNS = (
+    "robot", "object", "recognised as", "conf.", "right", "grasp from", "attempts", "held", "placed",
+    "reason", "look s", "ask s", "plan s", "move s",
+)  # fmt: skip
+
+
+def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    """Return the table: one row per object and robot, in the order they were handled."""
+    table = []
+    for robot in robots:
+        for met in robot["encounters"]:
+            last = met["attempts"][-1]
+            table.append(
+                (
+                    robot["name"],
+                    met["product"] or "?",
+                    met["label"] or ("known" if met["recognised"] else "new"),
+                    f"{met['confidence']:.2f}",
+                    {True: "yes", False: "NO", None: "-"}[met["right"]],
+                    met["attempts"][0]["source"],
+                    str(met["tries"]),
+                    "yes" if met["held"] else "no",
+                    "yes" if met["placed"] else "no",
+                    last["reason"],
+                    *(f"{_total(met, key):.2f}" for key in ("look", "ask", "plan", "move")),
+                )
+            )
+    return table
+
+
+def _total(met: Mapping[str, Any], key: str) -> float:
+    return float(sum(attempt["seconds"].get(key, 0.0) for attempt in met["attempts"]))
+
+
+def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | None:
+    """Return the mean number of physical attempts up to the first success.
+
+    Objects in reach only; an object never held counts ``cap`` + 1 (learning: failures are capped).
+    None when nothing was in reach.
+    """
+    counts = [met["tries"] if met["held"] else cap + 1 for met in encounters if met["in_reach"]]
+    return sum(counts) / len(counts) if counts else None
+
+
+def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
+    """Return the totals of one robot, as ``rtask demo --json`` prints them."""
+    reach = [met for met in robot["encounters"] if met["in_reach"]]
+    return {
+        "name": robot["name"],
+        "objects": len(robot["encounters"]),
+        "objects_on_table": robot["objects_on_table"],
+        "objects_in_reach": len(reach),
+        "known_before": robot["known_before"],
+        "recognised": sum(met["right"] is True for met in robot["encounters"]),
+        "false_identities": sum(met["right"] is False for met in robot["encounters"]),
+        "held": sum(met["held"] for met in reach),
+        "placed": sum(met["placed"] for met in reach),
+        "from_memory": sum(met["attempts"][0]["source"] == "memory" for met in reach),
+        "mean_attempts_to_first_success": mean_attempts(robot["encounters"], cap),
+        "seconds": round(robot["seconds"], 2),
+    }
+
+
+def summary(
+    robots: Sequence[Mapping[str, Any]], cap: int, store: Path, url: str, seed: int
+) -> dict[str, Any]:
+    """Return the one object that ``rtask demo --json`` prints."""
+    objects = [{"robot": robot["name"], **met} for robot in robots for met in robot["encounters"]]
+    return {
+        "robots": [robot_totals(robot, cap) for robot in robots],
+        "objects": objects,
+        "store": str(store),
+        "url": url,
+        "seed": seed,
+    }
+
+
+def write_report(
+    folder: Path,
+    result: Mapping[str, Any],
+    table: Sequence[Sequence[str]],
+    answers: Sequence[Answer],
+) -> None:
+    """Write ``report.json`` and ``report.md`` beside the pictures that the robots left there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "report.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    lines = ["# What the robots did", "", *_markdown(COLUMNS, table), "", "## Totals", ""]
+    names = [key for key in result["robots"][0] if key != "name"] if result["robots"] else []
+    lines += _markdown(
+        ("", *(robot["name"] for robot in result["robots"])),
+        [(name.replace("_", " "), *(_show(r[name]) for r in result["robots"])) for name in names],
+    )
+    for answer in answers:
+        lines += ["", f"## {answer.question.words}", "", "```sparql"]
+        lines += [with_prefixes(answer.question.sparql).rstrip(), "```", ""]
+        lines += _markdown(answer.columns, answer.rows)
+    pictures = sorted(folder.glob("*/*.png"))
+    if pictures:
+        lines += ["", "## Pictures", ""]
+        lines += [f"![{p.stem}]({p.parent.name}/{p.name})" for p in pictures]
+    (folder / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _show(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def _markdown(columns: Sequence[str], table: Sequence[Sequence[str]]) -> list[str]:
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return lines + ["| " + " | ".join(row) + " |" for row in table]

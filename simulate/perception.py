@@ -1,0 +1,137 @@
+"""What the robot sees: one RGB-D frame becomes objects on a table, in the robot's base frame.
+
+Nothing here knows the simulator: a frame and the kinematics of the head are the only input
+(Gatto 2016, 2.4 and 2.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import Frame, transform
+from features.segmentation import SegmentParams, segment_scene
+from features.tabletop import TabletopShape, measure
+
+__all__ = ["Ignored", "Perceived", "Seen", "perceive"]
+
+_CROP_MARGIN_PX = 12
+_MAX_HEIGHT_M = 0.20
+
+
+@dataclass(frozen=True)
+class Ignored:
+    """A part of the base frame whose contents are the robot's own business, such as its box.
+
+    Parameters
+    ----------
+    x, y
+        Ranges (low, high), m, base frame.
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    def holds(self, point: NDArray[np.floating[Any]]) -> bool:
+        """Tell whether a point (x, y, ...), m, base frame lies in it."""
+        return bool(self.x[0] <= point[0] <= self.x[1] and self.y[0] <= point[1] <= self.y[1])
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One object in one frame.
+
+    Parameters
+    ----------
+    crop
+        The object's part of the frame, optical frame of the camera.
+    mask : (h, w) bool
+        Its pixels in the whole frame.
+    points : (n, 3), m, base frame
+    shape
+        Footprint and height, base frame.
+    touches_border
+        Cut off by the image border or the edge of the table.
+    """
+
+    crop: Frame
+    mask: NDArray[np.bool_]
+    points: NDArray[np.float64]
+    shape: TabletopShape
+    touches_border: bool
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Centre of the footprint (2,), m, base frame."""
+        return np.asarray(self.shape.centre, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Perceived:
+    """What one frame shows.
+
+    Parameters
+    ----------
+    status
+        ``ok``, or why there is nothing: ``empty``, ``no_table``, ``table_only``.
+    table_height
+        m, base frame; NaN without a table.
+    objects
+        From the nearest to the farthest.
+    """
+
+    status: str
+    table_height: float
+    objects: tuple[Seen, ...]
+
+
+def perceive(
+    frame: Frame,
+    base_from_camera: NDArray[np.float64],
+    ignored: Sequence[Ignored] = (),
+    params: SegmentParams | None = None,
+) -> Perceived:
+    """Find the table and the objects on it.
+
+    Parameters
+    ----------
+    frame
+        RGB-D frame, optical frame of the camera.
+    base_from_camera : (4, 4)
+        Pose of the optical frame, from the robot's own joint angles.
+    ignored
+        Regions whose segments are left out.
+
+    Raises
+    ------
+    ValueError
+        When the frame holds no RGB image.
+    """
+    if frame.rgb is None:
+        raise ValueError("perceive needs a frame with colour")
+    down = base_from_camera[:3, :3].T @ np.array([0.0, 0.0, -1.0])
+    scene = segment_scene(frame.points(), frame.rgb, params=params or SegmentParams(), gravity=down)
+    if scene.plane is None:
+        return Perceived(scene.status, float("nan"), ())
+    on_plane = -scene.plane.offset * np.asarray(scene.plane.normal, dtype=np.float64)
+    table_height = float(transform(base_from_camera, on_plane)[2])
+    cloud = frame.points()
+    objects = []
+    for found in scene.objects:
+        mask = scene.labels == found.label
+        points = transform(base_from_camera, cloud[mask].astype(np.float64))
+        centre = np.median(points, axis=0)
+        if any(region.holds(centre) for region in ignored):
+            continue
+        shape = measure(points, table_height)
+        if shape.height > _MAX_HEIGHT_M:
+            continue
+        objects.append(
+            Seen(frame.crop(mask, _CROP_MARGIN_PX), mask, points, shape, found.touches_border)
+        )
+    objects.sort(key=lambda seen: float(np.linalg.norm(seen.position)))
+    return Perceived(scene.status, table_height, tuple(objects))

@@ -1,0 +1,86 @@
+"""Ground truth, used only to score afterwards; nothing here is reachable from the agent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simulate.agent import Encounter
+from simulate.executor import GraspRequest
+from simulate.perception import Seen
+
+if TYPE_CHECKING:
+    from simulate.robot_process import SimulatedBody
+
+__all__ = ["Judge"]
+
+_ANGLES = np.deg2rad(np.arange(0, 180, 15))
+
+
+class Judge:
+    """Knows which body is which product and which of them the robot can reach at all."""
+
+    def __init__(self, body: SimulatedBody) -> None:
+        self._body = body
+        self._products = {laid.body: laid.placement.spec.name for laid in body.laid}
+
+    def body_under(self, seen: Seen) -> int:
+        """Return the body that most of a segment's pixels show; -1 = none of the products."""
+        ids, counts = np.unique(self._body.last_labels[seen.mask], return_counts=True)
+        best = int(ids[np.argmax(counts)])
+        return best if best in self._products else -1
+
+    def in_reach(self) -> dict[int, bool]:
+        """Tell for every body whether some grasp of its true shape can be planned, alone."""
+        return {laid.body: self._reachable(laid.body) for laid in self._body.laid}
+
+    def _reachable(self, body: int) -> bool:
+        world, executor = self._body.world, self._body.executor
+        spec = next(laid.placement.spec for laid in self._body.laid if laid.body == body)
+        pose = world.object_pose(body)
+        length, width = max(spec.footprint), min(spec.footprint)
+        yaw = pose.yaw + (0.0 if spec.footprint[0] >= spec.footprint[1] else np.pi / 2)
+        for turn in _ANGLES if spec.round else (np.pi / 2, 0.0):
+            across = width if spec.round or turn else length
+            request = GraspRequest(
+                x=pose.x,
+                y=pose.y,
+                z=world.table_height + min(max(0.5 * spec.height, 0.008), 0.045),
+                theta=float((yaw + turn) % np.pi),
+                width=across,
+                opening=across + 0.02,
+                height=spec.height,
+                length=length,
+                table_height=world.table_height,
+                arm="right" if pose.y < 0 else "left",
+                round=spec.round,
+            )
+            if not isinstance(executor.plan(request, obstacles=[], seed=0), str):
+                return True
+        return False
+
+    def score(
+        self,
+        met: Sequence[Encounter],
+        first_sight: Mapping[int, int],
+        in_reach: Mapping[int, bool],
+    ) -> list[dict[str, Any]]:
+        """Return the encounters as JSON data with the product behind each.
+
+        ``right`` is filled in by :mod:`simulate.demo`, which alone knows which product an object
+        IRI of the graph stands for.
+        """
+        scored = []
+        for encounter in met:
+            body = first_sight.get(encounter.number, -1)
+            scored.append(
+                {
+                    **encounter.summary(),
+                    "product": self._products.get(body, ""),
+                    "in_reach": bool(in_reach.get(body, False)),
+                    "right": None,
+                }
+            )
+        return scored
