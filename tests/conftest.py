@@ -1,0 +1,48 @@
+"""Fixtures that tests of several rooms use."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+_ROOT = Path(__file__).resolve().parent.parent
+
+
+def _beside(folder: str) -> Path:
+    """Return a folder of data that are not ours to ship, or skip with the reason.
+
+    ``RTASK_SHARED_DATA`` names the folder that holds ``ycb``, ``mosd_learn`` and ``ontologies``
+    directly, ``conformance`` beside it; otherwise ``shared/`` next to the checkout is looked at.
+    """
+    named = os.environ.get("RTASK_SHARED_DATA")
+    data = Path(named) if named else _ROOT.parent / "shared" / "data"
+    found = (data / folder).resolve()
+    if not found.exists():
+        pytest.skip(f"{folder} not found; set RTASK_SHARED_DATA to the folder that holds it")
+    return found
+
+
+@pytest.fixture(scope="session")
+def ycb_dir() -> Path:
+    """78 textured household objects of the YCB Object and Model Set (Calli et al. 2015)."""
+    return _beside("ycb")
+
+
+@pytest.fixture(scope="session")
+def mosd_dir() -> Path:
+    """45 real Kinect table scenes with labels (modified OSD, Richtsfeld et al. 2012)."""
+    return _beside("mosd_learn")
+
+
+@pytest.fixture(scope="session")
+def ontologies_dir() -> Path:
+    """Real OWL files in many syntaxes."""
+    return _beside("ontologies")
+
+
+@pytest.fixture(scope="session")
+def conformance_dir() -> Path:
+    """The W3C's own test cases (w3c/rdf-tests)."""
+    return _beside("../conformance")
