@@ -45,10 +45,7 @@ class Finding:
 
 
 def _python() -> Finding:
-    found = ".".join(map(str, sys.version_info[:3]))
-    if sys.version_info >= (3, 11):
-        return Finding("python", "ok", found)
-    return Finding("python", "broken", f"{found}, need 3.11", "make PYTHON=python3.11 setup")
+    return Finding("python", "ok", f"{'.'.join(map(str, sys.version_info[:3]))} at {sys.prefix}")
 
 
 def _imports(module: str, mend: str, state: str = "broken") -> Finding:
@@ -141,9 +138,7 @@ def _port(port: int) -> Finding:
         try:
             probe.bind(("127.0.0.1", port))
         except OSError as error:
-            return Finding(
-                f"port {port}", "note", f"in use ({error.strerror})", "rtask serve -p 0"
-            )
+            return Finding(f"port {port}", "note", f"in use ({error.strerror})", "rtask serve -p 0")
     return Finding(f"port {port}", "ok", "free")
 
 

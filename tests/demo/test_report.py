@@ -1,0 +1,93 @@
+"""The demo's totals: what counts as recognised, false, held, and how attempts are averaged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from simulate.demo.console import Console
+from simulate.demo.orchestrate import Demo, Settings
+from simulate.demo.queries import QUESTIONS, Answer
+from simulate.demo.report import COLUMNS, mean_attempts, robot_totals, rows, write_report
+
+
+def _met(**changes: Any) -> dict[str, Any]:
+    attempt = {
+        "number": 1, "source": "candidate", "reason": "ok", "seconds": {"look": 0.5, "ask": 0.1},
+    }  # fmt: skip
+    met = {
+        "product": "can-1", "object_iri": "urn:o:1", "recognised": "", "label": "",
+        "confidence": 0.1, "right": None, "in_reach": True, "tries": 1, "held": True,
+        "placed": True, "attempts": [attempt],
+    }  # fmt: skip
+    return {**met, **changes}
+
+
+def _robot(*met: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "name": "nao-1", "encounters": list(met), "objects_on_table": len(met), "known_before": 0,
+        "seconds": 1.0,
+    }  # fmt: skip
+
+
+def test_attempts_average_over_objects_in_reach_and_failures_count_one_more_than_the_cap() -> None:
+    met = [_met(tries=1), _met(tries=3), _met(tries=4, held=False), _met(tries=0, in_reach=False)]
+    assert mean_attempts(met, cap=4) == (1 + 3 + 5) / 3
+
+
+def test_no_object_in_reach_has_no_mean() -> None:
+    assert mean_attempts([_met(in_reach=False)], cap=4) is None
+
+
+def test_totals_separate_right_from_false_identities() -> None:
+    robot = _robot(_met(right=True), _met(right=False), _met(right=None))
+    totals = robot_totals(robot, cap=4)
+    assert (totals["recognised"], totals["false_identities"]) == (1, 1)
+
+
+def test_held_counts_only_what_was_in_reach() -> None:
+    robot = _robot(_met(), _met(in_reach=False), _met(held=False, placed=False))
+    totals = robot_totals(robot, cap=4)
+    assert (totals["objects_in_reach"], totals["held"], totals["placed"]) == (2, 1, 1)
+
+
+def test_the_table_has_a_cell_for_every_column() -> None:
+    assert {len(row) for row in rows([_robot(_met(), _met(held=False))])} == {len(COLUMNS)}
+
+
+def _demo(tmp_path: Path) -> Demo:
+    return Demo(Settings(tmp_path / "demo"), Console(results=False))
+
+
+def test_an_object_is_the_product_it_was_first_made_from(tmp_path: Path) -> None:
+    demo = _demo(tmp_path)
+    demo._score(_robot(_met(product="can-1", object_iri="urn:o:1")))
+    second = demo._score(
+        _robot(
+            _met(product="can-1", recognised="urn:o:1"),
+            _met(product="can-2", recognised="urn:o:1"),
+            _met(product="can-3", object_iri="urn:o:2"),
+        )
+    )
+    assert [met["right"] for met in second["encounters"]] == [True, False, None]
+    assert second["known_before"] == 1
+
+
+def test_something_that_is_no_product_is_never_recognised_rightly(tmp_path: Path) -> None:
+    demo = _demo(tmp_path)
+    demo._score(_robot(_met(product="", object_iri="urn:o:1")))
+    again = demo._score(_robot(_met(product="", recognised="urn:o:1")))
+    assert again["encounters"][0]["right"] is False
+
+
+def test_the_report_holds_the_table_the_answers_and_the_result(tmp_path: Path) -> None:
+    robot = _robot(_met(label="can 17"))
+    result = {"robots": [robot_totals(robot, 4)], "seed": 3}
+    answer = Answer(QUESTIONS[0], ("id", "robot"), (("rtask/1", "nao-1"),))
+    write_report(tmp_path, result, rows([robot]), [answer])
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["seed"] == 3
+    assert "| nao-1 | can-1 | can 17 |" in text
+    assert "| rtask/1 | nao-1 |" in text
+    assert "PREFIX rt:" in text

@@ -1,0 +1,55 @@
+"""Which thing is which from one look to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulate.tracking import Tracker
+
+
+@dataclass(frozen=True)
+class _Seen:
+    x: float
+    y: float
+
+    @property
+    def position(self) -> np.ndarray:
+        return np.array([self.x, self.y])
+
+
+def _numbers(things: list) -> list[int]:
+    return [thing.number for thing in things]
+
+
+def test_things_keep_their_numbers_while_they_lie_still() -> None:
+    tracker = Tracker()
+    tracker.update([_Seen(0.15, -0.05), _Seen(0.15, -0.12)])
+    again = tracker.update([_Seen(0.151, -0.121), _Seen(0.149, -0.051)])
+    assert {thing.number: thing.seen.y for thing in again} == {1: -0.051, 2: -0.121}
+
+
+def test_a_thing_that_was_pushed_far_is_new_unless_it_was_handled() -> None:
+    tracker = Tracker()
+    (thing,) = tracker.update([_Seen(0.15, -0.05)])
+    assert _numbers(tracker.update([_Seen(0.15, -0.11)], handled=thing)) == [1]
+    assert _numbers(tracker.update([_Seen(0.15, -0.05)])) == [2]
+
+
+def test_a_thing_that_left_is_not_in_view_and_its_number_is_not_given_again() -> None:
+    tracker = Tracker()
+    tracker.update([_Seen(0.15, -0.05), _Seen(0.15, -0.15)])
+    assert _numbers(tracker.update([_Seen(0.15, -0.15)])) == [2]
+    assert _numbers(tracker.update([_Seen(0.15, -0.15), _Seen(0.13, -0.08)])) == [2, 3]
+
+
+def test_a_look_at_one_side_leaves_the_other_side_alone() -> None:
+    tracker = Tracker()
+    tracker.update([_Seen(0.15, -0.05)], side=-1)
+    both = tracker.update([_Seen(0.15, 0.05)], side=1)
+    assert _numbers(both) == [1, 2]
+
+
+def test_an_empty_look_is_fine() -> None:
+    assert Tracker().update([]) == []
