@@ -1,0 +1,1 @@
+"""Grasps in space: grippers, frames, candidates on a tabletop."""
