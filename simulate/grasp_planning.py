@@ -1,0 +1,334 @@
+"""From a request to way points: postures, straight lines, free paths (Gatto 2016, 4.2 and 4.3)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
+from simulate.grasp_rules import (
+    GraspRequest,
+    PlannedGrasp,
+    closing_angles,
+    grasp_heights,
+    openings,
+)
+from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
+from simulate.planning import plan_path
+from simulate.robots.description import RobotDescription
+from simulate.trajectory import Trajectory, time_path
+
+__all__ = ["REASONS", "SPEED", "GraspPlanner"]
+
+Floats = NDArray[np.float64]
+
+REASONS = (
+    "too_heavy",
+    "too_wide",
+    "ik",
+    "tilt",
+    "grasp_collision",
+    "approach_ik",
+    "approach_collision",
+    "pregrasp_collision",
+    "lift_ik",
+    "rrt_start",
+    "rrt_goal",
+    "rrt_time",
+)
+"""Why there is no plan; a later one means that the planner got further."""
+
+SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "return": 0.30}
+"""Share of the joints' velocity limits, by phase."""
+
+_PREFERRED_TILT = 0.6
+_LARGEST_TILT = 1.35
+_POSTURES_TRIED = 6
+_RETREATS = ((0.055, 0.0), (0.033, 0.0), (0.020, 0.050))
+_LIFTS = (0.060, 0.045, 0.035)
+_MARGIN = 0.004
+_IK = IkOptions(angle_tolerance=0.4)
+_PURPOSE_IK, _PURPOSE_PATH = 0, 1
+
+_ALLOWED: Mapping[tuple[str, str], float] = {
+    ("trunk", "upper"): np.inf,
+    ("table", "finger"): 0.008,
+    ("table", "upper"): np.inf,
+}
+_AT_OBJECT: Mapping[tuple[str, str], float] = {
+    **_ALLOWED,
+    ("target", "finger"): 0.005,
+    ("target", "palm"): 0.003,
+}
+_LIFTING: Mapping[tuple[str, str], float] = {
+    **_ALLOWED,
+    ("target", "finger"): np.inf,
+    ("target", "palm"): np.inf,
+}
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One posture at the object."""
+
+    posture: Floats
+    opening: float
+    height: float
+    tilt: float
+    cost: float
+    found: int
+
+
+class GraspPlanner:
+    """Plans grasps of one robot.
+
+    Parameters
+    ----------
+    robot
+        Its description; the planner has no other access to it.
+    furniture
+        What stands around for good (walls of the boxes), base frame.
+    table : (2,) sequence of (low, high), m
+        Ranges of x and y of the table top.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        furniture: Sequence[Obstacle] = (),
+        table: tuple[tuple[float, float], tuple[float, float]] = ((0.09, 0.59), (-0.4, 0.4)),
+    ) -> None:
+        self.robot = robot
+        self.furniture = tuple(furniture)
+        self._table = table
+        self.chains = {name: Chain.of(robot, name) for name in robot.arms}
+        self._spheres: dict[tuple[str, float], ArmSpheres] = {}
+        homes = {
+            joint: value
+            for arm in robot.arms.values()
+            for joint, value in zip(arm.joints, arm.home, strict=True)
+        }
+        self._body = {name: body_obstacles(robot, arm, homes) for name, arm in robot.arms.items()}
+
+    def spheres(self, arm: str, opening: float) -> ArmSpheres:
+        """Return the cover of an arm with its hand opened so far; made once."""
+        key = (arm, opening)
+        if key not in self._spheres:
+            self._spheres[key] = ArmSpheres.of(self.robot, self.robot.arm(arm), opening)
+        return self._spheres[key]
+
+    def surroundings(
+        self, arm: str, table_height: float, obstacles: Sequence[Obstacle]
+    ) -> Surroundings:
+        """Return all that an arm can hit: body, table, furniture, perceived obstacles."""
+        (x0, x1), (y0, y1) = self._table
+        thick = 0.10
+        table = Obstacle.box(
+            "table",
+            ((x0 + x1) / 2, (y0 + y1) / 2, table_height - thick / 2),
+            (x1 - x0, y1 - y0, thick),
+        )
+        return Surroundings((*self._body[arm], table, *self.furniture, *obstacles))
+
+    def plan(
+        self, request: GraspRequest, obstacles: Sequence[Obstacle], seed: int
+    ) -> PlannedGrasp | str:
+        """Plan a grasp from the arm's home.
+
+        Returns
+        -------
+        PlannedGrasp or str
+            A code of :data:`REASONS`.
+        """
+        started = time.process_time()
+        reason = "ik"
+        for arm in self._arms_for(request):
+            planned = self._plan_with(arm, request, tuple(obstacles), seed)
+            if not isinstance(planned, str):
+                return replace(planned, planning_s=time.process_time() - started)
+            reason = max(reason, planned, key=REASONS.index) if reason != "ik" else planned
+        return reason
+
+    def _arms_for(self, request: GraspRequest) -> tuple[str, ...]:
+        if request.arm != "auto":
+            name = request.arm if request.arm in self.robot.arms else f"{request.arm}_arm"
+            return (self.robot.arm(name).name,)
+        near = sorted(self.robot.arms.values(), key=lambda arm: -arm.side * request.y)
+        return tuple(arm.name for arm in near)
+
+    def _plan_with(
+        self, arm: str, request: GraspRequest, obstacles: tuple[Obstacle, ...], seed: int
+    ) -> PlannedGrasp | str:
+        parts = self.robot.arm(arm)
+        if request.mass is not None and request.mass > parts.max_payload:
+            return "too_heavy"
+        if request.width > parts.mouth:
+            return "too_wide"
+        around = self.surroundings(arm, request.table_height, obstacles)
+        target = _target(request)
+        reason = "ik"
+        for candidates in self._postures(arm, request, seed):
+            for candidate in candidates:
+                planned = self._complete(arm, request, around, target, candidate, seed)
+                if not isinstance(planned, str):
+                    return replace(planned, obstacles=obstacles)
+                reason = max(reason, planned, key=REASONS.index)
+        return reason
+
+    def _postures(self, arm: str, request: GraspRequest, seed: int) -> Iterator[list[_Candidate]]:
+        """Yield the postures of one height and closing direction after the other, best first."""
+        chain = self.chains[arm]
+        rng = np.random.default_rng((seed, _PURPOSE_IK))
+        for height in grasp_heights(request):
+            for angle in closing_angles(request):
+                position = np.array([request.x, request.y, request.table_height + height])
+                closing = None if angle is None else np.array([np.cos(angle), np.sin(angle), 0.0])
+                found = solve_ik(chain, Goal(position, closing), rng, _IK)
+                if len(found) == 0:
+                    continue
+                for opening in openings(request):
+                    yield _rank(chain, found, closing, opening, height)
+
+    def _complete(
+        self,
+        arm: str,
+        request: GraspRequest,
+        around: Surroundings,
+        target: Obstacle,
+        candidate: _Candidate,
+        seed: int,
+    ) -> PlannedGrasp | str:
+        """Find the lines and the free path of one posture, or say what fails."""
+        if candidate.tilt > _LARGEST_TILT:
+            return "tilt"
+        chain = self.chains[arm]
+        spheres = self.spheres(arm, candidate.opening)
+        with_target = around.with_obstacles([target])
+        at_object = spheres.slack(with_target, _AT_OBJECT)
+
+        def near(q: Floats) -> NDArray[np.bool_]:
+            return np.asarray(spheres.clearances(q, with_target, at_object) >= 0)
+
+        if not near(candidate.posture[None])[0]:
+            return "grasp_collision"
+        back = self._approach(chain, candidate.posture, near)
+        if isinstance(back, str):
+            return back
+        lift = self._lift(chain, candidate.posture, spheres, with_target)
+        if lift is None:
+            return "lift_ik"
+        free = self.path(
+            arm, spheres, with_target, np.array(self.robot.arm(arm).home), back[-1], seed
+        )
+        if isinstance(free, str):
+            return "pregrasp_collision" if free == "rrt_goal" else free
+        rotation, _ = chain.tool_poses(candidate.posture[None])
+        closing = rotation[0, :, 0]
+        return PlannedGrasp(
+            request=request,
+            arm=arm,
+            opening=candidate.opening,
+            closing_angle=float(np.arctan2(closing[1], closing[0]) % np.pi),
+            tilt=candidate.tilt,
+            tool_height=candidate.height,
+            posture=candidate.posture,
+            free=free,
+            approach=time_path(back[::-1], SPEED["approach"] * chain.velocity),
+            lift=time_path(lift, SPEED["lift"] * chain.velocity),
+            obstacles=(),
+            ik_solutions=candidate.found,
+            planning_s=0.0,
+            seed=seed,
+        )
+
+    def _approach(
+        self, chain: Chain, posture: Floats, is_free: Callable[[Floats], NDArray[np.bool_]]
+    ) -> Floats | str:
+        """Return the line (k, dof) from the grasp back to the pre-grasp, or why there is none."""
+        rotation, _ = chain.tool_poses(posture[None])
+        approach = rotation[0, :, 2]
+        reason = "approach_ik"
+        for back, up in _RETREATS:
+            line = follow_line(chain, posture, -back * approach + np.array([0.0, 0.0, up]))
+            if line is None:
+                continue
+            if is_free(line).all():
+                return line
+            reason = "approach_collision"
+        return reason
+
+    def _lift(
+        self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
+    ) -> Floats | None:
+        slack = spheres.slack(around, _LIFTING)
+        for height in _LIFTS:
+            line = follow_line(chain, posture, np.array([0.0, 0.0, height]))
+            if line is not None and (spheres.clearances(line, around, slack) >= 0).all():
+                return line
+        return None
+
+    def path(
+        self,
+        arm: str,
+        spheres: ArmSpheres,
+        around: Surroundings,
+        start: Floats,
+        goal: Floats,
+        seed: int,
+        speed: float = SPEED["free"],
+        allowed: Mapping[tuple[str, str], float] = _ALLOWED,
+    ) -> Trajectory | str:
+        """Return a timed free path between two postures, or the reason code why there is none."""
+        chain = self.chains[arm]
+        slack = spheres.slack(around, allowed)
+        # The margin fades towards the ends: a pre-grasp may stand closer to its object than that.
+        ends = spheres.clearances(np.stack([start, goal]), around, slack)
+        if ends[0] < 0:
+            return "rrt_start"
+        if ends[1] < 0:
+            return "rrt_goal"
+        margin = min(_MARGIN, float(ends.min()))
+
+        def is_free(q: Floats) -> NDArray[np.bool_]:
+            return np.asarray(spheres.clearances(q, around, slack) >= margin)
+
+        rng = np.random.default_rng((seed, _PURPOSE_PATH))
+        corners = plan_path(start, goal, chain.lower, chain.upper, is_free, rng)
+        if isinstance(corners, str):
+            return corners
+        return time_path(corners, speed * chain.velocity, is_free=is_free)
+
+
+def _target(request: GraspRequest) -> Obstacle:
+    """Return the object itself as an obstacle."""
+    if request.round:
+        diameter = max(request.width, 1e-3)
+        return Obstacle.upright(
+            "target", request.x, request.y, request.table_height, (diameter, request.height)
+        )
+    centre = (request.x, request.y, request.table_height + request.height / 2)
+    # The hand closes across the width, so the longer side lies at a right angle to theta.
+    size = (request.width, max(request.length, request.width), request.height)
+    return Obstacle.box("target", centre, size, request.theta)
+
+
+def _rank(
+    chain: Chain, found: Floats, closing: Floats | None, opening: float, height: float
+) -> list[_Candidate]:
+    """Return the postures worth a try: a diagonal approach from above, closing as asked."""
+    rotation, _ = chain.tool_poses(found)
+    tilts = np.arccos(np.clip(-rotation[:, 2, 2], -1, 1))
+    axes = rotation[:, :, 0]
+    off = np.abs(axes[:, 2]) if closing is None else np.sqrt(
+        np.maximum(1 - (axes @ closing) ** 2, 0)
+    )  # fmt: skip
+    costs = np.abs(tilts - _PREFERRED_TILT) + 1.5 * off
+    order = np.argsort(costs, kind="stable")[:_POSTURES_TRIED]
+    return [
+        _Candidate(found[i], opening, height, float(tilts[i]), float(costs[i]), len(found))
+        for i in order
+    ]

@@ -1,0 +1,168 @@
+"""What a hand with a diagonal mouth makes of a grasp on the table.
+
+A request comes from perception: where to grasp, along which direction to close, and how large the
+object is. The rules here turn it into what the planner tries, by measured size and never by the
+name of a kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.collision import Obstacle
+from simulate.trajectory import Trajectory
+
+__all__ = ["GraspRequest", "PlannedGrasp", "closing_angles", "grasp_heights", "openings"]
+
+_TALL = 0.045
+_THIN = 0.024
+_LONG = 0.060
+_SECOND_SIDE_FITS = 0.036
+_PEN_TURNS = (0.0, 0.22, -0.22, 0.43, -0.43)
+
+
+@dataclass(frozen=True)
+class GraspRequest:
+    """A grasp to plan, in the base frame of the robot; everything is perceived, nothing known.
+
+    Parameters
+    ----------
+    x, y
+        Where to grasp, m.
+    theta
+        Closing direction about +z, rad, mod pi.
+    z
+        Height of the tool centre point, m, absolute; nan lets the rule choose.
+    width
+        Across the jaws at the grasp, m.
+    height
+        Of the object over the table, m.
+    length
+        Longer side of the footprint, m.
+    opening
+        Between the jaws before they close, m; the hand rounds it to what it can do.
+    table_height
+        m.
+    arm
+        ``left``, ``right`` (with or without ``_arm``) or ``auto``: the arm on that side of the
+        table, the other one when it cannot.
+    round
+        The footprint is a circle: any closing direction will do.
+    mass
+        kg, where known.
+    """
+
+    x: float
+    y: float
+    theta: float
+    z: float = math.nan
+    width: float = 0.03
+    height: float = 0.05
+    length: float = 0.03
+    opening: float = 0.05
+    table_height: float = 0.27
+    arm: str = "auto"
+    round: bool = False
+    mass: float | None = None
+
+    @property
+    def is_tall(self) -> bool:
+        """Whether the hand can close around it well above the table."""
+        return self.height >= _TALL
+
+    @property
+    def lies_thin(self) -> bool:
+        """Whether it is a thin long thing lying on the table, like a pen."""
+        return self.height < _THIN and self.width < _THIN + 0.006 and self.length >= _LONG
+
+
+@dataclass(frozen=True)
+class PlannedGrasp:
+    """A grasp with the way points that carry it out.
+
+    Parameters
+    ----------
+    request
+        What was asked.
+    arm
+        ``left_arm`` or ``right_arm``.
+    opening
+        Of the hand before closing, 0..1.
+    closing_angle, tilt
+        rad; what the arm makes of theta, and the angle of its approach from the vertical.
+    tool_height
+        m over the table.
+    posture : (dof,) float, rad
+        At the grasp.
+    free, approach, lift
+        Way points from home to the pre-grasp, on to the grasp, and up.
+    obstacles
+        What the planner stayed clear of, without the object itself.
+    ik_solutions
+        Postures found for it.
+    planning_s
+        CPU seconds.
+    seed
+        Of the planner; carried into transport.
+    """
+
+    request: GraspRequest
+    arm: str
+    opening: float
+    closing_angle: float
+    tilt: float
+    tool_height: float
+    posture: NDArray[np.float64]
+    free: Trajectory
+    approach: Trajectory
+    lift: Trajectory
+    obstacles: tuple[Obstacle, ...] = field(repr=False)
+    ik_solutions: int
+    planning_s: float
+    seed: int
+    clearance: Mapping[str, float] = field(default_factory=dict)
+
+
+def grasp_heights(request: GraspRequest) -> Iterator[float]:
+    """Yield heights (m over the table) for the tool centre point, best first.
+
+    A wanted height is followed within what the hand can do with an object of that size.
+    """
+    if request.is_tall:
+        rule, low, high = min(max(0.5 * request.height, 0.026), 0.045), 0.024, 0.055
+    elif request.lies_thin:
+        rule, low, high = 0.008, 0.006, 0.010
+    else:
+        rule = max(0.55 * request.height, 0.018)
+        low, high = max(rule - 0.004, 0.016), rule + 0.004
+    wanted = request.z - request.table_height
+    first = rule if math.isnan(wanted) else min(max(wanted, low), high)
+    yield first
+    yield first + 0.007
+    if not request.lies_thin:
+        yield first + 0.014
+
+
+def openings(request: GraspRequest) -> tuple[float, ...]:
+    """Return how far (0..1) to open before the grasp, best first."""
+    if request.lies_thin:
+        return (0.75, 1.0)
+    if request.round and not request.is_tall:
+        return (0.7, 0.9)
+    return (1.0, 0.8)
+
+
+def closing_angles(request: GraspRequest) -> tuple[float | None, ...]:
+    """Return closing directions (rad) to try, best first; None leaves the direction free."""
+    if request.round:
+        return (None,)
+    if request.lies_thin:
+        return tuple(request.theta + turn for turn in _PEN_TURNS)
+    if max(request.length, request.width) < _SECOND_SIDE_FITS:
+        return (request.theta, request.theta + math.pi / 2)
+    return (request.theta,)

@@ -1,0 +1,151 @@
+"""Carrying an object to its box and setting it down: the paths of transport and place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.collision import ArmSpheres, Surroundings
+from simulate.grasp_planning import SPEED, GraspPlanner
+from simulate.grasp_rules import PlannedGrasp
+from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
+from simulate.trajectory import Trajectory, join, time_path
+from simulate.world import PlaceBox
+
+__all__ = ["PlacePlan", "plan_place"]
+
+Floats = NDArray[np.float64]
+
+_SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
+_RELEASE_HEIGHTS = (0.012, 0.025, 0.040)
+"""Bottom of the object over the ground of the box when the hand opens, m."""
+_ABOVE = 0.055
+_TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
+_IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
+_PURPOSE = 2
+
+_CARRYING: Mapping[tuple[str, str], float] = {
+    ("trunk", "upper"): np.inf,
+    ("table", "upper"): np.inf,
+    ("table", "finger"): 0.006,
+    ("box", "finger"): 0.002,
+    ("neighbour", "load"): 0.004,
+}
+
+
+@dataclass(frozen=True)
+class PlacePlan:
+    """Way points over the box, down into it, and home once the hand is open."""
+
+    transport: Trajectory
+    lower: Trajectory
+    retreat: Trajectory
+
+
+def plan_place(
+    planner: GraspPlanner,
+    plan: PlannedGrasp,
+    start: Floats,
+    box: PlaceBox,
+    used: int,
+) -> PlacePlan | str:
+    """Plan the way of a held object into a box.
+
+    Parameters
+    ----------
+    planner
+        Of the robot.
+    plan
+        The grasp that holds the object.
+    start : (dof,) float, rad
+        Posture at the top of the lift.
+    box
+        Where to.
+    used
+        Objects put there before; each next one goes to another spot.
+
+    Returns
+    -------
+    PlacePlan or str
+        ``place_plan`` when there is no way.
+    """
+    chain, request = planner.chains[plan.arm], plan.request
+    empty = planner.spheres(plan.arm, plan.opening)
+    loaded = empty.carrying(*_load(plan, chain))
+    around = planner.surroundings(plan.arm, request.table_height, plan.obstacles)
+    slack = loaded.slack(around, _CARRYING)
+    rng = np.random.default_rng((plan.seed, _PURPOSE))
+    upright = chain.tool_poses(start[None])[0][0, 2]
+    for release in _RELEASE_HEIGHTS:
+        for shift in range(len(_SPOTS)):
+            dx, dy = _SPOTS[(used + shift) % len(_SPOTS)]
+            x, y = box.centre
+            height = box.floor + plan.tool_height + release
+            goal = Goal(np.array([x + dx, y + dy, height]))
+            found = solve_ik(chain, goal, rng, _IK, warm=start[None])
+            for posture in _most_upright(chain, found, upright, start):
+                line = follow_line(chain, posture, np.array([0.0, 0.0, _ABOVE]), tolerance=0.006)
+                if line is None or (loaded.clearances(line, around, slack) < 0).any():
+                    continue
+                planned = _complete(planner, plan, loaded, around, start, line)
+                if planned is not None:
+                    return planned
+    return "place_plan"
+
+
+def _complete(
+    planner: GraspPlanner,
+    plan: PlannedGrasp,
+    loaded: ArmSpheres,
+    around: Surroundings,
+    start: Floats,
+    line: Floats,
+) -> PlacePlan | None:
+    chain = planner.chains[plan.arm]
+    transport = planner.path(
+        plan.arm, loaded, around, start, line[-1], plan.seed, SPEED["transport"], _CARRYING
+    )
+    if isinstance(transport, str):
+        return None
+    home = np.array(planner.robot.arm(plan.arm).home)
+    empty = planner.spheres(plan.arm, plan.opening)
+    back = planner.path(
+        plan.arm, empty, around, line[-1], home, plan.seed, SPEED["return"], _CARRYING
+    )
+    if isinstance(back, str):
+        return None
+    return PlacePlan(
+        transport,
+        time_path(line[::-1], SPEED["approach"] * chain.velocity),
+        join([time_path(line, 2 * SPEED["approach"] * chain.velocity), back]),
+    )
+
+
+def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -> Floats:
+    """Return postures ordered by how little they tip the object and turn the joints; best few."""
+    if len(found) == 0:
+        return found
+    tip = np.linalg.norm(chain.tool_poses(found)[0][:, 2] - upright, axis=1)
+    travel = np.abs(found - start).max(axis=1)
+    order = np.argsort(_TURN_WEIGHT * tip + _JOINT_WEIGHT * travel, kind="stable")
+    return found[order[:4]]
+
+
+def _load(plan: PlannedGrasp, chain: Chain) -> tuple[Floats, Floats]:
+    """Cover the held object with spheres: centres (k, 3) in the wrist frame, radii (k,), m."""
+    request = plan.request
+    size = np.array([request.width, max(request.length, request.width), request.height])
+    radius = float(size.min()) / 2
+    reach = size / 2 - radius
+    counts = np.minimum(np.ceil(2 * reach / (1.6 * radius)).astype(int) + 1, 8)
+    grid = np.meshgrid(*[np.linspace(-r, r, n) for r, n in zip(reach, counts, strict=True)])
+    local = np.stack([axis.ravel() for axis in grid], axis=1)
+    cos, sin = np.cos(request.theta), np.sin(request.theta)
+    across = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    middle = np.array([request.x, request.y, request.table_height + request.height / 2])
+    rotations, positions = chain.link_frames(plan.posture[None])
+    points = local @ across.T + middle
+    return (points - positions[0, -1]) @ rotations[0, -1], np.full(len(points), radius)
