@@ -1,0 +1,59 @@
+"""A knowledge graph that robots share.
+
+>>> import rtask
+>>> with rtask.open(":memory:", plain=True) as kb:
+...     _ = kb.update('INSERT DATA { <urn:mug> <urn:on> <urn:table> }')
+...     [row["place"].value for row in kb.query("SELECT ?place { <urn:mug> <urn:on> ?place }")]
+['urn:table']
+
+Importing this package loads nothing heavy; what is not used is not imported.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from typing import TYPE_CHECKING, Any
+
+from rtask import errors
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rtask.client import Client
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
+
+__version__ = importlib.metadata.version("rtask-kg")
+
+
+def open(target: str | Path, **options: Any) -> KnowledgeBase:
+    """Open a knowledge base: a folder, ``":memory:"`` or the address of a SPARQL server.
+
+    Parameters and errors: :func:`rtask.kb.open.open_knowledge_base`.
+    """
+    from rtask.kb.open import open_knowledge_base
+
+    return open_knowledge_base(target, **options)
+
+
+def connect(target: Any, **options: Any) -> Client:
+    """Connect a robot program: to a server by URL, or to an open knowledge base in process.
+
+    Parameters and errors: :func:`rtask.client.connect`.
+    """
+    from rtask.client import connect as connect_client
+
+    return connect_client(target, **options)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "KnowledgeBase":
+        from rtask.kb.knowledge_base import KnowledgeBase
+
+        return KnowledgeBase
+    raise AttributeError(f"module 'rtask' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,1 @@
+"""The knowledge base: a store, its named graphs, exact commits, blobs and what follows."""

@@ -1,0 +1,262 @@
+"""From a pending change to a stored commit: rights, conclusions, records, journal, store.
+
+Everything is decided before anything is stored, and stored in one atomic step.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pyoxigraph import Quad
+
+from rtask.errors import MissingBlobError, TooLargeError, VersionConflictError
+from rtask.kb.access import Access
+from rtask.kb.apply import Writes, apply
+from rtask.kb.blobs import PREFIX, BlobStore, digest_of
+from rtask.kb.catalogue import Catalogue, CommitRecord
+from rtask.kb.graphs import Graphs
+from rtask.kb.inference import Inference, Staged
+from rtask.kb.overlay import Overlay
+from rtask.kb.store import GraphStore
+from rtask.kb.terms import Graph, NamedNode
+from rtask.kb.union import union_change
+
+__all__ = ["Change", "Commit", "Committer", "Request"]
+
+_log = logging.getLogger(__name__)
+MAX_QUADS = 200_000
+_LONG_AGO = dt.datetime(1, 1, 1, tzinfo=dt.UTC)
+
+
+@dataclass(frozen=True)
+class Commit:
+    """What a write did.
+
+    Parameters
+    ----------
+    seq
+        Number of the commit; the last one's if nothing changed.
+    added, removed
+        Asserted statements that changed.
+    derived
+        Statements that the reasoner added to the inferred graph.
+    time
+        UTC.
+    activity
+        The ``rt:WriteActivity``, or ``None`` where nothing changed or none is kept.
+    """
+
+    seq: int
+    added: int
+    removed: int
+    derived: int
+    time: dt.datetime
+    activity: NamedNode | None
+
+
+@dataclass(frozen=True)
+class Change:
+    """A commit as its subscribers see it: the exact statements."""
+
+    commit: Commit
+    agent: str | None
+    note: str | None
+    added: tuple[Quad, ...]
+    removed: tuple[Quad, ...]
+    inferred_added: tuple[Quad, ...]
+    inferred_removed: tuple[Quad, ...]
+
+    @property
+    def graphs(self) -> frozenset[Graph]:
+        """The asserted graphs that changed."""
+        return frozenset(quad.graph_name for quad in (*self.added, *self.removed))
+
+
+@dataclass(frozen=True)
+class Request:
+    """Who writes, and under which conditions.
+
+    Parameters
+    ----------
+    kinds
+        Classes of graphs that do not follow from their IRI.
+    if_version
+        Refuse unless the last commit has this number.
+    check_blobs
+        Refuse statements that name bytes which are not here.
+    trusted
+        The knowledge base itself writes (derived data); rights are not asked.
+    """
+
+    access: Access
+    note: str | None = None
+    kinds: dict[Graph, str] = field(default_factory=dict)
+    if_version: int | None = None
+    check_blobs: bool = True
+    trusted: bool = False
+    started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
+
+
+@dataclass
+class Committer:
+    """Stores changes of one knowledge base; the caller holds the writer's lock.
+
+    Parameters
+    ----------
+    inference
+        ``None`` where nobody reasons.
+    record
+        Called with the change before it is stored; the journal.
+    """
+
+    store: GraphStore
+    graphs: Graphs
+    plain: bool
+    blobs: BlobStore
+    catalogue: Catalogue
+    inference: Inference | None
+    record: Callable[[CommitRecord, Writes], None]
+    last_seq: int = 0
+    last_time: dt.datetime = _LONG_AGO
+
+    def commit(self, change: Overlay, request: Request) -> Change:
+        """Store a change wholly, with what follows from it, or raise and store nothing."""
+        self._check_version(request)
+        self._check_rights(change, request)
+        if change.is_empty():
+            return self._unchanged(request)
+        if request.check_blobs and not self.plain:
+            self._check_blobs(change)
+        derived, staged = self._derive(change)
+        try:
+            return self._store(change, derived, staged, request)
+        except BaseException:
+            if staged is not None:
+                staged.discard()
+            raise
+
+    def _check_version(self, request: Request) -> None:
+        if request.if_version is not None and request.if_version != self.last_seq:
+            raise VersionConflictError(
+                f"expected version {request.if_version}, found {self.last_seq}; "
+                "read again and retry",
+                expected=request.if_version,
+                found=self.last_seq,
+            )
+
+    def _check_rights(self, change: Overlay, request: Request) -> None:
+        if request.trusted:
+            return
+        for graph in sorted(change.touched_graphs(), key=str):
+            request.access.require_write(graph, "write")
+        size = len(change.added) + len(change.removed)
+        if size > MAX_QUADS:
+            raise TooLargeError(
+                f"a commit of {size} statements; allowed {MAX_QUADS}, load a file instead",
+                limit="statements",
+                value=size,
+                allowed=MAX_QUADS,
+            )
+
+    def _check_blobs(self, change: Overlay) -> None:
+        for quad in change.added:
+            named = quad.object
+            if not isinstance(named, NamedNode) or not named.value.startswith(PREFIX):
+                continue
+            digest = digest_of(named)
+            if digest is None or not self.blobs.has(named):
+                raise MissingBlobError(
+                    f"{quad.subject} {quad.predicate} names {named}, whose bytes are not here; "
+                    "store them first with tx.blob() or kb.blobs.put()",
+                    blob=digest,
+                )
+
+    def _derive(self, change: Overlay) -> tuple[Overlay, Staged | None]:
+        if self.inference is None:
+            return Overlay(self.store), None
+        return self.inference.stage(change)
+
+    def _store(
+        self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request
+    ) -> Change:
+        record = self._next_record(request)
+        everything = _joined(self.store, change, derived)
+        notes = Overlay(self.store)
+        union = Overlay(self.store)
+        if not self.plain:
+            current = self._closure_state(change, staged, request)
+            notes = self.catalogue.record(everything, record, request.kinds, current)
+            everything = _joined(self.store, everything, notes)
+            union = union_change(self.store, everything.removed, everything.added)
+        writes = Writes(
+            [*everything.removed, *union.removed],
+            [*everything.added, *union.added],
+            list(change.created),
+            list(change.dropped),
+        )
+        self.record(record, writes)
+        apply(self.store, writes)
+        if staged is not None:
+            staged.apply()
+        self._advance(record, notes, change)
+        return self._describe(change, derived, record, request)
+
+    def _closure_state(
+        self, change: Overlay, staged: Staged | None, request: Request
+    ) -> bool | None:
+        """Whether the inferred graph fits after this commit; ``None`` if this does not matter."""
+        if staged is not None or (request.trusted and self.inference is not None):
+            return True
+        inputs = any(self.graphs.is_input(graph) for graph in change.touched_graphs())
+        return False if inputs else None
+
+    def _next_record(self, request: Request) -> CommitRecord:
+        ended = max(dt.datetime.now(dt.UTC), self.last_time)
+        started = min(request.started, ended)
+        return CommitRecord(self.last_seq + 1, started, ended, request.access, request.note)
+
+    def _advance(self, record: CommitRecord, notes: Overlay, change: Overlay) -> None:
+        self.last_seq, self.last_time = record.seq, record.ended
+        if not self.plain:
+            self.catalogue.apply(notes)
+            for graph in change.dropped:
+                self.catalogue.forget(graph)
+
+    def _describe(
+        self, change: Overlay, derived: Overlay, record: CommitRecord, request: Request
+    ) -> Change:
+        commit = Commit(
+            seq=record.seq,
+            added=len(change.added),
+            removed=len(change.removed),
+            derived=len(derived.added),
+            time=record.ended,
+            activity=None if self.plain else self.catalogue.activity(record.seq),
+        )
+        _log.debug("commit %d: +%d -%d", commit.seq, commit.added, commit.removed)
+        return Change(
+            commit,
+            request.access.agent,
+            request.note,
+            tuple(change.added),
+            tuple(change.removed),
+            tuple(derived.added),
+            tuple(derived.removed),
+        )
+
+    def _unchanged(self, request: Request) -> Change:
+        commit = Commit(self.last_seq, 0, 0, 0, dt.datetime.now(dt.UTC), None)
+        return Change(commit, request.access.agent, request.note, (), (), (), ())
+
+
+def _joined(store: GraphStore, *parts: Overlay) -> Overlay:
+    whole = Overlay(store)
+    for part in parts:
+        whole.removed.update(part.removed)
+        whole.added.update(part.added)
+        whole.created.update(part.created)
+        whole.dropped.update(part.dropped)
+    return whole

@@ -1,0 +1,139 @@
+"""The reasoner beside the store: what follows from a change, found before the change is stored."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+from pyoxigraph import Quad
+
+import ontology
+from rtask.errors import InconsistentError
+from rtask.kb.graphs import Graphs
+from rtask.kb.overlay import Overlay
+from rtask.kb.store import GraphStore
+from rtask.kb.terms import Graph, TripleKey
+from rtask.kb.union import input_change
+
+__all__ = ["Inference", "Staged"]
+
+_log = logging.getLogger(__name__)
+
+
+class Staged(Protocol):
+    """A derivation that is not yet visible; see :class:`reasoner.Closure`."""
+
+    inferred_added: Iterable[TripleKey]
+    inferred_removed: Iterable[TripleKey]
+    contradictions: list[Any]
+
+    def apply(self) -> None:
+        """Make it visible, after the store's commit."""
+
+    def discard(self) -> None:
+        """Forget it."""
+
+
+class Inference:
+    """Keeps the closure of all asserted graphs current.
+
+    The closure is built from the asserted graphs when the first write or question needs it; the
+    inferred graph itself lives in the store, so reading needs no closure.
+
+    Parameters
+    ----------
+    store, graphs
+        The knowledge base.
+    is_ontology
+        Whether a graph holds schema.
+    """
+
+    def __init__(
+        self, store: GraphStore, graphs: Graphs, is_ontology: Callable[[Graph], bool]
+    ) -> None:
+        self._store = store
+        self._graphs = graphs
+        self._is_ontology = is_ontology
+        self._closure: Any = None
+
+    def closure(self) -> Any:
+        """Return the closure of what the store asserts."""
+        if self._closure is None:
+            self._closure = self._build()
+        return self._closure
+
+    def _build(self) -> Any:
+        from reasoner import Closure
+
+        schema: list[TripleKey] = []
+        data: list[TripleKey] = []
+        for graph in self._store.named_graphs():
+            if not self._graphs.is_input(graph):
+                continue
+            target = schema if self._is_ontology(graph) else data
+            for quad in self._store.quads_for_pattern(None, None, None, graph):
+                target.append((quad.subject, quad.predicate, quad.object))
+        _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
+        return Closure.build(schema, data, rules=rule_texts())
+
+    def forget(self) -> None:
+        """Build the closure anew when it is needed next."""
+        self._closure = None
+
+    def stage(self, change: Overlay) -> tuple[Overlay, Staged]:
+        """Return what the inferred graph gains and loses with a change.
+
+        Raises
+        ------
+        InconsistentError
+            If the change contradicts what is there; nothing is kept.
+        """
+        closure = self.closure()
+        gained, lost = input_change(change, self._graphs.is_input)
+        staged: Staged = closure.stage(add=gained, remove=lost)
+        if staged.contradictions:
+            staged.discard()
+            raise _inconsistent(staged.contradictions)
+        derived = Overlay(self._store)
+        graph = self._graphs.inferred
+        for key in staged.inferred_removed:
+            quad = Quad(*key, graph)
+            if quad in self._store:
+                derived.removed[quad] = None
+        for key in staged.inferred_added:
+            quad = Quad(*key, graph)
+            if quad not in self._store:
+                derived.added[quad] = None
+        return derived, staged
+
+    def difference(self) -> Overlay:
+        """Return what a freshly built closure would change in the inferred graph."""
+        self.forget()
+        wanted = {Quad(*key, self._graphs.inferred) for key in inferred_triples(self.closure())}
+        found = set(self._store.quads_for_pattern(None, None, None, self._graphs.inferred))
+        change = Overlay(self._store)
+        change.removed.update(dict.fromkeys(found - wanted))
+        change.added.update(dict.fromkeys(wanted - found))
+        return change
+
+
+def inferred_triples(closure: Any) -> Iterable[TripleKey]:
+    """Return the derived triples of a closure that nobody asserts."""
+    found: Iterable[TripleKey] = closure.inferred()
+    return found
+
+
+def rule_texts() -> list[str]:
+    """Return the CONSTRUCT rules that ship with the ontology."""
+    return [path.read_text("utf-8") for path in ontology.rules()]
+
+
+def _inconsistent(contradictions: list[Any]) -> InconsistentError:
+    first = contradictions[0]
+    more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
+    message = getattr(first, "message", None) or str(first)
+    return InconsistentError(
+        f"contradicts the ontology: {message}{more}; nothing was stored",
+        contradictions=[str(c) for c in contradictions],
+    )

@@ -1,0 +1,87 @@
+"""One process writes a folder; the lock says who, since when, and what to do instead."""
+
+from __future__ import annotations
+
+import datetime as dt
+import fcntl
+import json
+import os
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+from rtask.errors import StoreLockedError
+
+__all__ = ["FolderLock"]
+
+
+class FolderLock:
+    """An ``flock`` on the file ``lock`` of a knowledge base; the system drops it with the process.
+
+    Parameters
+    ----------
+    folder
+        The knowledge base.
+    shared
+        For readers: several may hold it, but no writer beside them.
+
+    Raises
+    ------
+    StoreLockedError
+        Naming the holder.
+    """
+
+    def __init__(self, folder: Path, shared: bool = False) -> None:
+        self._path = folder / "lock"
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+        self._handle = os.open(self._path, flags, 0o644)
+        mode = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        try:
+            fcntl.flock(self._handle, mode | fcntl.LOCK_NB)
+        except OSError:
+            holder = self._read()
+            os.close(self._handle)
+            raise StoreLockedError(_explain(folder, holder), holder=holder) from None
+        if not shared:
+            self._write({})
+
+    def publish(self, **facts: Any) -> None:
+        """Tell others more about this process, e.g. the ``url`` it serves."""
+        self._write({**self._read(), **facts})
+
+    def _write(self, facts: dict[str, Any]) -> None:
+        record = {
+            "pid": os.getpid(),
+            "host": socket.gethostname(),
+            "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:3]])[:200],
+            "since": dt.datetime.now().astimezone().isoformat(timespec="seconds"),
+            **facts,
+        }
+        text = json.dumps(record).encode()
+        os.ftruncate(self._handle, 0)
+        os.pwrite(self._handle, text, 0)
+
+    def _read(self) -> dict[str, Any]:
+        try:
+            found: dict[str, Any] = json.loads(os.pread(self._handle, 4096, 0))
+        except ValueError:
+            return {}
+        return found
+
+    def release(self) -> None:
+        """Let others have the folder."""
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+
+
+def _explain(folder: Path, holder: dict[str, Any]) -> str:
+    if not holder:
+        return f"{folder} is open in another process; wait until it has closed it"
+    since = str(holder.get("since", "?"))
+    clock = since[11:16] if since[:10] == dt.date.today().isoformat() else since
+    who = f"pid {holder.get('pid')} ({holder.get('command')}) on {holder.get('host')}"
+    server = holder.get("url")
+    instead = f"use the server at {server}" if server else "close it there first"
+    return f"{folder} is open for writing by {who} since {clock}; {instead}"

@@ -1,0 +1,94 @@
+"""The store, closable.
+
+pyoxigraph closes a store when its last reference goes, and a traceback may hold one for long. So
+everything else holds this, which lets go when told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from pyoxigraph import NamedNode, Quad, Store
+
+from rtask.errors import ClosedError
+from rtask.kb.terms import Graph, Subject, Term
+
+__all__ = ["GraphStore"]
+
+
+class GraphStore:
+    """The quads of a knowledge base.
+
+    Parameters
+    ----------
+    store
+        The only reference to it.
+    """
+
+    __slots__ = ("_store",)
+
+    def __init__(self, store: Store) -> None:
+        self._store: Store | None = store
+
+    @property
+    def raw(self) -> Store:
+        """The store itself; do not keep it.
+
+        Raises
+        ------
+        ClosedError
+            After :meth:`close`.
+        """
+        if self._store is None:
+            raise ClosedError("the knowledge base is closed")
+        return self._store
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can still be used."""
+        return self._store is not None
+
+    def close(self) -> None:
+        """Let the files go."""
+        self._store = None
+
+    def __contains__(self, quad: Quad) -> bool:
+        return quad in self.raw
+
+    def __len__(self) -> int:
+        return len(self.raw)
+
+    def quads_for_pattern(
+        self,
+        subject: Subject | None,
+        predicate: NamedNode | None,
+        value: Term | None,
+        graph: Graph | None = None,
+    ) -> Iterator[Quad]:
+        """Yield the quads that fit; consume them in this thread."""
+        return self.raw.quads_for_pattern(subject, predicate, value, graph)
+
+    def named_graphs(self) -> Iterator[Graph]:
+        """Yield the names of the named graphs, empty ones included."""
+        return self.raw.named_graphs()
+
+    def contains_named_graph(self, graph: Graph) -> bool:
+        """Whether a named graph exists."""
+        return self.raw.contains_named_graph(graph)
+
+    def query(self, text: str, **options: Any) -> Any:
+        """Evaluate a query; consume the answer in this thread."""
+        return self.raw.query(text, **options)
+
+    def update(self, text: str, **options: Any) -> None:
+        """Run an update, wholly or not at all."""
+        self.raw.update(text, **options)
+
+    def extend(self, quads: Iterable[Quad]) -> None:
+        """Add quads, all or none."""
+        self.raw.extend(quads)
+
+    def flush(self) -> None:
+        """Force everything to disk."""
+        self.raw.flush()

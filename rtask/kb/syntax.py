@@ -1,0 +1,66 @@
+"""Is this SPARQL text well formed? Asked of the store's own parser, without evaluating it."""
+
+from __future__ import annotations
+
+import re
+import threading
+
+from pyoxigraph import Store
+
+from rtask.errors import QuerySyntaxError
+from rtask.kb.lexer import guard
+
+__all__ = ["check_query", "check_update", "syntax_error"]
+
+_FAILS = "CREATE GRAPH <urn:rtask:twice> ; CREATE GRAPH <urn:rtask:twice> ;\n"
+_POSITION = re.compile(r"error at (\d+):(\d+): ?(.*)", re.S)
+_scratch = threading.local()
+
+
+def _empty_store() -> Store:
+    if not hasattr(_scratch, "store"):
+        _scratch.store = Store()
+    store: Store = _scratch.store
+    return store
+
+
+def syntax_error(error: Exception, what: str, skipped_lines: int = 0) -> QuerySyntaxError:
+    """Return the store's complaint with line and column."""
+    found = _POSITION.search(str(error))
+    if found is None:
+        return QuerySyntaxError(f"{what}: {error}")
+    line, column = int(found[1]) - skipped_lines, int(found[2])
+    return QuerySyntaxError(f"{what} {line}:{column}: {found[3]}", line=line, column=column)
+
+
+def check_update(text: str, base: str | None = None) -> None:
+    """Raise unless the text is a SPARQL 1.1 update.
+
+    The second CREATE in front of it always fails, so nothing is executed.
+
+    Raises
+    ------
+    QuerySyntaxError
+        With line and column.
+    """
+    try:
+        _empty_store().update(_FAILS + text, base_iri=base)
+    except SyntaxError as error:
+        raise syntax_error(error, "update", skipped_lines=1) from error
+    except RuntimeError:
+        return
+
+
+def check_query(text: str, base: str | None = None) -> None:
+    """Raise unless the text is a SPARQL 1.1 query; nothing is read.
+
+    Raises
+    ------
+    QuerySyntaxError
+        With line and column.
+    """
+    guard(text)
+    try:
+        _empty_store().query(text, base_iri=base)
+    except SyntaxError as error:
+        raise syntax_error(error, "query") from error

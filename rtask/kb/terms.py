@@ -1,0 +1,199 @@
+"""RDF terms: the store's own types, Python values in and out, and the form the store keeps.
+
+The knowledge base speaks in pyoxigraph's terms. The store normalises literals when it takes them
+(``"01"^^xsd:integer`` becomes ``1``, every derived integer type ``xsd:integer``), so a delta, the
+journal and the closure must use the stored form too: :func:`stored`.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import decimal
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import TypeAlias
+
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Store, Triple
+
+from rtask.errors import DataError, UsageError
+
+__all__ = [
+    "BlankNode",
+    "DefaultGraph",
+    "Literal",
+    "NamedNode",
+    "Quad",
+    "Triple",
+    "iri",
+    "is_ground",
+    "literal",
+    "object_term",
+    "prologue",
+    "python_value",
+    "stored",
+    "stored_quad",
+    "subject_term",
+]
+
+Term: TypeAlias = NamedNode | BlankNode | Literal | Triple
+Subject: TypeAlias = NamedNode | BlankNode | Triple
+Graph: TypeAlias = NamedNode | BlankNode | DefaultGraph
+Value: TypeAlias = Term | str | bool | int | float | decimal.Decimal | dt.datetime | dt.date
+TripleKey: TypeAlias = tuple[Subject, NamedNode, Term]
+
+XSD = "http://www.w3.org/2001/XMLSchema#"
+RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
+DEFAULT = DefaultGraph()
+
+_PLAIN = {XSD + "string", "http://www.w3.org/1999/02/22-rdf-syntax-ns#langString"}
+_INTEGERS = (
+    "integer int long short byte nonNegativeInteger positiveInteger nonPositiveInteger "
+    "negativeInteger unsignedLong unsignedInt unsignedShort unsignedByte"
+)
+_INTEGER_TYPES = {XSD + name for name in _INTEGERS.split()}
+
+
+def iri(value: NamedNode | str) -> NamedNode:
+    """Return an IRI term.
+
+    >>> iri("urn:mug")
+    <NamedNode value=urn:mug>
+
+    Raises
+    ------
+    DataError
+        If the text is no absolute IRI.
+    """
+    if isinstance(value, NamedNode):
+        return value
+    if not isinstance(value, str):
+        raise UsageError(f"expected an IRI, got {type(value).__name__}: {value!r}")
+    try:
+        return NamedNode(value)
+    except ValueError as error:
+        raise DataError(f"not an absolute IRI: {value!r} ({error})") from error
+
+
+def literal(value: object) -> Literal:
+    """Return the literal of a Python value.
+
+    >>> str(literal(0.08)), str(literal(True))
+    ('"0.08"^^<http://www.w3.org/2001/XMLSchema#double>', '"true"^^<http://www.w3.org/2001/XMLSchema#boolean>')
+    """
+    if isinstance(value, Literal):
+        return value
+    if isinstance(value, str | bool | int | float):
+        return Literal(value)
+    if isinstance(value, decimal.Decimal):
+        return _typed(format(value, "f"), "decimal")
+    if isinstance(value, dt.datetime):
+        return _typed(value.isoformat().replace("+00:00", "Z"), "dateTime")
+    if isinstance(value, dt.date):
+        return _typed(value.isoformat(), "date")
+    raise UsageError(f"no literal for a {type(value).__name__}: {value!r}")
+
+
+def _typed(text: str, datatype: str) -> Literal:
+    return Literal(text, datatype=NamedNode(XSD + datatype))
+
+
+def subject_term(value: Subject | str) -> Subject:
+    """Return a subject; text is taken as an IRI."""
+    return value if isinstance(value, BlankNode | Triple) else iri(value)
+
+
+def object_term(value: Value) -> Term:
+    """Return an object: a term as it is, any other Python value as a literal."""
+    if isinstance(value, NamedNode | BlankNode | Literal | Triple):
+        return value
+    return literal(value)
+
+
+def python_value(term: Term | None) -> object:
+    """Return a JSON-able Python value: IRIs and blank nodes as text, numbers and booleans native.
+
+    >>> python_value(literal(3)), python_value(iri("urn:mug")), python_value(None)
+    (3, 'urn:mug', None)
+    """
+    if term is None:
+        return None
+    if isinstance(term, Literal):
+        return _literal_value(term.value, term.datatype.value)
+    if isinstance(term, NamedNode):
+        return term.value
+    return str(term)
+
+
+def _literal_value(text: str, datatype: str) -> object:
+    try:
+        if datatype in _INTEGER_TYPES:
+            return int(text)
+        if datatype in (XSD + "double", XSD + "float", XSD + "decimal"):
+            return float(text)
+    except ValueError:  # an ill-typed literal stays as written
+        return text
+    if datatype == XSD + "boolean" and text in ("true", "false", "1", "0"):
+        return text in ("true", "1")
+    return text
+
+
+def is_ground(term: object) -> bool:
+    """Whether a term holds no blank node, also inside triple terms."""
+    if isinstance(term, BlankNode):
+        return False
+    if isinstance(term, Triple):
+        return is_ground(term.subject) and is_ground(term.object)
+    return True
+
+
+@lru_cache(maxsize=65_536)
+def _stored_literal(value: Literal) -> Literal:
+    scratch = Store()
+    scratch.add(Quad(RDF_TYPE, RDF_TYPE, value))
+    kept = next(iter(scratch)).object
+    assert isinstance(kept, Literal)
+    return kept
+
+
+def stored(term: Term) -> Term:
+    """Return a term as the store keeps it.
+
+    >>> str(stored(Literal("01", datatype=NamedNode(XSD + "int"))))
+    '"1"^^<http://www.w3.org/2001/XMLSchema#integer>'
+    """
+    if isinstance(term, Literal):
+        if term.language is not None or term.datatype.value in _PLAIN:
+            return term
+        return _stored_literal(term)
+    if isinstance(term, Triple):
+        subject, obj = stored(term.subject), stored(term.object)
+        assert isinstance(subject, NamedNode | BlankNode | Triple)
+        return Triple(subject, term.predicate, obj)
+    return term
+
+
+def stored_quad(quad: Quad) -> Quad:
+    """Return a quad as the store keeps it."""
+    subject, obj = quad.subject, quad.object
+    if isinstance(obj, NamedNode | BlankNode) and not isinstance(subject, Triple):
+        return quad
+    kept_subject, kept_object = stored(subject), stored(obj)
+    if kept_object is obj and kept_subject is subject:
+        return quad
+    assert isinstance(kept_subject, NamedNode | BlankNode | Triple)
+    return Quad(kept_subject, quad.predicate, kept_object, quad.graph_name)
+
+
+def triple_key(quad: Quad) -> TripleKey:
+    """Return the statement of a quad without its graph."""
+    return (quad.subject, quad.predicate, quad.object)
+
+
+def prologue(prefixes: Mapping[str, str] | Iterable[tuple[str, str]]) -> str:
+    """Return SPARQL ``PREFIX`` lines.
+
+    >>> prologue({"rt": "urn:rt#"})
+    'PREFIX rt: <urn:rt#>\\n'
+    """
+    pairs = prefixes.items() if isinstance(prefixes, Mapping) else prefixes
+    return "".join(f"PREFIX {name}: <{namespace}>\n" for name, namespace in pairs)

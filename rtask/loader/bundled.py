@@ -1,0 +1,78 @@
+"""The ontology that comes with RTASK: loaded into new stores, renewed in old ones."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pyoxigraph import NamedNode, Quad, parse
+
+import ontology
+from rtask.kb.commit import Commit, Request
+from rtask.kb.terms import RDF_TYPE, Graph, python_value
+
+if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["refresh"]
+
+_log = logging.getLogger(__name__)
+_OWL = "http://www.w3.org/2002/07/owl#"
+_ONTOLOGY = NamedNode(_OWL + "Ontology")
+_VERSION = NamedNode(_OWL + "versionInfo")
+
+
+def refresh(kb: KnowledgeBase) -> Commit | None:
+    """Load the bundled modules that the knowledge base lacks or has in an older version.
+
+    One commit for all of them, so that no reader sees half of an ontology. Modules that the
+    knowledge base has in a newer version stay.
+    """
+    stale = [path for path in ontology.modules() if _is_stale(kb, path)]
+    if not stale:
+        return None
+    kinds: dict[Graph, str] = {}
+    request = Request(kb.access(), note="bundled ontology", kinds=kinds, trusted=True)
+    with kb.commit_block(request) as tx:
+        for path in stale:
+            quads = list(parse(path=path, rename_blank_nodes=True))
+            name = _name(quads, path)
+            kinds[name] = "OntologyGraph"
+            tx.clear(name)
+            tx.add_quads(quads, name)
+    _log.info("loaded %d modules of the bundled ontology", len(stale))
+    return tx.commit
+
+
+def _name(quads: list[Quad], path: Path) -> NamedNode:
+    for quad in quads:
+        if quad.predicate == RDF_TYPE and quad.object == _ONTOLOGY:
+            assert isinstance(quad.subject, NamedNode)
+            return quad.subject
+    raise AssertionError(f"{path} declares no ontology")
+
+
+def _is_stale(kb: KnowledgeBase, path: Path) -> bool:
+    name: NamedNode | None = None
+    for quad in parse(path=path):
+        if quad.predicate == RDF_TYPE and quad.object == _ONTOLOGY:
+            assert isinstance(quad.subject, NamedNode)
+            name = quad.subject
+        elif quad.predicate == _VERSION and quad.subject == name:
+            return _stored_version(kb, name) < _numbers(str(python_value(quad.object)))
+    return name is None or _stored_version(kb, name) == ()
+
+
+def _stored_version(kb: KnowledgeBase, name: NamedNode) -> tuple[int, ...]:
+    found = kb.match(name, _VERSION, None, name)
+    return _numbers(str(python_value(found[0].object))) if found else ()
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """Return a version as numbers.
+
+    >>> _numbers("1.10.0") > _numbers("1.9.2")
+    True
+    """
+    return tuple(int(part) for part in version.split("-")[0].split(".") if part.isdigit())
