@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from features.codec import encode_frame, to_wire
-from features.geometry import Frame
+from features.geometry import FloatArray, Frame
 from simulate.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.perception import Ignored, Perceived, Seen, perceive
 from simulate.tracking import Thing, Tracker
@@ -57,15 +57,23 @@ class AgentConfig:
 class Body(Protocol):
     """What the agent needs of a robot; :class:`simulate.robot_process.SimulatedBody` is one."""
 
-    gripper_ids: Mapping[str, str]
-    base_frame: str
-    ignored: tuple[Ignored, ...]
+    @property
+    def gripper_ids(self) -> Mapping[str, str]:
+        """Name of the end effector of each side."""
+
+    @property
+    def base_frame(self) -> str:
+        """Name of the base frame (tf)."""
+
+    @property
+    def ignored(self) -> tuple[Ignored, ...]:
+        """Parts of the table that are the robot's own."""
 
     def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
         """Turn the head and return a frame with base_from_camera (4, 4)."""
 
     def plan(
-        self, request: GraspRequest, obstacles: list[NDArray[np.float64]], seed: int
+        self, request: GraspRequest, obstacles: list[FloatArray], seed: int
     ) -> PlannedGrasp | str:
         """Return a plan, or the reason code why there is none."""
 
@@ -144,6 +152,25 @@ class Encounter:
         data = asdict(self)
         data.update(tries=self.tries, held=self.held, placed=self.placed)
         return data
+
+
+@dataclass(frozen=True)
+class _Planning:
+    """What planning through the learner's order found.
+
+    Parameters
+    ----------
+    plan
+        None = no grasp can be reached.
+    grasp
+        The one planned, else the learner's first; None when the server proposed nothing.
+    reason
+        ``ok``, or why the learner's first grasp cannot be reached.
+    """
+
+    plan: PlannedGrasp | None
+    grasp: dict[str, Any] | None
+    reason: str
 
 
 class Agent:
@@ -233,10 +260,11 @@ class Agent:
         seconds["ask"] = time.perf_counter() - started
         if not encounter.attempts:
             self._first_sight(encounter, thing, answer)
-        plan, grasp, reason = self._plan(thing, side, view, answer, seconds)
-        if plan is None:
-            self._give_up(encounter, thing, observation, answer, grasp, reason, number, seconds)
+        planned = self._plan(thing, side, view, answer, seconds)
+        if planned.plan is None or planned.grasp is None:
+            self._give_up(encounter, thing, observation, answer, planned, number, seconds)
             return
+        grasp = planned.grasp
         self._tell(
             "grasping",
             {
@@ -247,7 +275,7 @@ class Agent:
             },
         )
         started = time.perf_counter()
-        record, pictures = self.body.execute(plan)
+        record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
         outcome = _outcome(record, number, answer, grasp, seconds, pictures)
         self._report(encounter, thing, observation, answer, grasp, outcome)
@@ -309,7 +337,7 @@ class Agent:
         view: Perceived,
         answer: dict[str, Any],
         seconds: dict[str, float],
-    ) -> tuple[PlannedGrasp | None, dict[str, Any] | None, str]:
+    ) -> _Planning:
         """Return the first grasp in the learner's order that the robot can reach."""
         started = time.perf_counter()
         obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
@@ -320,11 +348,11 @@ class Agent:
             planned = self.body.plan(request, obstacles, seed=_seed(self.config.seed, rank))
             if not isinstance(planned, str):
                 seconds["plan"] = time.perf_counter() - started
-                return planned, {**grasp, "rank": rank + 1}, "ok"
+                return _Planning(planned, {**grasp, "rank": rank + 1}, "ok")
             if first is None:
                 first, reason = {**grasp, "rank": rank + 1}, planned
         seconds["plan"] = time.perf_counter() - started
-        return None, first, reason
+        return _Planning(None, first, reason)
 
     def _give_up(
         self,
@@ -332,13 +360,13 @@ class Agent:
         thing: Thing,
         observation: dict[str, Any],
         answer: dict[str, Any],
-        grasp: dict[str, Any] | None,
-        reason: str,
+        planned: _Planning,
         number: int,
         seconds: dict[str, float],
     ) -> None:
         """Record that no grasp can be reached: the object as it was seen, and why."""
         thing.finished = True
+        grasp, reason = planned.grasp, planned.reason
         source = "none" if grasp is None else str(grasp["source"])
         attempt = Attempt(number, source, "", reason, False, False, False, 0.0, seconds)
         encounter.attempts.append(attempt)
@@ -421,8 +449,6 @@ def _request(thing: Thing, grasp: dict[str, Any], table: float, side: str) -> Gr
 
 def _pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, float]]:
     """Return a (4, 4) pose as geometry_msgs/Pose."""
-    from scipy.spatial.transform import Rotation
-
     x, y, z = (float(v) for v in base_from_camera[:3, 3])
     q = [float(v) for v in Rotation.from_matrix(base_from_camera[:3, :3]).as_quat()]
     return {
@@ -463,12 +489,3 @@ def _outcome(
             {"phase": phase, "data": base64.b64encode(png).decode()} for phase, png in pictures
         ],
     }
-
-
-def crop_png(seen: Seen) -> bytes:
-    """Return the object's image crop as PNG."""
-    assert seen.crop.rgb is not None
-    done, data = cv2.imencode(".png", cv2.cvtColor(seen.crop.rgb, cv2.COLOR_RGB2BGR))
-    if not done:
-        raise ValueError(f"cannot encode an image of shape {seen.crop.rgb.shape}")
-    return data.tobytes()

@@ -7,6 +7,7 @@ import os
 import signal
 from pathlib import Path
 from types import FrameType
+from typing import Literal
 
 import click
 
@@ -75,9 +76,9 @@ def simulate() -> None:
 @simulate.command()
 @click.argument("robot", type=click.Choice(["nao"]))
 @click.option("--legs", type=click.Choice(["fixed", "joints"]), default="fixed", show_default=True)
-def urdf(robot: str, legs: str) -> None:
+def urdf(robot: str, legs: Literal["fixed", "joints"]) -> None:
     """Print the generated URDF of a robot."""
-    from simulate.robots.nao import nao_description
-    from simulate.robots.urdf import to_urdf
+    from simulate.robots.nao import describe_nao
+    from simulate.robots.urdf import urdf_text
 
-    click.echo(to_urdf(nao_description(legs=legs)))
+    click.echo(urdf_text(describe_nao(legs=legs)))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from features.geometry import Frame, transform
+from features.geometry import FloatArray, Frame, transform
 from features.segmentation import SegmentParams, segment_scene
 from features.tabletop import TabletopShape, measure
 
@@ -60,7 +60,7 @@ class Seen:
 
     crop: Frame
     mask: NDArray[np.bool_]
-    points: NDArray[np.float64]
+    points: FloatArray
     shape: TabletopShape
     touches_border: bool
 

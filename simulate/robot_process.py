@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rtask
-from features.geometry import Frame
+from features.geometry import FloatArray, Frame
 from rtask.errors import RtaskError
 from simulate.agent import Agent, AgentConfig, Encounter
 from simulate.camera import Camera, Lighting
@@ -38,7 +38,7 @@ from simulate.world import World
 __all__ = ["Job", "SimulatedBody", "main"]
 
 _PICTURE_SIZE = (320, 240)
-_GRIPPERS = {"right": "nao_right_hand", "left": "nao_left_hand"}
+_PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
 # Streams of random numbers, one a purpose, so that one more draw here changes nothing there.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
@@ -83,13 +83,12 @@ def stream(seed: int, *purpose: int) -> np.random.Generator:
 class SimulatedBody:
     """A Nao in a physics world, as the agent sees it."""
 
-    gripper_ids = _GRIPPERS
-
     def __init__(self, job: Job, assets: Path) -> None:
         self._job = job
         self.world = World(preset=job.preset, gui=job.gui)
         self.robot = Nao(self.world)
         self.base_frame = self.robot.base_frame
+        self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         self.world.add_table()
         boxes = [self.world.add_place_box(side) for side in ("right", "left")]
         self.ignored = tuple(Ignored(box.x_range, box.y_range) for box in boxes)
@@ -112,7 +111,7 @@ class SimulatedBody:
         return self._noise.apply(frame, self._noise_rng), base_from_camera
 
     def plan(
-        self, request: GraspRequest, obstacles: list[NDArray[np.float64]], seed: int
+        self, request: GraspRequest, obstacles: list[FloatArray], seed: int
     ) -> PlannedGrasp | str:
         """Plan a grasp around what the camera saw."""
         return self.executor.plan(request, obstacles=obstacles, seed=seed)
@@ -122,7 +121,9 @@ class SimulatedBody:
         taken: list[tuple[str, bytes]] = []
 
         def picture(phase: str) -> None:
-            taken.append((phase, self.camera.snapshot(self.lighting, _PICTURE_SIZE)))
+            if phase in _PICTURES:
+                png = self.camera.snapshot(self.lighting, _PICTURE_SIZE)
+                taken.append((_PICTURES[phase], png))
 
         record = self.executor.execute(plan, on_phase=picture)
         self._taken += 1

@@ -42,7 +42,7 @@ class Laid:
 
 def _outline(spec: ObjectSpec, x: float, y: float, yaw: float) -> NDArray[np.float64]:
     """Return points (n, 2) along the footprint, m, dense enough to measure gaps with."""
-    half_x, half_y = spec.footprint[0] / 2, spec.footprint[1] / 2
+    half_x, half_y = spec.extent[0] / 2, spec.extent[1] / 2
     along = np.linspace(-1, 1, 9)
     square = np.concatenate(
         [np.stack([along, s * np.ones_like(along)], 1) for s in (-1, 1)]
@@ -70,7 +70,7 @@ def arrange(specs: Sequence[ObjectSpec], rng: np.random.Generator) -> list[Place
 def _try_arrange(specs: Sequence[ObjectSpec], rng: np.random.Generator) -> list[Placement] | None:
     placed: list[Placement] = []
     outlines: list[NDArray[np.float64]] = []
-    order = sorted(range(len(specs)), key=lambda i: -max(specs[i].footprint))
+    order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
     sides = {index: -1 if rank % 2 == 0 else 1 for rank, index in enumerate(order)}
     for index in order:
         spec = specs[index]

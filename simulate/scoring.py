@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Judge"]
 
 _ANGLES = np.deg2rad(np.arange(0, 180, 15))
+_UPRIGHT_AND_ROUND = frozenset({"can", "ball", "bottle"})
 
 
 class Judge:
@@ -40,22 +41,18 @@ class Judge:
         world, executor = self._body.world, self._body.executor
         spec = next(laid.placement.spec for laid in self._body.laid if laid.body == body)
         pose = world.object_pose(body)
-        length, width = max(spec.footprint), min(spec.footprint)
-        yaw = pose.yaw + (0.0 if spec.footprint[0] >= spec.footprint[1] else np.pi / 2)
-        for turn in _ANGLES if spec.round else (np.pi / 2, 0.0):
-            across = width if spec.round or turn else length
+        along_x, along_y, height = spec.extent
+        for turn in _ANGLES if spec.kind in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
             request = GraspRequest(
                 x=pose.x,
                 y=pose.y,
-                z=world.table_height + min(max(0.5 * spec.height, 0.008), 0.045),
-                theta=float((yaw + turn) % np.pi),
-                width=across,
-                opening=across + 0.02,
-                height=spec.height,
-                length=length,
+                theta=float((pose.yaw + turn) % np.pi),
+                width=along_y if turn else along_x,
+                height=height,
+                length=max(along_x, along_y),
                 table_height=world.table_height,
                 arm="right" if pose.y < 0 else "left",
-                round=spec.round,
+                round=spec.kind in _UPRIGHT_AND_ROUND,
             )
             if not isinstance(executor.plan(request, obstacles=[], seed=0), str):
                 return True

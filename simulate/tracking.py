@@ -80,11 +80,11 @@ class Tracker:
             for row, column in zip(*linear_sum_assignment(cost), strict=True):
                 if cost[row, column] < 1.0:
                     matched[column] = known[row]
-        for seen, thing in zip(objects, matched, strict=True):
-            if thing is None:
+        for seen, match in zip(objects, matched, strict=True):
+            if match is None:
                 self.things.append(Thing(next(self._numbers), seen))
             else:
-                thing.seen, thing.visible = seen, True
+                match.seen, match.visible = seen, True
         return [thing for thing in self.things if thing.visible]
 
     @staticmethod

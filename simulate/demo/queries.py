@@ -58,17 +58,16 @@ SELECT ?class ?generator (COUNT(DISTINCT ?outcome) AS ?attempts)
     Question(
         "What is known about the robots that nobody ever asserted?",
         """
-SELECT ?robot ?property ?value {
-  ?who a cora:Robot ; rt:name ?robot .
-  { GRAPH ?inferred { ?who rdf:type ?value } BIND("is a" AS ?property)
+SELECT DISTINCT ?robot ?property ?value {
+  ?who a cora:Robot ; rt:name ?robot . ?inferred a rt:InferredGraph .
+  { GRAPH ?inferred { ?who a ?value } BIND("is a" AS ?property)
     VALUES ?value { rt:ManipulatorRobot sumo:Agent prov:Agent } }
   UNION
   { GRAPH ?inferred { ?who rt:hasCapability ?value } BIND("is capable of" AS ?property) }
   UNION
   { { SELECT ?who (COUNT(DISTINCT ?object) AS ?value) {
-        GRAPH ?inferred { ?who rt:canGrasp ?object } FILTER(STRENDS(STR(?inferred), "graph/inferred"))
-      } GROUP BY ?who } BIND("can grasp, objects" AS ?property) }
-  FILTER(!BOUND(?inferred) || STRENDS(STR(?inferred), "graph/inferred"))
+        ?g a rt:InferredGraph . GRAPH ?g { ?who rt:canGrasp ?object }
+      } GROUP BY ?who } BIND("can grasp objects" AS ?property) }
 } ORDER BY ?robot ?property ?value""",
     ),
 )

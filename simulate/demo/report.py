@@ -12,8 +12,8 @@ from simulate.demo.queries import Answer, with_prefixes
 __all__ = ["COLUMNS", "mean_attempts", "robot_totals", "rows", "summary", "write_report"]
 
 COLUMNS = (
-    "robot", "object", "recognised as", "conf.", "right", "grasp from", "attempts", "held", "placed",
-    "reason", "look s", "ask s", "plan s", "move s",
+    "robot", "object", "recognised as", "conf.", "right", "grasp from", "attempts", "held",
+    "placed", "reason", "look s", "ask s", "plan s", "move s",
 )  # fmt: skip
 
 
