@@ -75,7 +75,7 @@ def run_update(
     """
     dataset = dataset or UpdateDataset()
     update = read_update(text)
-    check_update(text, dataset.base)
+    check_update(update, dataset.base)
     _refuse_two_datasets(update, dataset)
     runner = _Runner(overlay, update, access, dataset)
     for operation in update.operations:

@@ -6,6 +6,7 @@ store's parser refuses, since that one has read the text before.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from rtask.errors import QuerySyntaxError
@@ -73,11 +74,21 @@ class Operation:
 
 @dataclass(frozen=True)
 class Update:
-    """A whole request: its text, tokens and operations."""
+    """A whole request.
+
+    Parameters
+    ----------
+    declarations
+        All BASE and PREFIX lines of the text.
+    body
+        The text with its declarations blanked out; positions stay.
+    """
 
     text: str
     tokens: list[Token]
     operations: list[Operation]
+    declarations: str
+    body: str
 
     def source(self, block: Block) -> str:
         """Return the text of a block, braces included."""
@@ -96,7 +107,12 @@ def read_update(text: str) -> Update:
         With line and column.
     """
     reader = _Reader(text)
-    return Update(text, reader.tokens, reader.operations())
+    operations = reader.operations()
+    body = text
+    for start, end in reader.declared:
+        blank = re.sub(r"[^\n]", " ", text[start:end])
+        body = body[:start] + blank + body[end:]
+    return Update(text, reader.tokens, operations, reader.prologue, body)
 
 
 class _Reader:
@@ -105,6 +121,7 @@ class _Reader:
         self.tokens = tokenise(text)
         self.at = 0
         self.prologue = ""
+        self.declared: list[tuple[int, int]] = []
 
     def operations(self) -> list[Operation]:
         found = []
@@ -119,17 +136,22 @@ class _Reader:
         return found
 
     def _read_prologue(self) -> None:
-        while True:
-            if self._take("PREFIX"):
-                name, namespace = self.tokens[self.at : self.at + 2]
-                self.at += 2
-                self.prologue += f"PREFIX {name.text} {namespace.text}\n"
-            elif self._take("BASE"):
-                self.prologue += f"BASE {self._iri()}\n"
-            elif self._take("VERSION"):
-                self.at += 1
-            else:
-                return
+        while self.tokens[self.at].is_word("PREFIX", "BASE", "VERSION"):
+            start = self.tokens[self.at].start
+            word = self._need("PREFIX BASE VERSION")
+            if word == "PREFIX":
+                self._expect("name", "a prefix")
+            value = self._expect("string" if word == "VERSION" else "iri", "its value")
+            self.declared.append((start, value.end))
+            if word != "VERSION":
+                self.prologue += self.text[start : value.end] + "\n"
+
+    def _expect(self, kind: str, what: str) -> Token:
+        token = self.tokens[self.at]
+        if token.kind != kind:
+            self._fail(what)
+        self.at += 1
+        return token
 
     def _operation(self) -> Operation:
         kind = self._need("LOAD CLEAR DROP CREATE ADD MOVE COPY INSERT DELETE WITH")

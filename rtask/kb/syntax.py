@@ -9,6 +9,7 @@ from pyoxigraph import Store
 
 from rtask.errors import QuerySyntaxError
 from rtask.kb.lexer import guard
+from rtask.kb.skeleton import Update
 
 __all__ = ["check_query", "check_update", "syntax_error"]
 
@@ -25,28 +26,36 @@ def _empty_store() -> Store:
 
 
 def syntax_error(error: Exception, what: str, skipped_lines: int = 0) -> QuerySyntaxError:
-    """Return the store's complaint with line and column."""
+    """Return the store's complaint with line and column.
+
+    Parameters
+    ----------
+    skipped_lines
+        Lines put in front of the caller's text.
+    """
     found = _POSITION.search(str(error))
-    if found is None:
+    if found is None or int(found[1]) <= skipped_lines:
         return QuerySyntaxError(f"{what}: {error}")
     line, column = int(found[1]) - skipped_lines, int(found[2])
     return QuerySyntaxError(f"{what} {line}:{column}: {found[3]}", line=line, column=column)
 
 
-def check_update(text: str, base: str | None = None) -> None:
+def check_update(update: Update, base: str | None = None) -> None:
     """Raise unless the text is a SPARQL 1.1 update.
 
-    The second CREATE in front of it always fails, so nothing is executed.
+    The second CREATE in front of it always fails, so nothing is executed. Declarations go before
+    everything, since the store's parser takes none between two operations.
 
     Raises
     ------
     QuerySyntaxError
         With line and column.
     """
+    head = update.declarations + _FAILS
     try:
-        _empty_store().update(_FAILS + text, base_iri=base)
+        _empty_store().update(head + update.body, base_iri=base)
     except SyntaxError as error:
-        raise syntax_error(error, "update", skipped_lines=1) from error
+        raise syntax_error(error, "update", skipped_lines=head.count("\n")) from error
     except RuntimeError:
         return
 
