@@ -1,0 +1,194 @@
+"""One HTTP exchange, free of any server: a request comes in, a response goes out.
+
+The protocol code knows nothing but these two classes, so the same handlers answer under Flask,
+under the asynchronous front and in tests.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+from urllib.parse import parse_qsl, unquote
+
+from rtask.errors import RtaskError
+
+_BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
+_MAX_FIELDS = 2_000
+
+JSON_TYPE = "application/json"
+FORM_TYPE = "application/x-www-form-urlencoded"
+
+
+class RefusedError(RtaskError):
+    """A request that HTTP itself refuses.
+
+    Parameters
+    ----------
+    status
+        HTTP status.
+    slug
+        Last part of the problem type.
+    message
+        What was wrong, where, what to do.
+    headers
+        Header fields that belong to the refusal (``Allow``, ``Accept-Post`` ...).
+    **details
+        Further members of the problem details.
+    """
+
+    def __init__(
+        self,
+        status: int,
+        slug: str,
+        message: str,
+        headers: tuple[tuple[str, str], ...] = (),
+        **details: Any,
+    ) -> None:
+        super().__init__(message, **details)
+        self.http_status = status
+        self.http_slug = slug
+        self.headers = headers
+
+
+def parse_fields(text: str, where: str) -> list[tuple[str, str]]:
+    """Decode ``application/x-www-form-urlencoded`` text strictly.
+
+    Parameters
+    ----------
+    text
+        As sent, percent-encoded.
+    where
+        Named in the error: "query string" or "form".
+
+    Raises
+    ------
+    RefusedError
+        400 for a broken percent escape, text that is not UTF-8 or too many fields.
+
+    Examples
+    --------
+    >>> parse_fields("query=ASK%20%7B%7D&x=", "form")
+    [('query', 'ASK {}'), ('x', '')]
+    """
+    broken = _BROKEN_ESCAPE.search(text)
+    if broken:
+        near = text[broken.start() : broken.start() + 12]
+        raise RefusedError(400, "usage", f"broken percent escape in the {where}: {near!r}")
+    try:
+        return parse_qsl(text, keep_blank_values=True, errors="strict", max_num_fields=_MAX_FIELDS)
+    except UnicodeDecodeError:
+        raise RefusedError(400, "usage", f"the {where} is not UTF-8") from None
+    except ValueError:
+        raise RefusedError(400, "usage", f"more than {_MAX_FIELDS} fields in the {where}") from None
+
+
+def split_media_type(value: str) -> tuple[str, dict[str, str]]:
+    """Split a Content-Type into the lower-case media type and its parameters.
+
+    Examples
+    --------
+    >>> split_media_type('Text/Turtle; charset="UTF-8"')
+    ('text/turtle', {'charset': 'UTF-8'})
+    """
+    media_type, *rest = value.split(";")
+    parameters = {}
+    for item in rest:
+        name, _, text = item.partition("=")
+        if name.strip():
+            parameters[name.strip().lower()] = text.strip().strip('"')
+    return media_type.strip().lower(), parameters
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a client sent.
+
+    Parameters
+    ----------
+    method
+        Upper case.
+    raw_path
+        The path exactly as sent: percent-encoding is not normalised (``%31`` and ``1`` differ).
+    query_string
+        As sent, without the question mark.
+    headers
+        Names in lower case; repeated fields joined by a comma.
+    body
+        Whole.
+    site
+        Scheme and authority as the client wrote them, ``http://127.0.0.1:8765``.
+    client
+        Address of the other end, for the log.
+    """
+
+    method: str
+    raw_path: str
+    query_string: str = ""
+    headers: Mapping[str, str] = field(default_factory=dict)
+    body: bytes = b""
+    site: str = "http://localhost"
+    client: str = ""
+
+    @cached_property
+    def path(self) -> str:
+        """The decoded path."""
+        return unquote(self.raw_path)
+
+    @property
+    def url(self) -> str:
+        """The request URL without its query."""
+        return self.site + self.raw_path
+
+    @cached_property
+    def parameters(self) -> list[tuple[str, str]]:
+        """The decoded fields of the query string, in order."""
+        return parse_fields(self.query_string, "query string")
+
+    def values(self, name: str) -> list[str]:
+        """Return all values of a query-string field."""
+        return [value for key, value in self.parameters if key == name]
+
+    def header(self, name: str, default: str = "") -> str:
+        """Return a header by its lower-case name."""
+        return self.headers.get(name, default)
+
+    @cached_property
+    def content_type(self) -> tuple[str, dict[str, str]]:
+        """Media type and parameters of the body; ``("", {})`` when the header is missing."""
+        return split_media_type(self.header("content-type"))
+
+
+@dataclass(frozen=True)
+class Response:
+    """What goes back.
+
+    Parameters
+    ----------
+    status
+        Three digits.
+    body
+        Whole; left out by the server for HEAD.
+    media_type
+        Content-Type; none for an empty body.
+    headers
+        Further header fields.
+    """
+
+    status: int = 200
+    body: bytes = b""
+    media_type: str = ""
+    headers: tuple[tuple[str, str], ...] = ()
+
+    def with_headers(self, *headers: tuple[str, str]) -> Response:
+        """Return a copy with further header fields."""
+        return replace(self, headers=(*self.headers, *headers))
+
+    def header_list(self) -> list[tuple[str, str]]:
+        """Return all header fields, Content-Type included."""
+        own = list(self.headers)
+        if self.media_type:
+            own.insert(0, ("Content-Type", self.media_type))
+        return own

@@ -1,0 +1,280 @@
+"""Whole graphs over HTTP: SPARQL 1.1 Graph Store HTTP Protocol.
+
+`?default` is the graph that statements without a graph go to: in a plain store the default graph,
+else the caller's own graph or the shared one. What is put there is what is read back.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import uuid
+from dataclasses import dataclass
+from email.parser import BytesParser
+from email.policy import HTTP
+from pathlib import PurePosixPath
+
+from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
+
+from endpoint.auth import Authenticator, Caller
+from endpoint.config import Config
+from endpoint.exchange import RefusedError, Request, Response, split_media_type
+from endpoint.protocol import negotiation
+from endpoint.protocol.request import absolute_iri
+from endpoint.protocol.run import Plan
+from rtask.errors import VersionConflictError
+from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.terms import Graph
+from rtask.kb.transaction import Transaction
+
+ADDRESS = "/store"
+METHODS = ("GET", "HEAD", "PUT", "POST", "DELETE", "OPTIONS")
+FORMATS = {
+    "text/turtle": "turtle",
+    "application/x-turtle": "turtle",
+    "application/n-triples": "nt",
+    "application/rdf+xml": "rdfxml",
+    "application/ld+json": "jsonld",
+    "text/n3": "n3",
+    "application/n-quads": "nquads",
+    "application/trig": "trig",
+}
+_SUFFIXES = {
+    ".ttl": "turtle",
+    ".nt": "nt",
+    ".rdf": "rdfxml",
+    ".jsonld": "jsonld",
+    ".n3": "n3",
+    ".nq": "nquads",
+    ".trig": "trig",
+}
+_QUADS = ("nquads", "trig")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One document of a request body; `format` as the loader names it."""
+
+    data: bytes
+    format: str
+
+
+class GraphStore:
+    """The addresses below ``/store``.
+
+    Parameters
+    ----------
+    kb
+        Where the graphs are.
+    auth
+        Decides who writes at all.
+    config
+        Public address and profile.
+    """
+
+    def __init__(self, kb: KnowledgeBase, auth: Authenticator, config: Config) -> None:
+        self._kb = kb
+        self._auth = auth
+        self._config = config
+
+    def plan(self, request: Request, caller: Caller) -> Plan:
+        """Prepare a request.
+
+        Raises
+        ------
+        RefusedError
+            400, 405, 406 or 415 with what to do instead.
+        """
+        if request.method not in METHODS:
+            raise RefusedError(
+                405,
+                "method-not-allowed",
+                f"{request.method} is not allowed here; use {', '.join(METHODS)}",
+                headers=(("Allow", ", ".join(METHODS)),),
+            )
+        graph = self._target(request, caller)
+        if request.method in ("GET", "HEAD"):
+            return self._plan_read(request, graph)
+        self._auth.require_write(request, caller)
+        if request.method == "DELETE":
+            return Plan(lambda: self._delete(request, caller, graph))
+        parts = _parts(request)
+        write = self._put if request.method == "PUT" else self._post
+        return Plan(lambda: write(request, caller, graph, parts))
+
+    def _target(self, request: Request, caller: Caller) -> Graph | None:
+        """Return the graph a request is about; none for the whole dataset (GSP, 4.1 and 4.2)."""
+        names = request.values("graph")
+        default = any(name == "default" for name, _ in request.parameters)
+        if len(names) > 1 or (names and default):
+            raise RefusedError(400, "usage", "name one graph: `graph=<iri>` or `default`")
+        if names:
+            return NamedNode(absolute_iri(names[0], "graph"))
+        if default:
+            return self._kb.access(access=caller.access).home()
+        if request.raw_path.rstrip("/") == ADDRESS:
+            return None
+        return NamedNode(absolute_iri(request.url, "graph"))
+
+    # Reading
+
+    def _plan_read(self, request: Request, graph: Graph | None) -> Plan:
+        offers = negotiation.DATASET_TYPES if graph is None else negotiation.GRAPH_TYPES
+        media_type = negotiation.choose(request.header("accept"), offers)
+
+        def run() -> Response:
+            if graph is not None and not self._exists(graph):
+                raise _missing(graph)
+            body = self._read(graph, media_type)
+            etag = f'"{hashlib.sha256(body).hexdigest()[:16]}"'
+            headers = (("ETag", etag),)
+            if request.header("if-none-match") in (etag, "*"):
+                return Response(304, headers=headers)
+            return Response(200, body, negotiation.content_type(media_type), headers)
+
+        return Plan(run, self._config.timeout_s)
+
+    def _read(self, graph: Graph | None, media_type: str) -> bytes:
+        if graph is None:
+            out = io.BytesIO()
+            self._kb.dump(out, RdfFormat.from_media_type(media_type))
+            return out.getvalue()
+        return self._kb.serialize(f"CONSTRUCT {{ ?s ?p ?o }} WHERE {_pattern(graph)}", media_type)
+
+    def _exists(self, graph: Graph) -> bool:
+        """Tell whether a graph is there, empty ones included; the default graph always is."""
+        if isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
+            return True
+        return bool(self._kb.query(f"ASK {{ GRAPH <{graph.value}> {{}} }}"))
+
+    # Writing
+
+    def _put(
+        self, request: Request, caller: Caller, graph: Graph | None, parts: list[Part]
+    ) -> Response:
+        """Replace a graph, or every graph the caller may write (GSP, 5.3)."""
+        existed = graph is None or self._exists(graph)
+        self._check_preconditions(request, graph, existed)
+        with self._kb.transaction(access=caller.access, note="graph store PUT") as tx:
+            if graph is None:
+                tx.update("DROP ALL")
+            else:
+                tx.update(f"CLEAR SILENT {_reference(graph)}")
+            if isinstance(graph, NamedNode):
+                tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
+            self._load(tx, request, graph, parts)
+        return Response(204 if existed else 201)
+
+    def _post(
+        self, request: Request, caller: Caller, graph: Graph | None, parts: list[Part]
+    ) -> Response:
+        """Merge into a graph, or make a new one (GSP, 5.5)."""
+        headers: tuple[tuple[str, str], ...] = ()
+        if graph is None and not all(part.format in _QUADS for part in parts):
+            graph = NamedNode(f"{request.site}{ADDRESS}/{uuid.uuid4()}")
+            headers = (("Location", graph.value),)
+        existed = graph is None or self._exists(graph)
+        self._check_preconditions(request, graph, existed)
+        with self._kb.transaction(access=caller.access, note="graph store POST") as tx:
+            if isinstance(graph, NamedNode) and not existed:
+                tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
+            self._load(tx, request, graph, parts)
+        return Response(204 if existed else 201, headers=headers)
+
+    def _load(
+        self, tx: Transaction, request: Request, graph: Graph | None, parts: list[Part]
+    ) -> None:
+        where = graph if isinstance(graph, NamedNode) else None
+        base = where.value if where else request.url
+        for part in parts:
+            if graph is not None and part.format in _QUADS:
+                raise RefusedError(
+                    400, "usage", "a document with graphs of its own; send it to /store itself"
+                )
+            tx.load(part.data, part.format, graph=where, base=base)
+
+    def _delete(self, request: Request, caller: Caller, graph: Graph | None) -> Response:
+        """Remove a graph (GSP, 5.4); the default graph goes on existing, empty."""
+        existed = graph is None or self._exists(graph)
+        if graph is not None and not existed:
+            raise _missing(graph)
+        self._check_preconditions(request, graph, existed)
+        if graph is None:
+            text = "DROP ALL"
+        elif isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
+            text = f"CLEAR SILENT {_reference(graph)}"
+        else:
+            text = f"DROP {_reference(graph)}"
+        self._kb.update(text, access=caller.access, note="graph store DELETE")
+        return Response(204)
+
+    def _check_preconditions(self, request: Request, graph: Graph | None, existed: bool) -> None:
+        """Compare If-Match and If-None-Match (RFC 9110, 13.1)."""
+        if request.header("if-none-match") == "*" and existed:
+            raise VersionConflictError("the graph is there already")
+        wanted = request.header("if-match")
+        if not wanted:
+            return
+        current = ""
+        if existed and wanted != "*":
+            types = negotiation.DATASET_TYPES if graph is None else negotiation.GRAPH_TYPES
+            tags = [hashlib.sha256(self._read(graph, t)).hexdigest()[:16] for t in types]
+            current = next((f'"{tag}"' for tag in tags if f'"{tag}"' in wanted), "")
+        if not existed or (wanted != "*" and not current):
+            raise VersionConflictError("the graph is no longer the one that If-Match names")
+
+
+def _parts(request: Request) -> list[Part]:
+    """Read the documents of a body, each by its own Content-Type."""
+    media_type, _ = request.content_type
+    if media_type == "multipart/form-data":
+        return _multipart(request)
+    if not request.body.strip():
+        return []
+    return [Part(request.body, _format(media_type))]
+
+
+def _multipart(request: Request) -> list[Part]:
+    head = f"Content-Type: {request.header('content-type')}\r\n\r\n".encode()
+    message = BytesParser(policy=HTTP).parsebytes(head + request.body)
+    if not message.is_multipart():
+        raise RefusedError(400, "usage", "the multipart body has no parts; is the boundary right?")
+    parts = []
+    for piece in message.iter_parts():
+        data = piece.get_payload(decode=True)
+        assert isinstance(data, bytes)
+        if piece.get("Content-Type"):
+            format_ = _format(piece.get_content_type())
+        else:
+            format_ = _SUFFIXES.get(PurePosixPath(piece.get_filename() or "").suffix.lower(), "")
+        if not format_:
+            raise RefusedError(415, "unsupported-media-type", "a part without a Content-Type")
+        parts.append(Part(data, format_))
+    return parts
+
+
+def _format(media_type: str) -> str:
+    found = FORMATS.get(split_media_type(media_type)[0])
+    if not found:
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            f"Content-Type {media_type or '(none)'} is not RDF; use {', '.join(FORMATS)}",
+            headers=(("Accept", ", ".join(FORMATS)),),
+        )
+    return found
+
+
+def _pattern(graph: Graph) -> str:
+    if isinstance(graph, DefaultGraph):
+        return "{ ?s ?p ?o }"
+    return f"{{ GRAPH <{graph.value}> {{ ?s ?p ?o }} }}"
+
+
+def _reference(graph: Graph) -> str:
+    return "DEFAULT" if isinstance(graph, DefaultGraph) else f"GRAPH <{graph.value}>"
+
+
+def _missing(graph: Graph) -> RefusedError:
+    name = graph.value if isinstance(graph, NamedNode) else "the default graph"
+    return RefusedError(404, "not-found", f"no graph {name}", graph=name)

@@ -1,0 +1,31 @@
+"""The first page: what there is, ask it, who learned what."""
+
+from __future__ import annotations
+
+from endpoint.pages.objects import list_objects
+from endpoint.pages.render import Model, current_request, knowledge_base, page, select
+from endpoint.pages.robots import list_robots
+from endpoint.pages.workbench import DEFAULT_QUERY, samples
+from rtask import __version__
+
+SHOWN_OBJECTS = 24
+
+
+@page("/", "home.html", twin="/index.json")
+def home() -> Model:
+    """Three queries: counts, objects, robots."""
+    site = current_request().site
+    return {
+        "version": __version__,
+        "base": knowledge_base().base,
+        "counts": select("counts")[0],
+        "objects": list_objects(limit=SHOWN_OBJECTS),
+        "robots": list_robots(),
+        "addresses": {
+            "sparql": f"{site}/sparql",
+            "graph_store": f"{site}/store",
+            "robots": site.replace("http", "ws", 1) + "/",
+        },
+        "query": DEFAULT_QUERY,
+        "samples": samples(),
+    }

@@ -1,0 +1,205 @@
+"""How a model becomes a page or its JSON twin, and the headers that every page carries."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+from urllib.parse import quote, urlencode
+
+import flask
+from flask import Blueprint
+
+import ontology
+from endpoint.exchange import JSON_TYPE, Request, Response
+from endpoint.gateway import Gateway
+from endpoint.problems import details_of
+from rtask.errors import RtaskError
+from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.results import Solutions
+from rtask.kb.terms import NamedNode
+
+blueprint = Blueprint("pages", __name__)
+Model = dict[str, Any]
+PAGE_SIZE = 50
+PREFIXES = "".join(f"PREFIX {name}: <{iri}>\n" for name, iri in ontology.PREFIXES.items())
+_POLICY = (
+    "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; "
+    "frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Content-Security-Policy": _POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+
+
+def knowledge_base() -> KnowledgeBase:
+    """Return the knowledge base of the current application."""
+    return gateway().kb
+
+
+def gateway() -> Gateway:
+    """Return what answers programs in the current application."""
+    return cast(Gateway, flask.current_app.extensions["rtask"])
+
+
+def current_request() -> Request:
+    """Return the current request of Flask as one of ours.
+
+    The path as sent is kept by most servers in ``RAW_URI`` or ``REQUEST_URI``; without it the
+    decoded path is encoded again.
+    """
+    current = flask.request
+    sent = current.environ.get("RAW_URI") or current.environ.get("REQUEST_URI") or ""
+    raw_path = sent.split("?")[0] if sent.startswith("/") else quote(current.path, safe="/%:@")
+    return Request(
+        current.method,
+        raw_path,
+        current.query_string.decode("latin-1"),
+        {name.lower(): value for name, value in current.headers.items()},
+        current.get_data(cache=True) if current.method in ("POST", "PUT", "PATCH") else b"",
+        gateway().config.site(current.scheme, current.host),
+        current.remote_addr or "",
+    )
+
+
+def finish_page(response: flask.Response) -> flask.Response:
+    """Add the headers that keep hostile data harmless; what a response says itself stays."""
+    for name, value in _HEADERS.items():
+        response.headers.setdefault(name, value)
+    return response
+
+
+def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
+    """Register a function that builds a model: HTML at `rule`, the model at `twin`.
+
+    Parameters
+    ----------
+    rule
+        Address of the page.
+    template
+        Renders the model, whose members are its variables.
+    twin
+        Address of the JSON twin; `rule` plus ``.json`` unless given.
+    """
+
+    def register(build: Callable[[], Model]) -> Callable[[], Model]:
+        data_rule = twin or f"{rule}.json"
+
+        def html() -> str:
+            arguments = flask.request.query_string.decode("latin-1")
+            alternate = f"{data_rule}?{arguments}" if arguments else data_rule
+            return flask.render_template(template, alternate=alternate, **build())
+
+        def data() -> flask.Response:
+            text = json.dumps(build(), ensure_ascii=False, default=str)
+            return flask.Response(text, content_type=JSON_TYPE)
+
+        blueprint.add_url_rule(rule, build.__name__, html)
+        blueprint.add_url_rule(data_rule, f"{build.__name__}_json", data)
+        return build
+
+    return register
+
+
+def problem_page(error: RtaskError | None, response: Response) -> flask.Response:
+    """Render an error for people; the same details as programs get."""
+    details = details_of(error) if error else json.loads(response.body)
+    return flask.make_response(flask.render_template("problem.html", **details), response.status)
+
+
+def page_number() -> int:
+    """Return the wanted page of a list, from 1 on."""
+    return max(1, flask.request.args.get("page", 1, type=int))
+
+
+@cache
+def _query(name: str) -> str:
+    text = (Path(__file__).parent / "queries" / f"{name}.rq").read_text(encoding="utf-8")
+    return PREFIXES + text
+
+
+def solutions(
+    name: str, *, limit: int | None = None, offset: int = 0, **terms: NamedNode
+) -> Solutions:
+    """Run ONE of the queries beside this file.
+
+    Parameters
+    ----------
+    name
+        File name without its suffix.
+    limit, offset
+        Which rows, where the query itself leaves it open.
+    **terms
+        What stands for each ``$name`` of the text, inside sub-selects too.
+    """
+    text = re.sub(r"\$(\w+)", lambda match: str(terms[match.group(1)]), _query(name))
+    if limit is not None:
+        text += f"LIMIT {limit:d} OFFSET {offset:d}\n"
+    return knowledge_base().select(text)
+
+
+def select(name: str, **options: Any) -> list[Model]:
+    """Return the rows of :func:`solutions` as dictionaries of plain values."""
+    return solutions(name, **options).to_dicts()
+
+
+@blueprint.app_template_filter("short")
+def short(iri: str) -> str:
+    """Write an IRI as people read it: prefixed, or below the base of the knowledge base.
+
+    Examples
+    --------
+    >>> short("https://w3id.org/rtask-kg/ns#Mug")
+    'rt:Mug'
+    """
+    for name, start in ontology.PREFIXES.items():
+        if iri.startswith(start) and len(iri) > len(start):
+            return f"{name}:{iri[len(start) :]}"
+    if flask.has_app_context():
+        base = knowledge_base().base
+        if iri.startswith(base) and len(iri) > len(base):
+            return iri[len(base) :]
+    return iri
+
+
+@blueprint.app_template_filter("resource_url")
+def resource_url(iri: str) -> str:
+    """Return the address of the page about an IRI; IRIs travel in the query, never in the path."""
+    return f"/resource?{urlencode({'iri': iri})}"
+
+
+@blueprint.app_template_filter("object_url")
+def object_url(iri: str) -> str:
+    """Return the address of the page about an object."""
+    return f"/object?{urlencode({'iri': iri})}"
+
+
+@blueprint.app_template_filter("blob_url")
+def blob_url(sha256: str) -> str:
+    """Return the address of a blob's bytes."""
+    return f"/api/blobs/{quote(sha256)}"
+
+
+@blueprint.app_template_filter("query_url")
+def query_url(text: str) -> str:
+    """Return the address of the workbench with a query filled in and run."""
+    return f"/sparql?{urlencode({'query': text})}"
+
+
+@blueprint.app_template_filter("percent")
+def percent(value: float | None) -> str:
+    """Write a share; a dash where there is none."""
+    return "–" if value is None else f"{100 * value:.0f} %"
+
+
+@blueprint.app_template_filter("when")
+def when(value: object) -> str:
+    """Write a time of the graph to the second."""
+    return str(value)[:19].replace("T", " ") if value else "–"

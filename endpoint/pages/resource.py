@@ -1,0 +1,68 @@
+"""Everything the graph says about one IRI, stated and derived apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flask
+
+import ontology
+from endpoint.exchange import RefusedError
+from endpoint.pages.render import Model, knowledge_base, page, solutions
+from rtask.kb.terms import Literal, NamedNode, iri
+
+MAX_INCOMING = 50
+
+
+@page("/resource", "resource.html")
+def resource() -> Model:
+    """Two queries: statements about it, statements that name it."""
+    asked = flask.request.args.get("iri", "").strip()
+    if not asked:
+        raise RefusedError(400, "usage", "which one? /resource?iri=<IRI>, or a prefixed name")
+    name = expand(asked)
+    outgoing = solutions("resource_outgoing", resource=iri(name))
+    incoming = solutions("resource_incoming", resource=iri(name))
+    if not outgoing and not incoming:
+        raise RefusedError(404, "not-found", f"the graph says nothing about {name}")
+    inferred = knowledge_base().graphs.inferred.value
+    statements = [
+        {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
+        for row in outgoing
+    ]
+    return {
+        "iri": name,
+        "stated": [s for s in statements if s["graph"] != inferred],
+        "derived": [s for s in statements if s["graph"] == inferred],
+        "incoming": [
+            {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
+            for row in incoming[:MAX_INCOMING]
+        ],
+        "more_incoming": len(incoming) > MAX_INCOMING,
+    }
+
+
+def expand(name: str) -> str:
+    """Return the IRI of a prefixed name; other text as it is.
+
+    Examples
+    --------
+    >>> expand("rt:Mug") == ontology.NS + "Mug", expand("http://example.org/")
+    (True, 'http://example.org/')
+    """
+    prefix, colon, local = name.partition(":")
+    if colon and prefix in ontology.PREFIXES:
+        return ontology.PREFIXES[prefix] + local
+    return name
+
+
+def _term(term: Any) -> dict[str, str]:
+    """Return a term for a page: what kind, its text, and where it matters language or datatype."""
+    if isinstance(term, NamedNode):
+        return {"kind": "iri", "text": term.value}
+    if isinstance(term, Literal):
+        shown = {"kind": "literal", "text": term.value}
+        if term.language:
+            return {**shown, "language": term.language}
+        return {**shown, "datatype": term.datatype.value}
+    return {"kind": "other", "text": str(term)}

@@ -1,0 +1,1 @@
+"""Resources for clients that speak no SPARQL."""

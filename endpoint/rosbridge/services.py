@@ -1,0 +1,128 @@
+"""The table of services that `call_service` finds, and what they may do."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rtask.errors import UnknownTermError
+from rtask.kb.access import Access
+
+JsonObject = dict[str, Any]
+Handler = Callable[[JsonObject, Access], JsonObject]
+
+
+class Operation(Protocol):
+    """What is used of an operation of the engine."""
+
+    @property
+    def scope(self) -> str:
+        """Right that a caller needs."""
+
+    @property
+    def summary(self) -> str:
+        """One line for lists."""
+
+
+class Engine(Protocol):
+    """What is used of :class:`rtask.engine.Engine`."""
+
+    @property
+    def operations(self) -> Mapping[str, Operation]:
+        """All operations by name."""
+
+    def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
+        """Carry out one operation."""
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service.
+
+    Parameters
+    ----------
+    name
+        With the leading slash, ``/rtask/recognise_for_grasp``.
+    type
+        ROS name of its type.
+    scope
+        ``read``, ``call``, ``write`` or ``teach``.
+    handler
+        Takes the arguments and the caller's rights, returns the answer.
+    inline
+        Answered by the reader at once: short, and never behind a queue.
+    """
+
+    name: str
+    type: str
+    scope: str
+    handler: Handler
+    inline: bool = False
+
+
+class ServiceTable:
+    """Services by name.
+
+    Examples
+    --------
+    >>> table = ServiceTable([Service("/rtask/ping", "rtask/Ping", "read", lambda a, who: {})])
+    >>> table.find("rtask/ping").type
+    'rtask/Ping'
+    >>> table.find("/rtask/pign")
+    Traceback (most recent call last):
+    rtask.errors.UnknownTermError: Service /rtask/pign does not exist; did you mean /rtask/ping?
+    """
+
+    def __init__(self, services: list[Service]) -> None:
+        self._services = {service.name: service for service in services}
+
+    def add(self, service: Service) -> None:
+        """Add a service."""
+        self._services[service.name] = service
+
+    def find(self, name: str) -> Service:
+        """Return a service by its name, with or without the leading slash.
+
+        Raises
+        ------
+        UnknownTermError
+            With the nearest name.
+        """
+        wanted = "/" + name.lstrip("/")
+        if wanted in self._services:
+            return self._services[wanted]
+        near = difflib.get_close_matches(wanted, self._services, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise UnknownTermError(f"Service {wanted} does not exist{hint}")
+
+    def __iter__(self) -> Any:
+        return iter(sorted(self._services.values(), key=lambda service: service.name))
+
+    def __len__(self) -> int:
+        return len(self._services)
+
+
+def ros_type(operation: str) -> str:
+    """Return the ROS type of an operation.
+
+    Examples
+    --------
+    >>> ros_type("recognise_for_grasp")
+    'rtask/RecogniseForGrasp'
+    """
+    return "rtask/" + "".join(part.capitalize() for part in re.split(r"[_\W]+", operation))
+
+
+def engine_services(engine: Engine) -> list[Service]:
+    """Return one service for each operation of the engine."""
+
+    def handler(operation: str) -> Handler:
+        return lambda args, access: engine.call(operation, args, access)
+
+    return [
+        Service(f"/rtask/{name}", ros_type(name), operation.scope, handler(name))
+        for name, operation in engine.operations.items()
+    ]

@@ -1,0 +1,198 @@
+"""Topics: whoever publishes reaches every subscriber, robots and the server alike."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from rtask.errors import UsageError
+
+RESERVED = ("/rtask/", "/rosapi/", "/services/")
+MAX_SUBSCRIPTIONS = 500
+MAX_TOPICS_PER_SESSION = 200
+MAX_LATCHED = 1_000
+MAX_LATCHED_BYTES = 1 << 20
+
+Deliver = Callable[[str, str], None]
+
+
+@dataclass
+class Subscriber:
+    """One session's interest in one topic; it gets one copy of each message.
+
+    Parameters
+    ----------
+    deliver
+        Takes the text of a message and the topic it belongs to.
+    throttles_ms
+        Wanted pause between messages, by subscription id; the shortest wins.
+    last_sent
+        Monotonic time of the last message, s.
+    """
+
+    deliver: Deliver
+    throttles_ms: dict[Any, float] = field(default_factory=dict)
+    last_sent: float = float("-inf")
+
+    def is_due(self, now: float) -> bool:
+        """Tell whether a message may go out now, and take note of it."""
+        if (now - self.last_sent) * 1_000 < min(self.throttles_ms.values(), default=0.0):
+            return False
+        self.last_sent = now
+        return True
+
+
+@dataclass
+class Topic:
+    """A topic that somebody advertised, published to or subscribed to."""
+
+    type: str = ""
+    advertisers: set[int] = field(default_factory=set)
+    subscribers: dict[int, Subscriber] = field(default_factory=dict)
+    latched: str = ""
+
+    @property
+    def is_unused(self) -> bool:
+        """Whether nobody has anything to do with it any more."""
+        return not self.advertisers and not self.subscribers and not self.latched
+
+
+class Topics:
+    """All topics of a server. Sessions are known by a number; texts go out without the lock held.
+
+    Examples
+    --------
+    >>> topics, heard = Topics(), []
+    >>> topics.subscribe(1, "/battery", None, 0, lambda text, topic: heard.append(text))
+    >>> topics.publish(2, "/battery", {"percent": 80})
+    >>> heard
+    ['{"op":"publish","topic":"/battery","msg":{"percent":80}}']
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._topics: dict[str, Topic] = {}
+
+    def advertise(self, session: int, name: str, type_: str) -> None:
+        """Announce messages; the first advertiser fixes the type.
+
+        Raises
+        ------
+        UsageError
+            Reserved name, another type, too many topics.
+        """
+        self._refuse_reserved(name)
+        with self._lock:
+            topic = self._topics.setdefault(name, Topic())
+            if topic.type and type_ and topic.type != type_:
+                raise UsageError(f"topic {name} has type {topic.type}, not {type_}")
+            count = sum(session in other.advertisers for other in self._topics.values())
+            if count >= MAX_TOPICS_PER_SESSION:
+                raise UsageError(f"more than {MAX_TOPICS_PER_SESSION} topics advertised")
+            topic.type = topic.type or type_
+            topic.advertisers.add(session)
+
+    def unadvertise(self, session: int, name: str) -> bool:
+        """Take an announcement back; tell whether there was one."""
+        with self._lock:
+            topic = self._topics.get(name)
+            if topic is None or session not in topic.advertisers:
+                return False
+            topic.advertisers.discard(session)
+            self._tidy(name)
+            return True
+
+    def subscribe(
+        self, session: int, name: str, id_: Any, throttle_ms: float, deliver: Deliver
+    ) -> None:
+        """Ask for the messages of a topic, which need not exist yet.
+
+        Raises
+        ------
+        UsageError
+            Too many subscriptions.
+        """
+        with self._lock:
+            topic = self._topics.setdefault(name, Topic())
+            held = sum(session in other.subscribers for other in self._topics.values())
+            if held >= MAX_SUBSCRIPTIONS and session not in topic.subscribers:
+                raise UsageError(f"more than {MAX_SUBSCRIPTIONS} subscriptions")
+            subscriber = topic.subscribers.setdefault(session, Subscriber(deliver))
+            subscriber.throttles_ms[id_] = throttle_ms
+            latched = topic.latched
+        if latched:
+            deliver(latched, name)
+
+    def unsubscribe(self, session: int, name: str, id_: Any = None) -> None:
+        """End one subscription, or without an id all of this session on the topic."""
+        with self._lock:
+            topic = self._topics.get(name)
+            subscriber = topic.subscribers.get(session) if topic else None
+            if topic is None or subscriber is None:
+                return
+            if id_ is not None:
+                subscriber.throttles_ms.pop(id_, None)
+            if id_ is None or not subscriber.throttles_ms:
+                del topic.subscribers[session]
+            self._tidy(name)
+
+    def publish(self, session: int, name: str, message: Any, *, latch: bool = False) -> None:
+        """Send a message of a robot to all subscribers, itself included."""
+        self._refuse_reserved(name)
+        self._send(name, message, latch)
+
+    def announce(self, name: str, type_: str, message: Any) -> None:
+        """Send a message of the server itself."""
+        with self._lock:
+            self._topics.setdefault(name, Topic(type_)).type = type_
+        self._send(name, message, latch=False)
+
+    def _send(self, name: str, message: Any, latch: bool) -> None:
+        text = json.dumps(
+            {"op": "publish", "topic": name, "msg": message},
+            allow_nan=False,
+            ensure_ascii=False,
+            separators=(",", ":"),
+        )
+        now = time.monotonic()
+        with self._lock:
+            topic = self._topics.setdefault(name, Topic())
+            if latch and len(text) <= MAX_LATCHED_BYTES:
+                self._latch(topic, text)
+            due = [s for s in topic.subscribers.values() if s.is_due(now)]
+            self._tidy(name)
+        for subscriber in due:
+            subscriber.deliver(text, name)
+
+    def _latch(self, topic: Topic, text: str) -> None:
+        topic.latched = text
+        latched = [other for other in self._topics.values() if other.latched]
+        if len(latched) > MAX_LATCHED:
+            latched[0].latched = ""
+
+    def leave(self, session: int) -> None:
+        """Forget a session that ended."""
+        with self._lock:
+            for name in list(self._topics):
+                topic = self._topics[name]
+                topic.advertisers.discard(session)
+                topic.subscribers.pop(session, None)
+                self._tidy(name)
+
+    def listing(self) -> list[tuple[str, str]]:
+        """Return names and types, sorted."""
+        with self._lock:
+            return sorted((name, topic.type) for name, topic in self._topics.items())
+
+    def _tidy(self, name: str) -> None:
+        if self._topics[name].is_unused and not name.startswith(RESERVED):
+            del self._topics[name]
+
+    @staticmethod
+    def _refuse_reserved(name: str) -> None:
+        if name.startswith(RESERVED):
+            raise UsageError(f"names below {', '.join(RESERVED)} belong to the server: {name}")

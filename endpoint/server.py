@@ -1,0 +1,205 @@
+"""Put everything together and serve it until told to stop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import FrameType
+
+import uvicorn
+
+from endpoint.app import create_app
+from endpoint.asgi import Front
+from endpoint.config import Config, is_loopback
+from endpoint.gateway import Gateway
+from endpoint.rosbridge.services import Engine
+from endpoint.rosbridge.session import Bridge
+from endpoint.tokens import TokenStore
+from rtask.errors import RtaskError, UsageError
+from rtask.kb.commit import Change
+from rtask.kb.knowledge_base import KnowledgeBase
+
+_log = logging.getLogger(__name__)
+GRACE_S = 15
+THREAD_STACK_BYTES = 16 << 20
+
+
+class PortInUseError(RtaskError):
+    """Another program listens at the address already."""
+
+    exit_code = 1
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Bind a listening socket; port 0 takes any free one.
+
+    Raises
+    ------
+    PortInUseError
+        Somebody else has the port.
+    UsageError
+        The address is not one of this machine.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+        listener.listen(2048)
+    except OSError as error:
+        listener.close()
+        if isinstance(error, socket.gaierror) or error.errno == 99:
+            raise UsageError(f"cannot listen at {host}: {error.strerror}") from None
+        raise PortInUseError(
+            f"cannot listen at {host}:{port}: {error.strerror}; -p 0 takes a free port"
+        ) from None
+    return listener
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a server is made of."""
+
+    kb: KnowledgeBase
+    engine: Engine
+    tokens: TokenStore
+    config: Config
+
+
+def check_exposure(tokens: TokenStore, config: Config) -> None:
+    """Refuse to be reachable from elsewhere while nobody needs a token.
+
+    Raises
+    ------
+    UsageError
+        Saying how to make a token.
+    """
+    if not is_loopback(config.host) and not tokens.ever_issued():
+        raise UsageError(
+            f"{config.host} is reachable from other machines and no token exists; make one first: "
+            "rtask token create --data DIR --role admin"
+        )
+
+
+def serve(parts: Parts, listener: socket.socket, on_ready: Callable[[str], None]) -> None:
+    """Serve until SIGINT or SIGTERM; returns when everything has ended.
+
+    Parameters
+    ----------
+    parts
+        Knowledge base, engine, tokens, settings. The caller closes them.
+    listener
+        Bound already.
+    on_ready
+        Called with the address once requests are answered.
+    """
+    # Parsing nests on the stack; the threads that run queries get a deep one.
+    threading.stack_size(THREAD_STACK_BYTES)
+    host, port = listener.getsockname()[:2]
+    url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
+    gateway = Gateway(parts.kb, parts.engine, parts.tokens, replace(parts.config, host=host))
+    bridge = Bridge(parts.engine)
+    pages = create_app(parts.kb, parts.engine, parts.tokens, gateway.config, gateway)
+    front = Front(gateway, bridge, pages)
+    server = uvicorn.Server(_settings(front, parts.config))
+    stop_announcing = parts.kb.on_commit(lambda change: _announce(bridge, change))
+    try:
+        asyncio.run(_run(server, front, listener, lambda: on_ready(url)))
+    finally:
+        stop_announcing()
+        bridge.close()
+        gateway.close()
+
+
+def _settings(front: Front, config: Config) -> uvicorn.Config:
+    return uvicorn.Config(
+        front,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        lifespan="on",
+        ws="websockets-sansio",
+        ws_max_size=config.max_message_bytes,
+        ws_ping_interval=30.0,
+        # A pong cannot overtake an upload that is under way; be patient with slow links.
+        ws_ping_timeout=120.0,
+        ws_per_message_deflate=False,
+        proxy_headers=False,
+        timeout_graceful_shutdown=GRACE_S,
+        h11_max_incomplete_event_size=32 << 10,
+    )
+
+
+async def _run(
+    server: uvicorn.Server, front: Front, listener: socket.socket, on_ready: Callable[[], None]
+) -> None:
+    """Run the server; robots are told to go before it waits for connections to end."""
+    stopping = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    with _signals(server, loop, stopping):
+        serving = asyncio.create_task(server.serve(sockets=[listener]))
+        while not server.started and not serving.done():
+            await asyncio.sleep(0.005)
+        if server.started:
+            on_ready()
+        waiting = asyncio.create_task(stopping.wait())
+        await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
+        await front.connections.close_all()
+        server.should_exit = True
+        await serving
+        waiting.cancel()
+
+
+@contextlib.contextmanager
+def _signals(
+    server: uvicorn.Server, loop: asyncio.AbstractEventLoop, stopping: asyncio.Event
+) -> Iterator[None]:
+    """End on the first SIGINT or SIGTERM in order, on the second at once."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if stopping.is_set():
+            server.force_exit = True
+        loop.call_soon_threadsafe(stopping.set)
+
+    # uvicorn sets its own handlers for the time it serves; ours close the robots first.
+    server.capture_signals = contextlib.nullcontext  # type: ignore[method-assign,assignment]
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _announce(bridge: Bridge, change: Change) -> None:
+    """Tell robots that subscribed to `/rtask/changes` what was written."""
+    bridge.topics.announce(
+        "/rtask/changes",
+        "rtask/Change",
+        {
+            "commit": change.commit.seq,
+            "agent": change.agent or "",
+            "graphs": sorted(getattr(graph, "value", "") for graph in change.graphs),
+            "added": change.commit.added,
+            "removed": change.commit.removed,
+            "derived": change.commit.derived,
+        },
+    )
+
+
+def data_folder(data: str | None, *, temporary: bool) -> Path | None:
+    """Return the folder to serve; none keeps everything in memory."""
+    if temporary:
+        return None
+    return Path(data) if data else Path.home() / ".local" / "share" / "rtask" / "store"
