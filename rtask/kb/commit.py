@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from pyoxigraph import Quad
@@ -19,6 +18,7 @@ from rtask.kb.blobs import PREFIX, BlobStore, digest_of
 from rtask.kb.catalogue import Catalogue, CommitRecord
 from rtask.kb.graphs import Graphs
 from rtask.kb.inference import Inference, Staged
+from rtask.kb.journal import Journal
 from rtask.kb.overlay import Overlay
 from rtask.kb.store import GraphStore
 from rtask.kb.terms import Graph, NamedNode
@@ -108,8 +108,8 @@ class Committer:
     ----------
     inference
         ``None`` where nobody reasons.
-    record
-        Called with the change before it is stored; the journal.
+    journal
+        Takes each change before it is stored.
     """
 
     store: GraphStore
@@ -118,7 +118,7 @@ class Committer:
     blobs: BlobStore
     catalogue: Catalogue
     inference: Inference | None
-    record: Callable[[CommitRecord, Writes], None]
+    journal: Journal
     last_seq: int = 0
     last_time: dt.datetime = _LONG_AGO
 
@@ -197,8 +197,12 @@ class Committer:
             list(change.created),
             list(change.dropped),
         )
-        self.record(record, writes)
-        apply(self.store, writes)
+        self.journal.append(record, everything)
+        try:
+            apply(self.store, writes)
+        except BaseException:
+            self.journal.withdraw()
+            raise
         if staged is not None:
             staged.apply()
         self._advance(record, notes, change)

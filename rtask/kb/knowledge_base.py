@@ -13,15 +13,13 @@ from pyoxigraph import Quad, RdfFormat
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb import query as queries
 from rtask.kb.access import Access
-from rtask.kb.blobs import BlobStore
 from rtask.kb.catalogue import Catalogue
 from rtask.kb.commit import Change, Commit, Request
 from rtask.kb.delta import UpdateDataset, run_update
+from rtask.kb.folder import Files
 from rtask.kb.inference import Inference
 from rtask.kb.query import Bindings, QueryDataset
 from rtask.kb.results import Solutions, Triples
-from rtask.kb.settings import Settings
-from rtask.kb.store import GraphStore
 from rtask.kb.terms import Graph, NamedNode, Subject, Value, iri, object_term, subject_term
 from rtask.kb.transaction import Transaction
 from rtask.kb.writer import Writer
@@ -53,25 +51,20 @@ class KnowledgeBase:
 
     def __init__(
         self,
-        store: GraphStore,
-        settings: Settings,
-        blobs: BlobStore,
+        files: Files,
         catalogue: Catalogue,
         inference: Inference | None,
         writer: Writer,
-        folder: Path | None,
-        on_close: Callable[[], None],
     ) -> None:
-        self.settings = settings
+        self.settings = files.settings
         self.graphs = catalogue.graphs
-        self.blobs = blobs
-        self.folder = folder
+        self.store = files.store
+        self.blobs = files.blobs
+        self.folder = files.folder
         self.catalogue = catalogue
-        self.store = store
+        self._files = files
         self._inference = inference
         self._writer = writer
-        self._on_close = on_close
-        self.publish: Callable[..., None] = _publish_nowhere
 
     @property
     def base(self) -> str:
@@ -352,17 +345,23 @@ class KnowledgeBase:
 
     # Life
 
-    def forbid_writing(self) -> None:
-        """Refuse writes from now on."""
-        self._writer.close()
+    def publish(self, **facts: Any) -> None:
+        """Tell others who find the folder locked more, e.g. the ``url`` that serves it."""
+        if self._files.lock is not None:
+            self._files.lock.publish(**facts)
+
+    def checkpoint(self) -> None:
+        """Make the store durable by itself, so that opening need not replay the journal."""
+        if self._files.checkpoints is not None:
+            with self._writer.exclusive():
+                self._files.checkpoints.make(self.seq)
 
     def close(self) -> None:
         """Finish the running write, make everything durable and let the folder go."""
         if not self.store.is_open:
             return
         self._writer.close()
-        self.store.close()
-        self._on_close()
+        self._files.close(self.seq)
 
     def __enter__(self) -> KnowledgeBase:
         return self
@@ -382,7 +381,3 @@ class KnowledgeBase:
     def __repr__(self) -> str:
         where = self.folder or "in memory"
         return f"<KnowledgeBase {where} base {self.base}>"
-
-
-def _publish_nowhere(**facts: Any) -> None:
-    """A store in memory has no lock that others could read."""

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pyoxigraph import Store
-
-from rtask.errors import StoreError, StoreFormatError, UnsupportedError, UsageError
-from rtask.kb.apply import Writes
-from rtask.kb.blobs import BlobStore
-from rtask.kb.catalogue import Catalogue, CommitRecord
+from rtask.errors import UnsupportedError, UsageError
+from rtask.kb.catalogue import Catalogue
 from rtask.kb.commit import Committer
+from rtask.kb.folder import (
+    Files,
+    find,
+    make,
+    open_for_reading,
+    open_for_writing,
+    open_in_memory,
+)
 from rtask.kb.graphs import Graphs
 from rtask.kb.inference import Inference
 from rtask.kb.knowledge_base import KnowledgeBase
-from rtask.kb.lock import FolderLock
+from rtask.kb.recovery import fill_gap
 from rtask.kb.settings import Settings
-from rtask.kb.store import GraphStore
 from rtask.kb.writer import Writer
+from rtask.loader.bundled import refresh
 
 __all__ = ["open_knowledge_base"]
 
@@ -31,9 +34,7 @@ _MODES = ("rw", "r", "new")
 @dataclass(frozen=True)
 class _Options:
     mode: str
-    base: str | None
-    flush: str
-    plain: bool
+    durable: bool
     reason: bool
     ontologies: bool
 
@@ -90,113 +91,61 @@ def open_knowledge_base(
     text = str(target)
     if text.startswith(("http://", "https://", "sparql+http")):
         raise UnsupportedError(f"{text}: remote stores are not available yet; open a folder")
-    options = _Options(mode, base, flush, plain, reason, ontologies)
+    options = _Options(mode, flush == "commit", reason, ontologies)
     if text == ":memory:":
-        return _in_memory(options)
-    return _in_folder(Path(text), options)
-
-
-def _in_memory(options: _Options) -> KnowledgeBase:
-    settings = Settings.new(options.base, options.plain)
-    kb = _assemble(GraphStore(Store()), settings, BlobStore(None), options, None, lambda: None)
-    _fill(kb, options)
-    return kb
-
-
-def _in_folder(folder: Path, options: _Options) -> KnowledgeBase:
-    settings = _find(folder, options)
+        return _assemble(open_in_memory(Settings.new(base, plain)), options)
+    folder = Path(text)
+    settings = find(folder, mode)
     if settings is None:
-        settings = _make(folder, options)
-    settings.require(folder, options.base, options.plain)
-    reading = options.mode == "r"
-    lock = FolderLock(folder, shared=reading)
+        settings = Settings.new(base, plain)
+        make(folder, settings)
+    settings.require(folder, base, plain)
+    if mode == "r":
+        return _assemble(open_for_reading(folder, settings), options)
+    return _assemble(open_for_writing(folder, settings, options.durable), options)
+
+
+def _assemble(files: Files, options: _Options) -> KnowledgeBase:
     try:
-        store = _open_store(folder, reading)
-        blobs = BlobStore(folder / "blobs", writable=not reading)
-        kb = _assemble(store, settings, blobs, options, folder, lock.release)
-        kb.publish = lock.publish
-        if reading:
-            kb.forbid_writing()
-        else:
-            _fill(kb, options)
+        kb = _connect(files, options)
+        if options.mode != "r":
+            _bring_up_to_date(kb, files, options)
     except BaseException:
-        lock.release()
+        files.abandon()
         raise
     return kb
 
 
-def _find(folder: Path, options: _Options) -> Settings | None:
-    """Return the settings of an existing knowledge base, ``None`` where one may be made."""
-    if folder.exists() and not folder.is_dir():
-        raise StoreFormatError(f"{folder} is a file; a knowledge base is a folder")
-    if (folder / "kb.json").exists():
-        if options.mode == "new":
-            raise StoreFormatError(f"{folder} is a knowledge base already; open it with mode='rw'")
-        return Settings.load(folder)
-    if options.mode == "r" or (folder.is_dir() and any(folder.iterdir())):
-        return Settings.load(folder)
-    return None
-
-
-def _make(folder: Path, options: _Options) -> Settings:
-    settings = Settings.new(options.base, options.plain)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        settings.save(folder)
-    except OSError as error:
-        raise StoreError(f"cannot make a knowledge base in {folder}: {error.strerror}") from error
-    return settings
-
-
-def _open_store(folder: Path, reading: bool) -> GraphStore:
-    path = str(folder / "store")
-    try:
-        return GraphStore(Store.read_only(path) if reading else Store(path))
-    except OSError as error:
-        raise StoreError(f"the store in {folder} cannot be opened: {error}") from error
-
-
-def _assemble(
-    store: GraphStore,
-    settings: Settings,
-    blobs: BlobStore,
-    options: _Options,
-    folder: Path | None,
-    on_close: Callable[[], None],
-) -> KnowledgeBase:
-    graphs = Graphs(settings.base)
-    catalogue = Catalogue(store, graphs)
+def _connect(files: Files, options: _Options) -> KnowledgeBase:
+    graphs = Graphs(files.settings.base)
+    catalogue = Catalogue(files.store, graphs)
     inference = None
     import reasoner
 
-    if options.reason and not settings.plain and hasattr(reasoner, "Closure"):
-        inference = Inference(store, graphs, catalogue.is_ontology)
+    if options.reason and not files.settings.plain and hasattr(reasoner, "Closure"):
+        inference = Inference(files.store, graphs, catalogue.is_ontology)
     committer = Committer(
-        store,
+        files.store,
         graphs,
-        settings.plain,
-        blobs,
+        files.settings.plain,
+        files.blobs,
         catalogue,
         inference,
-        _record_nothing,
-        last_seq=catalogue.seq,
+        files.journal,
+        last_seq=max(catalogue.seq, files.last_seq),
     )
-    writer = Writer(committer, lambda seq: None)
-    return KnowledgeBase(store, settings, blobs, catalogue, inference, writer, folder, on_close)
+    return KnowledgeBase(files, catalogue, inference, Writer(committer, files.checkpoints))
 
 
-def _record_nothing(record: CommitRecord, writes: Writes) -> None:
-    """Journal of a store in memory."""
-
-
-def _fill(kb: KnowledgeBase, options: _Options) -> None:
-    """Bring the bundled ontology and the inferred graph up to date."""
+def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> None:
+    """Number what a power cut left, mark the folder as open, renew what is derived."""
+    if files.checkpoints is not None:
+        fill_gap(files.checkpoints.journal, files.last_seq, kb.seq)
+        files.checkpoints.make(kb.seq)
     if kb.plain:
         return
     if options.ontologies:
-        from rtask.loader.bundled import refresh
-
         refresh(kb)
     if kb.reasons and kb.closure_behind():
         commit = kb.rebuild("inferred")
-        _log.info("derived again: +%d", commit.derived)
+        _log.info("derived again: +%d -%d", commit.added, commit.removed)

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from rtask.errors import ClosedError, UsageError
 from rtask.kb.commit import Change, Commit, Committer, Request
 from rtask.kb.overlay import Overlay
+from rtask.kb.recovery import Checkpoints
 
 __all__ = ["Writer"]
 
@@ -30,14 +31,13 @@ class Writer:
     ----------
     committer
         Decides and stores.
-    make_durable
-        Called with a commit's number after it was stored, without the lock; returns once that
-        commit and all before it survive a power cut.
+    checkpoints
+        Of a folder; ``None`` in memory.
     """
 
-    def __init__(self, committer: Committer, make_durable: Callable[[int], None]) -> None:
+    def __init__(self, committer: Committer, checkpoints: Checkpoints | None = None) -> None:
         self.committer = committer
-        self._make_durable = make_durable
+        self._checkpoints = checkpoints
         self._lock = threading.RLock()
         self._inside = False
         self._closed = False
@@ -74,8 +74,11 @@ class Writer:
             self.cancel()
         if overlay.is_empty():
             return change.commit
-        self._make_durable(change.commit.seq)
+        self.committer.journal.sync(change.commit.seq)
         self._announce(change.commit.seq)
+        if self._checkpoints is not None and self._checkpoints.is_due():
+            with self.exclusive():
+                self._checkpoints.make(self.committer.last_seq)
         return change.commit
 
     @contextlib.contextmanager
