@@ -1,0 +1,115 @@
+"""Fixtures: an engine whose answers are known beforehand, and sessions that talk to it."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from endpoint.rosbridge.session import Bridge, Session
+from rtask.errors import DataError
+from rtask.kb.access import Access
+
+SIMILAR = [
+    {"class": "1", "X": 0.5, "Y": 2.5, "Z": 1.5, "rad": 0.314, "label": "coke can"},
+    {"class": "2", "X": None, "Y": None, "Z": None, "rad": None, "label": "no grasp yet"},
+]
+
+
+@dataclass(frozen=True)
+class StandInOperation:
+    """What is asked of an operation before it is called."""
+
+    scope: str
+    summary: str = "for tests"
+
+
+class StandInEngine:
+    """An engine whose answers are known; it remembers what it was asked."""
+
+    def __init__(self) -> None:
+        self.operations = {
+            "search_object": StandInOperation("read"),
+            "insert_object": StandInOperation("write"),
+            "wait": StandInOperation("read"),
+            "fail": StandInOperation("read"),
+            "not_a_number": StandInOperation("read"),
+        }
+        self.asked: list[tuple[str, dict[str, Any], Access]] = []
+        self.gate = threading.Event()
+
+    def call(self, name: str, args: dict[str, Any], access: Access) -> dict[str, Any]:
+        """Answer an operation."""
+        self.asked.append((name, args, access))
+        if name == "wait":
+            self.gate.wait(10)
+            return {"waited": True}
+        if name == "fail":
+            raise RuntimeError("a secret of the inside")
+        if name == "not_a_number":
+            return {"value": float("nan")}
+        if name == "search_object":
+            if args.get("data", "").startswith("zc5p81"):
+                raise DataError("not a point cloud (unknown first bytes)")
+            return {"similar_objects": SIMILAR}
+        stored = [
+            {"object": f"urn:object:{i}", "class": "4", "new": True, "features": 212, "grasp": None}
+            for i, _ in enumerate(args["objects"])
+        ]
+        return {"stored": len(stored), "commit": 1, "objects": stored}
+
+    def close(self) -> None:
+        """Nothing to let go."""
+
+
+class Robot:
+    """One end of a conversation without sockets: says messages, keeps what it hears."""
+
+    def __init__(self, bridge: Bridge, access: Access) -> None:
+        self.heard: list[dict[str, Any]] = []
+        self.session = Session(bridge, self._hear, access)
+
+    def _hear(self, text: str, topic: str = "") -> None:
+        self.heard.append(json.loads(text))
+
+    def say(self, message: Any) -> None:
+        """Send a message: an object, or text as it is."""
+        self.session.feed(message if isinstance(message, str) else json.dumps(message))
+
+    def ask(self, message: Any) -> dict[str, Any]:
+        """Send a message and wait for what comes next."""
+        before = len(self.heard)
+        self.say(message)
+        deadline = time.monotonic() + 10
+        while len(self.heard) == before:
+            assert time.monotonic() < deadline, f"no answer to {str(message)[:200]}"
+            time.sleep(0.001)
+        return self.heard[before]
+
+
+@pytest.fixture
+def engine() -> StandInEngine:
+    return StandInEngine()
+
+
+@pytest.fixture
+def bridge(engine: StandInEngine) -> Iterator[Bridge]:
+    bridge = Bridge(engine)
+    yield bridge
+    engine.gate.set()
+    bridge.close()
+
+
+@pytest.fixture
+def connect(bridge: Bridge) -> Callable[..., Robot]:
+    """Connect a robot: ``connect()`` or ``connect(Access("nao-1", "robot"))``."""
+
+    def make(access: Access | None = None) -> Robot:
+        return Robot(bridge, access or Access(None, "anonymous"))
+
+    return make

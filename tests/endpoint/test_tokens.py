@@ -1,0 +1,113 @@
+"""Tokens: shown once, kept as digests, revoked at once."""
+
+from __future__ import annotations
+
+import stat
+from contextlib import closing
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from endpoint.tokens import TokenStore
+from rtask.errors import AuthenticationError, UsageError
+
+
+def test_a_token_gives_the_rights_of_its_robot(tmp_path: Path) -> None:
+    with closing(TokenStore(tmp_path)) as tokens:
+        text, made = tokens.create("robot", agent="nao-1")
+        assert text.startswith(f"rtk_{made.id}_")
+        found = tokens.authenticate(text)
+    assert (found.access.agent, found.access.role) == ("nao-1", "robot")
+
+
+def test_the_secret_is_nowhere_in_the_file_and_nobody_else_reads_it(tmp_path: Path) -> None:
+    with closing(TokenStore(tmp_path)) as tokens:
+        text, _ = tokens.create("admin")
+    file = tmp_path / "tokens.sqlite"
+    secret = text.split("_")[2]
+    assert secret.encode() not in file.read_bytes()
+    assert bytes.fromhex(secret) not in file.read_bytes()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+def test_an_existing_file_with_a_loose_mode_is_tightened(tmp_path: Path) -> None:
+    (tmp_path / "tokens.sqlite").touch(mode=0o644)
+    TokenStore(tmp_path).close()
+    assert stat.S_IMODE((tmp_path / "tokens.sqlite").stat().st_mode) == 0o600
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text[:-1] + ("0" if text[-1] != "0" else "1"),
+        lambda text: "rtk_" + "0" * 12 + text[16:],
+        lambda text: text.upper(),
+        lambda text: text + " ",
+        lambda text: "",
+        lambda text: "rtk_' OR 1=1 --_" + "0" * 32,
+    ],
+)
+def test_a_text_that_is_not_exactly_a_token_opens_nothing(change: object) -> None:
+    with closing(TokenStore(None)) as tokens:
+        text, _ = tokens.create("admin")
+        with pytest.raises(AuthenticationError, match="not a token") as caught:
+            tokens.authenticate(change(text))  # type: ignore[operator]
+    assert text.split("_")[2] not in str(caught.value)
+
+
+def test_revoking_holds_at_once_in_every_process(tmp_path: Path) -> None:
+    with closing(TokenStore(tmp_path)) as server, closing(TokenStore(tmp_path)) as operator:
+        text, made = operator.create("robot", agent="nao-1")
+        assert server.authenticate(text).id == made.id
+        assert operator.revoke(made.id)
+        with pytest.raises(AuthenticationError, match="revoked"):
+            server.authenticate(text)
+        assert not server.is_valid(made.id)
+        assert not operator.revoke(made.id)
+
+
+def test_a_token_expires() -> None:
+    with closing(TokenStore(None)) as tokens:
+        text, _ = tokens.create("reader", lifetime=timedelta(seconds=-1))
+        with pytest.raises(AuthenticationError, match="expired"):
+            tokens.authenticate(text)
+        lasting, _ = tokens.create("reader", lifetime=timedelta(hours=1))
+        assert tokens.authenticate(lasting).expires
+
+
+def test_a_store_remembers_that_tokens_were_issued_even_when_all_are_revoked(
+    tmp_path: Path,
+) -> None:
+    with closing(TokenStore(tmp_path)) as tokens:
+        assert not tokens.ever_issued()
+        _, made = tokens.create("admin")
+        tokens.revoke(made.id)
+        assert tokens.ever_issued()
+    with closing(TokenStore(tmp_path)) as again:
+        assert again.ever_issued()
+
+
+@pytest.mark.parametrize(
+    ("role", "agent", "part"),
+    [
+        ("king", None, "unknown role"),
+        ("robot", None, "needs the name"),
+        ("teacher", None, "needs the name"),
+        ("robot", "a/b", "is no name"),
+        ("robot", "../x", "is no name"),
+        ("robot", "", "is no name"),
+        ("robot", "x" * 65, "is no name"),
+    ],
+)
+def test_a_token_without_a_sound_owner_is_not_made(role: str, agent: str | None, part: str) -> None:
+    with closing(TokenStore(None)) as tokens, pytest.raises(UsageError, match=part):
+        tokens.create(role, agent=agent)
+
+
+def test_the_list_has_everything_but_the_secret() -> None:
+    with closing(TokenStore(None)) as tokens:
+        text, made = tokens.create("robot", agent="nao-1")
+        listed = tokens.all()
+    assert listed == [made]
+    assert text.split("_")[2] not in repr(listed)
