@@ -1,0 +1,34 @@
+"""The questions that the vocabulary exists to answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ontology
+
+QUERIES = ontology.queries()
+
+
+def _header(text: str, word: str) -> str:
+    lines = [line for line in text.splitlines() if line.startswith(f"# {word}: ")]
+    assert len(lines) == 1, f"a query has one '# {word}:' line"
+    return lines[0].removeprefix(f"# {word}: ")
+
+
+def test_there_are_twenty_questions() -> None:
+    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 21)]
+
+
+@pytest.fixture(scope="module", params=["engine", "owlrl"])
+def sample_closed(request: pytest.FixtureRequest):  # type: ignore[no-untyped-def]
+    return request.getfixturevalue(f"closed_by_{request.param}")
+
+
+@pytest.mark.parametrize("path", QUERIES, ids=lambda path: path.stem)
+def test_question_has_its_answer(path: Path, sample_closed) -> None:  # type: ignore[no-untyped-def]
+    text = path.read_text()
+    assert _header(text, "question").endswith("?")
+    expected = sorted(tuple(row.split()) for row in _header(text, "expected").split("; "))
+    assert sorted(sample_closed.rows(text)) == expected

@@ -1,0 +1,231 @@
+"""The shapes accept the sample and report every planted fault, with shape and place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pyoxigraph as ox
+import pyshacl
+import pytest
+import rdflib
+
+import ontology
+
+SAMPLE = rdflib.Namespace(ontology.BASE + "sample/")
+SHAPES = rdflib.Namespace("https://w3id.org/rtask-kg/shapes#")
+SH = rdflib.Namespace(ontology.PREFIXES["sh"])
+PREFIXES = "".join(f"PREFIX {p}: <{iri}>\n" for p, iri in ontology.PREFIXES.items())
+PREFIXES += f"PREFIX : <{SAMPLE}>\n"
+
+
+def _graph(triples: Iterable[tuple[object, object, object]]) -> rdflib.Graph:
+    lines = "\n".join(f"{s} {p} {o} ." for s, p, o in triples)
+    return rdflib.Graph().parse(data=lines, format="nt")
+
+
+def _shapes(paths: list[Path]) -> rdflib.Graph:
+    graph = rdflib.Graph()
+    for path in paths:
+        graph.parse(path)
+    return graph
+
+
+@pytest.fixture(scope="module")
+def shapes() -> rdflib.Graph:
+    return _shapes(ontology.shapes())
+
+
+@pytest.fixture(scope="module")
+def individuals(closed, sample: list[ox.Quad]) -> rdflib.Graph:  # type: ignore[no-untyped-def]
+    """What the closed sample says about its own individuals."""
+    known = {quad.subject for quad in sample}
+    return _graph(triple for triple in closed.triples() if triple[0] in known)
+
+
+def _violations(
+    data: rdflib.Graph, shapes: rdflib.Graph, use: list[rdflib.URIRef] | None = None
+) -> set[tuple[str, str]]:
+    """Return (local name of the focus node, local name of the shape) of each result."""
+    _, report, _ = pyshacl.validate(
+        data, shacl_graph=shapes, inference="none", advanced=True, use_shapes=use
+    )
+    assert isinstance(report, rdflib.Graph)
+    found = set()
+    for result in report.subjects(rdflib.RDF.type, SH.ValidationResult):
+        source = report.value(result, SH.sourceShape)
+        while isinstance(source, rdflib.BNode):  # a property shape belongs to a node shape
+            source = next(s for s, p in shapes.subject_predicates(source))
+        focus = str(report.value(result, SH.focusNode)).rsplit("/", 1)[-1]
+        found.add((focus, str(source).removeprefix(str(SHAPES))))
+    return found
+
+
+def test_the_sample_is_valid(individuals: rdflib.Graph, shapes: rdflib.Graph) -> None:
+    assert _violations(individuals, shapes) == set()
+
+
+def test_each_graph_of_the_sample_has_one_value_each(sample: list[ox.Quad]) -> None:
+    one_value = _shapes(ontology.graph_shapes())
+    for name in {quad.graph_name for quad in sample}:
+        inside = [(q.subject, q.predicate, q.object) for q in sample if q.graph_name == name]
+        assert _violations(_graph(inside), one_value) == set()
+
+
+def test_two_masses_in_one_graph_are_a_fault() -> None:
+    data = rdflib.Graph()
+    data.update(PREFIXES + "INSERT DATA { :mug rt:mass 0.3e0, 0.4e0 }")
+    assert _violations(data, _shapes(ontology.graph_shapes())) == {("mug", "one-mass")}
+
+
+def drop(path: str) -> str:
+    """SPARQL that removes the values of ``":node rt:property"``."""
+    return f"DELETE WHERE {{ {path} ?v }}"
+
+
+def put(path: str, value: str) -> str:
+    """SPARQL that replaces the values of ``":node rt:property"`` by one."""
+    return (
+        f"DELETE {{ {path} ?v }} INSERT {{ {path} {value} }} WHERE {{ OPTIONAL {{ {path} ?v }} }}"
+    )
+
+
+def add(turtle: str) -> str:
+    """SPARQL that adds statements."""
+    return f"INSERT DATA {{ {turtle} }}"
+
+
+POSE = ":p0 rt:"
+WAYPOINTS = ":g1 rt:graspPosture :tr . :tr rt:hasWaypoint :w0, :w1 . :w0 rt:waypointIndex 0 . "
+FAULTS = [
+    ("mug", "Object", drop(":mug rt:objectId")),
+    ("mug", "Object", add(':mug rt:objectId "lab/mug-9"')),
+    ("mug", "Object", put(":mug rt:objectId", '"no slash"')),
+    ("mug", "Object", put(":mug rt:graspWidth", "0.0e0")),
+    ("mug", "Object", put(":mug rt:mass", "-1.0e0")),
+    ("mug", "Object", add(":mug rt:extentX 0.0e0")),
+    ("mug", "Object", add(":mug rt:extentY 0.0e0")),
+    ("mug", "Object", add(":mug rt:extentZ 0.0e0")),
+    ("mug", "Object", add(":mug rt:roundness 1.1e0")),
+    ("naoHand", "EndEffector", add(":naoHand rt:endEffectorOf :rover")),
+    ("naoHand", "Gripper", drop(":naoHand rt:gripperType")),
+    ("naoHand", "Gripper", drop(":naoHand rt:minOpening")),
+    ("naoHand", "Gripper", put(":naoHand rt:minOpening", "0.06e0")),
+    ("naoHand", "Gripper", drop(":naoHand rt:maxPayload")),
+    ("naoHand", "Gripper", put(":naoHand rt:maxPayload", "0.0e0")),
+    *(
+        ("p0", "Pose", drop(POSE + name))
+        for name in ["x", "y", "z", "qx", "qy", "qz", "qw", "inFrame"]
+    ),
+    ("p0", "Pose", put(":p0 rt:qw", "0.999e0")),
+    *(("gp2", "PlanarPose", drop(":gp2 rt:" + n)) for n in ["x", "y", "theta", "inFrame"]),
+    ("gp2", "PlanarPose", put(":gp2 rt:theta", "6.2832e0")),
+    ("gp2", "PlanarPose", put(":gp2 rt:theta", "-0.1e0")),
+    ("d", "Direction", add(":d a rt:Direction ; rt:dirX 1.0e0 ; rt:dirY 0.0e0")),
+    ("d", "Direction", add(":d a rt:Direction ; rt:dirX 1e0 ; rt:dirY 1e0 ; rt:dirZ 0e0")),
+    ("camF", "Frame", drop(":camF rt:frameId")),
+    ("camF", "Frame", add(":camF rt:ancestorFrame :camF")),
+    ("b", "Blob", add(':b a rt:Blob ; rt:byteLength 3 ; rt:sha256 "ABC"')),
+    ("b", "Blob", add(f':b a rt:Blob ; rt:byteLength 3 ; rt:sha256 "{"0" * 64}"')),
+    ("0" * 64, "Blob", add(f'<urn:x/{"0" * 64}> a rt:Blob ; rt:sha256 "{"0" * 64}"')),
+    ("mugCloud", "Bytes", drop(":mugCloud rt:hasBlob")),
+    ("i", "Bytes", add(":i a rt:Image2D")),
+    ("i", "Bytes", add(":i a rt:TriangleMesh")),
+    ("v1", "View", drop(":v1 rt:viewOf")),
+    ("v1", "View", drop(":v1 rt:viewContent")),
+    ("r1", "RecognitionResult", drop(":r1 rt:recognitionConfidence")),
+    ("r1", "RecognitionResult", put(":r1 rt:recognitionConfidence", "1.5e0")),
+    ("r1", "RecognitionResult", drop(":r1 rt:matchCount")),
+    ("r1", "RecognitionResult", put(":r1 rt:bestMatch", ":m2")),
+    ("m1", "Match", drop(":m1 rt:rank")),
+    ("m2", "Match", drop(":m2 rt:matchedObject")),
+    ("pe0", "PoseEstimate", drop(":pe0 rt:poseOf")),
+    ("pe0", "PoseEstimate", drop(":pe0 rt:estimatedPose")),
+    ("pe0", "PoseEstimate", put(":pe0 rt:poseConfidence", "1.1e0")),
+    ("pe0", "PoseEstimate", add(":pe0 rt:violation -0.1e0")),
+    ("pe0", "PoseEstimate", add(":pe0 rt:coverage 1.1e0")),
+    ("g1", "Grasp", drop(":g1 rt:graspPose")),
+    ("g1", "Grasp", drop(":g1 rt:gripperType")),
+    ("g1", "Grasp", drop(":g1 rt:graspOf")),
+    ("g1", "Grasp", add(":g1 a rt:PlanarGrasp")),
+    ("g1", "Grasp", "DELETE DATA { :g1 a rt:SpatialGrasp }"),
+    ("tr", "Posture", add(WAYPOINTS + ":w0 rt:timeFromStart 0e0 . :w1 rt:waypointIndex 1")),
+    (
+        "tr",
+        "Posture",
+        add(WAYPOINTS + ":w0 rt:timeFromStart 1e0 . :w1 rt:waypointIndex 1 ; rt:timeFromStart 1e0"),
+    ),
+    (
+        "tr",
+        "Posture",
+        add(
+            WAYPOINTS + ":w0 rt:timeFromStart -1e0 . :w1 rt:waypointIndex 1 ; rt:timeFromStart 1e0"
+        ),
+    ),
+    ("e1", "GraspEvaluation", drop(":e1 rt:evaluates")),
+    ("e1", "GraspEvaluation", put(":e1 rt:graspConfidence", "1.5e0")),
+    ("e1", "GraspEvaluation", add(":e1 rt:sampleCount 100")),
+    ("s", "GraspStatistics", add(':s a rt:GraspStatistics ; rt:gripperType "nao_hand"')),
+    (
+        "s",
+        "GraspStatistics",
+        add(
+            ":s a rt:GraspStatistics ; rt:statisticsOf :g1 ; rt:attempts 2 ; rt:successes 3 ;"
+            ' rt:gripperType "nao_hand"'
+        ),
+    ),
+    ("a1", "GraspAttempt", drop(":a1 rt:performedBy")),
+    ("a1", "GraspAttempt", add(":a1 rt:performedBy :nao")),
+    ("a1", "GraspAttempt", drop(":a1 rt:executesGrasp")),
+    ("a1", "GraspAttempt", drop(":a1 rt:activates")),
+    (
+        "a1",
+        "GraspAttempt",
+        add(
+            ':a1 prov:startedAtTime "2026-01-01T10:00:01Z"^^xsd:dateTime ;'
+            ' prov:endedAtTime "2026-01-01T10:00:00Z"^^xsd:dateTime'
+        ),
+    ),
+    ("o1", "Outcome", drop(":o1 rt:success")),
+    ("o1", "Outcome", drop(":o1 rt:hasReason")),
+    ("o1", "Outcome", drop(":o1 rt:hasFeedback")),
+    ("o1", "Outcome", put(":o1 rt:hasReason", "rt:reason_missed")),
+    ("o2", "Outcome", put(":o2 rt:hasReason", "rt:reason_ok")),
+    ("f4", "HumanFeedback", drop(":f4 rt:atTime")),
+    ("f4", "HumanFeedback", drop(":f4 rt:verdict")),
+    ("f4", "HumanFeedback", put(":f4 prov:wasAttributedTo", ":pr2")),
+    ("t1", "Task", drop(":t1 rt:assignedTo")),
+    ("i1", "Interval", drop(":i1 time:hasBeginning")),
+    ("i1", "Interval", drop(":i1 time:hasEnd")),
+    ("i1", "Interval", put(":i1 time:hasEnd", ":i1b")),
+    *(
+        ("x1", "Experience", drop(":x1 rt:" + name))
+        for name in ["inState", "choseAction", "reward", "ofAttempt"]
+    ),
+    ("s1", "LearningState", add(":s1 rt:projectedBy :pca . :pca rt:outputDimension 4")),
+    ("ds", "Qualified", put(":ds rt:qualifiedName", '"PR2"')),
+    ("svc", "Qualified", drop(":svc rt:qualifiedName")),
+    ("svc", "Service", drop(":svc rt:version")),
+    ("dsv", "DatasetVersion", put(":dsv rt:versionNumber", "0")),
+    ("dsv", "DatasetVersion", drop(":dsv rt:contentDigest")),
+    ("pr2", "AgentGraph", drop("<" + SAMPLE + "graph/agent/pr2> rt:graphOwner")),
+]
+
+
+@pytest.mark.parametrize(
+    ("focus", "shape", "fault"), FAULTS, ids=[f"{n}-{f[1]}" for n, f in enumerate(FAULTS)]
+)
+def test_a_planted_fault_is_reported(
+    focus: str, shape: str, fault: str, individuals: rdflib.Graph, shapes: rdflib.Graph
+) -> None:
+    data = rdflib.Graph()
+    data += individuals
+    data.update(PREFIXES + fault)
+    assert (focus, shape) in _violations(data, shapes, [SHAPES[shape]])
+
+
+def test_every_shape_has_a_planted_fault(shapes: rdflib.Graph) -> None:
+    names = {
+        str(s).removeprefix(str(SHAPES)) for s in shapes.subjects(rdflib.RDF.type, SH.NodeShape)
+    }
+    assert names == {shape for _, shape, _ in FAULTS}
