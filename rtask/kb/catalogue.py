@@ -8,24 +8,26 @@ from __future__ import annotations
 
 import datetime as dt
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from pyoxigraph import Quad
 
 import ontology
 from rtask.kb.access import Access
+from rtask.kb.blobs import Blob
 from rtask.kb.graphs import Graphs, graph_class
 from rtask.kb.overlay import Overlay
 from rtask.kb.store import GraphStore
 from rtask.kb.terms import RDF_TYPE, DefaultGraph, Graph, NamedNode, Term, iri, literal, stored
 
-__all__ = ["Catalogue", "CommitRecord"]
+__all__ = ["Catalogue", "CommitRecord", "GraphFacts"]
 
 _RT = ontology.NS
 _PROV = "http://www.w3.org/ns/prov#"
 _COMMIT_NUMBER = iri(_RT + "commitNumber")
 _TRIPLE_COUNT = iri(_RT + "tripleCount")
+_HAS_BLOB = iri(_RT + "hasBlob")
 _GRAPH_OWNER = iri(_RT + "graphOwner")
 _CHANGED_GRAPH = iri(_RT + "changedGraph")
 _ASSOCIATED = iri(_PROV + "wasAssociatedWith")
@@ -56,6 +58,29 @@ class CommitRecord:
     ended: dt.datetime
     access: Access
     note: str | None = None
+
+
+@dataclass(frozen=True)
+class GraphFacts:
+    """What is known of a commit's graphs beyond its statements.
+
+    Parameters
+    ----------
+    kinds
+        Classes of graphs that do not follow from their IRI, e.g. ``OntologyGraph``.
+    sources
+        The document that a graph was loaded from.
+    sizes
+        Counted sizes of graphs that changed outside of a commit.
+    closure_current
+        Whether the inferred graph now fits the asserted ones; ``None`` where this commit does not
+        matter. The catalogue names the inferred graph's commit only while it fits.
+    """
+
+    kinds: Mapping[Graph, str]
+    sources: Mapping[Graph, Blob]
+    sizes: Mapping[Graph, int]
+    closure_current: bool | None
 
 
 @dataclass
@@ -129,8 +154,7 @@ class Catalogue:
         self,
         change: Overlay,
         commit: CommitRecord,
-        kinds: dict[Graph, str],
-        closure_current: bool | None,
+        facts: GraphFacts,
     ) -> Overlay:
         """Return what the meta and provenance graphs gain and lose with a commit.
 
@@ -138,14 +162,10 @@ class Catalogue:
         ----------
         change
             The commit's statements, inferred ones included.
-        kinds
-            Classes of graphs that do not follow from their IRI, e.g. ``OntologyGraph``.
-        closure_current
-            Whether the inferred graph now fits the asserted ones; ``None`` where nobody reasons.
-            The catalogue names the inferred graph's commit only while it fits.
         """
         notes = Overlay(self.store)
-        changed = [g for g in change.touched_graphs() if not isinstance(g, DefaultGraph)]
+        touched = change.touched_graphs() | facts.sizes.keys()
+        changed = [graph for graph in touched if not isinstance(graph, DefaultGraph)]
         changed.sort(key=str)
         counts = Counter(quad.graph_name for quad in change.added)
         counts.subtract(Counter(quad.graph_name for quad in change.removed))
@@ -154,12 +174,15 @@ class Catalogue:
             if graph in change.dropped:
                 self._forget(notes, graph)
                 continue
-            self._describe_graph(notes, graph, commit, kinds.get(graph))
+            self._describe_graph(notes, graph, commit, facts.kinds.get(graph))
+            self._name_source(notes, graph, facts.sources.get(graph))
             self._set_number(notes, graph, _COMMIT_NUMBER, self.revision(graph), commit.seq)
             before = self.triple_count(graph)
             known = before if graph in self._entries else None
-            self._set_number(notes, graph, _TRIPLE_COUNT, known, before + counts[graph])
-        self._mark_closure(notes, commit, closure_current, changed)
+            self._set_number(
+                notes, graph, _TRIPLE_COUNT, known, facts.sizes.get(graph, before + counts[graph])
+            )
+        self._mark_closure(notes, commit, facts.closure_current, changed)
         meta, provenance = self.graphs.meta, self.graphs.provenance
         self._describe_graph(notes, provenance, commit, None)
         self._describe_graph(notes, meta, commit, None)
@@ -203,6 +226,25 @@ class Catalogue:
             role = commit.access.role if commit.access.agent == owner else "robot"
             agent = self.graphs.agent_iri(owner, role)
             notes.added[Quad(graph, _GRAPH_OWNER, agent, self.graphs.meta)] = None
+
+    def _name_source(self, notes: Overlay, graph: Graph, source: Blob | None) -> None:
+        if source is None or not isinstance(graph, NamedNode):
+            return
+        meta = self.graphs.meta
+        for old in self.store.quads_for_pattern(graph, _HAS_BLOB, None, meta):
+            if old.object != source.iri:
+                notes.removed[old] = None
+        for triple in ((graph, _HAS_BLOB, source.iri), *source.statements()):
+            quad = Quad(*triple, meta)
+            if quad not in self.store:
+                notes.added[quad] = None
+
+    def source(self, graph: NamedNode) -> NamedNode | None:
+        """Return the blob of the document that a graph was loaded from."""
+        for quad in self.store.quads_for_pattern(graph, _HAS_BLOB, None, self.graphs.meta):
+            if isinstance(quad.object, NamedNode):
+                return quad.object
+        return None
 
     def _set_number(
         self, notes: Overlay, graph: Graph, predicate: NamedNode, old: int | None, new: int

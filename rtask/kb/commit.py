@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pyoxigraph import Quad
@@ -14,8 +15,8 @@ from pyoxigraph import Quad
 from rtask.errors import MissingBlobError, TooLargeError, VersionConflictError
 from rtask.kb.access import Access
 from rtask.kb.apply import Writes, apply
-from rtask.kb.blobs import PREFIX, BlobStore, digest_of
-from rtask.kb.catalogue import Catalogue, CommitRecord
+from rtask.kb.blobs import PREFIX, Blob, BlobStore, digest_of
+from rtask.kb.catalogue import Catalogue, CommitRecord, GraphFacts
 from rtask.kb.graphs import Graphs
 from rtask.kb.inference import Inference, Staged
 from rtask.kb.journal import Journal
@@ -83,20 +84,29 @@ class Request:
     ----------
     kinds
         Classes of graphs that do not follow from their IRI.
+    sources
+        The document that a graph was loaded from.
+    recount
+        Graphs that changed outside of a commit; their size is counted anew.
     if_version
         Refuse unless the last commit has this number.
     check_blobs
         Refuse statements that name bytes which are not here.
+    max_quads
+        Refuse larger changes.
     trusted
         The knowledge base itself writes (derived data); rights are not asked.
     """
 
     access: Access
     note: str | None = None
-    kinds: dict[Graph, str] = field(default_factory=dict)
+    kinds: Mapping[Graph, str] = field(default_factory=dict)
+    sources: Mapping[Graph, Blob] = field(default_factory=dict)
+    recount: frozenset[Graph] = frozenset()
     if_version: int | None = None
     check_blobs: bool = True
     trusted: bool = False
+    max_quads: int = MAX_QUADS
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
 
@@ -126,7 +136,7 @@ class Committer:
         """Store a change wholly, with what follows from it, or raise and store nothing."""
         self._check_version(request)
         self._check_rights(change, request)
-        if change.is_empty():
+        if change.is_empty() and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
             self._check_blobs(change)
@@ -153,12 +163,12 @@ class Committer:
         for graph in sorted(change.touched_graphs(), key=str):
             request.access.require_write(graph, "write")
         size = len(change.added) + len(change.removed)
-        if size > MAX_QUADS:
+        if size > request.max_quads:
             raise TooLargeError(
-                f"a commit of {size} statements; allowed {MAX_QUADS}, load a file instead",
+                f"a commit of {size} statements; allowed {request.max_quads}, load a file instead",
                 limit="statements",
                 value=size,
-                allowed=MAX_QUADS,
+                allowed=request.max_quads,
             )
 
     def _check_blobs(self, change: Overlay) -> None:
@@ -188,7 +198,8 @@ class Committer:
         union = Overlay(self.store)
         if not self.plain:
             current = self._closure_state(change, staged, request)
-            notes = self.catalogue.record(everything, record, request.kinds, current)
+            facts = GraphFacts(request.kinds, request.sources, self._sizes(request), current)
+            notes = self.catalogue.record(everything, record, facts)
             everything = _joined(self.store, everything, notes)
             union = union_change(self.store, everything.removed, everything.added)
         writes = Writes(
@@ -214,8 +225,14 @@ class Committer:
         """Whether the inferred graph fits after this commit; ``None`` if this does not matter."""
         if staged is not None or (request.trusted and self.inference is not None):
             return True
-        inputs = any(self.graphs.is_input(graph) for graph in change.touched_graphs())
-        return False if inputs else None
+        touched = change.touched_graphs() | request.recount
+        return False if any(map(self.graphs.is_input, touched)) else None
+
+    def _sizes(self, request: Request) -> dict[Graph, int]:
+        return {
+            graph: sum(1 for _ in self.store.quads_for_pattern(None, None, None, graph))
+            for graph in request.recount
+        }
 
     def _next_record(self, request: Request) -> CommitRecord:
         ended = max(dt.datetime.now(dt.UTC), self.last_time)

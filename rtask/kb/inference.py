@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from pyoxigraph import Quad
 
 import ontology
-from rtask.errors import InconsistentError
+from rtask.errors import InconsistentError, TooLargeError
 from rtask.kb.graphs import Graphs
 from rtask.kb.overlay import Overlay
 from rtask.kb.store import GraphStore
@@ -64,7 +64,7 @@ class Inference:
         return self._closure
 
     def _build(self) -> Any:
-        from reasoner import Closure
+        from reasoner import Closure, ClosureTooLargeError
 
         schema: list[TripleKey] = []
         data: list[TripleKey] = []
@@ -75,7 +75,11 @@ class Inference:
             for quad in self._store.quads_for_pattern(None, None, None, graph):
                 target.append((quad.subject, quad.predicate, quad.object))
         _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
-        return Closure.build(schema, data, rules=rule_texts())
+        try:
+            # triple terms are left out by the reasoner itself, its signature knows only the rest
+            return Closure.build(cast("Any", schema), cast("Any", data), rules=rule_texts())
+        except ClosureTooLargeError as error:
+            raise TooLargeError(str(error)) from error
 
     def forget(self) -> None:
         """Build the closure anew when it is needed next."""
@@ -91,7 +95,7 @@ class Inference:
         """
         closure = self.closure()
         gained, lost = input_change(change, self._graphs.is_input)
-        staged: Staged = closure.stage(add=gained, remove=lost)
+        staged = _stage(closure, gained, lost)
         if staged.contradictions:
             staged.discard()
             raise _inconsistent(staged.contradictions)
@@ -122,6 +126,16 @@ def inferred_triples(closure: Any) -> Iterable[TripleKey]:
     """Return the derived triples of a closure that nobody asserts."""
     found: Iterable[TripleKey] = closure.inferred()
     return found
+
+
+def _stage(closure: Any, gained: list[TripleKey], lost: list[TripleKey]) -> Staged:
+    from reasoner import ClosureTooLargeError
+
+    try:
+        staged: Staged = closure.stage(add=gained, remove=lost)
+    except ClosureTooLargeError as error:
+        raise TooLargeError(str(error)) from error
+    return staged
 
 
 def rule_texts() -> list[str]:

@@ -13,6 +13,7 @@ from pyoxigraph import Quad, RdfFormat
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb import query as queries
 from rtask.kb.access import Access
+from rtask.kb.bulk import bulk_add, complete, finish_bulk
 from rtask.kb.catalogue import Catalogue
 from rtask.kb.commit import Change, Commit, Request
 from rtask.kb.delta import UpdateDataset, run_update
@@ -260,6 +261,13 @@ class KnowledgeBase:
 
         return load(self, source, format=format, **options)
 
+    def bulk_add(self, quads: Iterable[Quad], graph: Graph, request: Request) -> int:
+        """Add more statements than a commit may hold; return how many were derived.
+
+        One atomic step for the statements, then a commit for what follows from them.
+        """
+        return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
+
     def dump(
         self,
         path: Path | str | BinaryIO,
@@ -325,17 +333,13 @@ class KnowledgeBase:
         """
         if what not in ("inferred", "all"):
             raise UsageError(f"cannot rebuild {what!r}; one of inferred, all")
-        inference = self._reasoner()
+        self._reasoner()
         request = Request(self.access(), note="rebuild inferred", trusted=True)
-        overlay = self._writer.begin()
-        try:
-            difference = inference.difference()
-            overlay.removed.update(difference.removed)
-            overlay.added.update(difference.added)
-        except BaseException:
-            self._writer.cancel()
-            raise
-        return self._writer.finish(overlay, request)
+        return finish_bulk(self._writer, self._inference, request)
+
+    def complete_interrupted(self) -> bool:
+        """Finish a large load that a crash interrupted; whether there was one."""
+        return complete(self._writer, self._files, self._inference, self.access())
 
     def stats(self) -> dict[str, Any]:
         """Return counts: distinct triples, asserted and inferred statements, graphs, commits."""

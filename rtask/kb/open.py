@@ -120,9 +120,7 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
     graphs = Graphs(files.settings.base)
     catalogue = Catalogue(files.store, graphs)
     inference = None
-    import reasoner
-
-    if options.reason and not files.settings.plain and hasattr(reasoner, "Closure"):
+    if options.reason and not files.settings.plain:
         inference = Inference(files.store, graphs, catalogue.is_ontology)
     committer = Committer(
         files.store,
@@ -142,6 +140,8 @@ def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> Non
     if files.checkpoints is not None:
         fill_gap(files.checkpoints.journal, files.last_seq, kb.seq)
         files.checkpoints.make(kb.seq)
+    if kb.complete_interrupted():
+        _log.warning("completed a load that was interrupted")
     if kb.plain:
         return
     if options.ontologies:

@@ -135,9 +135,10 @@ class Transaction:
                 quad = Quad(quad.subject, quad.predicate, quad.object, where)
             pending.add(stored_quad(quad))
 
-    def clear(self, graph: NamedNode | str) -> None:
+    def clear(self, graph: Graph | str) -> None:
         """Withdraw all statements of a graph."""
-        self._pending().clear(iri(graph), drop=False)
+        name = iri(graph) if isinstance(graph, str) else graph
+        self._pending().clear(name, drop=False)
 
     def update(
         self,
@@ -175,6 +176,11 @@ class Transaction:
         for subject, predicate, value in blob.statements():
             self.add(subject, predicate, value, graph)
         return blob.iri
+
+    def counts(self) -> tuple[int, int]:
+        """Return how many statements would be added and removed."""
+        pending = self._pending()
+        return len(pending.added), len(pending.removed)
 
     def contains(
         self,

@@ -1,57 +1,198 @@
-"""Serialisations: which one a document is written in, and its statements.
-
-Errors carry file, line and column where the parser knows them.
-"""
+"""Serialisations: which one a document is written in, and its statements."""
 
 from __future__ import annotations
 
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, Literal
 
 from pyoxigraph import Quad, RdfFormat, parse
 
 from rtask.errors import ParseError, UsageError
+from rtask.loader.convert import to_rdf_xml
+from rtask.loader.documents import Document
+from rtask.loader.guards import check_json_depth, check_triple_term_depth, check_xml
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+__all__ = ["Format", "detect", "find_format", "read_document", "statements"]
 
-__all__ = ["read_document"]
 
-_RDF: Mapping[str, RdfFormat] = {
-    "ttl": RdfFormat.TURTLE,
-    "turtle": RdfFormat.TURTLE,
-    "trig": RdfFormat.TRIG,
-    "nt": RdfFormat.N_TRIPLES,
-    "ntriples": RdfFormat.N_TRIPLES,
-    "nq": RdfFormat.N_QUADS,
-    "nquads": RdfFormat.N_QUADS,
-    "rdf": RdfFormat.RDF_XML,
-    "xml": RdfFormat.RDF_XML,
-    "rdfxml": RdfFormat.RDF_XML,
-    "jsonld": RdfFormat.JSON_LD,
-    "json": RdfFormat.JSON_LD,
-    "n3": RdfFormat.N3,
+@dataclass(frozen=True)
+class Format:
+    """A serialisation that can be loaded.
+
+    Parameters
+    ----------
+    name
+        As given to ``--format``.
+    extensions
+        Of file names, without dot.
+    rdf
+        The store's parser; ``None`` for syntaxes of OWL only.
+    owl
+        The syntax in py-horned-owl's terms.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    rdf: RdfFormat | None = None
+    owl: Literal["owx", "ofn", "omn"] | None = None
+
+
+FORMATS = (
+    Format("turtle", ("ttl", "turtle"), RdfFormat.TURTLE),
+    Format("trig", ("trig",), RdfFormat.TRIG),
+    Format("ntriples", ("nt",), RdfFormat.N_TRIPLES),
+    Format("nquads", ("nq",), RdfFormat.N_QUADS),
+    Format("rdfxml", ("rdf", "rdfs"), RdfFormat.RDF_XML),
+    Format("jsonld", ("jsonld", "json-ld", "json"), RdfFormat.JSON_LD),
+    Format("n3", ("n3",), RdfFormat.N3),
+    Format("owlxml", ("owx",), owl="owx"),
+    Format("functional", ("ofn", "fss", "owf"), owl="ofn"),
+    Format("manchester", ("omn", "man"), owl="omn"),
+)
+_BY_NAME = {form.name: form for form in FORMATS} | {
+    extension: form for form in FORMATS for extension in form.extensions
 }
+_SCANNED_BYTES = 64 << 20
+_SPACE = re.compile(
+    rb"(?:\s|#[^\n]*\n|<!--.*?-->|<\?.*?\?>|<!DOCTYPE[^\[>]*(?:\[.*?\]\s*)?>)*", re.S
+)
+_SNIFFS = (
+    (re.compile(rb"<(?:\w+:)?RDF[\s>]"), "rdfxml"),
+    (re.compile(rb"<(?:\w+:)?Ontology[\s>]"), "owlxml"),
+    (re.compile(rb"(?:Prefix|Ontology)\s*\("), "functional"),
+    (re.compile(rb"(?:Prefix|Ontology)\s*:"), "manchester"),
+    (re.compile(rb"[{\[]\s*[\"{\[}\]]"), "jsonld"),
+    (re.compile(rb"@(?:prefix|base|version)\b|(?:PREFIX|BASE|VERSION)\s", re.I), "turtle"),
+    (re.compile(rb"<[^<>\s]*>\s+<[^<>\s]*>\s+[^\n]*\.\s"), "ntriples"),
+)
+
+
+def find_format(name: str | RdfFormat) -> Format:
+    """Return a format by its name, extension or media type.
+
+    >>> find_format("text/turtle").name, find_format("owx").name
+    ('turtle', 'owlxml')
+
+    Raises
+    ------
+    UsageError
+        Listing the names.
+    """
+    rdf = name if isinstance(name, RdfFormat) else None
+    if rdf is None:
+        found = _BY_NAME.get(str(name).lower().lstrip("."))
+        if found is not None:
+            return found
+        rdf = RdfFormat.from_media_type(str(name).partition(";")[0].strip())
+    for form in FORMATS:
+        if form.rdf is not None and form.rdf == rdf:
+            return form
+    names = ", ".join(form.name for form in FORMATS)
+    raise UsageError(f"unknown format {str(name)!r}; one of {names}")
+
+
+def sniff(head: bytes) -> Format | None:
+    """Return the format that the first bytes look like.
+
+    >>> sniff(b"# mugs\\nPrefix: e: <urn:e#>").name
+    'manchester'
+    """
+    space = _SPACE.match(head)
+    start = head[space.end() if space else 0 :]
+    for pattern, name in _SNIFFS:
+        if pattern.match(start):
+            return _BY_NAME[name]
+    return None
+
+
+def detect(document: Document) -> Format:
+    """Return the format of a document: by extension, else by its first bytes.
+
+    Raises
+    ------
+    UsageError
+        If neither tells.
+    """
+    found = _BY_NAME.get(document.extension)
+    if found is not None:
+        return found
+    guessed = sniff(document.head())
+    if guessed is None:
+        raise UsageError(
+            f"{document.name}: cannot tell the format; name it with --format "
+            f"({', '.join(form.name for form in FORMATS)})"
+        )
+    return guessed
+
+
+def statements(document: Document, form: Format, base: str | None = None) -> Iterator[Quad]:
+    """Yield the statements of a document; its blank nodes get new labels.
+
+    Raises
+    ------
+    ParseError
+        ``FILE:LINE:COLUMN: reason``.
+    """
+    try:
+        with _readable(document, form) as stream:
+            rdf = form.rdf or RdfFormat.RDF_XML
+            yield from parse(stream, format=rdf, base_iri=base, rename_blank_nodes=True)
+    except (SyntaxError, UnicodeDecodeError) as error:
+        raise _explain(error, document, form) from error
+    except ValueError as error:
+        raise ParseError(f"{document.name}: {error}") from error
+
+
+def _readable(document: Document, form: Format) -> IO[bytes]:
+    """Return the document as something that the store's parser survives."""
+    if form.owl:
+        return io.BytesIO(to_rdf_xml(document.text(), form.owl, document.name))
+    if form.rdf == RdfFormat.RDF_XML:
+        with document.open() as stream:
+            check_xml(stream, document.name)
+        return document.open()
+    if form.rdf == RdfFormat.JSON_LD:
+        with document.open() as stream:
+            data = stream.read()
+        check_json_depth(data, document.name)
+        return io.BytesIO(data)
+    if b"<<" in document.head() or document.size < _SCANNED_BYTES:
+        with document.open() as stream:
+            data = stream.read()
+        check_triple_term_depth(data, document.name)
+        return io.BytesIO(data)
+    return document.open()
+
+
+def _explain(error: Exception, document: Document, form: Format) -> ParseError:
+    line = getattr(error, "lineno", None)
+    column = getattr(error, "offset", None)
+    where = f"{document.name}:{line}:{column}" if line else document.name
+    looks = sniff(document.head())
+    hint = ""
+    if looks is not None and looks.name != form.name:
+        hint = f" (read as {form.name}; it looks like {looks.name})"
+    message = getattr(error, "msg", None) or str(error)
+    return ParseError(f"{where}: {message}{hint}", line=line, column=column)
 
 
 def read_document(
     data: bytes | str | Path, format: RdfFormat | str | None = None, base: str | None = None
 ) -> list[Quad]:
-    """Return the statements of a document; its blank nodes get new labels."""
-    if isinstance(data, Path):
-        source, name = data.read_bytes(), str(data)
-        format = format or data.suffix.lstrip(".")
-    else:
-        source, name = (data.encode() if isinstance(data, str) else data), "<bytes>"
-    if not isinstance(format, RdfFormat):
-        known = _RDF.get((format or "").lower()) or RdfFormat.from_media_type(format or "")
-        if known is None:
-            raise UsageError(f"unknown format {format!r}")
-        format = known
-    try:
-        return list(parse(source, format=format, base_iri=base, rename_blank_nodes=True))
-    except SyntaxError as error:
-        line, column = error.lineno or 0, error.offset or 0
-        raise ParseError(
-            f"{name}:{line}:{column}: {error.msg}", line=line, column=column
-        ) from error
+    """Return all statements of a document.
+
+    Parameters
+    ----------
+    data
+        A path, or the content.
+    format
+        Name, extension or media type; found out where it is not given.
+    """
+    source = data.encode() if isinstance(data, str) else data
+    document = Document.of(source)
+    form = detect(document) if format is None else find_format(format)
+    return list(statements(document, form, base))

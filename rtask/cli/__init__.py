@@ -1,0 +1,140 @@
+"""The command ``rtask``: one group, one file for each command, nothing imported before it is used.
+
+Other rooms and other people's packages add commands through the entry-point group
+``rtask.commands``.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import importlib
+import importlib.metadata
+import importlib.util
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.errors import RtaskError
+
+__all__ = ["cli", "main"]
+
+_BUILT_IN = (
+    "backup",
+    "doctor",
+    "explain",
+    "export",
+    "history",
+    "load",
+    "ontology",
+    "query",
+    "rebuild",
+    "restore",
+    "stats",
+    "update",
+    "verify",
+)
+
+
+def _targets() -> dict[str, str]:
+    """Return where each command lives, as ``module:attribute``."""
+    targets = {name: f"rtask.cli.{name}:{name}" for name in _BUILT_IN}
+    for entry in importlib.metadata.entry_points(group="rtask.commands"):
+        targets.setdefault(entry.name, entry.value)
+    return targets
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands by name and imports one when it is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return all names, sorted."""
+        return sorted({*_targets(), *self.commands})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; ``None`` if there is none of that name."""
+        target = _targets().get(cmd_name)
+        if target is None:
+            return super().get_command(ctx, cmd_name)
+        module, _, attribute = target.partition(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command, or say what may have been meant."""
+        name = args[0]
+        if self.get_command(ctx, name) is None and not name.startswith("-"):
+            near = difflib.get_close_matches(name, self.list_commands(ctx), n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            ctx.fail(f"No such command {name!r}.{hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with what their sources say, without importing them."""
+        rows = [(name, short_help(target)) for name, target in sorted(_targets().items())]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+def short_help(target: str) -> str:
+    """Return the first line of a command's docstring, read from its source.
+
+    >>> short_help("rtask.cli.stats:stats")
+    'Count what a knowledge base holds.'
+    """
+    module, _, attribute = target.partition(":")
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:
+        spec = None
+    if spec is None or spec.origin is None:
+        return "(not installed)"
+    for node in ast.parse(Path(spec.origin).read_text("utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name == attribute:
+            return (ast.get_docstring(node) or "").partition("\n")[0]
+    return ""
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(package_name="rtask-kg", prog_name="rtask")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.option("--verbose", "-v", is_flag=True, help="Say what is being done.")
+@click.pass_context
+def cli(ctx: click.Context, debug: bool, verbose: bool) -> None:
+    """A knowledge graph that robots share."""
+    ctx.obj = {"debug": debug}
+    if verbose or debug:
+        import logging
+
+        level = logging.DEBUG if debug else logging.INFO
+        logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line: one line and an exit code for an error, no traceback."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        done: Any = cli.main(args=given, prog_name="rtask", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except click.Abort:
+        click.echo("interrupted", err=True)
+        sys.exit(130)
+    except RtaskError as error:
+        if "--debug" in given:
+            raise
+        click.echo(f"rtask: {error}", err=True)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)
+    sys.exit(done if isinstance(done, int) else 0)

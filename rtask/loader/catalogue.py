@@ -1,0 +1,129 @@
+"""Where ontologies lie: ``owl:imports`` is resolved here, never on the network.
+
+Looked at in this order: the places named by the caller, the folder of the importing file, the
+ontologies that come with RTASK. A place is a folder, an OASIS ``catalog-v001.xml`` or a
+``catalog.toml``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import ontology
+from rtask.errors import DataError, ParseError
+from rtask.loader.documents import Document
+from rtask.loader.formats import FORMATS
+from rtask.loader.guards import check_xml
+from rtask.loader.headers import peek
+
+__all__ = ["OntologyCatalogue", "loadable_files"]
+
+_OASIS_FILE = "catalog-v001.xml"
+_OASIS = "{urn:oasis:names:tc:entity:xmlns:xml:catalog}"
+_EXTENSIONS = {ext for form in FORMATS for ext in form.extensions} | {"owl", "xml"}
+
+
+def loadable_files(folder: Path) -> list[Path]:
+    """Return the files below a folder that a loader reads, sorted; hidden ones are left out."""
+    found = []
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
+        if path.is_file() and not hidden and path.name != _OASIS_FILE:
+            extension = Document(path.name, path).extension
+            if extension in _EXTENSIONS:
+                found.append(path)
+    return found
+
+
+class OntologyCatalogue:
+    """Finds the file of an ontology.
+
+    Parameters
+    ----------
+    places
+        Folders and catalogue files of the caller.
+    """
+
+    def __init__(self, places: Iterable[Path] = ()) -> None:
+        self._places = [Path(place) for place in places]
+        self._bundled = ontology.path("catalog.toml")
+        self._read: dict[Path, dict[str, Path]] = {}
+
+    def find(self, iri: str, beside: Path | None = None) -> Path | None:
+        """Return the file of an ontology, ``None`` if no place has it.
+
+        Parameters
+        ----------
+        beside
+            The importing file; its folder is looked at too.
+
+        Raises
+        ------
+        DataError
+            If two files of one folder claim the IRI with different content.
+        """
+        for place in self.searched(beside):
+            found = self._entries(place).get(iri) or self._entries(place).get(iri.rstrip("#/"))
+            if found is not None:
+                return found
+        return None
+
+    def searched(self, beside: Path | None = None) -> list[Path]:
+        """Return every place that is looked at, in order."""
+        places = list(self._places)
+        if beside is not None:
+            places.append(beside.parent)
+        return [*places, self._bundled]
+
+    def _entries(self, place: Path) -> dict[str, Path]:
+        if place not in self._read:
+            if place.is_dir():
+                self._read[place] = self._scan(place)
+            elif place.suffix == ".toml":
+                self._read[place] = _read_toml(place)
+            else:
+                self._read[place] = _read_oasis(place)
+        return self._read[place]
+
+    def _scan(self, folder: Path) -> dict[str, Path]:
+        listed = folder / _OASIS_FILE
+        entries = _read_oasis(listed) if listed.is_file() else {}
+        for path in loadable_files(folder):
+            header = peek(Document(str(path), path))
+            for name in (header.iri, header.version_iri):
+                if name is None:
+                    continue
+                other = entries.setdefault(name.value, path)
+                if other != path and name == header.iri and not _same(other, path):
+                    raise DataError(f"{other} and {path} both claim to be {name.value}")
+        return entries
+
+
+def _same(one: Path, other: Path) -> bool:
+    digests = [hashlib.sha256(path.read_bytes()).digest() for path in (one, other)]
+    return digests[0] == digests[1]
+
+
+def _read_toml(path: Path) -> dict[str, Path]:
+    """Read ``[[ontology]]`` tables with ``iri`` and ``file``."""
+    try:
+        record = tomllib.loads(path.read_text("utf-8"))
+        return {entry["iri"]: path.parent / entry["file"] for entry in record["ontology"]}
+    except (ValueError, KeyError) as error:
+        raise ParseError(f"{path}: not a catalogue: {error}") from error
+
+
+def _read_oasis(path: Path) -> dict[str, Path]:
+    """Read ``uri`` entries of an OASIS XML catalogue; addresses on the network are left out."""
+    with path.open("rb") as stream:
+        check_xml(stream, str(path))
+    entries = {}
+    for element in ElementTree.parse(path).iter(_OASIS + "uri"):
+        name, target = element.get("name"), element.get("uri", "")
+        if name and "://" not in target:
+            entries[name] = (path.parent / target).resolve()
+    return entries

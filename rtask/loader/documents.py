@@ -1,0 +1,177 @@
+"""Documents: files, bytes, standard input; unpacked while they are read."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import sys
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, cast
+
+from rtask.errors import DataError, ParseError, TooLargeError, UsageError
+
+__all__ = ["Document"]
+
+MAX_UNPACKED = 4 << 30
+_HEAD = 4096
+_PACKINGS = (".gz", ".zst", ".zip")
+
+
+@dataclass(frozen=True)
+class Document:
+    """Something that can be read from its start, more than once.
+
+    Parameters
+    ----------
+    name
+        Shown in messages: the path, ``<stdin>`` or ``<bytes>``.
+    path
+        The file, where there is one.
+    data
+        The bytes, where there is no file.
+    """
+
+    name: str
+    path: Path | None = None
+    data: bytes = b""
+
+    @classmethod
+    def of(cls, source: Path | str | bytes | IO[bytes]) -> Document:
+        """Return the document of a path, bytes, an open file, or ``-`` for standard input.
+
+        Raises
+        ------
+        UsageError
+            If the path does not exist.
+        """
+        if isinstance(source, bytes):
+            return cls("<bytes>", data=source)
+        if source == "-":
+            return cls("<stdin>", data=sys.stdin.buffer.read())
+        if isinstance(source, str | Path):
+            path = Path(source)
+            if not path.exists():
+                raise UsageError(f"{path} does not exist")
+            return cls(str(path), path)
+        return cls(getattr(source, "name", "<stream>"), data=source.read())
+
+    @property
+    def stem(self) -> str:
+        """The file's name without packing and extension; ``data`` where there is no file."""
+        return Path(self._unpacked_name).stem if self.path else "data"
+
+    @property
+    def extension(self) -> str:
+        """The extension, in lower case and without dot, behind any packing."""
+        return Path(self._unpacked_name).suffix.lower().lstrip(".") if self.path else ""
+
+    @property
+    def _unpacked_name(self) -> str:
+        name = self.path.name if self.path else self.name
+        return name.rpartition(".")[0] if name.lower().endswith(_PACKINGS) else name
+
+    @property
+    def size(self) -> int:
+        """Length in bytes as it lies there."""
+        return self.path.stat().st_size if self.path else len(self.data)
+
+    def open(self) -> IO[bytes]:
+        """Open the document for reading, unpacked, behind its byte order mark.
+
+        Raises
+        ------
+        ParseError
+            If it is not UTF-8 text.
+        """
+        packed = self.path.open("rb") if self.path else io.BytesIO(self.data)
+        try:
+            stream = io.BufferedReader(_Limited(self._unpack(packed), self.name))
+            head = stream.peek(_HEAD)[:_HEAD]
+            _refuse_binary(self.name, head)
+        except BaseException:
+            packed.close()
+            raise
+        if head.startswith(b"\xef\xbb\xbf"):
+            stream.read(3)
+        return stream
+
+    def _unpack(self, packed: IO[bytes]) -> IO[bytes]:
+        start = packed.read(4)
+        packed.seek(0)
+        if start[:2] == b"\x1f\x8b":
+            return cast("IO[bytes]", gzip.GzipFile(fileobj=packed))
+        if start == b"\x28\xb5\x2f\xfd":
+            import zstandard
+
+            return cast("IO[bytes]", zstandard.ZstdDecompressor().stream_reader(packed))
+        if start == b"PK\x03\x04":
+            return self._only_member(packed)
+        return packed
+
+    def _only_member(self, packed: IO[bytes]) -> IO[bytes]:
+        try:
+            archive = zipfile.ZipFile(packed)
+        except zipfile.BadZipFile as error:
+            raise ParseError(f"{self.name}: {error}") from error
+        members = [info for info in archive.infolist() if not info.is_dir()]
+        if len(members) != 1:
+            raise DataError(f"{self.name} holds {len(members)} files; a zip of one is read")
+        return archive.open(members[0])
+
+    def head(self) -> bytes:
+        """Return the first 4096 bytes, unpacked."""
+        with self.open() as stream:
+            return stream.read(_HEAD)
+
+    def text(self) -> str:
+        """Return the whole document as text.
+
+        Raises
+        ------
+        ParseError
+            If it is not UTF-8.
+        """
+        with self.open() as stream:
+            data = stream.read()
+        try:
+            return data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            raise ParseError(f"{self.name}:{line}: not UTF-8", line=line) from error
+
+
+class _Limited(io.RawIOBase):
+    """Counts what is unpacked, so that a small file cannot fill the memory."""
+
+    def __init__(self, stream: IO[bytes], name: str) -> None:
+        self._stream = stream
+        self._name = name
+        self._left = MAX_UNPACKED
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: object) -> int:
+        view = memoryview(buffer)  # type: ignore[arg-type]
+        try:
+            data = self._stream.read(len(view))
+        except (OSError, EOFError, zipfile.BadZipFile) as error:
+            raise ParseError(f"{self._name}: cannot be unpacked: {error}") from error
+        self._left -= len(data)
+        if self._left < 0:
+            raise TooLargeError(f"{self._name}: larger than {MAX_UNPACKED >> 30} GiB unpacked")
+        view[: len(data)] = data
+        return len(data)
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
+
+
+def _refuse_binary(name: str, head: bytes) -> None:
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise ParseError(f"{name}:1:1: UTF-16; expected UTF-8", line=1, column=1)
+    if b"\0" in head:
+        raise ParseError(f"{name}: binary data; expected text in UTF-8")

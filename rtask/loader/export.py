@@ -1,0 +1,134 @@
+"""Graphs out: dumps in the formats of RDF, and the bytes that a graph was loaded from."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
+
+import ontology
+from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.terms import XSD, DefaultGraph, Graph, iri
+from rtask.loader.formats import find_format
+
+if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["dump", "original"]
+
+_OWL = "http://www.w3.org/2002/07/owl#"
+_CARDINALITIES = frozenset(
+    NamedNode(_OWL + prefix + "ardinality")
+    for prefix in ("c", "minC", "maxC", "qualifiedC", "minQualifiedC", "maxQualifiedC")
+)
+_NON_NEGATIVE = NamedNode(XSD + "nonNegativeInteger")
+
+
+def dump(
+    kb: KnowledgeBase,
+    target: Path | str | IO[bytes],
+    format: RdfFormat | str | None = None,
+    graphs: Iterable[NamedNode | str] | None = None,
+    inferred: bool = False,
+) -> int:
+    """Write graphs; return the number of statements.
+
+    Parameters
+    ----------
+    target
+        A file to make or replace, or an open one.
+    format
+        Name, extension or media type; by the file's extension where not given. Formats without
+        graph names take one graph, or several merged.
+    graphs
+        All asserted ones where not given.
+    inferred
+        Whether derived statements are written too.
+    """
+    rdf = _format(target, format)
+    names = _chosen(kb, graphs, inferred)
+    quads = _statements(kb, names, rdf.supports_datasets)
+    if not isinstance(target, str | Path):
+        return _write(quads, target, rdf)
+    path = Path(target)
+    temporary = path.with_name(path.name + ".part")
+    try:
+        with temporary.open("wb") as out:
+            count = _write(quads, out, rdf)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return count
+
+
+def _format(target: Path | str | IO[bytes], format: RdfFormat | str | None) -> RdfFormat:
+    if format is None:
+        if not isinstance(target, str | Path):
+            raise UsageError("name the format when writing to a stream")
+        format = Path(target).suffix.lstrip(".") or "trig"
+    found = find_format(format).rdf
+    if found is None:
+        raise UsageError(f"{format} can be read, not written; write turtle or rdfxml")
+    return found
+
+
+def _chosen(
+    kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None, inferred: bool
+) -> list[Graph]:
+    known = [*kb.store.named_graphs(), *([DefaultGraph()] if kb.plain else [])]
+    if graphs is None:
+        return [g for g in known if inferred or g != kb.graphs.inferred]
+    chosen: list[Graph] = []
+    for graph in map(iri, graphs):
+        if graph not in known:
+            raise UnknownTermError(f"no graph {graph}; `rtask stats` lists them")
+        chosen.append(graph)
+    return chosen
+
+
+def _statements(kb: KnowledgeBase, graphs: list[Graph], with_names: bool) -> Iterator[Quad]:
+    for graph in graphs:
+        for quad in kb.store.quads_for_pattern(None, None, None, graph):
+            quad = _with_owl_types(quad)
+            yield quad if with_names else Quad(quad.subject, quad.predicate, quad.object)
+
+
+def _with_owl_types(quad: Quad) -> Quad:
+    """Give cardinalities back the datatype that OWL asks for; the store keeps integers only."""
+    if quad.predicate not in _CARDINALITIES or not isinstance(quad.object, Literal):
+        return quad
+    value = Literal(quad.object.value, datatype=_NON_NEGATIVE)
+    return Quad(quad.subject, quad.predicate, value, quad.graph_name)
+
+
+def _write(quads: Iterable[Quad], out: IO[bytes], rdf: RdfFormat) -> int:
+    count = 0
+
+    def counted() -> Iterator[Any]:
+        nonlocal count
+        for quad in quads:
+            count += 1
+            yield quad if rdf.supports_datasets else quad.triple
+
+    prefixes = ontology.PREFIXES if rdf not in (RdfFormat.N_TRIPLES, RdfFormat.N_QUADS) else None
+    serialize(counted(), out, format=rdf, prefixes=prefixes)
+    return count
+
+
+def original(kb: KnowledgeBase, graph: NamedNode | str, target: Path | str) -> int:
+    """Write the bytes that a graph was loaded from; return how many.
+
+    Raises
+    ------
+    UnknownTermError
+        If the graph was not loaded from a document, or a larger one than is kept.
+    """
+    source = kb.catalogue.source(iri(graph))
+    if source is None:
+        raise UnknownTermError(f"{graph} has no original document; export it without --original")
+    with kb.blobs.open(source) as stream, Path(target).open("wb") as out:
+        shutil.copyfileobj(stream, out)
+        return out.tell()

@@ -1,0 +1,74 @@
+"""What a document says about itself as an ontology: its IRI, its version, its imports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+
+from pyoxigraph import NamedNode, Quad
+
+from rtask.errors import RtaskError
+from rtask.kb.terms import RDF_TYPE
+from rtask.loader.documents import Document
+from rtask.loader.formats import detect, statements
+
+__all__ = ["Header", "header_of", "peek"]
+
+_OWL = "http://www.w3.org/2002/07/owl#"
+_ONTOLOGY = NamedNode(_OWL + "Ontology")
+_IMPORTS = NamedNode(_OWL + "imports")
+_VERSION_IRI = NamedNode(_OWL + "versionIRI")
+_PEEKED = 5_000
+
+
+@dataclass(frozen=True)
+class Header:
+    """The ontology that a document holds.
+
+    Parameters
+    ----------
+    iri
+        ``None`` if the document is data.
+    version_iri
+        ``None`` if it names none.
+    imports
+        In the order of the document.
+    """
+
+    iri: NamedNode | None = None
+    version_iri: NamedNode | None = None
+    imports: tuple[NamedNode, ...] = ()
+
+
+def header_of(quads: Iterable[Quad]) -> Header:
+    """Return the header found among statements.
+
+    Where several ontologies are named, the one that imports or has a version is meant, else the
+    first.
+    """
+    names: list[NamedNode] = []
+    imports: dict[NamedNode, list[NamedNode]] = {}
+    versions: dict[NamedNode, NamedNode] = {}
+    for quad in quads:
+        subject, value = quad.subject, quad.object
+        if not isinstance(subject, NamedNode) or not isinstance(value, NamedNode):
+            continue
+        if quad.predicate == RDF_TYPE and value == _ONTOLOGY:
+            names.append(subject)
+        elif quad.predicate == _IMPORTS:
+            imports.setdefault(subject, []).append(value)
+        elif quad.predicate == _VERSION_IRI:
+            versions[subject] = value
+    if not names:
+        return Header()
+    name = next((n for n in names if n in imports or n in versions), names[0])
+    return Header(name, versions.get(name), tuple(dict.fromkeys(imports.get(name, ()))))
+
+
+def peek(document: Document) -> Header:
+    """Return the header of a document from its first statements; no header if it is unreadable."""
+    try:
+        return header_of(islice(statements(document, detect(document)), _PEEKED))
+    except RtaskError:
+        return Header()

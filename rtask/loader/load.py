@@ -1,0 +1,325 @@
+"""Loading: one document, one graph, one commit.
+
+A document that cannot be read or contradicts what is there changes nothing.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field
+from itertools import chain, islice
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat, Triple
+
+from rtask.errors import DataError, UsageError
+from rtask.kb.access import Access
+from rtask.kb.commit import MAX_QUADS, Request
+from rtask.kb.terms import DEFAULT, DefaultGraph, Graph, iri
+from rtask.loader.catalogue import OntologyCatalogue, loadable_files
+from rtask.loader.documents import Document
+from rtask.loader.formats import Format, detect, find_format, statements
+from rtask.loader.headers import Header, header_of, peek
+
+if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["FileReport", "LoadReport", "load"]
+
+_log = logging.getLogger(__name__)
+_MISSING = ("error", "warn", "ignore")
+_KEPT_SOURCE_BYTES = 64 << 20
+_UNLIMITED = 1 << 62
+
+
+@dataclass(frozen=True)
+class FileReport:
+    """What came of one document.
+
+    Parameters
+    ----------
+    graph
+        IRI of the graph it went to; empty for documents that name their graphs themselves.
+    read
+        Statements in the document.
+    added, removed, derived
+        What changed.
+    """
+
+    name: str
+    format: str
+    graph: str
+    read: int
+    added: int
+    removed: int
+    derived: int
+    seconds: float
+
+
+@dataclass
+class LoadReport:
+    """What came of a load."""
+
+    files: list[FileReport] = field(default_factory=list)
+    missing_imports: list[str] = field(default_factory=list)
+    dry_run: bool = False
+
+    @property
+    def added(self) -> int:
+        """Statements added by all files."""
+        return sum(file.added for file in self.files)
+
+    @property
+    def derived(self) -> int:
+        """Statements derived from all files."""
+        return sum(file.derived for file in self.files)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as JSON-able values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Options:
+    """How documents are loaded; see :func:`load`."""
+
+    format: Format | None
+    graph: NamedNode | None
+    base: str | None
+    replace: bool
+    dry_run: bool
+    missing_imports: str
+    access: Access
+
+
+def load(
+    kb: KnowledgeBase,
+    source: Path | str | bytes | IO[bytes],
+    *,
+    format: RdfFormat | str | None = None,
+    graph: NamedNode | str | None = None,
+    base: str | None = None,
+    replace: bool = False,
+    dry_run: bool = False,
+    catalogs: Iterable[Path | str] = (),
+    missing_imports: str = "error",
+    agent: str | None = None,
+    access: Access | None = None,
+) -> LoadReport:
+    """Load a file, a folder, ``-`` (standard input), bytes, or the IRI of a known ontology.
+
+    Parameters
+    ----------
+    format
+        Name, extension or media type; by extension, then by the first bytes, where not given.
+    graph
+        Where the statements go. Without it an ontology goes to the graph of its own IRI, data to
+        ``{base}graph/import/<file>``.
+    base
+        Against which relative IRIs are resolved; the file's own address where not given.
+    replace
+        Withdraw what the graph held before.
+    dry_run
+        Read, resolve and count everything, store nothing.
+    catalogs
+        Folders and catalogue files in which ``owl:imports`` are looked up first.
+    missing_imports
+        ``error``, ``warn`` or ``ignore``.
+
+    Raises
+    ------
+    ParseError
+        ``FILE:LINE:COLUMN: reason``.
+    DataError
+        An import that no place has; lists the places.
+    """
+    if missing_imports not in _MISSING:
+        raise UsageError(f"missing_imports={missing_imports!r}; one of {', '.join(_MISSING)}")
+    options = Options(
+        find_format(format) if format else None,
+        None if graph is None else iri(graph),
+        base,
+        replace,
+        dry_run,
+        missing_imports,
+        kb.access(agent, access),
+    )
+    loader = _Loader(kb, options, OntologyCatalogue(Path(place) for place in catalogs))
+    for document in loader.documents(source):
+        loader.load(document)
+    return loader.report
+
+
+class _Loader:
+    def __init__(self, kb: KnowledgeBase, options: Options, catalogue: OntologyCatalogue) -> None:
+        self.kb = kb
+        self.options = options
+        self.catalogue = catalogue
+        self.report = LoadReport(dry_run=options.dry_run)
+        self._done: set[Path] = set()
+
+    def documents(self, source: Path | str | bytes | IO[bytes]) -> list[Document]:
+        """Return the documents that a source means; ontologies before data."""
+        if isinstance(source, str) and ":" in source and not Path(source).exists():
+            found = self.catalogue.find(source)
+            if found is None:
+                raise DataError(
+                    f"{source} is neither a file nor a known ontology; {self._places()}"
+                )
+            return [Document.of(found)]
+        if isinstance(source, str | Path) and Path(source).is_dir():
+            found_files = [Document.of(path) for path in loadable_files(Path(source))]
+            if not found_files:
+                raise DataError(f"{source} holds no file that can be loaded")
+            return sorted(found_files, key=lambda document: peek(document).iri is None)
+        return [Document.of(source)]
+
+    def _places(self, beside: Path | None = None) -> str:
+        return "looked at " + ", ".join(map(str, self.catalogue.searched(beside)))
+
+    def load(self, document: Document) -> None:
+        """Load one document, what it imports first."""
+        if document.path is not None:
+            if document.path.resolve() in self._done:
+                return
+            self._done.add(document.path.resolve())
+        started = time.perf_counter()
+        form = self.options.format or detect(document)
+        base = self.options.base or (document.path.resolve().as_uri() if document.path else None)
+        quads = statements(document, form, base)
+        first = list(islice(quads, MAX_QUADS))
+        header = header_of(first)
+        for name in header.imports:
+            self._import(name, document)
+        rest = next(quads, None)
+        if rest is not None:
+            from rtask.loader.bulk import load_bulk
+
+            report = load_bulk(self, document, form, header, chain(first, [rest], quads))
+        else:
+            report = self._commit(document, form, header, first)
+        elapsed = round(time.perf_counter() - started, 3)
+        self.report.files.append(FileReport(document.name, form.name, *report, elapsed))
+
+    def _import(self, name: NamedNode, importer: Document) -> None:
+        if self.kb.catalogue.is_ontology(name):
+            return
+        found = self.catalogue.find(name.value, importer.path)
+        if found is not None:
+            nested = _Loader(self.kb, _for_imports(self.options), self.catalogue)
+            nested.report, nested._done = self.report, self._done
+            nested.load(Document.of(found))
+            return
+        self.report.missing_imports.append(name.value)
+        message = f"{importer.name} imports {name.value}; {self._places(importer.path)}"
+        if self.options.missing_imports == "error":
+            raise DataError(message, missing=name.value)
+        if self.options.missing_imports == "warn":
+            _log.warning("%s", message)
+
+    def target(self, document: Document, header: Header) -> Graph:
+        """Return the graph that a document's loose statements go to."""
+        if self.options.graph is not None:
+            return self.options.graph
+        if self.kb.plain:
+            return DEFAULT
+        return header.iri or self.kb.graphs.imported(document.stem)
+
+    def _commit(
+        self, document: Document, form: Format, header: Header, quads: list[Quad]
+    ) -> tuple[str, int, int, int, int]:
+        graph = self.target(document, header)
+        request = self.request(document, header, graph)
+        transaction = self.kb.commit_block(request)
+        try:
+            with transaction as tx:
+                if self.options.replace:
+                    for name in _graphs(quads, graph):
+                        tx.clear(name)
+                tx.add_quads(self.prepared(quads, header, graph))
+                added, removed = tx.counts()
+                if self.options.dry_run:
+                    raise _DryRun
+        except _DryRun:
+            return (_name(graph), len(quads), added, removed, 0)
+        return (_name(graph), len(quads), added, removed, transaction.commit.derived)
+
+    def request(self, document: Document, header: Header, graph: Graph) -> Request:
+        """Return who loads, and what the graph will be."""
+        kinds: dict[Graph, str] = {graph: "OntologyGraph"} if header.iri is not None else {}
+        sources = {}
+        keeps = document.size <= _KEPT_SOURCE_BYTES and isinstance(graph, NamedNode)
+        if keeps and not (self.kb.plain or self.options.dry_run):
+            data = document.path if document.path else document.data
+            sources[graph] = self.kb.blobs.put(data, "application/octet-stream")
+        return Request(
+            self.options.access,
+            note=f"load {document.name}",
+            kinds=kinds,
+            check_blobs=False,
+            sources=sources,
+            max_quads=_UNLIMITED,
+        )
+
+    def prepared(self, quads: Iterable[Quad], header: Header, graph: Graph) -> Iterator[Quad]:
+        """Yield statements with their graph; blank nodes of data become IRIs.
+
+        So they can be withdrawn one by one and mean the same in every copy.
+        """
+        names: dict[str, NamedNode] = {}
+        keep_blank = self.kb.plain or header.iri is not None
+
+        def name(term: Any) -> Any:
+            if isinstance(term, BlankNode):
+                fresh = f"{self.kb.base}.well-known/genid/{uuid7()}"
+                return names.setdefault(term.value, iri(fresh))
+            if isinstance(term, Triple):
+                return Triple(name(term.subject), term.predicate, name(term.object))
+            return term
+
+        for quad in quads:
+            loose = isinstance(quad.graph_name, DefaultGraph)
+            where = graph if loose else name(quad.graph_name)
+            subject, value = quad.subject, quad.object
+            if not keep_blank:
+                subject, value = name(subject), name(value)
+            yield Quad(subject, quad.predicate, value, where)
+
+
+class _DryRun(Exception):
+    """Leaves the transaction without a commit."""
+
+
+def _for_imports(options: Options) -> Options:
+    """Return options that fit an imported ontology: its own graph, format and address."""
+    return Options(
+        None,
+        None,
+        None,
+        options.replace,
+        options.dry_run,
+        options.missing_imports,
+        options.access,
+    )
+
+
+def _graphs(quads: Iterable[Quad], graph: Graph) -> set[Graph]:
+    named = {q.graph_name for q in quads if not isinstance(q.graph_name, DefaultGraph)}
+    return {graph, *named}
+
+
+def _name(graph: Graph) -> str:
+    return graph.value if isinstance(graph, NamedNode) else ""
+
+
+def uuid7() -> str:
+    """Return a UUID that sorts by the time it was made (RFC 9562, 5.7)."""
+    stamp = time.time_ns() // 1_000_000
+    bits = secrets.randbits(74)
+    value = stamp << 80 | 0x7 << 76 | (bits >> 62) << 64 | 0b10 << 62 | bits & (1 << 62) - 1
+    text = f"{value:032x}"
+    return "-".join((text[:8], text[8:12], text[12:16], text[16:20], text[20:]))
