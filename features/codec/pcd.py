@@ -1,0 +1,152 @@
+"""PCD (Point Cloud Library): ascii, binary and binary_compressed, fields x y z and rgb or rgba."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from features.codec.errors import CloudFormatError
+from features.codec.limits import Limits
+from features.codec.table import Table, cloud_from_fields, read_text_rows
+from features.codec.types import Cloud
+
+__all__ = ["read_pcd"]
+
+_MAX_HEADER = 65_536
+_KINDS = {"F": "f", "U": "u", "I": "i"}
+
+
+def read_pcd(data: bytes, limits: Limits) -> Cloud:
+    """Return the points of a PCD file; organised ones lose their rows, missing points are dropped.
+
+    Raises
+    ------
+    CloudFormatError
+        When the header does not read, or the data end too early.
+    """
+    header, body = _read_header(data)
+    fields = _layout(header)
+    count = _whole(header, "POINTS")
+    limits.check_points(count)
+    kind = header["DATA"][0]
+    if kind == "ascii":
+        table = read_text_rows(data[body:], count, fields, "PCD")
+    elif kind == "binary":
+        table = _rows(data[body:], count, fields)
+    elif kind == "binary_compressed":
+        table = _columns(data[body:], count, fields, limits)
+    else:
+        raise CloudFormatError(f"PCD: unknown DATA {kind!r}")
+    _split_colour(table)
+    return cloud_from_fields(table, ("r", "g", "b"), "PCD")
+
+
+def _read_header(data: bytes) -> tuple[dict[str, list[str]], int]:
+    """Return the header's words by key, and where the data begin."""
+    header: dict[str, list[str]] = {}
+    offset = 0
+    while offset < min(len(data), _MAX_HEADER):
+        end = data.find(b"\n", offset)
+        if end < 0:
+            break
+        words = data[offset:end].decode("ascii", "replace").split()
+        offset = end + 1
+        if words and not words[0].startswith("#"):
+            header[words[0]] = words[1:]
+            if words[0] == "DATA" and words[1:]:
+                return header, offset
+    raise CloudFormatError("PCD: the header has no DATA line")
+
+
+def _whole(header: dict[str, list[str]], key: str) -> int:
+    words = header.get(key, [])
+    if len(words) != 1 or not words[0].isdigit():
+        raise CloudFormatError(f"PCD: {key} must be one whole number, got {words}")
+    return int(words[0])
+
+
+def _layout(header: dict[str, list[str]]) -> list[tuple[str, str]]:
+    """Return the fields as (name, numpy type), counts above one spread out."""
+    names, sizes, kinds = (header.get(key, []) for key in ("FIELDS", "SIZE", "TYPE"))
+    counts = header.get("COUNT", ["1"] * len(names))
+    if not names or not len(names) == len(sizes) == len(kinds) == len(counts):
+        raise CloudFormatError("PCD: FIELDS, SIZE, TYPE and COUNT differ in length")
+    fields: list[tuple[str, str]] = []
+    for name, size, kind, count in zip(names, sizes, kinds, counts, strict=True):
+        code = _KINDS.get(kind, "") + size
+        if code not in ("f4", "f8", "u1", "u2", "u4", "u8", "i1", "i2", "i4", "i8"):
+            raise CloudFormatError(f"PCD: field {name} of TYPE {kind} and SIZE {size}")
+        if not count.isdigit() or not 1 <= int(count) <= 1_024:
+            raise CloudFormatError(f"PCD: field {name} of COUNT {count}")
+        several = int(count) > 1 or name == "_"
+        fields += [(f"{name}#{len(fields)}" if several else name, code) for _ in range(int(count))]
+    if len({name for name, _ in fields}) != len(fields):
+        raise CloudFormatError("PCD: a field stands twice")
+    return fields
+
+
+def _rows(body: bytes, count: int, fields: list[tuple[str, str]]) -> Table:
+    layout = np.dtype([(name, "<" + code) for name, code in fields])
+    if len(body) < count * layout.itemsize:
+        raise CloudFormatError(f"PCD: cut off; the header promises {count} points")
+    packed = np.frombuffer(body, layout, count)
+    return {name: packed[name] for name, _ in fields}
+
+
+def _columns(body: bytes, count: int, fields: list[tuple[str, str]], limits: Limits) -> Table:
+    if len(body) < 8:
+        raise CloudFormatError("PCD: cut off before the compressed data")
+    stored, size = struct.unpack_from("<II", body)
+    limits.check_decoded(size, stored, "PCD")
+    if len(body) < 8 + stored:
+        raise CloudFormatError("PCD: cut off within the compressed data")
+    raw = _lzf(body[8 : 8 + stored], size)
+    table, offset = {}, 0
+    for name, code in fields:
+        column = np.dtype("<" + code)
+        if offset + count * column.itemsize > len(raw):
+            raise CloudFormatError(f"PCD: cut off; the header promises {count} points")
+        table[name] = np.frombuffer(raw, column, count, offset)
+        offset += count * column.itemsize
+    return table
+
+
+def _lzf(data: bytes, size: int) -> bytes:
+    """Unpack LibLZF: runs of literals, and copies of what came before."""
+    out = bytearray()
+    position = 0
+    try:
+        while position < len(data):
+            control = data[position]
+            position += 1
+            if control < 32:
+                out += data[position : position + control + 1]
+                position += control + 1
+            else:
+                length = control >> 5
+                if length == 7:
+                    length += data[position]
+                    position += 1
+                start = len(out) - ((control & 31) << 8) - data[position] - 1
+                position += 1
+                if start < 0:
+                    raise CloudFormatError("PCD: the compressed data point before their beginning")
+                for index in range(start, start + length + 2):
+                    out.append(out[index])
+            if len(out) > size:
+                break
+    except IndexError:
+        raise CloudFormatError("PCD: the compressed data end too early") from None
+    if len(out) != size:
+        raise CloudFormatError(f"PCD: unpacks to {len(out)} bytes, not {size}")
+    return bytes(out)
+
+
+def _split_colour(table: Table) -> None:
+    """Replace a packed ``rgb`` or ``rgba`` field (uint32, or the same bits as float) by r, g, b."""
+    for name in ("rgb", "rgba"):
+        if name in table and table[name].dtype.itemsize == 4:
+            packed = np.ascontiguousarray(table.pop(name)).view(np.uint32)
+            for channel, shift in (("r", 16), ("g", 8), ("b", 0)):
+                table[channel] = ((packed >> shift) & 255).astype(np.uint8)
