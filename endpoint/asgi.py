@@ -96,14 +96,15 @@ class Front:
             plan = gateway.plan(request)
         else:
             plan = await loop.run_in_executor(gateway.pool, gateway.plan, request)
-        work = loop.run_in_executor(gateway.pool, plan.run)
+        work = gateway.pool.submit(plan.run)
+        answer = asyncio.wrap_future(work)
         if plan.timeout_s is None:
-            return await work
+            return await answer
         try:
             async with asyncio.timeout(plan.timeout_s):
-                return await asyncio.shield(work)
+                return await asyncio.shield(answer)
         except TimeoutError:
-            return gateway.timed_out(request, plan.timeout_s)
+            return gateway.give_up(work, request, plan.timeout_s)
 
     def _request(self, scope: Message, body: bytes) -> Request:
         headers: dict[str, str] = {}

@@ -8,6 +8,7 @@ with each websocket and each request that changes something.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from urllib.parse import urlsplit
 
 from endpoint.config import Config, is_loopback
@@ -92,7 +93,7 @@ class Authenticator:
         """Refuse a Host that is not this server (only where the server is bound to loopback)."""
         if not self._config.on_loopback:
             return
-        name = urlsplit("//" + request.header("host", "localhost")).hostname or ""
+        name = _host_name(request.header("host", "localhost"))
         if is_loopback(name) or name in self._config.allowed_hosts:
             return
         raise ForbiddenError(f"Host {name!r} is not this server")
@@ -178,9 +179,21 @@ def preflight_headers(request: Request, config: Config) -> tuple[tuple[str, str]
     )
 
 
+@lru_cache(maxsize=256)
+def _host_name(host: str) -> str:
+    """Return a Host header without its port; empty where it is malformed."""
+    try:
+        return urlsplit("//" + host).hostname or ""
+    except ValueError:
+        return ""
+
+
 def _authority(origin: str) -> str:
     """Return host and port of an Origin, lower case; empty for ``null`` and the like."""
-    return urlsplit(origin).netloc.lower()
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return ""
 
 
 SCOPES = {

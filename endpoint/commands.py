@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 from contextlib import ExitStack, closing
 from datetime import timedelta
@@ -74,7 +75,11 @@ def serve(
             kb.publish(url=url)
             click.echo(f"ready {url} data {folder or 'in memory'}")
 
-        server.serve(server.Parts(kb, engine, tokens, config), listener, ready)
+        ended = server.serve(server.Parts(kb, engine, tokens, config), listener, ready)
+    if not ended:
+        # Everything is stored and closed; only threads of queries that took too long are left, and
+        # the interpreter would wait for them.
+        os._exit(0)
 
 
 @click.group()

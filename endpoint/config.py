@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from endpoint.protocol.limits import Limits
 
@@ -64,6 +65,7 @@ class Config:
         return min(wanted or self.timeout_s, self.max_timeout_s)
 
 
+@lru_cache(maxsize=256)
 def is_loopback(host: str) -> bool:
     """Tell whether a host name or address means this machine only.
 

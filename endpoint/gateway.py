@@ -11,7 +11,7 @@ import json
 import re
 import secrets
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from endpoint import graph_store
 from endpoint.auth import (
@@ -49,6 +49,8 @@ _PROTOCOL = {
     "/query": (QUERY,),
     "/update": (UPDATE,),
 }
+THREADS = 32
+MAX_ABANDONED = 16
 PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/blobs/", "/health/")
 
 
@@ -75,7 +77,8 @@ class Gateway:
         self.config = config
         self.auth = Authenticator(tokens, config)
         self._store = graph_store.GraphStore(kb, self.auth, config)
-        self.pool = ThreadPoolExecutor(32, thread_name_prefix="query")
+        self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="query")
+        self._abandoned: set[Future[Response]] = set()
 
     def serves(self, path: str) -> bool:
         """Tell whether an address is one of programs; the others are pages."""
@@ -91,11 +94,11 @@ class Gateway:
         plan = self.plan(request)
         if plan.timeout_s is None:
             return plan.run()
-        future = self.pool.submit(plan.run)
+        work = self.pool.submit(plan.run)
         try:
-            return future.result(plan.timeout_s)
+            return work.result(plan.timeout_s)
         except TimeoutError:
-            return self.timed_out(request, plan.timeout_s)
+            return self.give_up(work, request, plan.timeout_s)
 
     def plan(self, request: Request) -> Plan:
         """Understand a request; the plan never raises, errors are answers."""
@@ -116,8 +119,10 @@ class Gateway:
 
         return Plan(run, plan.timeout_s)
 
-    def timed_out(self, request: Request, seconds: float) -> Response:
-        """Return the answer for a query that took too long."""
+    def give_up(self, work: Future[Response], request: Request, seconds: float) -> Response:
+        """Answer for a query that took too long; its thread cannot be stopped and is counted."""
+        self._abandoned.add(work)
+        work.add_done_callback(self._abandoned.discard)
         error = RefusedError(
             504,
             "query-timeout",
@@ -127,9 +132,14 @@ class Gateway:
         )
         return self._finish(problem(error), request, "")
 
-    def close(self) -> None:
-        """Let running work end."""
-        self.pool.shutdown(wait=True, cancel_futures=True)
+    def close(self) -> bool:
+        """Take no more work and wait for what runs; tell whether all of it ended.
+
+        Queries that were given up are not waited for: they may run for hours.
+        """
+        stuck = any(not work.done() for work in self._abandoned)
+        self.pool.shutdown(wait=not stuck, cancel_futures=True)
+        return not stuck
 
     def _finish(self, response: Response, request: Request, request_id: str) -> Response:
         headers = [("Vary", "Accept, Authorization, Origin"), *cors_headers(request, self.config)]
@@ -173,6 +183,13 @@ class Gateway:
         if isinstance(operation, UpdateRequest):
             self.auth.require_write(request, caller)
             return protocol.plan_update(self.kb, operation, request, caller.access, self.config)
+        if len(self._abandoned) >= MAX_ABANDONED:
+            raise RefusedError(
+                503,
+                "busy",
+                f"{MAX_ABANDONED} queries that took too long still run; try again later",
+                headers=(("Retry-After", "30"),),
+            )
         return protocol.plan_query(self.kb, operation, request, self.config)
 
     def _engine(self, request: Request, caller: Caller, name: str) -> Plan:

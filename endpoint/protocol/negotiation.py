@@ -100,7 +100,8 @@ def _best_range(ranges: Sequence[MediaRange], media_type: str) -> MediaRange | N
     return max(covering, key=lambda r: r.specificity, default=None)
 
 
-def choose(accept: str, offers: Sequence[str]) -> str:
+@lru_cache(maxsize=256)
+def choose(accept: str, offers: tuple[str, ...]) -> str:
     """Choose the media type to answer in.
 
     Highest quality wins; of equals, the one named more specifically, then the server's order.

@@ -1,0 +1,122 @@
+"""A server in a process of its own, for tests of programs that talk to one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+READY_S = 90.0
+STOP_S = 20.0
+
+
+class ServerDidNotStartError(RuntimeError):
+    """The process ended, or said nothing in time; the message has what it printed."""
+
+
+@dataclass(frozen=True)
+class RunningServer:
+    """A server that answers.
+
+    Parameters
+    ----------
+    url
+        ``http://127.0.0.1:<port>``.
+    process
+        Its process.
+    data
+        Its folder; none where it keeps everything in memory.
+    """
+
+    url: str
+    process: subprocess.Popen[str]
+    data: Path | None
+
+    @property
+    def port(self) -> int:
+        """The port that it listens at."""
+        return int(self.url.rpartition(":")[2])
+
+    @property
+    def websocket(self) -> str:
+        """Where robots connect."""
+        return self.url.replace("http", "ws", 1) + "/"
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        """Ask it to end and return its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.process.wait(STOP_S)
+
+
+@contextlib.contextmanager
+def running_server(data: Path | None, *options: str) -> Iterator[RunningServer]:
+    """Start ``rtask serve`` on a free port; it has ended when the block is left.
+
+    Parameters
+    ----------
+    data
+        Folder of the knowledge base; none keeps everything in memory.
+    *options
+        Further options of the command.
+
+    Raises
+    ------
+    ServerDidNotStartError
+        It ended or stayed silent; with what it said.
+    """
+    where = ["--data", str(data)] if data else ["--temp"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rtask", "serve", *where, "-p", "0", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    errors: list[str] = []
+    drain = threading.Thread(target=errors.extend, args=(process.stderr,), daemon=True)
+    drain.start()
+    try:
+        yield RunningServer(_ready_url(process.stdout, errors), process, data)
+    finally:
+        if process.poll() is None:
+            process.terminate()
+        try:
+            process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        drain.join(5)
+        process.stdout.close()
+        process.stderr.close()
+
+
+def _ready_url(output: IO[str], errors: list[str]) -> str:
+    """Wait for the line that says the address."""
+    lines: queue.Queue[str] = queue.Queue()
+
+    def read() -> None:
+        with contextlib.suppress(ValueError):  # closed at the end
+            for line in output:
+                lines.put(line)
+        lines.put("")
+
+    threading.Thread(target=read, daemon=True).start()
+    try:
+        line = lines.get(timeout=READY_S)
+    except queue.Empty:
+        line = ""
+    if not line.startswith("ready "):
+        said = "".join(errors)[-2000:]
+        raise ServerDidNotStartError(f"{line.strip() or 'no ready line'}; {said}")
+    return line.split()[1]

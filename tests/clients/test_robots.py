@@ -1,0 +1,197 @@
+"""Robots connect: roslibpy unmodified, and bare websockets for what no good client sends."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+import roslibpy
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from endpoint.testing import RunningServer
+
+SEARCH = {"op": "search_object", "service": "send_point_cloud", "args": "zc5p81H1cO8P+Ksmfdf..."}
+
+
+@pytest.fixture(scope="module")
+def ros(server: RunningServer) -> Iterator[roslibpy.Ros]:
+    """A robot program; the reactor of its library starts once in a process."""
+    client = roslibpy.Ros(host="127.0.0.1", port=server.port)
+    client.run(timeout=10)
+    yield client
+    client.close()
+
+
+def call(ros: roslibpy.Ros, name: str, args: dict[str, Any] | None = None) -> Any:
+    service = roslibpy.Service(ros, name, "rtask/Any")
+    return service.call(roslibpy.ServiceRequest(args or {}), timeout=20)
+
+
+def test_roslibpy_calls_a_service_of_the_engine(ros: roslibpy.Ros) -> None:
+    robot = {"name": "ros-1", "model": "nao-h25-v5", "simulated": True, "end_effectors": []}
+    answer = call(ros, "/rtask/register_robot", {**robot, "cameras": [], "frames": []})
+    assert answer["robot"].endswith("robot/ros-1")
+    again = call(ros, "/rtask/register_robot", {**robot, "cameras": [], "frames": []})
+    assert again["robot"] == answer["robot"]
+
+
+def test_roslibpy_hears_why_a_call_failed(ros: roslibpy.Ros) -> None:
+    with pytest.raises(roslibpy.core.ServiceException, match="did you mean /rtask/register_robot"):
+        call(ros, "/rtask/registr_robot")
+    with pytest.raises(roslibpy.core.ServiceException, match="name"):
+        call(ros, "/rtask/register_robot", {"nme": "x"})
+
+
+def test_roslibpy_asks_for_time_services_and_topics(ros: roslibpy.Ros) -> None:
+    assert abs(ros.get_time()["secs"] - time.time()) < 60  # both clocks are this machine's
+    assert "/rtask/recognise_for_grasp" in ros.get_services()
+    assert isinstance(ros.get_topics(), list)
+
+
+def test_a_topic_travels_from_one_robot_to_another(
+    ros: roslibpy.Ros, server: RunningServer
+) -> None:
+    heard = threading.Event()
+    messages: list[Any] = []
+    listener = roslibpy.Topic(ros, "/battery", "std_msgs/Float32")
+    listener.subscribe(lambda message: (messages.append(message), heard.set()))
+    with connect(server.websocket) as other:
+        other.send(json.dumps({"op": "advertise", "topic": "/battery", "type": "std_msgs/Float32"}))
+        deadline = time.monotonic() + 10
+        while not heard.is_set() and time.monotonic() < deadline:
+            # The subscription travels on its own connection; say it until it has arrived.
+            other.send(json.dumps({"op": "publish", "topic": "/battery", "msg": {"data": 0.8}}))
+            heard.wait(0.1)
+    listener.unsubscribe()
+    assert messages[0] == {"data": 0.8}
+
+
+def test_a_commit_is_announced_to_who_subscribed(server: RunningServer) -> None:
+    with connect(server.websocket) as robot:
+        robot.send(json.dumps({"op": "subscribe", "topic": "/rtask/changes"}))
+        robot.send(json.dumps({"op": "call_service", "service": "/rosapi/get_time"}))
+        robot.recv(timeout=10)  # the subscription was read before this was answered
+        text = "INSERT DATA { GRAPH <urn:g:announced> { <urn:s> <urn:p> 1 } }"
+        httpx.post(f"{server.url}/update", data={"update": text})
+        change = json.loads(robot.recv(timeout=10))
+    assert change["topic"] == "/rtask/changes"
+    assert change["msg"]["graphs"] == ["urn:g:announced"]
+    assert change["msg"]["added"] == 1
+
+
+def test_the_messages_of_the_thesis_are_answered(server: RunningServer) -> None:
+    """Gatto 2016, 3.2.4: the printed cloud is cut off, so the answer says that it is none."""
+    with connect(server.url.replace("http", "ws") + "/rosbridge") as robot:
+        robot.send(json.dumps(SEARCH))
+        answer = json.loads(robot.recv(timeout=20))
+    assert answer["op"] == "search_object_response"
+    assert (answer["service"], answer["result"], answer["similar_objects"]) == ("query", False, [])
+    assert answer["error"].startswith("args: ")
+
+
+def test_the_same_operation_over_http(server: RunningServer) -> None:
+    fields = {"name": "ros-2", "model": "m", "simulated": True, "end_effectors": []}
+    body = {**fields, "cameras": [], "frames": []}
+    answer = httpx.post(f"{server.url}/engine/register_robot", json=body)
+    assert answer.status_code == 200
+    assert answer.json()["robot"].endswith("robot/ros-2")
+
+
+@pytest.mark.parametrize(
+    ("path", "content", "kind", "status"),
+    [
+        ("register_robot", b"{broken", "application/json", 400),
+        ("register_robot", b"[1]", "application/json", 400),
+        ("register_robot", b"[" * 50_000, "application/json", 400),
+        ("register_robot", b"{}", "text/plain", 415),
+        ("no_such_thing", b"{}", "application/json", 404),
+    ],
+)
+def test_a_faulty_call_over_http_is_refused(
+    server: RunningServer, path: str, content: bytes, kind: str, status: int
+) -> None:
+    answer = httpx.post(
+        f"{server.url}/engine/{path}", content=content, headers={"Content-Type": kind}
+    )
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"op": "fly"}', "[" * 9_000, "\x00", ""])
+def test_rubbish_is_answered_and_the_robot_stays_connected(
+    server: RunningServer, text: str
+) -> None:
+    with connect(server.websocket) as robot:
+        robot.send(text)
+        assert json.loads(robot.recv(timeout=10))["op"] == "status"
+        robot.send(b"\x00\x01")
+        assert json.loads(robot.recv(timeout=10))["op"] == "status"
+        robot.send(json.dumps({"op": "call_service", "service": "/rosapi/get_time"}))
+        assert json.loads(robot.recv(timeout=10))["result"] is True
+
+
+def status_of_handshake(url: str, **options: Any) -> int:
+    try:
+        with connect(url, **options):
+            return 101
+    except InvalidStatus as refused:
+        return refused.response.status_code
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Authorization": f"Bearer rtk_{'0' * 12}_{'0' * 32}"}, 401),
+        ({}, 101),
+    ],
+)
+def test_who_may_connect(server: RunningServer, headers: dict[str, str], status: int) -> None:
+    assert status_of_handshake(server.websocket, additional_headers=headers) == status
+
+
+def test_the_own_page_may_connect_and_no_other_address_takes_robots(
+    server: RunningServer,
+) -> None:
+    own = {"Origin": server.url}
+    assert status_of_handshake(server.websocket, additional_headers=own) == 101
+    assert status_of_handshake(server.websocket + "nowhere") != 101
+
+
+def test_a_token_in_the_url_or_the_header_names_the_robot(
+    guarded: RunningServer, make_token: Any
+) -> None:
+    token = make_token("--robot", "ws-1")
+    call_ = {"op": "call_service", "service": "/rtask/register_robot"}
+    fields = {"model": "m", "simulated": True, "end_effectors": [], "cameras": [], "frames": []}
+    bearer = {"additional_headers": {"Authorization": f"Bearer {token}"}}
+    for url, options in (
+        (f"{guarded.websocket}?token={token}", {}),
+        (guarded.websocket, bearer),
+    ):
+        with connect(url, **options) as robot:
+            robot.send(json.dumps({**call_, "args": {"name": "ws-1", **fields}}))
+            assert json.loads(robot.recv(timeout=20))["result"] is True
+            robot.send(json.dumps({**call_, "args": {"name": "another", **fields}}))
+            assert json.loads(robot.recv(timeout=20))["result"] is False
+
+
+def test_revoking_a_token_closes_its_connections(guarded: RunningServer, make_token: Any) -> None:
+    token = make_token("--robot", "ws-2")
+    with connect(f"{guarded.websocket}?token={token}") as robot:
+        command = [sys.executable, "-m", "rtask", "token", "revoke", token.split("_")[1]]
+        subprocess.run([*command, "--data", str(guarded.data)], check=True, timeout=60)
+        with pytest.raises(ConnectionClosed) as closed:
+            robot.recv(timeout=10)
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1008
+    assert status_of_handshake(f"{guarded.websocket}?token={token}") == 401
