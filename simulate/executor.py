@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 _CONTROL_S = 0.010
 _SETTLE_S = 0.08
-_CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.8, 2.0, 1.0
+_CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.5, 2.0, 1.0
 _TRACKING_RAD = 0.05
 _PUSHED_M = 0.015
 _CONTACT_CHECK_S = 0.05
@@ -158,7 +158,11 @@ class Executor:
         return self.planner.plan(request, boxes, seed)
 
     def execute(
-        self, plan: PlannedGrasp, on_phase: Callable[[str], None] = lambda phase: None
+        self,
+        plan: PlannedGrasp,
+        on_phase: Callable[[str], None] = lambda phase: None,
+        *,
+        place: bool = True,
     ) -> GraspRecord:
         """Carry out a plan: grasp, lift, hold, put into the box of that side, go home.
 
@@ -168,8 +172,10 @@ class Executor:
             From :meth:`plan`.
         on_phase
             Called with the name of each phase when it ends.
+        place
+            False puts the object back where it was instead.
         """
-        return _Attempt(self, plan, on_phase).run()
+        return _Attempt(self, plan, on_phase).run(place)
 
     def next_spot(self, side: str) -> int:
         """Return how many objects were put into a box before, and count one more."""
@@ -197,15 +203,18 @@ class _Attempt:
 
     # -- the whole -------------------------------------------------------------------------
 
-    def run(self) -> GraspRecord:
+    def run(self, place: bool) -> GraspRecord:
         self._note("start")
         reason = self._grasp()
-        held = reason == "ok"
-        place_reason, offset = self._place() if held else ("", float("nan"))
+        place_reason, offset = "", float("nan")
+        if reason == "ok" and place:
+            place_reason, offset = self._place()
+        elif reason == "ok":
+            self._put_back()
         return self._record(reason, place_reason, offset)
 
     def _grasp(self) -> str:
-        self._open(self.plan.opening)
+        self.robot.move_fingers(self.arm, self.plan.opening, _OPEN_TORQUE)
         if not self._follow(self.plan.free):
             self._go_home()
             return "tracking"
@@ -245,10 +254,10 @@ class _Attempt:
         kept = self._follow(way.transport, watch=True)
         self._end("transport")
         self._follow(way.lower)
-        self._fingers(1.0, _OPEN_TORQUE, _OPEN_S)
+        self._open(1.0)
         self._end("place")
         self._follow(way.retreat)
-        self._steps(_REST_S)
+        self._steps(_REST_S - (self.world.time - self._phase_started))
         state = self._end("home")
         offset = float(np.linalg.norm(state.position[:2] - box.centre))
         if is_placed(self._in_base(state), box):
@@ -303,7 +312,7 @@ class _Attempt:
         return bool(np.all(error < _TRACKING_RAD))
 
     def _open(self, opening: float) -> None:
-        self._fingers(opening, _OPEN_TORQUE, _OPEN_S / 2)
+        self._fingers(opening, _OPEN_TORQUE, _OPEN_S)
 
     def _fingers(self, opening: float, torque: float, seconds: float) -> None:
         self.robot.move_fingers(self.arm, opening, torque)

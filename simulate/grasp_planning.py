@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +47,7 @@ SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "retur
 
 _PREFERRED_TILT = 0.6
 _LARGEST_TILT = 1.35
-_POSTURES_TRIED = 6
+_POSTURES_TRIED = 12
 _RETREATS = ((0.055, 0.0), (0.033, 0.0), (0.020, 0.050))
 _LIFTS = (0.060, 0.045, 0.035)
 _MARGIN = 0.004
@@ -61,8 +61,13 @@ _ALLOWED: Mapping[tuple[str, str], float] = {
 }
 _AT_OBJECT: Mapping[tuple[str, str], float] = {
     **_ALLOWED,
-    ("target", "finger"): 0.005,
-    ("target", "palm"): 0.003,
+    ("target", "finger"): 0.012,
+    ("target", "palm"): 0.008,
+}
+_TOUCHING: Mapping[tuple[str, str], float] = {
+    **_ALLOWED,
+    ("target", "finger"): 0.002,
+    ("target", "palm"): 0.0,
 }
 _LIFTING: Mapping[tuple[str, str], float] = {
     **_ALLOWED,
@@ -72,15 +77,47 @@ _LIFTING: Mapping[tuple[str, str], float] = {
 
 
 @dataclass(frozen=True)
-class _Candidate:
-    """One posture at the object."""
+class Candidate:
+    """One posture at the object, and what speaks against it.
+
+    Parameters
+    ----------
+    posture : (dof,) float, rad
+    opening
+        Of the hand, 0..1.
+    height
+        Of the tool over the table, m.
+    tilt
+        Of the approach from the vertical, rad.
+    off
+        Angle between the closing axis and the wanted one, rad.
+    depth
+        How deep the open hand sits in the object or anything else, m.
+    raised, turned, widened
+        Number of the height, closing direction and opening tried; 0 = the rule's first choice.
+    """
 
     posture: Floats
     opening: float
     height: float
     tilt: float
-    cost: float
-    found: int
+    off: float
+    depth: float
+    raised: int
+    turned: int
+    widened: int
+
+    @property
+    def cost(self) -> float:
+        """What makes a grasp fail, summed: lower is better."""
+        return (
+            abs(self.tilt - _PREFERRED_TILT)
+            + 1.5 * self.off
+            + 60.0 * self.depth
+            + 0.3 * self.raised
+            + 0.2 * self.turned
+            + 0.2 * self.widened
+        )
 
 
 class GraspPlanner:
@@ -169,37 +206,73 @@ class GraspPlanner:
         if request.width > parts.mouth:
             return "too_wide"
         around = self.surroundings(arm, request.table_height, obstacles)
-        target = _target(request)
+        with_target = around.with_obstacles([_target(request)])
+        candidates = self.candidates(arm, request, with_target, seed)
         reason = "ik"
-        for candidates in self._postures(arm, request, seed):
-            for candidate in candidates:
-                planned = self._complete(arm, request, around, target, candidate, seed)
-                if not isinstance(planned, str):
-                    return replace(planned, obstacles=obstacles)
-                reason = max(reason, planned, key=REASONS.index)
+        for candidate in sorted(candidates, key=lambda c: c.cost)[:_POSTURES_TRIED]:
+            planned = self._complete(arm, request, with_target, candidate, seed)
+            if not isinstance(planned, str):
+                return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
+            reason = max(reason, planned, key=REASONS.index)
         return reason
 
-    def _postures(self, arm: str, request: GraspRequest, seed: int) -> Iterator[list[_Candidate]]:
-        """Yield the postures of one height and closing direction after the other, best first."""
+    def candidates(
+        self, arm: str, request: GraspRequest, around: Surroundings, seed: int
+    ) -> list[Candidate]:
+        """Return the postures for all heights, closing directions and openings, judged."""
         chain = self.chains[arm]
         rng = np.random.default_rng((seed, _PURPOSE_IK))
-        for height in grasp_heights(request):
-            for angle in closing_angles(request):
+        found: list[Candidate] = []
+        for raised, height in enumerate(grasp_heights(request)):
+            for turned, angle in enumerate(closing_angles(request)):
                 position = np.array([request.x, request.y, request.table_height + height])
                 closing = None if angle is None else np.array([np.cos(angle), np.sin(angle), 0.0])
-                found = solve_ik(chain, Goal(position, closing), rng, _IK)
-                if len(found) == 0:
-                    continue
-                for opening in openings(request):
-                    yield _rank(chain, found, closing, opening, height)
+                postures = solve_ik(chain, Goal(position, closing), rng, _IK)
+                if len(postures):
+                    draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, turned, 0)
+                    found += self._judged(arm, request, around, draft, postures, closing)
+        return found
+
+    def _judged(
+        self,
+        arm: str,
+        request: GraspRequest,
+        around: Surroundings,
+        draft: Candidate,
+        postures: Floats,
+        closing: Floats | None,
+    ) -> list[Candidate]:
+        rotation, _ = self.chains[arm].tool_poses(postures)
+        tilts = np.arccos(np.clip(-rotation[:, 2, 2], -1, 1))
+        axes = rotation[:, :, 0]
+        if closing is None:
+            off = np.abs(axes[:, 2])
+        else:
+            off = np.sqrt(np.maximum(1 - (axes @ closing) ** 2, 0))
+        judged = []
+        for wider, opening in enumerate(openings(request)):
+            spheres = self.spheres(arm, opening)
+            depths = -spheres.clearances(postures, around, spheres.slack(around, _TOUCHING))
+            for posture, tilt, angle, depth in zip(postures, tilts, off, depths, strict=True):
+                judged.append(
+                    replace(
+                        draft,
+                        posture=posture,
+                        opening=opening,
+                        tilt=float(tilt),
+                        off=float(angle),
+                        depth=float(max(depth, 0.0)),
+                        widened=wider,
+                    )
+                )
+        return judged
 
     def _complete(
         self,
         arm: str,
         request: GraspRequest,
-        around: Surroundings,
-        target: Obstacle,
-        candidate: _Candidate,
+        with_target: Surroundings,
+        candidate: Candidate,
         seed: int,
     ) -> PlannedGrasp | str:
         """Find the lines and the free path of one posture, or say what fails."""
@@ -207,7 +280,6 @@ class GraspPlanner:
             return "tilt"
         chain = self.chains[arm]
         spheres = self.spheres(arm, candidate.opening)
-        with_target = around.with_obstacles([target])
         at_object = spheres.slack(with_target, _AT_OBJECT)
 
         def near(q: Floats) -> NDArray[np.bool_]:
@@ -240,7 +312,7 @@ class GraspPlanner:
             approach=time_path(back[::-1], SPEED["approach"] * chain.velocity),
             lift=time_path(lift, SPEED["lift"] * chain.velocity),
             obstacles=(),
-            ik_solutions=candidate.found,
+            ik_solutions=0,
             planning_s=0.0,
             seed=seed,
         )
@@ -314,21 +386,3 @@ def _target(request: GraspRequest) -> Obstacle:
     # The hand closes across the width, so the longer side lies at a right angle to theta.
     size = (request.width, max(request.length, request.width), request.height)
     return Obstacle.box("target", centre, size, request.theta)
-
-
-def _rank(
-    chain: Chain, found: Floats, closing: Floats | None, opening: float, height: float
-) -> list[_Candidate]:
-    """Return the postures worth a try: a diagonal approach from above, closing as asked."""
-    rotation, _ = chain.tool_poses(found)
-    tilts = np.arccos(np.clip(-rotation[:, 2, 2], -1, 1))
-    axes = rotation[:, :, 0]
-    off = np.abs(axes[:, 2]) if closing is None else np.sqrt(
-        np.maximum(1 - (axes @ closing) ** 2, 0)
-    )  # fmt: skip
-    costs = np.abs(tilts - _PREFERRED_TILT) + 1.5 * off
-    order = np.argsort(costs, kind="stable")[:_POSTURES_TRIED]
-    return [
-        _Candidate(found[i], opening, height, float(tilts[i]), float(costs[i]), len(found))
-        for i in order
-    ]

@@ -149,12 +149,13 @@ def grasp_heights(request: GraspRequest) -> Iterator[float]:
 
 
 def openings(request: GraspRequest) -> tuple[float, ...]:
-    """Return how far (0..1) to open before the grasp, best first."""
-    if request.lies_thin:
-        return (0.75, 1.0)
-    if request.round and not request.is_tall:
-        return (0.7, 0.9)
-    return (1.0, 0.8)
+    """Return how far (0..1) to open before the grasp, best first.
+
+    Measured over 270 grasps of anything but pens: fully open 98 % held, .9 84 %, .8 45 %, .7 15 %.
+    The mouth is V-shaped, and a narrower one leaves the object at its rim. Less than fully open is
+    only for room between neighbours.
+    """
+    return (1.0, 0.75) if request.lies_thin else (1.0, 0.9)
 
 
 def closing_angles(request: GraspRequest) -> tuple[float | None, ...]:

@@ -67,7 +67,7 @@ class RobotBody:
         self.arms: Mapping[str, Arm] = description.arms
         self.chains = {name: Chain.of(description, name) for name in description.arms}
         self._client: Any = world.client
-        self.body = world.load_urdf(description, self.world_from_base)
+        self.body = world.load_urdf(description.welded(), self.world_from_base)
         self.joint_index, self.link_index = self._indices()
         self.hand_links = {name: self._hand_links(arm) for name, arm in self.arms.items()}
         self._head = self._head_joints()

@@ -7,7 +7,7 @@ spheres of the planner and the body in the physics engine are all made from it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -25,11 +25,22 @@ __all__ = [
     "RobotDescription",
     "Shape",
     "rotation_from_rpy",
+    "rpy_from_rotation",
     "transform_from",
 ]
 
 Vector = tuple[float, float, float]
 ArmName = Literal["left_arm", "right_arm"]
+
+
+def rpy_from_rotation(rotation: NDArray[np.float64]) -> Vector:
+    """Return fixed-axis roll, pitch, yaw (rad) of a (3, 3) rotation."""
+    pitch = float(np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0])))
+    if abs(np.cos(pitch)) < 1e-9:  # gimbal lock: all of the turn goes into roll
+        roll = float(np.arctan2(-rotation[1, 2], rotation[1, 1]))
+        return (roll, pitch, 0.0)
+    roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
+    return (roll, pitch, float(np.arctan2(rotation[1, 0], rotation[0, 0])))
 
 
 def rotation_from_rpy(rpy: Vector) -> NDArray[np.float64]:
@@ -60,6 +71,18 @@ class Pose:
     rpy: Vector = (0.0, 0.0, 0.0)
 
 
+    @classmethod
+    def of(cls, matrix: NDArray[np.float64]) -> Pose:
+        """Return the pose of a (4, 4) transform."""
+        x, y, z = (float(v) for v in matrix[:3, 3])
+        return cls((x, y, z), rpy_from_rotation(matrix[:3, :3]))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """``parent_from_child`` (4, 4)."""
+        return transform_from(self.xyz, self.rpy)
+
+
 @dataclass(frozen=True)
 class Shape:
     """A collision primitive in the frame of its link.
@@ -80,6 +103,29 @@ class Inertial:
     centre: Vector
     diagonal: Vector
     off_diagonal: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def tensor(self) -> NDArray[np.float64]:
+        """Inertia (3, 3) at the centre of mass."""
+        (xx, yy, zz), (xy, xz, yz) = self.diagonal, self.off_diagonal
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def joined(self, other: Inertial, self_from_other: NDArray[np.float64]) -> Inertial:
+        """Return both as one rigid part, in the frame of the first."""
+        rotation, offset = self_from_other[:3, :3], self_from_other[:3, 3]
+        centres = [np.array(self.centre), rotation @ np.array(other.centre) + offset]
+        tensors = [self.tensor, rotation @ other.tensor @ rotation.T]
+        masses = [self.mass, other.mass]
+        mass = sum(masses)
+        centre = sum(m * c for m, c in zip(masses, centres, strict=True)) / mass
+        total = np.zeros((3, 3))
+        for m, c, tensor in zip(masses, centres, tensors, strict=True):  # Steiner
+            arm = c - centre
+            total += tensor + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        x, y, z = (float(v) for v in centre)
+        xx, yy, zz = (float(v) for v in np.diag(total))
+        off = (float(total[0, 1]), float(total[0, 2]), float(total[1, 2]))
+        return Inertial(mass, (x, y, z), (xx, yy, zz), off)
 
 
 @dataclass(frozen=True)
@@ -226,6 +272,32 @@ class RobotDescription:
             path.append(by_child[link])
             link = path[-1].parent
         return path[::-1]
+
+    def welded(self) -> RobotDescription:
+        """Return the same robot with every fixed joint gone: child and parent become one link.
+
+        A simulator then has no work with links that never move.
+        """
+        links = {link.name: link for link in self.links}
+        joints = list(self.joints)
+        while fixed := next((joint for joint in joints if joint.kind == "fixed"), None):
+            parent, child = links[fixed.parent], links.pop(fixed.child)
+            offset = fixed.pose.matrix
+            moved = tuple(
+                replace(shape, pose=Pose.of(offset @ shape.pose.matrix)) for shape in child.shapes
+            )
+            inertial = parent.inertial.joined(child.inertial, offset)
+            links[parent.name] = replace(
+                parent, inertial=inertial, shapes=(*parent.shapes, *moved)
+            )
+            joints.remove(fixed)
+            joints = [
+                replace(joint, parent=parent.name, pose=Pose.of(offset @ joint.pose.matrix))
+                if joint.parent == child.name
+                else joint
+                for joint in joints
+            ]
+        return replace(self, links=tuple(links.values()), joints=tuple(joints))
 
     def moving_joints(self) -> Iterator[Joint]:
         """Yield the joints that move."""

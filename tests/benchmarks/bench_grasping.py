@@ -1,0 +1,294 @@
+"""How often the simulated NAO holds and places: true poses with noise, no camera.
+
+    python tests/benchmarks/bench_grasping.py single -n 50
+    python tests/benchmarks/bench_grasping.py table -n 8 --objects 7
+
+``single`` puts one object on the table at a time, alternating between the arms and the kinds;
+``table`` lays several and clears them, the others being obstacles. An object counts as held when
+one of at most three grasps held it. Prints a table with Wilson 95 % intervals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from grasp.spatial.footprint import Footprint
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.planar import propose_planar
+from simulate.collision import Obstacle
+from simulate.executor import Executor, GraspRecord, GraspRequest
+from simulate.objects import KINDS, ObjectSpec, collision_of, product
+from simulate.robots.nao import Nao
+from simulate.world import World
+
+MAX_GRASPS, MAX_PLANS = 3, 12
+AREA_X, AREA_Y = (0.11, 0.19), (0.02, 0.19)
+HAND = ParallelGripper("nao_hand", "nao_hand", 0.0, 0.05)
+
+
+@dataclass
+class Tally:
+    """What happened to one object."""
+
+    kind: str
+    arm: str
+    attempts: int = 0
+    planned: bool = False
+    held: bool = False
+    placed: bool = False
+    reasons: list[str] = field(default_factory=list)
+    place_reason: str = ""
+    plan_s: float = 0.0
+    execute_s: float = 0.0
+    log: list[dict[str, object]] = field(default_factory=list)
+
+
+def surface(spec: ObjectSpec) -> np.ndarray:
+    """Return points (n, 3) of an object's convex parts in its body frame."""
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    parts = []
+    for shape in collision_of(spec):
+        if shape.shape == "box":
+            local = np.array(np.meshgrid(*[[-s / 2, s / 2] for s in shape.size])).reshape(3, -1).T
+        elif shape.shape == "cylinder":
+            r, half = shape.size[0], shape.size[1] / 2
+            rings = [np.stack([r * np.cos(angle), r * np.sin(angle), 0 * angle + z], 1)
+                     for z in (-half, half)]  # fmt: skip
+            local = np.concatenate(rings)
+        else:
+            ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+            local = shape.size[0] * np.concatenate([ring, [[0, 0, 1.0], [0, 0, -1.0]]])
+        x, y, z, w = shape.orientation
+        v = np.array([x, y, z])
+        turned = local + 2 * np.cross(v, np.cross(v, local) + w * local)
+        parts.append(turned + shape.position)
+    return np.concatenate(parts)
+
+
+def measured(world: World, body: int, rng: np.random.Generator, sigma: float) -> Footprint | None:
+    """Return what perfect perception with position noise would say of an object."""
+    spec, pose = world.objects[body], world.object_pose(body)
+    points = surface(spec) @ pose.rotation.T + pose.position
+    if abs(pose.z - world.table_height) > 0.15:
+        return None
+    prism = Obstacle.around("object", points, world.table_height)
+    sizes = 2 * prism.half[:2]
+    yaw = float(np.arctan2(prism.rotation[1, 0], prism.rotation[0, 0]))
+    if sizes[1] > sizes[0]:
+        sizes, yaw = sizes[::-1], yaw + np.pi / 2
+    stands = abs(pose.rotation[2, 2]) > 0.95
+    round_ = spec.kind == "ball" or (spec.kind in ("can", "bottle") and stands)
+    x, y = prism.centre[:2] + rng.normal(0, sigma, 2)
+    if round_:
+        sizes = np.array([max(sizes), max(sizes)])
+    return Footprint(
+        (float(x), float(y)), yaw, float(sizes[0]), float(sizes[1]), float(2 * prism.half[2]),
+        roundness=1.0 if round_ else 0.0,
+    )  # fmt: skip
+
+
+def attempt(
+    executor: Executor,
+    body: int,
+    others: list[Obstacle],
+    tally: Tally,
+    tried: list[tuple[float, float, float]],
+    rng: np.random.Generator,
+    sigma: float,
+) -> GraspRecord | None:
+    """Plan the best grasp not tried yet and carry it out."""
+    world = executor.world
+    seen = measured(world, body, rng, sigma)
+    if seen is None:
+        return None
+    started = time.process_time()
+    plan = None
+    # Of candidates alike but for height and opening the first is enough: the planner tries others.
+    grasps, kept = propose_planar(seen, HAND, seed=int(rng.integers(1 << 30))), []
+    for grasp in grasps:
+        offset = (grasp.x - seen.centre[0], grasp.y - seen.centre[1], grasp.theta)
+        if all(np.linalg.norm(np.subtract(offset, k[1])) > 1e-6 for k in kept):
+            kept.append((grasp, offset))
+    for grasp, offset in kept[:MAX_PLANS]:
+        if any(np.abs(np.subtract(offset, t)).max() < 0.01 for t in tried):
+            continue
+        request = GraspRequest(
+            grasp.x, grasp.y, grasp.theta, world.table_height + grasp.z, grasp.width, seen.height,
+            seen.length, grasp.opening, world.table_height, tally.arm, seen.kind == "round",
+        )  # fmt: skip
+        plan = executor.plan(request, others, seed=int(rng.integers(1 << 30)))
+        if not isinstance(plan, str):
+            tried.append(offset)
+            break
+        tally.reasons.append(plan)
+    tally.plan_s += time.process_time() - started
+    if plan is None or isinstance(plan, str):
+        return None
+    tally.planned = True
+    started = time.process_time()
+    record = executor.execute(plan)
+    tally.execute_s += time.process_time() - started
+    tally.attempts += 1
+    tally.reasons.append(record.reason)
+    tally.held, tally.placed = record.held, record.placed
+    tally.place_reason = record.place_reason
+    tally.log.append(
+        {
+            "reason": record.reason, "place": record.place_reason, "tilt": round(record.tilt, 2),
+            "pushed": round(record.pushed_m, 4), "links": dict(record.links),
+            "force": round(record.contact_force_n, 1), "lifted": round(record.lifted_m, 3),
+            "slip": round(record.slip_m, 4), "height": plan.tool_height, "opening": plan.opening,
+            "offset": round(record.place_offset_m, 3),
+            "duration": round(record.duration_s, 1),
+        }
+    )  # fmt: skip
+    return record
+
+
+def clear(executor: Executor, bodies: list[int], args: argparse.Namespace, seed: int) -> list[Tally]:
+    """Grasp every object, at most three times each; objects given up stay as obstacles."""
+    world, found = executor.world, []
+    left = list(bodies)
+    for body in bodies:
+        pose = world.object_pose(body)
+        tally = Tally(world.objects[body].kind, "right" if pose.y < 0 else "left")
+        found.append(tally)
+        tried: list[tuple[float, float, float]] = []
+        for number in range(MAX_GRASPS):
+            rng = np.random.default_rng((seed, body, number))
+            others = []
+            for other in left:
+                points = surface(world.objects[other]) @ world.object_pose(other).rotation.T
+                points = points + world.object_pose(other).position
+                if other != body and abs(points[:, 2].min() - world.table_height) < 0.1:
+                    shift = np.array([*rng.normal(0, args.sigma, 2), 0.0])
+                    others.append(
+                        Obstacle.around("neighbour", points + shift, world.table_height)
+                    )
+            record = attempt(executor, body, others, tally, tried, rng, args.sigma)
+            if record is None or record.held:
+                break
+        if tally.held:
+            left.remove(body)
+        if args.single and body in world.objects:
+            world.remove(body)
+            left = [b for b in left if b != body]
+    return found
+
+
+def make_world(preset: str) -> tuple[World, Executor]:
+    world = World(preset)
+    world.add_table()
+    world.add_place_box("left")
+    world.add_place_box("right")
+    return world, Executor(world, Nao(world))
+
+
+def run_single(args: argparse.Namespace) -> list[Tally]:
+    world, executor = make_world(args.preset)
+    tallies = []
+    kinds = args.kinds or KINDS
+    for trial in range(args.start, args.start + args.n):
+        rng = np.random.default_rng((args.seed, trial))
+        spec = product(kinds[trial % len(kinds)], int(rng.integers(200)))
+        side = -1 if (trial // len(kinds)) % 2 == 0 else 1
+        x, y, yaw = rng.uniform(*AREA_X), side * rng.uniform(*AREA_Y), rng.uniform(0, 2 * np.pi)
+        body = world.spawn(spec, (float(x), float(y)), float(yaw))
+        world.step(0.3)
+        tally = clear(executor, [body], args, args.seed * 1000 + trial)[0]
+        tallies.append(tally)
+        if args.verbose:
+            print(trial, spec.name, spec.dims, f"{x:.3f} {y:.3f} {yaw:.2f}", tally, flush=True)
+    return tallies
+
+
+def run_table(args: argparse.Namespace) -> list[Tally]:
+    tallies = []
+    for trial in range(args.start, args.start + args.n):
+        rng = np.random.default_rng((args.seed, trial))
+        world, executor = make_world(args.preset)
+        places: list[tuple[float, float]] = []
+        for number in range(200):
+            if len(places) == args.objects:
+                break
+            side = -1 if len(places) % 2 == 0 else 1
+            x, y = float(rng.uniform(*AREA_X)), side * float(rng.uniform(*AREA_Y))
+            spec = product((args.kinds or KINDS)[len(places) % len(args.kinds or KINDS)], int(rng.integers(200)))
+            reach = [0.06 + 0.3 * max(0.0, max(spec.extent[:2]) - 0.05)] * len(places)
+            if all(np.hypot(x - a, y - b) >= r for (a, b), r in zip(places, reach, strict=True)):
+                places.append((x, y))
+                world.spawn(spec, (x, y), float(rng.uniform(0, 2 * np.pi)))
+        world.step(0.3)
+        bodies = sorted(world.objects, key=lambda b: -abs(world.object_pose(b).y))
+        found = clear(executor, bodies, args, args.seed * 1000 + trial)
+        if args.verbose:
+            for tally in found:
+                print(trial, tally, flush=True)
+        tallies += found
+        world.close()
+    return tallies
+
+
+def wilson(k: int, n: int) -> str:
+    if n == 0:
+        return "-"
+    z, p = 1.96, k / n
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+    return f"{k}/{n} {100 * p:.0f}% [{100 * (middle - half):.0f}, {100 * (middle + half):.0f}]"
+
+
+def report(tallies: list[Tally]) -> None:
+    groups = {kind: [t for t in tallies if t.kind == kind] for kind in KINDS}
+    groups["all but pens"] = [t for t in tallies if t.kind != "pen"]
+    groups["right"] = [t for t in tallies if t.arm == "right"]
+    groups["left"] = [t for t in tallies if t.arm == "left"]
+    groups["all"] = tallies
+    print(f"{'group':14}{'planned':>22}{'held':>22}{'held at first':>22}{'placed of held':>22}")
+    for name, group in groups.items():
+        held = [t for t in group if t.held]
+        first = [t for t in held if t.attempts == 1]
+        print(
+            f"{name:14}{wilson(sum(t.planned for t in group), len(group)):>22}"
+            f"{wilson(len(held), len(group)):>22}{wilson(len(first), len(group)):>22}"
+            f"{wilson(sum(t.placed for t in held), len(held)):>22}"
+        )
+    attempts = max(sum(t.attempts for t in tallies), 1)
+    print("reasons", dict(Counter(r for t in tallies for r in t.reasons if t.planned)))
+    print("never planned", dict(Counter(t.reasons[0] for t in tallies if t.reasons and not t.planned)))
+    print("place", dict(Counter(t.place_reason for t in tallies)))
+    print(
+        f"CPU s per attempt: planning {sum(t.plan_s for t in tallies) / attempts:.2f}, "
+        f"execution {sum(t.execute_s for t in tallies) / attempts:.2f}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("mode", choices=("single", "table"))
+    parser.add_argument("-n", type=int, default=20)
+    parser.add_argument("--start", type=int, default=0)
+    parser.add_argument("--objects", type=int, default=7)
+    parser.add_argument("--kinds", nargs="*")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sigma", type=float, default=0.003)
+    parser.add_argument("--preset", default="faithful")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("-v", "--verbose", action="store_true")
+    args = parser.parse_args()
+    args.single = args.mode == "single"
+    tallies = run_single(args) if args.single else run_table(args)
+    report(tallies)
+    if args.json:
+        args.json.write_text(json.dumps([vars(t) for t in tallies], default=str), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
