@@ -1,0 +1,147 @@
+"""Retraction by over-deletion and re-derivation (DRed; Gupta, Mumick and Subrahmanian 1993).
+
+First everything that has a derivation through a retracted fact goes, then what has another
+derivation comes back. Strata above the lowest also lose what rests on a filled absence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from .dictionary import Dictionary, Fact
+from .equality import Equality
+from .relations import Layer
+from .rules import Bindings, Rule, bind, keys_of, solve
+from .strata import AbsenceTrigger, Program, Stratum
+from .vocabulary import LITERAL, SAME, is_schema
+
+
+class CannotRetractError(Exception):
+    """The retraction reaches equalities or the schema; the closure has to be rebuilt."""
+
+
+class Retraction:
+    """The deletion half of a stage.
+
+    Parameters
+    ----------
+    layer : Layer
+        Staged facts; its base is the state before the stage.
+    equality : Equality
+        Classes of equal terms before the stage.
+    is_asserted : callable
+        Whether a fact on representatives is still asserted after the stage.
+    """
+
+    def __init__(
+        self,
+        layer: Layer,
+        equality: Equality,
+        terms: Dictionary,
+        program: Program,
+        is_asserted: Callable[[Fact], bool],
+    ) -> None:
+        self._layer = layer
+        self._equality = equality
+        self._terms = terms
+        self._program = program
+        self._is_asserted = is_asserted
+        self._gone: dict[Fact, None] = {}
+        self._queue: list[Fact] = []
+
+    def over_delete(self, stratum: Stratum, retracted: Iterable[Fact]) -> list[Fact]:
+        """Remove from the layer what may rest on retracted facts or changes of lower strata.
+
+        Returns
+        -------
+        list of Fact
+            What was removed and may have to come back.
+
+        Raises
+        ------
+        CannotRetractError
+            If an equality or a schema fact is among it.
+        """
+        for fact in retracted:
+            self._delete(fact)
+        for fact in tuple(self._layer.removed):
+            self._follow(stratum, fact)
+        for env, rule in candidates(stratum, self._layer, self._terms):
+            for found in solve(self._layer.base, self._terms, rule.steps, env):
+                self._delete(rule.conclude(found))
+        while self._queue:
+            self._follow(stratum, self._queue.pop())
+        for fact in self._gone:
+            self._layer.discard(*fact)
+        return list(self._gone)
+
+    def _delete(self, fact: Fact) -> None:
+        s, p, o = fact
+        if fact in self._gone or not self._layer.base.has(s, p, o) or self._is_asserted(fact):
+            return
+        if is_schema(p, o):
+            raise CannotRetractError("a schema fact is retracted")
+        if any(self._equality.is_merged(x) for x in fact):
+            raise CannotRetractError("a fact about merged terms is retracted")
+        self._gone[fact] = None
+        self._queue.append(fact)
+
+    def _follow(self, stratum: Stratum, fact: Fact) -> None:
+        """Delete the heads of all rule instances that used a fact before the stage."""
+        s, _, o = fact
+        base = self._layer.base
+        for key in keys_of(fact):
+            for a, p, b in stratum.projections.get(key, ()):
+                a = s if a == -1 else o if a == -2 else a
+                b = s if b == -1 else o if b == -2 else b
+                if a < LITERAL:
+                    self._delete((a, p, b))
+            for trigger in stratum.triggers.get(key, ()):
+                rule = trigger.rule
+                assert rule.head is not None
+                if rule.head.p == SAME:
+                    self._guard_equality(trigger.unconditional(base, self._terms, fact), rule)
+                    continue
+                for env in trigger.fire(base, self._terms, fact):
+                    self._delete(rule.conclude(env))
+
+    def _guard_equality(self, instances: Iterable[Bindings], rule: Rule) -> None:
+        if self._equality and any(
+            self._equality.is_merged(rule.conclude(env)[0]) for env in instances
+        ):
+            raise CannotRetractError("a premise of an equality is retracted")
+
+    def is_derivable(self, fact: Fact) -> bool:
+        """Tell whether a rule derives a fact in one step from what the layer holds now."""
+        for rule in self._program.rules_for(fact):
+            assert rule.head is not None
+            env = rule.environment()
+            if bind(rule.head, fact, self._terms, env) and any(
+                rule.conclude(found) == fact
+                for found in solve(self._layer, self._terms, rule.backward_steps, env)
+            ):
+                return True
+        return False
+
+
+def candidates(
+    stratum: Stratum, layer: Layer, terms: Dictionary
+) -> Iterator[tuple[Bindings, Rule]]:
+    """Yield bindings of rules whose NOT EXISTS groups the layer's changes may have touched.
+
+    Matched on what held before or holds now, so that no candidate is missed.
+    """
+    if not stratum.absences:
+        return
+    either = Layer(layer.base)
+    either.added = layer.added
+    triggers: list[tuple[AbsenceTrigger, Fact]] = [
+        (trigger, fact)
+        for facts in (layer.added, layer.removed)
+        for fact in facts
+        for key in keys_of(fact)
+        for trigger in stratum.absences.get(key, ())
+    ]
+    for trigger, fact in triggers:
+        for env in list(trigger.candidates(either, terms, fact)):
+            yield env, trigger.rule

@@ -1,0 +1,145 @@
+"""owl:sameAs by rewriting: classes of equal terms, one representative each.
+
+Facts are kept on representatives only and expanded on export (Motik et al. 2015, "Handling
+owl:sameAs via Rewriting"). Literals are never members.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from .dictionary import Dictionary, Fact
+from .vocabulary import SAME
+
+EXPANDED_MEMBERS = 16
+"""Classes with more members are exported as a star around the representative."""
+
+EXPANDED_COMBINATIONS = 1_000
+"""A fact with more combinations of members is exported on representatives only."""
+
+
+@dataclass(frozen=True, slots=True)
+class Merge:
+    """Why two terms became one."""
+
+    left: int
+    right: int
+    rule: str
+    because: tuple[Fact, ...]
+    premises: tuple[Fact, ...]
+
+
+class Equality:
+    """Classes of terms that denote the same thing.
+
+    Examples
+    --------
+    >>> same = Equality()
+    >>> same.union(300, 301, Merge(300, 301, "asserted", (), ()))
+    >>> same.find(301), same.members(300)
+    (300, (300, 301))
+    """
+
+    __slots__ = ("_members", "_representative", "merges")
+
+    def __init__(self) -> None:
+        self._representative: dict[int, int] = {}
+        self._members: dict[int, tuple[int, ...]] = {}
+        self.merges: tuple[Merge, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self._representative)
+
+    def copy(self) -> Equality:
+        """Return an independent copy."""
+        other = Equality()
+        other._representative = dict(self._representative)
+        other._members = dict(self._members)
+        other.merges = self.merges
+        return other
+
+    def find(self, number: int) -> int:
+        """Return the representative of a term."""
+        return self._representative.get(number, number)
+
+    def rewrite(self, fact: Fact) -> Fact:
+        """Return a fact on representatives."""
+        find = self._representative.get
+        s, p, o = fact
+        return find(s, s), find(p, p), find(o, o)
+
+    def members(self, number: int) -> tuple[int, ...]:
+        """Return all members of a term's class, sorted."""
+        return self._members.get(self.find(number), (number,))
+
+    def is_merged(self, number: int) -> bool:
+        """Tell whether a term has a class of two or more."""
+        return number in self._representative
+
+    def classes(self) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """Iterate over representatives and members of the classes of two or more."""
+        return iter(tuple(self._members.items()))
+
+    def union(self, winner: int, loser: int, merge: Merge) -> None:
+        """Join two classes, given by their representatives."""
+        joined = tuple(sorted((*self.members(winner), *self.members(loser))))
+        self._members.pop(loser, None)
+        self._members[winner] = joined
+        for member in joined:
+            self._representative[member] = winner
+        self.merges = (*self.merges, merge)
+
+    def dissolve(self, number: int) -> tuple[int, ...]:
+        """Take a class apart; return its former members."""
+        members = self._members.pop(self.find(number), ())
+        for member in members:
+            del self._representative[member]
+        gone = set(members)
+        self.merges = tuple(m for m in self.merges if m.left not in gone and m.right not in gone)
+        return members
+
+    def expand(self, fact: Fact) -> Iterator[Fact]:
+        """Yield a fact with every combination of members, as far as exports go."""
+        if not self._representative:
+            yield fact
+            return
+        choices = [self._spread(part) for part in fact]
+        combinations = len(choices[0]) * len(choices[1]) * len(choices[2])
+        if combinations == 1 or combinations > EXPANDED_COMBINATIONS:
+            yield self.rewrite(fact)
+            return
+        yield from itertools.product(*choices)  # type: ignore[misc]
+
+    def forms(self, fact: Fact) -> Iterator[Fact]:
+        """Yield a fact with every combination of members, without a bound."""
+        if not self._representative:
+            yield fact
+        else:
+            yield from itertools.product(*(self.members(x) for x in fact))  # type: ignore[misc]
+
+    def _spread(self, number: int) -> tuple[int, ...]:
+        members = self.members(number)
+        return members if len(members) <= EXPANDED_MEMBERS else (self.find(number),)
+
+    def pairs(self, number: int) -> Iterator[Fact]:
+        """Yield the sameAs facts that are exported for a term's class."""
+        members = self.members(number)
+        if len(members) <= EXPANDED_MEMBERS:
+            for a, b in itertools.permutations(members, 2):
+                yield a, SAME, b
+        else:
+            star = self.find(number)
+            for member in members:
+                if member != star:
+                    yield star, SAME, member
+
+
+def ranking(number: int, terms: Dictionary, constants: frozenset[int]) -> tuple[object, ...]:
+    """Return the key by which a class chooses its representative: the smallest wins.
+
+    IRIs before blank nodes, terms that rules mention before others, then code points, so that
+    the choice does not depend on the order of commits.
+    """
+    return terms.is_blank(number), number not in constants, terms.iri(number)
