@@ -123,7 +123,8 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
         lock.release()
         raise
     blobs = BlobStore(folder / "blobs", writable=False)
-    return Files(settings, store, blobs, NoJournal(), folder, lock)
+    journal = JournalFile(folder / "journal")
+    return Files(settings, store, blobs, journal, folder, lock)
 
 
 def _lock(folder: Path, shared: bool) -> FolderLock:

@@ -18,14 +18,16 @@ from rtask.kb.catalogue import Catalogue
 from rtask.kb.commit import Change, Commit, Request
 from rtask.kb.delta import UpdateDataset, run_update
 from rtask.kb.folder import Files
+from rtask.kb.history import HistoryEntry, history, matcher
 from rtask.kb.inference import Inference
 from rtask.kb.query import Bindings, QueryDataset
 from rtask.kb.results import Solutions, Triples
-from rtask.kb.terms import Graph, NamedNode, Subject, Value, iri, object_term, subject_term
+from rtask.kb.terms import Graph, NamedNode, Subject, Value, iri, object_term, stored, subject_term
 from rtask.kb.transaction import Transaction
 from rtask.kb.writer import Writer
 
 if TYPE_CHECKING:
+    from rtask.kb.verify import Finding
     from rtask.loader.load import LoadReport
     from rtask.model.session import Session
 
@@ -347,7 +349,41 @@ class KnowledgeBase:
 
         return collect(self)
 
+    def history(
+        self,
+        subject: Subject | str | None = None,
+        predicate: NamedNode | str | None = None,
+        value: Value | None = None,
+        graph: NamedNode | str | None = None,
+        agent: str | None = None,
+        since: int = 0,
+    ) -> list[HistoryEntry]:
+        """Return the commits that touched matching statements, oldest first.
+
+        Without a graph, derived statements and the commits' own records are left out.
+        """
+        matches = matcher(
+            None if subject is None else subject_term(subject),
+            None if predicate is None else iri(predicate),
+            None if value is None else stored(object_term(value)),
+            None if graph is None else iri(graph),
+            {self.graphs.inferred, self.graphs.meta, self.graphs.provenance},
+        )
+        return list(history(self._files.journal, matches, agent, since))
+
+    def verify(self, repair: bool = False) -> list[Finding]:
+        """Compare what is derived with what it is derived from; see :mod:`rtask.kb.verify`."""
+        from rtask.kb.verify import verify
+
+        return verify(self, self._writer, self._inference, repair)
+
     # Life
+
+    def backup(self, target: Path | str) -> dict[str, Any]:
+        """Copy the knowledge base to a new folder; see :func:`rtask.kb.backup.backup`."""
+        from rtask.kb.backup import backup
+
+        return backup(self._files, self._writer, Path(target))
 
     def publish(self, **facts: Any) -> None:
         """Tell others who find the folder locked more, e.g. the ``url`` that serves it."""

@@ -112,7 +112,9 @@ def boot_id() -> str:
 def require_clean(folder: Path) -> None:
     """Raise unless the folder was closed in order, so that it can be read as it is."""
     if not Checkpoint.load(folder).clean:
-        raise StoreError(f"{folder} was not closed; open it once for writing to recover it")
+        raise StoreError(
+            f"{folder} was not closed; open it once for writing to recover it", recover=True
+        )
 
 
 def recover(

@@ -11,37 +11,29 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
-from rtask.kb.terms import Graph
-
 if TYPE_CHECKING:
-    from rtask.loader.documents import Document
-    from rtask.loader.formats import Format
-    from rtask.loader.headers import Header
-    from rtask.loader.load import _Loader
+    from rtask.loader.load import Item, _Loader
 
 __all__ = ["load_bulk"]
 
 
-def load_bulk(
-    loader: _Loader, document: Document, form: Format, header: Header, quads: Iterable[Quad]
-) -> tuple[str, int, int, int, int]:
-    """Load a large document; return graph, statements read, added, removed, derived."""
-    graph: Graph = loader.target(document, header)
-    request = loader.request(document, header, graph)
-    options = loader.options
+def load_bulk(loader: _Loader, item: Item, quads: Iterable[Quad]) -> tuple[int, int, int, int]:
+    """Load a large document; return statements read, added, removed, derived."""
+    kb, options = loader.kb, loader.options
     if options.dry_run:
         read = sum(1 for _ in quads)
-        return (getattr(graph, "value", ""), read, read, 0, 0)
+        return (read, read, 0, 0)
+    request = loader.request(item)
     removed = 0
     if options.replace:
-        with loader.kb.commit_block(request) as tx:
-            tx.clear(graph)
+        with kb.commit_block(request) as tx:
+            tx.clear(item.graph)
             removed = tx.counts()[1]
-    counted = _Counted(loader.prepared(quads, header, graph))
-    before = loader.kb.catalogue.triple_count(graph)
-    derived = loader.kb.bulk_add(counted, graph, request)
-    after = loader.kb.catalogue.triple_count(graph)
-    return (getattr(graph, "value", ""), counted.count, after - before, removed, derived)
+    counted = _Counted(loader.prepared(quads, item))
+    before = kb.catalogue.triple_count(item.graph)
+    derived = kb.bulk_add(counted, item.graph, request)
+    after = kb.catalogue.triple_count(item.graph)
+    return (counted.count, after - before, removed, derived)
 
 
 class _Counted:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import io
 import sys
 import zipfile
@@ -119,6 +120,11 @@ class Document:
         if len(members) != 1:
             raise DataError(f"{self.name} holds {len(members)} files; a zip of one is read")
         return archive.open(members[0])
+
+    def sha256(self) -> str:
+        """Return the digest of the bytes as they lie there, 64 hexadecimal digits."""
+        with self.path.open("rb") if self.path else io.BytesIO(self.data) as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
 
     def head(self) -> bytes:
         """Return the first 4096 bytes, unpacked."""

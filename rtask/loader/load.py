@@ -18,8 +18,10 @@ from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat, Triple
 
 from rtask.errors import DataError, UsageError
 from rtask.kb.access import Access
+from rtask.kb.blobs import digest_of
 from rtask.kb.commit import MAX_QUADS, Request
 from rtask.kb.terms import DEFAULT, DefaultGraph, Graph, iri
+from rtask.loader.bulk import load_bulk
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.documents import Document
 from rtask.loader.formats import Format, detect, find_format, statements
@@ -154,6 +156,24 @@ def load(
     return loader.report
 
 
+@dataclass(frozen=True)
+class Item:
+    """One document, understood.
+
+    Parameters
+    ----------
+    graph
+        Where the statements go that name no graph.
+    loose
+        Whether there are such statements.
+    """
+
+    document: Document
+    header: Header
+    graph: Graph
+    loose: bool
+
+
 class _Loader:
     def __init__(self, kb: KnowledgeBase, options: Options, catalogue: OntologyCatalogue) -> None:
         self.kb = kb
@@ -195,15 +215,19 @@ class _Loader:
         header = header_of(first)
         for name in header.imports:
             self._import(name, document)
+        loose = any(isinstance(quad.graph_name, DefaultGraph) for quad in first)
+        item = Item(document, header, self._target(document, header), loose)
         rest = next(quads, None)
-        if rest is not None:
-            from rtask.loader.bulk import load_bulk
-
-            report = load_bulk(self, document, form, header, chain(first, [rest], quads))
+        if self._is_unchanged(item):
+            counts = (len(first), 0, 0, 0)
+        elif rest is None:
+            counts = self._commit(item, first)
         else:
-            report = self._commit(document, form, header, first)
+            counts = load_bulk(self, item, chain(first, [rest], quads))
         elapsed = round(time.perf_counter() - started, 3)
-        self.report.files.append(FileReport(document.name, form.name, *report, elapsed))
+        where = item.graph.value if loose and isinstance(item.graph, NamedNode) else ""
+        report = FileReport(document.name, form.name, where, *counts, elapsed)
+        self.report.files.append(report)
 
     def _import(self, name: NamedNode, importer: Document) -> None:
         if self.kb.catalogue.is_ontology(name):
@@ -221,57 +245,68 @@ class _Loader:
         if self.options.missing_imports == "warn":
             _log.warning("%s", message)
 
-    def target(self, document: Document, header: Header) -> Graph:
-        """Return the graph that a document's loose statements go to."""
+    def _target(self, document: Document, header: Header) -> Graph:
         if self.options.graph is not None:
             return self.options.graph
         if self.kb.plain:
             return DEFAULT
         return header.iri or self.kb.graphs.imported(document.stem)
 
-    def _commit(
-        self, document: Document, form: Format, header: Header, quads: list[Quad]
-    ) -> tuple[str, int, int, int, int]:
-        graph = self.target(document, header)
-        request = self.request(document, header, graph)
-        transaction = self.kb.commit_block(request)
+    def _is_unchanged(self, item: Item) -> bool:
+        """Whether an ontology's graph was loaded from these very bytes.
+
+        Its blank nodes would get new names and double its class expressions.
+        """
+        if self.options.replace or item.header.iri is None or item.graph != item.header.iri:
+            return False
+        source = self.kb.catalogue.source(item.header.iri)
+        return source is not None and digest_of(source) == item.document.sha256()
+
+    def _commit(self, item: Item, quads: list[Quad]) -> tuple[int, int, int, int]:
+        transaction = self.kb.commit_block(self.request(item))
         try:
             with transaction as tx:
                 if self.options.replace:
-                    for name in _graphs(quads, graph):
+                    for name in _graphs(quads, item.graph):
                         tx.clear(name)
-                tx.add_quads(self.prepared(quads, header, graph))
+                tx.add_quads(self.prepared(quads, item))
                 added, removed = tx.counts()
                 if self.options.dry_run:
                     raise _DryRun
         except _DryRun:
-            return (_name(graph), len(quads), added, removed, 0)
-        return (_name(graph), len(quads), added, removed, transaction.commit.derived)
+            return (len(quads), added, removed, 0)
+        return (len(quads), added, removed, transaction.commit.derived)
 
-    def request(self, document: Document, header: Header, graph: Graph) -> Request:
+    def request(self, item: Item) -> Request:
         """Return who loads, and what the graph will be."""
-        kinds: dict[Graph, str] = {graph: "OntologyGraph"} if header.iri is not None else {}
+        is_ontology = item.header.iri is not None
+        kinds: dict[Graph, str] = {item.graph: "OntologyGraph"} if is_ontology else {}
         sources = {}
-        keeps = document.size <= _KEPT_SOURCE_BYTES and isinstance(graph, NamedNode)
-        if keeps and not (self.kb.plain or self.options.dry_run):
+        if self._keeps_source(item):
+            document = item.document
             data = document.path if document.path else document.data
-            sources[graph] = self.kb.blobs.put(data, "application/octet-stream")
+            sources[item.graph] = self.kb.blobs.put(data, "application/octet-stream")
         return Request(
             self.options.access,
-            note=f"load {document.name}",
+            note=f"load {item.document.name}",
             kinds=kinds,
             check_blobs=False,
             sources=sources,
             max_quads=_UNLIMITED,
         )
 
-    def prepared(self, quads: Iterable[Quad], header: Header, graph: Graph) -> Iterator[Quad]:
+    def _keeps_source(self, item: Item) -> bool:
+        if self.kb.plain or self.options.dry_run or not item.loose:
+            return False
+        return item.document.size <= _KEPT_SOURCE_BYTES and isinstance(item.graph, NamedNode)
+
+    def prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
         """Yield statements with their graph; blank nodes of data become IRIs.
 
         So they can be withdrawn one by one and mean the same in every copy.
         """
         names: dict[str, NamedNode] = {}
-        keep_blank = self.kb.plain or header.iri is not None
+        keep_blank = self.kb.plain or item.header.iri is not None
 
         def name(term: Any) -> Any:
             if isinstance(term, BlankNode):
@@ -283,7 +318,7 @@ class _Loader:
 
         for quad in quads:
             loose = isinstance(quad.graph_name, DefaultGraph)
-            where = graph if loose else name(quad.graph_name)
+            where = item.graph if loose else name(quad.graph_name)
             subject, value = quad.subject, quad.object
             if not keep_blank:
                 subject, value = name(subject), name(value)
@@ -310,10 +345,6 @@ def _for_imports(options: Options) -> Options:
 def _graphs(quads: Iterable[Quad], graph: Graph) -> set[Graph]:
     named = {q.graph_name for q in quads if not isinstance(q.graph_name, DefaultGraph)}
     return {graph, *named}
-
-
-def _name(graph: Graph) -> str:
-    return graph.value if isinstance(graph, NamedNode) else ""
 
 
 def uuid7() -> str:
