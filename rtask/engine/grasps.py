@@ -1,0 +1,70 @@
+"""What is known about taking one object, without looking at it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.messages import Field, nearest
+from rtask.engine.recall import Question, recall
+from rtask.engine.statistics import lower_95, summary
+from rtask.engine.vocabulary import PREFIXES
+from rtask.errors import UnknownTermError
+from rtask.kb.terms import literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.access import Access
+
+__all__ = ["RECALL_GRASPS", "recall_grasps"]
+
+RECALL_GRASPS = (
+    Field("object", "string", "IRI, objectId or name of the object", required=True),
+    Field("gripper_id", "string", "only grasps of this gripper's type"),
+    Field("max_grasps", "integer", "length of the answer's list", default=10, low=1, high=50),
+)
+
+
+def recall_grasps(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Return the grasps of an object in its own frame, the surest first."""
+    name = _object(engine, request["object"])
+    memory = recall(engine.kb, Question(objects=(name,)))
+    known = memory.objects[name]
+    grasps = memory.of(name)
+    if request["gripper_id"]:
+        wanted = engine.grippers.find(request["gripper_id"], access.agent).gripper.gripper_type
+        grasps = [g for g in grasps if g.gripper_type == wanted]
+    grasps.sort(key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality))
+    return {
+        "object": name,
+        "class_iri": known.class_iri,
+        "label": known.label,
+        "grasps": [
+            {
+                "id": g.grasp,
+                "gripper_type": g.gripper_type,
+                "x": g.x,
+                "y": g.y,
+                "z": g.z,
+                "theta": g.theta,
+                "opening": g.opening,
+                "grasp_quality": g.quality,
+                "statistics": summary(g.successes, g.attempts),
+            }
+            for g in grasps[: request["max_grasps"]]
+        ],
+    }
+
+
+def _object(engine: Engine, name: str) -> str:
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
+  OPTIONAL {{ ?object rt:name ?name }}
+  FILTER(STR(?object) = {literal(name)} || ?id = {literal(name)} || ?name = {literal(name)})
+}} ORDER BY ?object""")
+    if rows:
+        return str(rows[0].value("object"))
+    names = engine.kb.select(
+        f"{PREFIXES} SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }} ORDER BY ?n"
+    )
+    hint = nearest(name, [str(row.value("n")) for row in names])
+    raise UnknownTermError(f"unknown object {name!r}{hint}")

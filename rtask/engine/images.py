@@ -1,0 +1,168 @@
+"""Pictures: of clouds that came without one, of crops, of attempts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.errors import UsageError
+
+if TYPE_CHECKING:
+    from features.geometry import Frame
+
+__all__ = [
+    "check_picture",
+    "encode_crop",
+    "frame_of_cloud",
+    "media_type_of",
+    "shaded",
+    "with_image",
+]
+
+_RENDERED_PX = 240
+_JPEG_QUALITY = 92
+_MOST_PX = 16_000_000
+
+
+def media_type_of(data: bytes) -> str | None:
+    """Return ``image/png`` or ``image/jpeg`` after the first bytes, or None."""
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return "image/png"
+    return "image/jpeg" if data.startswith(b"\xff\xd8\xff") else None
+
+
+def check_picture(data: bytes, path: str) -> tuple[str, int, int]:
+    """Return media type, width and height of a PNG or JPEG.
+
+    Raises
+    ------
+    UsageError
+        When it is neither or does not decode.
+    """
+    media_type = media_type_of(data)
+    if media_type is None:
+        raise UsageError(f"{path}: neither PNG nor JPEG: starts with {data[:8].hex(' ')}")
+    height, width = _decoded(data, path).shape[:2]
+    return media_type, width, height
+
+
+def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
+    import cv2
+
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None or image.shape[0] * image.shape[1] > _MOST_PX:
+        raise UsageError(f"{path}: the picture does not decode or is larger than 16 Mpx")
+    return np.asarray(image[:, :, ::-1], dtype=np.uint8)
+
+
+def encode_crop(frame: Frame) -> bytes:
+    """Return the object's image crop as JPEG; sharp enough for features to be found again."""
+    import cv2
+
+    if frame.rgb is None:
+        raise UsageError("the frame has no colour image")
+    quality = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.rgb[:, :, ::-1]), quality)
+    if not done:
+        raise UsageError(f"cannot encode an image of shape {frame.rgb.shape}")
+    return bytes(data)
+
+
+def with_image(frame: Frame, data: bytes) -> Frame:
+    """Return the frame with another picture of the object in place of its own.
+
+    A picture of another size than the frame carries no depth: where its pixels lie is not known.
+    """
+    from dataclasses import replace
+
+    from features.geometry import Frame, Intrinsics
+
+    rgb = np.ascontiguousarray(_decoded(data, "image"))
+    if rgb.shape[:2] == frame.depth_m.shape:
+        return replace(frame, rgb=rgb)
+    height, width = rgb.shape[:2]
+    camera = Intrinsics.from_fov(width, height, 1.0)
+    nothing = np.zeros((height, width), np.float32)
+    everywhere = np.ones((height, width), dtype=bool)
+    return Frame(nothing, camera, rgb, everywhere, frame_id=frame.frame_id)
+
+
+def frame_of_cloud(
+    points: NDArray[np.floating[Any]], colours: NDArray[np.uint8] | None
+) -> tuple[Frame, NDArray[np.float64]]:
+    """Render a cloud as seen from the origin of its frame (Gatto 2016, 3.2.4).
+
+    Parameters
+    ----------
+    points : (n, 3), m
+    colours : (n, 3) uint8 or None
+
+    Returns
+    -------
+    frame
+        With colour, depth and mask.
+    cloud_from_camera : (4, 4)
+        Pose of the camera that was made up, in the frame of the cloud.
+
+    Raises
+    ------
+    UsageError
+        When there are not enough points to see anything.
+    """
+    import cv2
+
+    from features.geometry import Frame, Intrinsics
+
+    keep = np.isfinite(points).all(axis=1)
+    cloud = np.asarray(points[keep], dtype=np.float64)
+    if len(cloud) < 10:
+        raise UsageError(f"data: {len(cloud)} points are too few for an object")
+    cloud_from_camera = _look_at(cloud.mean(axis=0))
+    local = (cloud - cloud_from_camera[:3, 3]) @ cloud_from_camera[:3, :3]
+    local = local[:, :3]
+    ahead = local[:, 2] > 0.01
+    local = local[ahead]
+    spread = np.abs(local[:, :2] / local[:, 2:]).max()
+    focal = _RENDERED_PX * 0.45 / float(spread)
+    centre = (_RENDERED_PX - 1) / 2
+    camera = Intrinsics(_RENDERED_PX, _RENDERED_PX, focal, focal, centre, centre)
+    u = np.rint(local[:, 0] / local[:, 2] * focal + centre).astype(int)
+    v = np.rint(local[:, 1] / local[:, 2] * focal + centre).astype(int)
+    order = np.argsort(-local[:, 2], kind="stable")  # the nearest is written last
+    depth = np.zeros((_RENDERED_PX, _RENDERED_PX), np.float32)
+    rgb = np.full((_RENDERED_PX, _RENDERED_PX, 3), 255, np.uint8)
+    depth[v[order], u[order]] = local[order, 2]
+    if colours is not None:
+        rgb[v[order], u[order]] = np.asarray(colours)[keep][ahead][order]
+    mask = depth > 0
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
+    holes = (closed > 0) & ~mask
+    rgb = np.asarray(cv2.inpaint(rgb, holes.astype(np.uint8), 3, cv2.INPAINT_TELEA), dtype=np.uint8)
+    if colours is None:
+        rgb = shaded(depth, closed > 0)
+    return Frame(depth, camera, rgb, closed > 0), cloud_from_camera
+
+
+def shaded(depth_m: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return a picture (h, w, 3) of depth alone, near light and far dark, white around it."""
+    known = mask & np.isfinite(depth_m) & (depth_m > 0)
+    grey = np.full(depth_m.shape, 255, np.uint8)
+    if known.any():
+        near, far = float(depth_m[known].min()), float(depth_m[known].max())
+        share = (far - depth_m[known]) / max(far - near, 1e-6)
+        grey[known] = np.rint(40 + 180 * share).astype(np.uint8)
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def _look_at(target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pose of an optical frame at the origin that looks at ``target``."""
+    forward = target / max(float(np.linalg.norm(target)), 1e-9)
+    # A cloud of a camera's own optical frame has y down; any other frame here has z up.
+    down = np.array([0.0, 1.0, 0.0]) if forward[2] > 0.7 else np.array([0.0, 0.0, -1.0])
+    right = np.cross(down, forward)
+    right /= max(float(np.linalg.norm(right)), 1e-9)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
+    return pose

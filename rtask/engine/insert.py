@@ -1,0 +1,328 @@
+"""Insert what a robot saw and what came of grasping it (Gatto 2016, 3.2.4: insert a new object).
+
+Everything of one call becomes one commit in the caller's own graph: new objects, views with their
+bytes, grasps, attempts, outcomes, counts. Recognition learns the views right after.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.attempts import OUTCOME, Outcome, Received, received
+from rtask.engine.facts import Facts
+from rtask.engine.messages import Field, read
+from rtask.engine.names import slug, tail
+from rtask.engine.objects import NewObject, Sight, guess_class, state_object, state_view
+from rtask.engine.observation import Observation
+from rtask.engine.placement import Placement
+from rtask.engine.recall import KnownObject, recall
+from rtask.engine.recognise import SIGHT, locate, question_for
+from rtask.engine.record import Entry, Withdrawn, earlier, home_graph, record_try, resolve_grasp
+from rtask.engine.robots import KnownGripper
+from rtask.engine.terms import find_function, folded
+from rtask.engine.vocabulary import RDF, RDFS, RT
+from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.terms import Literal, NamedNode, iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.access import Access
+
+__all__ = ["INSERT_OBJECT", "ITEM", "insert_object", "wrapped"]
+
+log = logging.getLogger(__name__)
+
+_UNKNOWN_GRIPPER = "unknown"
+_PLACE = ("X", "Y", "Z", "rad")
+
+ITEM = (
+    *SIGHT,
+    Field("object", "string", "IRI of the object, when the robot followed it and knows"),
+    Field("name", "string", "what people call this one object"),
+    Field("class_description", "string", "what kind of thing it is, in words"),
+    Field("function", "string", "what it is for: write, contain liquid, ..."),
+    Field("gripper_id", "string", "name or IRI of the end effector that tried"),
+    Field("task", "string", "what it was for: pick, place, push", default="pick"),
+    Field("grasp", "grasp", "the grasp that was tried, as received"),
+    *(Field(name, "number", "grasp in the frame of the cloud, m and rad") for name in _PLACE),
+    Field("success", "boolean", "whether the grasp held, when no outcome is given", default=True),
+    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
+    Field("operator", "string", "the person, when a person says so"),
+    Field("outcome", "record", "what came of it", fields=OUTCOME),
+    Field("task_id", "string", "from recognise_for_grasp, or any id: the same id stores once"),
+    Field("merge", "boolean", "add the view to a recognised object", default=True),
+)
+
+INSERT_OBJECT = (
+    Field("objects", "records", "what was seen", required=True, low=1, high=32, fields=ITEM),
+)
+
+
+def wrapped(args: dict[str, Any]) -> dict[str, Any]:
+    """Return the request with one object's fields at top level moved into a list."""
+    return args if "objects" in args or not args else {"objects": [args]}
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """One entry, decoded, recognised and located; nothing stored yet."""
+
+    item: dict[str, Any]
+    where: str
+    seen: Observation
+    known: KnownObject | None
+    placement: Placement | None
+    gripper: KnownGripper | None
+    grasp: Received | None
+    outcome: Outcome | None
+
+
+def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Store a list of objects as one commit; the first bad entry refuses all."""
+    prepared = []
+    for k, item in enumerate(request["objects"]):
+        where = f"objects[{k}]."
+        try:
+            prepared.append(_prepare(engine, item, where, access))
+        except UnknownTermError as error:
+            raise UnknownTermError(f"{where.rstrip('.')}: {error}", **error.details) from error
+    fallback = next((p.gripper.robot_name for p in prepared if p.gripper), None)
+    with engine.writing:
+        author = engine.author(access, fallback)
+        writer = _Writer(engine, author)
+        entries = [writer.write(one) for one in prepared]
+        with engine.kb.transaction(access=author, note="insert objects") as tx:
+            for subject, predicate, value in writer.withdrawn:
+                tx.remove(subject, predicate, value)
+            writer.facts.write(tx)
+        commit = engine.commit_id(tx.commit) if tx.commit.added else ""
+        for view, thing, class_iri, seen in writer.views:
+            engine.learn(view, thing, class_iri, seen.features)
+    for entry in entries:
+        entry["commit"] = commit
+    return {"stored": writer.stored, "commit": commit, "objects": entries}
+
+
+def _prepare(engine: Engine, item: dict[str, Any], where: str, access: Access) -> _Prepared:
+    seen = engine.observations.observe(item, where)
+    gripper = _gripper(engine, item, access)
+    kinds = _exact(engine, item["class_description"])
+    recognition = engine.recogniser.recognise(seen.features, max_results=5)
+    question = question_for(
+        engine, seen, recognition, item["object"], gripper,
+        () if item["object"] else tuple(kind.value for kind in kinds),
+    )  # fmt: skip
+    memory = recall(engine.kb, question)
+    known = None
+    if item["object"]:
+        known = memory.objects.get(item["object"])
+        if known is None:
+            raise UnknownTermError(f"the graph knows no object {item['object']}")
+    elif item["merge"] and recognition.accepted and (kinds or not item["class_description"]):
+        known = memory.objects.get(recognition.matches[0].object_iri)
+    placement = locate(seen, recognition, known, memory)
+    decision = engine.decisions.get(item["task_id"])
+    grasp = _grasp(item, where)
+    if grasp is not None:
+        grasp = grasp.placed(placement).completed(decision)
+    outcome = _outcome(engine, item, grasp, where)
+    return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome)
+
+
+def _gripper(engine: Engine, item: dict[str, Any], access: Access) -> KnownGripper | None:
+    try:
+        return engine.grippers.find(item["gripper_id"], access.agent)
+    except UnknownTermError:
+        if item["gripper_id"]:
+            raise
+        return None
+
+
+def _exact(engine: Engine, description: str | None) -> list[NamedNode]:
+    """Return the classes whose names are the description, not only begin with it."""
+    if not description:
+        return []
+    wanted = folded(description)
+    found = engine.classes.find(description)
+    return [kind.iri for kind in found if wanted in map(folded, kind.names)]
+
+
+def _grasp(item: dict[str, Any], where: str) -> Received | None:
+    if item["grasp"] is not None:
+        return received(item["grasp"], where + "grasp")
+    given = [item[name] is not None for name in _PLACE]
+    if not any(given):
+        return None
+    if not all(given):
+        raise UsageError(f"{where}X: X, Y, Z and rad belong together", field=where + "X")
+    x, y, z, rad = (item[name] for name in _PLACE)
+    return Received(in_frame=(x, y, z, rad))
+
+
+def _outcome(
+    engine: Engine, item: dict[str, Any], grasp: Received | None, where: str
+) -> Outcome | None:
+    fields = item["outcome"]
+    if fields is None:
+        if grasp is None:
+            return None
+        # As in the thesis, the operator has validated what is inserted (Gatto 2016, 3.2.4).
+        said = {"success": item["success"], "confirmed_by": item["confirmed_by"] or "human"}
+        fields = read(OUTCOME, {**said, "operator": item["operator"]})
+    elif grasp is None:
+        raise UsageError(f"{where}grasp is missing: an outcome is one of a grasp")
+    return Outcome.of(fields, engine.reasons, where + "outcome")
+
+
+class _Writer:
+    """Turns prepared entries into statements; the caller holds the engine's write lock."""
+
+    def __init__(self, engine: Engine, author: Access) -> None:
+        self.engine = engine
+        self.author = author
+        self.graph = home_graph(engine, author)
+        self.agent = engine.agent_iri(author)
+        self.facts = Facts()
+        self.withdrawn: Withdrawn = []
+        self.views: list[tuple[NamedNode, NamedNode, str, Observation]] = []
+        self.stored = 0
+        self._seen_ids: dict[str, dict[str, Any]] = {}
+
+    def write(self, one: _Prepared) -> dict[str, Any]:
+        """State one entry, unless its id was stored before; return its part of the answer."""
+        task_id = one.item["task_id"]
+        if task_id in self._seen_ids:
+            return {**self._seen_ids[task_id], "new": False}
+        robots = [one.gripper.robot] if one.gripper else []
+        before = earlier(self.engine, task_id, [self.agent, *robots]) if task_id else None
+        if before is not None:
+            answer = self._answer_again(before.thing, before.grasp, before.view)
+        else:
+            answer = self._write_new(one, task_id or self.engine.names.unique("task").value)
+            self.stored += 1
+        if task_id:
+            self._seen_ids[task_id] = answer
+        return answer
+
+    def _answer_again(self, thing: str, grasp: str, view: str) -> dict[str, Any]:
+        """Return what a repeated request is told: what the first one stored."""
+        from rtask.engine.recall import Question
+
+        known = recall(self.engine.kb, Question(objects=(thing,))).objects.get(thing)
+        return _entry(
+            thing, known.class_iri if known else "", known.short_id if known else "",
+            known.label if known else "", grasp, view, False, 0,
+        )  # fmt: skip
+
+    def _write_new(self, one: _Prepared, task_id: str) -> dict[str, Any]:
+        engine, is_new = self.engine, one.known is None
+        if one.known is None:
+            thing, class_iri, short_id, label = self._new_object(one)
+        else:
+            thing, class_iri = iri(one.known.iri), one.known.class_iri
+            short_id, label = one.known.short_id, one.known.label
+        event, view = engine.names.unique("observation"), engine.names.unique("view")
+        now = dt.datetime.now(dt.UTC)
+        stamp_s = one.seen.stamp_s
+        time = now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)
+        camera = one.gripper.camera if one.gripper else None
+        state_view(
+            engine, self.facts, thing,
+            Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time),
+        )  # fmt: skip
+        grasp = self._grasp(one, thing, task_id, event, now)
+        self.views.append((view, thing, class_iri, one.seen))
+        features = len(one.seen.features)
+        return _entry(
+            thing.value, class_iri, short_id, label, grasp.value if grasp else "", view.value,
+            is_new, features,
+        )  # fmt: skip
+
+    def _grasp(
+        self, one: _Prepared, thing: NamedNode, task_id: str, event: NamedNode, now: dt.datetime
+    ) -> NamedNode | None:
+        if one.grasp is None or one.outcome is None:
+            return None
+        if one.gripper is None:
+            return resolve_grasp(self.engine, self.facts, thing, _UNKNOWN_GRIPPER, one.grasp)
+        decision = self.engine.decisions.get(one.item["task_id"])
+        grasp, withdrawn = record_try(
+            self.engine, self.facts,
+            Entry(thing, one.gripper, one.grasp, one.outcome, one.item["task"], task_id, now,
+                  self.graph, decision, event),
+        )  # fmt: skip
+        self.withdrawn += withdrawn
+        return grasp
+
+    def _new_object(self, one: _Prepared) -> tuple[NamedNode, str, str, str]:
+        """State a new object; return it with class, short id and label."""
+        engine = self.engine
+        thing = engine.names.counted("object")
+        guess = guess_class(one.seen)
+        confidence: float | None = None
+        class_iri: NamedNode | None = None
+        if one.item["class_description"]:
+            class_iri = self._class(one.item["class_description"])
+        elif guess is not None:
+            class_iri, confidence = guess
+        kind = engine.classes.get((class_iri or RT.ManipulableObject).value)
+        label = folded(one.item["class_description"] or kind.label)
+        name = one.item["name"] or f"{label} {tail(thing)}"
+        function = one.item["function"]
+        state_object(
+            engine, self.facts,
+            NewObject(
+                iri=thing,
+                object_id=f"{slug(self.author.agent or 'shared')}/{tail(thing)}",
+                name=name,
+                class_iri=class_iri,
+                class_confidence=confidence,
+                function=find_function(engine.kb, function) if function else None,
+            ),
+            one.seen,
+        )  # fmt: skip
+        short_id = kind.short_id or self._short_id(class_iri or RT.ManipulableObject)
+        return thing, (class_iri or RT.ManipulableObject).value, short_id, name
+
+    def _class(self, description: str) -> NamedNode:
+        """Return the class of a description, made from the words when nobody taught it before."""
+        found = _exact(self.engine, description)
+        if found:
+            return found[0]
+        made = self.engine.names.named("class", slug(description))
+        owl_class = iri("http://www.w3.org/2002/07/owl#Class")
+        label = Literal(" ".join(description.split()), language="en")
+        for predicate, value in (
+            (RDF.type, owl_class), (RDFS.subClassOf, RT.ManipulableObject),
+            (RDFS.label, label), (RT.taught, True),
+        ):  # fmt: skip
+            self.facts.add(made, predicate, value)
+        return made
+
+    def _short_id(self, kind: NamedNode) -> str:
+        stated = [v for s, p, v in self.facts.triples if s == kind and p == RT.shortId]
+        if stated:
+            return str(stated[0])
+        others = sum(1 for _, p, _ in self.facts.triples if p == RT.shortId)
+        short_id = str(int(self.engine.classes.next_short_id()) + others)
+        self.facts.add(kind, RT.shortId, short_id)
+        return short_id
+
+
+def _entry(
+    thing: str, class_iri: str, short_id: str, label: str, grasp: str, view: str, is_new: bool,
+    features: int,
+) -> dict[str, Any]:  # fmt: skip
+    return {
+        "object": thing,
+        "class": short_id,
+        "class_iri": class_iri,
+        "label": label,
+        "grasp": grasp,
+        "view": view,
+        "new": is_new,
+        "features": features,
+    }

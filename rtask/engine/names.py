@@ -1,0 +1,89 @@
+"""New IRIs: counted where people will read them, time-ordered and unique elsewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import time
+import unicodedata
+import uuid
+from typing import TYPE_CHECKING
+
+from rtask.engine.vocabulary import PREFIXES
+from rtask.kb.terms import NamedNode, iri
+
+if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["Names", "slug", "tail", "uuid7"]
+
+_COUNTED = {
+    "object": "?thing a rt:ManipulableObject",
+    "grasp": "?thing rt:graspPose ?pose",
+}
+
+
+def uuid7() -> uuid.UUID:
+    """Return a UUID that begins with the time (RFC 9562, 5.7), so that names sort by age."""
+    milliseconds = time.time_ns() // 1_000_000
+    random = int.from_bytes(os.urandom(10))
+    value = (milliseconds & (2**48 - 1)) << 80 | 0x7 << 76 | (random >> 68 & 0xFFF) << 64
+    return uuid.UUID(int=value | 0b10 << 62 | random & (2**62 - 1))
+
+
+def slug(text: str) -> str:
+    """Return lower-case ASCII letters, digits and hyphens, at most 60 characters.
+
+    >>> slug("Blue  Müg!")
+    'blue-mug'
+    """
+    plain = unicodedata.normalize("NFKD", text.casefold()).encode("ascii", "ignore").decode()
+    words: list[str] = re.findall(r"[a-z0-9]+", plain)
+    return "-".join(words)[:60].strip("-") or uuid7().hex
+
+
+def tail(term: NamedNode) -> str:
+    """Return what tells an instance from others of its kind, fit for another IRI.
+
+    >>> tail(NamedNode("https://example.org/kb/object/12"))
+    '12'
+    """
+    last = re.split(r"[#/:]", term.value)[-1]
+    return last if re.fullmatch(r"[A-Za-z0-9._-]{1,64}", last) else slug(term.value)
+
+
+class Names:
+    """Mints the IRIs of one knowledge base.
+
+    Numbers go on from the largest that the graph holds; the caller holds the engine's write lock
+    while it mints and stores.
+    """
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._lock = threading.Lock()
+        self._last = {kind: self._largest(kind) for kind in _COUNTED}
+
+    def counted(self, kind: str) -> NamedNode:
+        """Return the next ``{base}object/<n>`` or ``{base}grasp/<n>``."""
+        with self._lock:
+            self._last[kind] += 1
+            return self.named(kind, str(self._last[kind]))
+
+    def unique(self, kind: str) -> NamedNode:
+        """Return a fresh ``{base}<kind>/<uuid7>``."""
+        return self.named(kind, str(uuid7()))
+
+    def named(self, kind: str, name: str) -> NamedNode:
+        """Return ``{base}<kind>/<name>``; the name must be fit for an IRI."""
+        return iri(f"{self._kb.base}{kind}/{name}")
+
+    def _largest(self, kind: str) -> int:
+        start = f"{self._kb.base}{kind}/"
+        rows = self._kb.select(
+            f"{PREFIXES} SELECT DISTINCT ?thing {{ {_COUNTED[kind]} "
+            f'FILTER(STRSTARTS(STR(?thing), "{start}")) }}'
+        )
+        tails = (str(row.value("thing"))[len(start) :] for row in rows)
+        return max((int(tail) for tail in tails if tail.isdecimal()), default=0)

@@ -1,0 +1,44 @@
+"""Thresholds and weights of a decision, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from grasp.learning.bandit import Policy as Bandit
+
+__all__ = ["Policy"]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How the engine decides.
+
+    Parameters
+    ----------
+    bandit
+        How beliefs are formed from geometry and evidence.
+    same_class
+        Weight of what happened with other objects of the class, 1 = as on the object itself.
+    size_bandwidth
+        Difference of the logarithms of the sizes at which such evidence fades.
+    size_tolerance
+        Objects of the class whose sizes differ by a larger factor are not asked about.
+    other_gripper
+        Weight of what another kind of gripper did, where the width fits.
+    fast_physics
+        Weight of outcomes from the coarse physics preset.
+    half_life_days
+        After which evidence counts half; None = it never fades.
+    same_pose_m, same_pose_rad
+        Grasps closer than this on one object are one grasp.
+    """
+
+    bandit: Bandit = field(default_factory=Bandit)
+    same_class: float = 0.7
+    size_bandwidth: float = 0.3
+    size_tolerance: float = 1.5
+    other_gripper: float = 0.5
+    fast_physics: float = 0.3
+    half_life_days: float | None = None
+    same_pose_m: float = 0.003
+    same_pose_rad: float = 0.09

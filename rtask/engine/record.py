@@ -1,0 +1,178 @@
+"""One attempt into the graph: shared by inserting an object and reporting an outcome."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.attempts import Outcome, Received, Try, find_grasp, state_grasp, state_try
+from rtask.engine.facts import Facts
+from rtask.engine.objects import state_frame, state_recognition
+from rtask.engine.recall import UNJUDGED
+from rtask.engine.robots import KnownGripper
+from rtask.engine.statistics import count
+from rtask.engine.tasks import Decision
+from rtask.engine.terms import find_task
+from rtask.engine.vocabulary import PREFIXES, RT
+from rtask.errors import UnknownTermError
+from rtask.kb.terms import NamedNode, Value, iri, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.access import Access
+
+__all__ = ["Earlier", "Entry", "Withdrawn", "earlier", "record_try", "resolve_grasp", "task_iri"]
+
+Withdrawn = list[tuple[NamedNode, NamedNode, Value]]
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What a request of the same id stored before."""
+
+    thing: str = ""
+    grasp: str = ""
+    view: str = ""
+    has_attempt: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An attempt as the messages describe it.
+
+    Parameters
+    ----------
+    graph
+        Where it is written.
+    """
+
+    thing: NamedNode
+    gripper: KnownGripper
+    received: Received
+    outcome: Outcome
+    task: str
+    task_id: str
+    ended: dt.datetime
+    graph: NamedNode
+    decision: Decision | None = None
+    event: NamedNode | None = None
+
+
+def earlier(engine: Engine, task_id: str, who: list[NamedNode]) -> Earlier | None:
+    """Return what was stored under a request id by one of these agents, or None."""
+    agents = " ".join(map(str, who))
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?thing ?grasp ?view WHERE {{
+  ?event rt:requestId ?id FILTER(?id = {literal(task_id)})
+  VALUES ?agent {{ {agents} }}
+  {{ ?event rt:performedBy ?agent ; rt:executesGrasp ?grasp .
+     ?task rt:through ?event ; rt:handles ?thing }}
+  UNION
+  {{ ?event prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
+     ?view prov:wasDerivedFrom ?event }}
+}} ORDER BY ?thing ?grasp ?view""")
+    found = [row.to_dict() for row in rows]
+    if not found:
+        return None
+
+    def first(name: str) -> str:
+        return next((str(row[name]) for row in found if row[name] is not None), "")
+
+    grasp = first("grasp")
+    return Earlier(first("thing"), grasp, first("view"), bool(grasp))
+
+
+def task_iri(engine: Engine, task_id: str) -> NamedNode:
+    """Return the task that an id names; ids of clients' own making get an IRI here."""
+    start = f"{engine.kb.base}task/"
+    return iri(task_id) if task_id.startswith(start) else engine.names.unique("task")
+
+
+def resolve_grasp(
+    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, grasp: Received
+) -> NamedNode:
+    """Return the grasp of an object that a message means, stated anew where it is new.
+
+    A grasp of another object, tried on this one, becomes a grasp of this one that is derived from
+    it.
+
+    Raises
+    ------
+    UnknownTermError
+        When only an id came and it is no grasp of this object.
+    """
+    if grasp.iri is not None and engine.kb.match(thing, RT.hasGrasp, grasp.iri):
+        return grasp.iri
+    if grasp.in_object is None:
+        name = grasp.id or "without an id"
+        raise UnknownTermError(
+            f"grasp {name} is no grasp of {thing.value}, and its pose is missing"
+        )
+    same = find_grasp(engine, thing, gripper_type, grasp)
+    if same is not None:
+        return same
+    state_frame(engine, facts, thing)
+    source = grasp.iri
+    if source is not None and not engine.kb.match(None, RT.hasGrasp, source):
+        source = None
+    return state_grasp(engine, facts, thing, gripper_type, grasp, derived_from=source)
+
+
+def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, Withdrawn]:
+    """State an attempt with grasp, outcome and count.
+
+    Returns
+    -------
+    The grasp, and the statements of the old count that go.
+    """
+    grasp = resolve_grasp(
+        engine, facts, entry.thing, entry.gripper.gripper.gripper_type, entry.received
+    )
+    recognition = None
+    if entry.decision is not None and entry.decision.recognition is not None:
+        recognition = state_recognition(engine, facts, entry.decision.recognition, entry.event)
+    task_class, task_name = find_task(entry.task)
+    state_try(
+        engine,
+        facts,
+        Try(
+            attempt=engine.names.unique("attempt"),
+            thing=entry.thing,
+            grasp=grasp,
+            gripper=entry.gripper,
+            task=task_iri(engine, entry.task_id),
+            task_class=task_class,
+            task_name=task_name,
+            request_id=entry.task_id,
+            ended=entry.ended,
+            outcome=entry.outcome,
+            received=entry.received,
+            recognition=recognition,
+            times=_times(entry),
+            seed=None if entry.decision is None else entry.decision.seed,
+        ),
+    )
+    own = engine.kb.graphs.agent(entry.gripper.robot_name)
+    if entry.outcome.reason in UNJUDGED or entry.graph != own:
+        return grasp, []
+    return grasp, count(
+        engine, facts, grasp, entry.gripper.gripper.gripper_type, entry.gripper.robot,
+        entry.outcome.held, entry.graph,
+    )  # fmt: skip
+
+
+def _times(entry: Entry) -> Mapping[str, float]:
+    decided: dict[str, Any] = {}
+    if entry.decision is not None:
+        decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
+    told = {k: v for k, v in entry.outcome.fields.get("times", {}).items() if v is not None}
+    return {**decided, **told}
+
+
+def home_graph(engine: Engine, author: Access) -> NamedNode:
+    """Return the graph that an author writes."""
+    home = author.bind(engine.kb.graphs).home()
+    assert isinstance(home, NamedNode)
+    return home

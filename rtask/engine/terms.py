@@ -1,0 +1,176 @@
+"""Words of people and messages to terms of the graph: classes, functions, tasks, reasons."""
+
+from __future__ import annotations
+
+import re
+import threading
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import ontology
+from rtask.engine.messages import nearest
+from rtask.engine.vocabulary import PREFIXES, RDFS, RT, local_name
+from rtask.errors import UnknownTermError
+from rtask.kb.terms import NamedNode
+
+if TYPE_CHECKING:
+    from rtask.kb.commit import Change
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["ClassCatalogue", "ObjectClass", "find_function", "find_task", "folded", "known_reasons"]
+
+_TASKS = {
+    "pick": RT.Grasp,
+    "grasp": RT.Grasp,
+    "place": RT.Place,
+    "push": RT.Push,
+    "pick_and_place": RT.PickAndPlace,
+}
+
+
+def folded(text: str) -> str:
+    """Return words as they are compared: NFKC, case-folded, white space collapsed.
+
+    >>> folded("  Coke   CAN ")
+    'coke can'
+    """
+    return " ".join(unicodedata.normalize("NFKC", text).casefold().split())
+
+
+def find_task(name: str) -> tuple[NamedNode, str]:
+    """Return class and name of a manipulation task, given by name or IRI.
+
+    Raises
+    ------
+    UnknownTermError
+        Listing the known ones.
+    """
+    plain = re.sub(r"[\s-]+", "_", folded(name))
+    if plain in _TASKS:
+        return _TASKS[plain], plain
+    for known, kind in _TASKS.items():
+        if name == kind.value:
+            return kind, known
+    hint = nearest(plain, list(_TASKS))
+    raise UnknownTermError(
+        f"unknown task {name!r}{hint}; known: {', '.join(_TASKS)}", did_you_mean=list(_TASKS)
+    )
+
+
+def find_function(kb: KnowledgeBase, text: str) -> NamedNode:
+    """Return the object function of a name, label or IRI: ``write``, ``contain liquid``."""
+    rows = kb.select(
+        f"{PREFIXES} SELECT DISTINCT ?f ?label "
+        "{ ?f a rt:ObjectFunction OPTIONAL { ?f rdfs:label ?label } } ORDER BY ?f ?label"
+    )
+    names: dict[str, NamedNode] = {}
+    for row in rows:
+        term = row["f"]
+        if isinstance(term, NamedNode):
+            for name in (term.value, local_name(term), str(row.value("label") or "")):
+                names.setdefault(folded(name), term)
+    found = names.get(folded(text))
+    if found is None:
+        labels = sorted(n for n in names if n and "/" not in n)
+        raise UnknownTermError(f"unknown function {text!r}{nearest(folded(text), labels)}")
+    return found
+
+
+def known_reasons(kb: KnowledgeBase) -> frozenset[str]:
+    """Return the codes of all outcome reasons that the ontology has."""
+    rows = kb.select(f"{PREFIXES} SELECT ?code {{ ?r a rt:OutcomeReason ; rt:code ?code }}")
+    return frozenset(str(row.value("code")) for row in rows)
+
+
+@dataclass(frozen=True)
+class ObjectClass:
+    """A kind of object."""
+
+    iri: NamedNode
+    names: tuple[str, ...]
+    short_id: str = ""
+
+    @property
+    def label(self) -> str:
+        """What people call it."""
+        return self.names[0] if self.names else local_name(self.iri)
+
+
+class ClassCatalogue:
+    """The kinds of objects, read again when one is added."""
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._lock = threading.Lock()
+        self._known: Mapping[str, ObjectClass] | None = None
+
+    def forget_if_changed(self, change: Change) -> None:
+        """Read again after a commit that touches classes or their names."""
+        telling = {RDFS.subClassOf, RDFS.label, RT.shortId}
+        if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
+            with self._lock:
+                self._known = None
+
+    def all(self) -> Mapping[str, ObjectClass]:
+        """Return every kind of object by IRI."""
+        with self._lock:
+            if self._known is None:
+                self._known = _read_classes(self._kb)
+            return self._known
+
+    def get(self, iri: str) -> ObjectClass:
+        """Return one kind of object; of an unknown IRI only that is known."""
+        return self.all().get(iri) or ObjectClass(NamedNode(iri), ())
+
+    def find(self, description: str) -> list[ObjectClass]:
+        """Return the kinds that words mean: exact names, else beginnings, else all words."""
+        wanted = folded(description)
+        known = [self.all()[iri] for iri in sorted(self.all())]
+        words = wanted.split()
+        for fits in (
+            lambda name: name == wanted,
+            lambda name: name.startswith(wanted),
+            lambda name: all(word in name.split() for word in words),
+        ):
+            found = [c for c in known if any(fits(folded(name)) for name in c.names)]
+            if found and wanted:
+                return found
+        return []
+
+    def suggestions(self, description: str) -> list[str]:
+        """Return names near to words that mean nothing here."""
+        import difflib
+
+        labels = sorted({folded(name) for c in self.all().values() for name in c.names})
+        return difflib.get_close_matches(folded(description), labels, n=5, cutoff=0.5)
+
+    def next_short_id(self) -> str:
+        """Return the next number that stands for a class in messages."""
+        used = [int(c.short_id) for c in self.all().values() if c.short_id.isdecimal()]
+        return str(max(used, default=0) + 1)
+
+
+def _read_classes(kb: KnowledgeBase) -> dict[str, ObjectClass]:
+    rows = kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?class ?name ?short {{
+  ?class rdfs:subClassOf* rt:ManipulableObject
+  OPTIONAL {{ ?class rdfs:label|skos:altLabel ?name }} OPTIONAL {{ ?class rt:shortId ?short }}
+}} ORDER BY ?class ?name ?short""")
+    names: dict[str, list[str]] = {}
+    shorts: dict[str, str] = {}
+    for row in rows:
+        iri = str(row.value("class"))
+        known = names.setdefault(iri, [])
+        if row["name"] is not None and str(row.value("name")) not in known:
+            known.append(str(row.value("name")))
+        if row["short"] is not None:
+            shorts.setdefault(iri, str(row.value("short")))
+    for iri, known in names.items():
+        plain = " ".join(re.findall(r"[A-Z]?[a-z]+|[A-Z]+|\d+", local_name(iri))).lower()
+        if iri.startswith(ontology.NS) and plain and plain not in known:
+            known.append(plain)
+    return {
+        iri: ObjectClass(NamedNode(iri), tuple(n), shorts.get(iri, "")) for iri, n in names.items()
+    }
