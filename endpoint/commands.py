@@ -53,6 +53,7 @@ def serve(
     import rtask
     from endpoint import server
     from endpoint.config import Config
+    from endpoint.rosbridge.services import NoEngine
     from endpoint.tokens import TokenStore
     from rtask.engine import Engine
 
@@ -69,7 +70,7 @@ def serve(
         kb = stack.enter_context(rtask.open(folder or ":memory:", plain=plain))
         tokens = stack.enter_context(closing(TokenStore(folder)))
         server.check_exposure(tokens, config)
-        engine = stack.enter_context(closing(Engine(kb)))
+        engine = NoEngine() if plain else stack.enter_context(Engine(kb))
 
         def ready(url: str) -> None:
             kb.publish(url=url)

@@ -12,7 +12,7 @@ from http import HTTPStatus
 from typing import Any
 
 from endpoint.exchange import RefusedError, Response
-from rtask.errors import AuthenticationError, RtaskError
+from rtask.errors import AuthenticationError, ForbiddenError, RtaskError
 
 PROBLEM_TYPE = "application/problem+json"
 _MAX_DETAIL = 4_000
@@ -40,8 +40,7 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
     """
     status = status_of(error)
     if isinstance(error, RtaskError):
-        slug = error.http_slug if isinstance(error, RefusedError) else error.slug
-        detail, extra = str(error), error.details
+        slug, detail, extra = _slug(error), str(error), error.details
     else:
         slug, detail, extra = "internal", "an unexpected error; the server's log has it", {}
     members: dict[str, Any] = {
@@ -56,6 +55,19 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
         if name not in members and value is not None:
             members[name] = value
     return members
+
+
+def _slug(error: RtaskError) -> str:
+    """Return the last part of the problem type; rights are told apart by what was wanted."""
+    if isinstance(error, RefusedError):
+        return error.http_slug
+    if isinstance(error, ForbiddenError):
+        if error.details.get("operation") in ("SERVICE", "LOAD"):
+            return "service-not-allowed"
+        if error.details.get("protected"):
+            return "graph-protected"
+        return error.slug if error.details.get("graph") else "forbidden"
+    return error.slug
 
 
 def problem(error: Exception, instance: str = "") -> Response:

@@ -162,10 +162,10 @@ def short(iri: str) -> str:
     for name, start in ontology.PREFIXES.items():
         if iri.startswith(start) and len(iri) > len(start):
             return f"{name}:{iri[len(start) :]}"
-    if flask.has_app_context():
-        base = knowledge_base().base
-        if iri.startswith(base) and len(iri) > len(base):
-            return iri[len(base) :]
+    own = [knowledge_base().base] if flask.has_app_context() else []
+    for start in (*own, ontology.BASE):
+        if iri.startswith(start) and len(iri) > len(start):
+            return iri[len(start) :]
     return iri
 
 

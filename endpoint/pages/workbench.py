@@ -54,6 +54,7 @@ def workbench() -> str:
     model: Model = {
         "query": query or DEFAULT_QUERY,
         "samples": samples(),
+        "base": gateway().kb.base,
         "answer": run(query) if query else None,
     }
     return flask.render_template("sparql.html", **model)

@@ -16,6 +16,7 @@ from endpoint.protocol.request import QueryRequest, UpdateRequest
 from rtask.errors import QuerySyntaxError
 from rtask.kb.access import Access
 from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.services import without_services
 
 _CACHED_TEXT = 16_384
 # XML 1.0 has no way to write these; the store writes them raw.
@@ -106,14 +107,18 @@ def plan_update(
     ------
     RefusedError
         Too complex.
+    ForbiddenError
+        It calls another server.
     """
     if checked_form(update.text, config.limits, update=True):
         raise QuerySyntaxError("this is a query; send it as `query=` or application/sparql-query")
+    # The WHERE part of an update would call out just as a query would.
+    text = without_services(update.text)
     wants_json = JSON_TYPE in request.header("accept").lower()
 
     def run() -> Response:
         commit = kb.update(
-            update.text,
+            text,
             using=update.using,
             named=update.using_named,
             access=access,

@@ -6,9 +6,9 @@ import difflib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
-from rtask.errors import UnknownTermError
+from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.access import Access
 
 JsonObject = dict[str, Any]
@@ -36,6 +36,16 @@ class Engine(Protocol):
 
     def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
         """Carry out one operation."""
+
+
+class NoEngine:
+    """Stands where there is no engine: over a bare SPARQL dataset without the ontology."""
+
+    operations: ClassVar[Mapping[str, Operation]] = {}
+
+    def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
+        """Refuse."""
+        raise UnsupportedError(f"{name}: a plain dataset has no ontology for it")
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,26 @@ from websockets.sync.client import connect
 
 from endpoint.testing import RunningServer
 
+HAND = {
+    "name": "right_hand",
+    "gripper_type": "nao_hand",
+    "kind": "Hand",
+    "min_opening": 0.0,
+    "max_opening": 0.08,
+    "jaw_width": 0.02,
+    "finger_length": 0.06,
+    "max_force": 3.0,
+    "max_payload": 0.1,
+    "parent_link": "r_wrist",
+    "planning_group": "right_arm",
+}
+ROBOT = {
+    "model": "nao-h25-v5",
+    "simulated": True,
+    "end_effectors": [HAND],
+    "cameras": [],
+    "frames": [],
+}
 SEARCH = {"op": "search_object", "service": "send_point_cloud", "args": "zc5p81H1cO8P+Ksmfdf..."}
 
 
@@ -36,10 +56,9 @@ def call(ros: roslibpy.Ros, name: str, args: dict[str, Any] | None = None) -> An
 
 
 def test_roslibpy_calls_a_service_of_the_engine(ros: roslibpy.Ros) -> None:
-    robot = {"name": "ros-1", "model": "nao-h25-v5", "simulated": True, "end_effectors": []}
-    answer = call(ros, "/rtask/register_robot", {**robot, "cameras": [], "frames": []})
+    answer = call(ros, "/rtask/register_robot", {"name": "ros-1", **ROBOT})
     assert answer["robot"].endswith("robot/ros-1")
-    again = call(ros, "/rtask/register_robot", {**robot, "cameras": [], "frames": []})
+    again = call(ros, "/rtask/register_robot", {"name": "ros-1", **ROBOT})
     assert again["robot"] == answer["robot"]
 
 
@@ -98,10 +117,8 @@ def test_the_messages_of_the_thesis_are_answered(server: RunningServer) -> None:
 
 
 def test_the_same_operation_over_http(server: RunningServer) -> None:
-    fields = {"name": "ros-2", "model": "m", "simulated": True, "end_effectors": []}
-    body = {**fields, "cameras": [], "frames": []}
-    answer = httpx.post(f"{server.url}/engine/register_robot", json=body)
-    assert answer.status_code == 200
+    answer = httpx.post(f"{server.url}/engine/register_robot", json={"name": "ros-2", **ROBOT})
+    assert answer.status_code == 200, answer.text
     assert answer.json()["robot"].endswith("robot/ros-2")
 
 
@@ -172,16 +189,15 @@ def test_a_token_in_the_url_or_the_header_names_the_robot(
 ) -> None:
     token = make_token("--robot", "ws-1")
     call_ = {"op": "call_service", "service": "/rtask/register_robot"}
-    fields = {"model": "m", "simulated": True, "end_effectors": [], "cameras": [], "frames": []}
     bearer = {"additional_headers": {"Authorization": f"Bearer {token}"}}
     for url, options in (
         (f"{guarded.websocket}?token={token}", {}),
         (guarded.websocket, bearer),
     ):
         with connect(url, **options) as robot:
-            robot.send(json.dumps({**call_, "args": {"name": "ws-1", **fields}}))
+            robot.send(json.dumps({**call_, "args": {"name": "ws-1", **ROBOT}}))
             assert json.loads(robot.recv(timeout=20))["result"] is True
-            robot.send(json.dumps({**call_, "args": {"name": "another", **fields}}))
+            robot.send(json.dumps({**call_, "args": {"name": "another", **ROBOT}}))
             assert json.loads(robot.recv(timeout=20))["result"] is False
 
 

@@ -44,7 +44,7 @@ def test_ending_tells_robots_and_leaves_no_lock(tmp_path: Path) -> None:
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1012
         assert running.process.wait(15) == 0
-    done = rtask("stats", str(tmp_path / "store"))
+    done = rtask("stats", "--data", str(tmp_path / "store"))
     assert done.returncode == 0, done.stderr
 
 

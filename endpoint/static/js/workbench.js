@@ -26,10 +26,10 @@ function ask(text, accept, signal) {
   });
 }
 
-/** Prefixes that the query itself declares; what a person wrote is what they read back. */
+/** Prefixes that the query itself declares, and the base below which instances are named. */
 function prefixesOf(text) {
   const declared = text.matchAll(/\bPREFIX\s+([\w.-]*:)\s*<([^>]*)>/gi);
-  return [...declared].map(([, name, iri]) => ({ name, iri }));
+  return [...[...declared].map(([, name, iri]) => ({ name, iri })), { name: "", iri: form.dataset.base }];
 }
 
 function shorten(iri, prefixes) {
