@@ -324,7 +324,7 @@ def _select(
         rows: Any = store.query(text, base_iri=base, **dataset)
         return [{name: row[name] for name in names if row[name] is not None} for row in rows]
     except SyntaxError as error:
-        raise syntax_error(error, "WHERE") from error
+        raise syntax_error(error, "WHERE", text) from error
 
 
 def _run_and_roll_back(

@@ -132,7 +132,10 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
         files.journal,
         last_seq=max(catalogue.seq, files.last_seq),
     )
-    return KnowledgeBase(files, catalogue, inference, Writer(committer, files.checkpoints))
+    writer = Writer(committer, files.checkpoints)
+    if options.mode == "r":
+        writer.close()
+    return KnowledgeBase(files, catalogue, inference, writer)
 
 
 def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> None:

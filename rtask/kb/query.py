@@ -88,7 +88,7 @@ def _evaluate(
     try:
         return store.query(text, base_iri=dataset.base, **arguments)
     except SyntaxError as error:
-        raise syntax_error(error, "query") from error
+        raise syntax_error(error, "query", text) from error
 
 
 def run(

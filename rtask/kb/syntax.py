@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import threading
+from itertools import pairwise
 
 from pyoxigraph import Store
 
-from rtask.errors import QuerySyntaxError
-from rtask.kb.lexer import guard
+from rtask.errors import QuerySyntaxError, RtaskError
+from rtask.kb.lexer import Token, guard, line_and_column, tokenise
 from rtask.kb.skeleton import Update
 
 __all__ = ["check_query", "check_update", "syntax_error"]
@@ -25,19 +26,46 @@ def _empty_store() -> Store:
     return store
 
 
-def syntax_error(error: Exception, what: str, skipped_lines: int = 0) -> QuerySyntaxError:
+def syntax_error(
+    error: Exception, what: str, text: str, skipped_lines: int = 0
+) -> QuerySyntaxError:
     """Return the store's complaint with line and column.
 
     Parameters
     ----------
+    text
+        What the caller wrote.
     skipped_lines
-        Lines put in front of the caller's text.
+        Lines put in front of it for the store's parser.
     """
-    found = _POSITION.search(str(error))
-    if found is None or int(found[1]) <= skipped_lines:
-        return QuerySyntaxError(f"{what}: {error}")
-    line, column = int(found[1]) - skipped_lines, int(found[2])
-    return QuerySyntaxError(f"{what} {line}:{column}: {found[3]}", line=line, column=column)
+    unknown = _undeclared_prefix(text)
+    if unknown is not None:
+        name, line, column = unknown
+        message = f"undeclared prefix {name!r}"
+    else:
+        found = _POSITION.search(str(error))
+        if found is None or int(found[1]) <= skipped_lines:
+            return QuerySyntaxError(f"{what}: {error}")
+        line, column, message = int(found[1]) - skipped_lines, int(found[2]), found[3]
+    return QuerySyntaxError(f"{what} {line}:{column}: {message}", line=line, column=column)
+
+
+def _undeclared_prefix(text: str) -> tuple[str, int, int] | None:
+    """Return the first prefix that is used and not declared, with its line and column."""
+    try:
+        tokens = tokenise(text)
+    except RtaskError:
+        return None
+    declared: set[str] = set()
+    for before, token in pairwise([Token("", "", 0, 0), *tokens]):
+        if token.kind != "name":
+            continue
+        prefix = token.text.partition(":")[0] + ":"
+        if before.is_word("PREFIX"):
+            declared.add(prefix)
+        elif prefix not in declared:
+            return (prefix, *line_and_column(text, token.start))
+    return None
 
 
 def check_update(update: Update, base: str | None = None) -> None:
@@ -55,7 +83,7 @@ def check_update(update: Update, base: str | None = None) -> None:
     try:
         _empty_store().update(head + update.body, base_iri=base)
     except SyntaxError as error:
-        raise syntax_error(error, "update", skipped_lines=head.count("\n")) from error
+        raise syntax_error(error, "update", update.text, head.count("\n")) from error
     except RuntimeError:
         return
 
@@ -72,4 +100,4 @@ def check_query(text: str, base: str | None = None) -> None:
     try:
         _empty_store().query(text, base_iri=base)
     except SyntaxError as error:
-        raise syntax_error(error, "query") from error
+        raise syntax_error(error, "query", text) from error
