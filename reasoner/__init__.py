@@ -3,6 +3,7 @@
 from .checks import Contradiction
 from .closure import Closure, Config, InconsistentError, Staged
 from .delta import ClosureTooLargeError
+from .proofs import Proof
 from .strata import StratificationError
 from .user_rules import RuleError
 
@@ -12,6 +13,7 @@ __all__ = [
     "Config",
     "Contradiction",
     "InconsistentError",
+    "Proof",
     "RuleError",
     "Staged",
     "StratificationError",

@@ -100,9 +100,7 @@ def find_new(layer: Layer, terms: Dictionary, program: Program) -> Iterator[Inco
                     yield _finding(trigger.rule, env)
 
 
-def find_equal(
-    program: Program, equality: Equality
-) -> Iterator[Inconsistency]:
+def find_equal(program: Program, equality: Equality) -> Iterator[Inconsistency]:
     """Yield members of lists of different things that are the same (eq-diff2, eq-diff3)."""
     for different in program.distinct:
         seen: dict[int, Fact] = {}
@@ -161,7 +159,7 @@ def describe(
     facts = [asserted_form(fact) for fact in finding.premises]
     if finding.rule in LISTED:
         facts = [(facts[0][2], SAME, facts[1][2])]
-    triples = tuple(terms.decode_fact(fact) for fact in facts)
+    triples = tuple(sorted(map(terms.decode_fact, facts), key=str))
     axioms = tuple(terms.decode_fact(asserted_form(fact)) for fact in finding.because)
     what = MESSAGES.get(finding.rule, "a clash")
     said = "; ".join(" ".join(str(term) for term in triple) for triple in triples)

@@ -13,6 +13,7 @@ from .checks import Contradiction, Inconsistency, describe
 from .dictionary import Dictionary, Fact, Term, Triple
 from .export import Asserted, Reading, differences, is_exported
 from .maintenance import Draft, Maintainer, Settings, State
+from .proofs import GraphsOf, Proof, Prover
 from .vocabulary import LITERAL, RDF, SAME, TYPE
 
 _REIFIES = NamedNode(RDF + "reifies")
@@ -190,7 +191,7 @@ class Closure:
         if s is None or p is None or o is None:
             return triple[0] == triple[2] and triple[1] == NamedNode(v.IRIS[SAME])
         return any(
-            self._holds((s, p, form)) for form in (self._terms.variants(o) if o >= LITERAL else (o,))
+            self._is_stored(form) or self._is_virtual(form) for form in self._forms((s, p, o))
         )
 
     def match(
@@ -217,6 +218,38 @@ class Closure:
             for form in sorted(found)
             if all(want in (None, have) for want, have in zip(wanted, form, strict=True))
         ]
+
+    def explain(
+        self, triple: Triple, budget_ms: float = 200, graphs_of: GraphsOf | None = None
+    ) -> Proof | None:
+        """Return a proof of least height, None if the triple does not hold.
+
+        Parameters
+        ----------
+        triple : Triple
+        budget_ms : float
+            Give up, with None, after this many milliseconds.
+        graphs_of : callable, optional
+            Returns the names of the graphs that assert a triple, for the leaves.
+        """
+        found = [self._terms.find(term) for term in triple]
+        s, p, o = found
+        if s is None or p is None or o is None or not self.contains(triple):
+            return None
+        state = self._state
+        held = next((f for f in self._forms((s, p, o)) if self._is_stored(f)), None)
+        if held is None:
+            return Proof(triple, _virtual_rule(p))
+        prover = Prover(
+            state.facts,
+            state.equality,
+            state.program,
+            Asserted(state.asserted),
+            self._terms,
+            budget_ms,
+            graphs_of,
+        )
+        return prover.prove(held)
 
     def inferred(self) -> Iterator[Triple]:
         """Yield every derived triple that no graph asserts: the content of the inferred graph."""
@@ -268,7 +301,7 @@ class Closure:
         plain = [
             t
             for t in batch
-            if not isinstance(t[2], TripleTerm)
+            if not _is_triple_term(t[2])
             and t[0] not in self._reifiers
             and not isinstance(t[0], Literal)
         ]
@@ -288,18 +321,23 @@ class Closure:
         was, now = set(before.everything()), set(after.everything())
         return now - was, was - now
 
-    def _holds(self, fact: Fact) -> bool:
+    def _forms(self, fact: Fact) -> Iterator[Fact]:
+        """Yield a fact with each known literal of the same value as object."""
+        s, p, o = fact
+        return ((s, p, form) for form in (self._terms.variants(o) if o >= LITERAL else (o,)))
+
+    def _is_stored(self, fact: Fact) -> bool:
+        """Tell whether a fact is asserted or derived."""
         state = self._state
         if fact in state.asserted:
             return True
         s, p, o = state.equality.rewrite(fact)
-        if p == SAME:
-            return s == o
-        return state.facts.has(s, p, o) or self._is_virtual(s, p, o)
+        return s == o if p == SAME else state.facts.has(s, p, o)
 
-    def _is_virtual(self, s: int, p: int, o: int) -> bool:
+    def _is_virtual(self, fact: Fact) -> bool:
         """Tell whether a fact is true of everything, or of every class or property."""
         has = self._state.facts.has
+        s, p, o = self._state.equality.rewrite(fact)
         if p == TYPE and o in (v.THING, v.RESOURCE):
             return True
         if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
@@ -337,8 +375,19 @@ class Closure:
         reading = self._reading(draft)
 
         def asserted_form(fact: Fact) -> Fact:
-            forms = reading.equality.forms(fact)
-            return next((form for form in forms if form in reading.asserted), fact)
+            forms = [f for f in reading.equality.forms(fact) if f in reading.asserted]
+            return min(forms, key=lambda f: str(self._terms.decode_fact(f)), default=fact)
 
         found = [describe(finding, self._terms, asserted_form) for finding in findings]
         return sorted(found, key=lambda c: c.message)[:LISTED_CONTRADICTIONS]
+
+
+def _is_triple_term(term: object) -> bool:
+    return isinstance(term, TripleTerm)
+
+
+def _virtual_rule(p: int) -> str:
+    """Return the rule behind a triple that is true of everything."""
+    if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
+        return "scm-cls"
+    return "scm-op" if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) else "cls-thing"

@@ -100,9 +100,7 @@ class _Compiler:
     def hierarchies(self) -> Iterator[Rule]:
         for c, d in _reduced(self.view, v.SUB_CLASS):
             if d != v.THING and c != v.NOTHING:
-                yield Rule(
-                    "cax-sco", (_type(c, _X),), _type(d, _X), ((c, v.SUB_CLASS, d),)
-                )
+                yield Rule("cax-sco", (_type(c, _X),), _type(d, _X), ((c, v.SUB_CLASS, d),))
         for p, q in _reduced(self.view, v.SUB_PROPERTY):
             if q not in (v.TOP_OBJECT, v.TOP_DATA):
                 yield Rule(
@@ -115,7 +113,7 @@ class _Compiler:
             for p, c in sorted(self.view.pairs(side)):
                 if c in (v.THING, v.RESOURCE) or self._is_implied(side, p, c):
                     continue
-                because = ((p, side, c),)
+                because: tuple[Fact, ...] = ((p, side, c),)
                 body = (Atom(_X, p, _Y),)
                 if not self.is_literal_class(c):
                     yield Rule(name, body, _type(c, subject), because)
@@ -173,7 +171,7 @@ class _Compiler:
 
     def inverses_and_chains(self) -> Iterator[Rule]:
         for p, q in sorted(self.view.pairs(v.INVERSE_OF)):
-            because = ((p, v.INVERSE_OF, q),)
+            because: tuple[Fact, ...] = ((p, v.INVERSE_OF, q),)
             yield Rule("prp-inv1", (Atom(_X, p, _Y),), Atom(_Y, q, _X), because)
             if p != q:
                 yield Rule("prp-inv2", (Atom(_X, q, _Y),), Atom(_Y, p, _X), because)
@@ -270,7 +268,7 @@ class _Compiler:
             if number == 0:
                 yield Rule(name + first, body, None, because)
             elif number == 1:
-                other = (Atom(_X, link.p, _Z),)
+                other: tuple[Atom, ...] = (Atom(_X, link.p, _Z),)
                 if filler is not None:
                     other = (*other, _type(filler, _Z))
                 yield from self._equal(name + second, (*body, *other), _Y, _Z, because)

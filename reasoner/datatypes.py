@@ -58,7 +58,9 @@ _RANGES: dict[str, tuple[int | None, int | None]] = {
 INTERVALS = {XSD + name: bounds for name, bounds in _RANGES.items()}
 """Inclusive bounds of the integer datatypes by IRI; None is unbounded."""
 
-_NAME_START = r"A-Za-z_:\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u2070-\ufffd"
+_NAME_START = (
+    r"A-Za-z_:\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u2070-\ufffd"
+)
 _NAME = rf"[{_NAME_START}\-.0-9\u00b7\u0300-\u036f]"
 _STRINGS = {
     "normalizedString": re.compile(r"[^\t\n\r]*"),

@@ -110,14 +110,14 @@ class Equality:
         if combinations == 1 or combinations > EXPANDED_COMBINATIONS:
             yield self.rewrite(fact)
             return
-        yield from itertools.product(*choices)  # type: ignore[misc]
+        yield from itertools.product(*choices)
 
     def forms(self, fact: Fact) -> Iterator[Fact]:
         """Yield a fact with every combination of members, without a bound."""
         if not self._representative:
             yield fact
         else:
-            yield from itertools.product(*(self.members(x) for x in fact))  # type: ignore[misc]
+            yield from itertools.product(*(self.members(x) for x in fact))
 
     def _spread(self, number: int) -> tuple[int, ...]:
         members = self.members(number)

@@ -26,7 +26,7 @@ class Reading:
     terms: Dictionary
 
     def inferred(self, about: Iterable[Fact]) -> Iterator[Fact]:
-        """Yield the exported forms of facts, given on representatives, that hold and are derived."""
+        """Yield the exported forms of those facts, given on representatives, that are derived."""
         for fact in about:
             if not self.facts.has(*fact):
                 continue
@@ -53,7 +53,10 @@ class Asserted:
     __slots__ = ("added", "facts", "removed")
 
     def __init__(
-        self, facts: set[Fact], added: frozenset[Fact] = frozenset(), removed: frozenset[Fact] = frozenset()
+        self,
+        facts: set[Fact],
+        added: frozenset[Fact] = frozenset(),
+        removed: frozenset[Fact] = frozenset(),
     ) -> None:
         self.facts = facts
         self.added = added

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import TypeVar
 
 from pyoxigraph import Literal
 
@@ -16,9 +17,14 @@ from .vocabulary import LITERAL, XSD
 Result = int | Value
 """Id of a term, or a computed value."""
 
+Number = int | float | Fraction
+Real = TypeVar("Real", float, Fraction)
+
 COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
 ARITHMETIC = frozenset({"+", "-", "*"})
-OPERATORS = COMPARISONS | ARITHMETIC | {"&&", "||", "!", "IN", "NOT IN", "STR", "DATATYPE", "ABS", "IF"}
+OPERATORS = (
+    COMPARISONS | ARITHMETIC | {"&&", "||", "!", "IN", "NOT IN", "STR", "DATATYPE", "ABS", "IF"}
+)
 
 
 class EvaluationError(Exception):
@@ -220,25 +226,35 @@ def _datatype(result: Result, terms: Dictionary) -> int:
     return terms.encode(literal.datatype)
 
 
-def _number(result: Result, terms: Dictionary) -> int | float | Fraction:
+def _number(result: Result, terms: Dictionary) -> Number:
     value = _value(result, terms)
-    if value is None or value.family != "number" or not isinstance(value.order, int | float | Fraction):
+    if (
+        value is None
+        or value.family != "number"
+        or not isinstance(value.order, int | float | Fraction)
+    ):
         raise EvaluationError("not a number")
     return value.order
 
 
-def _arithmetic(operator: str, numbers: list[int | float | Fraction]) -> Value:
+def _arithmetic(operator: str, numbers: list[Number]) -> Value:
+    if any(isinstance(number, float) for number in numbers):
+        return _value_of_number(_combine(operator, [float(number) for number in numbers]))
+    return _value_of_number(_combine(operator, [Fraction(number) for number in numbers]))
+
+
+def _combine(operator: str, numbers: list[Real]) -> Real:
+    last = numbers[-1]
     if operator == "ABS":
-        return _value_of_number(abs(numbers[0]))
+        return abs(last)
     if len(numbers) == 1:
-        return _value_of_number(-numbers[0] if operator == "-" else numbers[0])
-    a, b = numbers
-    if isinstance(a, float) or isinstance(b, float):
-        a, b = float(a), float(b)
-    return _value_of_number(a + b if operator == "+" else a - b if operator == "-" else a * b)
+        return -last if operator == "-" else last
+    if operator == "+":
+        return numbers[0] + last
+    return numbers[0] - last if operator == "-" else numbers[0] * last
 
 
-def _value_of_number(number: int | float | Fraction) -> Value:
+def _value_of_number(number: Number) -> Value:
     if isinstance(number, float):
         return value_of(repr(number).replace("inf", "INF").replace("nan", "NaN"), XSD + "double")
     return value_of(_decimal(Fraction(number)), XSD + "decimal")

@@ -93,9 +93,7 @@ def _equivalence(suffix: str, equal: int, below: int) -> Iterator[Rule]:
 
 def _side(suffix: str, side: int) -> Iterator[Rule]:
     """Domain or range: upwards along classes, downwards along properties."""
-    yield Rule(
-        f"scm-{suffix}1", (Atom(_P, side, _A), Atom(_A, SUB_CLASS, _B)), Atom(_P, side, _B)
-    )
+    yield Rule(f"scm-{suffix}1", (Atom(_P, side, _A), Atom(_A, SUB_CLASS, _B)), Atom(_P, side, _B))
     yield Rule(
         f"scm-{suffix}2", (Atom(_Q, side, _A), Atom(_P, SUB_PROPERTY, _Q)), Atom(_P, side, _A)
     )

@@ -71,9 +71,7 @@ class AbsenceTrigger:
         atoms.remove(self.atom)
         return arrange(atoms, (), self.atom.variables)
 
-    def candidates(
-        self, view: View, terms: Dictionary, fact: Fact
-    ) -> Iterator[list[int | None]]:
+    def candidates(self, view: View, terms: Dictionary, fact: Fact) -> Iterator[list[int | None]]:
         """Yield bindings of the rule's body whose truth the fact may have changed."""
         env = self.rule.environment()
         if not bind(self.atom, fact, terms, env):
@@ -147,7 +145,10 @@ class Program:
     """
 
     def __init__(
-        self, rules: Iterable[Rule], distinct: Iterable[Distinct] = (), terms: Dictionary | None = None
+        self,
+        rules: Iterable[Rule],
+        distinct: Iterable[Distinct] = (),
+        terms: Dictionary | None = None,
     ) -> None:
         self.rules = tuple(dict.fromkeys(rules))
         self.distinct = tuple(distinct)

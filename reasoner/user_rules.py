@@ -118,7 +118,7 @@ def _parse(text: str) -> Any:
         return translateQuery(parseQuery(text)).algebra
     except ParseBaseException as error:
         raise RuleError(f"not a SPARQL query: {error.msg}", error.lineno) from error
-    except Exception as error:  # noqa: BLE001 - rdflib raises bare Exception for unknown prefixes
+    except Exception as error:
         raise RuleError(f"not a SPARQL query: {error}") from error
 
 
@@ -151,7 +151,8 @@ class _Translator:
         minted = {v for c in rule.conditions if isinstance(c, Assign) for v in c.gives}
         if minted & rule.head.variables and any(a.key == rule.head.key for a in rule.body):
             raise RuleError(
-                "the rule makes new values from its own results and would not end", self.line("BIND")
+                "the rule makes new values from its own results and would not end",
+                self.line("BIND"),
             )
 
     # Patterns.
@@ -179,7 +180,9 @@ class _Translator:
         if name == "Minus":
             return self.minus(node, scope)
         what, instead = _REFUSED.get(name, (name, "rephrase the rule"))
-        raise RuleError(f"{what} cannot be used in a rule; {instead}", self.line(_KEYWORDS.get(name)))
+        raise RuleError(
+            f"{what} cannot be used in a rule; {instead}", self.line(_KEYWORDS.get(name))
+        )
 
     def filter(self, part: Any, branches: list[_Branch], scope: _Scope) -> list[_Branch]:
         kind = getattr(part, "name", None)
@@ -229,7 +232,8 @@ class _Translator:
         if isinstance(p, paths.SequencePath):
             ends = [s, *(next(scope.numbers) for _ in p.args[1:]), o]
             parts = [
-                self.path(a, arg, b, scope) for a, arg, b in zip(ends, p.args, ends[1:], strict=False)
+                self.path(a, arg, b, scope)
+                for a, arg, b in zip(ends, p.args, ends[1:], strict=False)
             ]
             return [tuple(itertools.chain(*way)) for way in itertools.product(*parts)]
         if isinstance(p, paths.MulPath):
@@ -246,8 +250,7 @@ class _Translator:
 
         if not isinstance(p, URIRef):
             raise RuleError("a predicate must be an IRI; write one rule per predicate", None)
-        number = self.encode(NamedNode(str(p)))
-        return number
+        return self.encode(NamedNode(str(p)))
 
     def head(self, node: Any, scope: _Scope) -> int:
         from rdflib import BNode

@@ -1,4 +1,4 @@
-"""The fixed part of every dictionary: ids of the RDF, RDFS, OWL and XSD terms that rules mention."""
+"""The fixed part of every dictionary: ids of the RDF, RDFS, OWL and XSD terms in rules."""
 
 from __future__ import annotations
 
@@ -120,8 +120,9 @@ LITERAL_CLASSES = frozenset(
 """Terms that denote sets of literals: as ranges they are checks, never types of resources."""
 
 SCHEMA_PREDICATES = frozenset(
-    {FIRST, REST, SUB_CLASS, SUB_PROPERTY, DOMAIN, RANGE, EQUIVALENT_CLASS, EQUIVALENT_PROPERTY, INVERSE_OF,
-     CHAIN, DISJOINT_CLASS, DISJOINT_PROPERTY, COMPLEMENT, INTERSECTION, UNION, ONE_OF,
+    {FIRST, REST, SUB_CLASS, SUB_PROPERTY, DOMAIN, RANGE, EQUIVALENT_CLASS,
+     EQUIVALENT_PROPERTY, INVERSE_OF, CHAIN, DISJOINT_CLASS, DISJOINT_PROPERTY, COMPLEMENT,
+     INTERSECTION, UNION, ONE_OF,
      ON_PROPERTY, ON_CLASS, SOME, ALL, HAS_VALUE, MAX, MAX_QUALIFIED, HAS_KEY, MEMBERS,
      DISTINCT_MEMBERS, SOURCE, ASSERTION_PROPERTY, TARGET_INDIVIDUAL, TARGET_VALUE}
 )  # fmt: skip

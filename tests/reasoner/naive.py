@@ -111,8 +111,7 @@ def equality(g: Graph, bad: set[Finding]) -> Iterator[Triple]:
             bad.add(("eq-diff1", frozenset((a, b))))
         for s, p, o in list(g.triples):
             if a in (s, p, o):
-                for t in product(*({x, b} if x == a else {x} for x in (s, p, o))):
-                    yield t
+                yield from product(*({x, b} if x == a else {x} for x in (s, p, o)))
     for a, b in g.pairs(DIFF):
         if a == b:
             bad.add(("eq-diff1", frozenset((a,))))
@@ -165,7 +164,9 @@ def properties(g: Graph, bad: set[Finding]) -> Iterator[Triple]:
         ends = None
         for q in g.list(head):
             step = g.pairs(q)
-            ends = set(step) if ends is None else {(x, z) for x, y in ends for w, z in step if y == w}
+            ends = (
+                set(step) if ends is None else {(x, z) for x, y in ends for w, z in step if y == w}
+            )
         yield from ((x, p, y) for x, y in ends or ())
     yield from disjoint_properties(g, bad)
     for c, head in g.pairs(owl("hasKey")):
@@ -282,9 +283,8 @@ def closure(triples: Iterable[Triple]) -> tuple[set[Triple], set[str]]:
     g = Graph(triples)
     bad: set[Finding] = set()
     while True:
-        if not any([g.add(t) for t in list(rules(g, bad))]):
-            break
-    return g.triples, {name for name, _ in bad}
+        if not sum(g.add(t) for t in list(rules(g, bad))):
+            return g.triples, {name for name, _ in bad}
 
 
 def is_virtual(t: Triple) -> bool:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from reasoner import Closure
-
 from naive import consequences
 from worlds import axioms, facts, merges, worlds
+
+from reasoner import Closure
 
 SLOW = settings(
     max_examples=60,
@@ -26,7 +24,10 @@ def everything(closure: Closure) -> set:
 
 def check_names(closure: Closure) -> set[str]:
     names = {c.rule for c in closure.contradictions()}
-    return {"maxqc" if n.startswith("cls-maxqc") else "maxc" if n.startswith("cls-maxc") else n for n in names}
+    return {
+        "maxqc" if n.startswith("cls-maxqc") else "maxc" if n.startswith("cls-maxc") else n
+        for n in names
+    }
 
 
 @SLOW
@@ -41,9 +42,16 @@ def test_closure_is_that_of_the_rules_as_printed(world):
 
 
 def edits():
-    part = st.one_of(facts().map(lambda t: [t]), facts().map(lambda t: [t]), merges().map(lambda t: [t]), axioms())
+    part = st.one_of(
+        facts().map(lambda t: [t]),
+        facts().map(lambda t: [t]),
+        merges().map(lambda t: [t]),
+        axioms(),
+    )
     batch = st.lists(part, max_size=4).map(lambda parts: [t for p in parts for t in p])
-    return st.lists(st.tuples(batch, st.lists(st.integers(0, 200), max_size=3)), min_size=1, max_size=4)
+    return st.lists(
+        st.tuples(batch, st.lists(st.integers(0, 200), max_size=3)), min_size=1, max_size=4
+    )
 
 
 @SLOW

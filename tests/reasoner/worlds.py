@@ -71,7 +71,9 @@ def restrictions(draw) -> list[Triple]:
             st.tuples(st.just("allValuesFrom"), classes),
             st.tuples(st.just("hasValue"), people),
             st.tuples(st.just("maxCardinality"), st.sampled_from([Literal(0), Literal(1)])),
-            st.tuples(st.just("maxQualifiedCardinality"), st.sampled_from([Literal(0), Literal(1)])),
+            st.tuples(
+                st.just("maxQualifiedCardinality"), st.sampled_from([Literal(0), Literal(1)])
+            ),
         )
     )
     triples = [(c, owl("onProperty"), p), (c, owl(kind), filler)]

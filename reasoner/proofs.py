@@ -1,0 +1,300 @@
+"""Proofs: why a triple holds, found backward when somebody asks, nothing kept beforehand.
+
+The search deepens by height, so the first proof found is one of the least height and never rests
+on itself. It works on triples in their original terms: replacing a term by an equal one is a step
+of its own (eq-rep), like in the rules as printed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+from pyoxigraph import Literal
+
+from .dictionary import Dictionary, Fact, Triple
+from .equality import Equality
+from .export import Asserted
+from .relations import Facts
+from .rules import Absent, Atom, Rule, bind, ground, solve
+from .strata import Program
+from .vocabulary import SAME
+
+GraphsOf = Callable[[Triple], Iterable[str]]
+MAX_HEIGHT = 64
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Why a triple holds.
+
+    Attributes
+    ----------
+    triple : Triple
+        What is proven.
+    rule : str
+        Name in OWL 2 Profiles 4.3, `rule:<name>` of a user's rule, or `asserted`.
+    premises : tuple of Proof
+        Instance triples that the rule used.
+    schema : tuple of Triple
+        Schema triples that the rule was made from; each can be explained in its turn.
+    absent : tuple of str
+        Patterns that had to have no match.
+    graphs : tuple of str
+        Where an asserted triple is asserted, if the caller knows.
+    """
+
+    triple: Triple
+    rule: str
+    premises: tuple[Proof, ...] = ()
+    schema: tuple[Triple, ...] = ()
+    absent: tuple[str, ...] = ()
+    graphs: tuple[str, ...] = ()
+
+    @property
+    def is_asserted(self) -> bool:
+        """Whether the proof is a leaf."""
+        return self.rule == "asserted"
+
+    @property
+    def height(self) -> int:
+        """Number of rule steps on the longest branch."""
+        if self.is_asserted:
+            return 0
+        return 1 + max((p.height for p in self.premises), default=0)
+
+    def leaves(self) -> Iterator[Triple]:
+        """Yield the asserted triples that the proof rests on."""
+        if self.is_asserted:
+            yield self.triple
+        for premise in self.premises:
+            yield from premise.leaves()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the proof as plain data, terms in N-Triples."""
+        out: dict[str, Any] = {"triple": [str(x) for x in self.triple], "rule": self.rule}
+        if self.is_asserted:
+            out["graphs"] = list(self.graphs)
+            return out
+        out["schema"] = [[str(x) for x in t] for t in self.schema]
+        out["premises"] = [p.to_dict() for p in self.premises]
+        if self.absent:
+            out["absent"] = list(self.absent)
+        out["height"] = self.height
+        return out
+
+    def render(self, shorten: Callable[[Triple], str] | None = None) -> str:
+        """Return the proof as an indented text, one line per triple."""
+        return "\n".join(self._lines(shorten or local_names, "", ""))
+
+    def _lines(self, shorten: Callable[[Triple], str], first: str, rest: str) -> Iterator[str]:
+        reason = self.rule
+        if self.is_asserted and self.graphs:
+            reason = "asserted: " + ", ".join(self.graphs)
+        yield f"{first + shorten(self.triple):<60} {reason}"
+        for pattern in self.absent:
+            yield f"{rest}|- absent: {pattern}"
+        for premise in self.premises:
+            yield from premise._lines(shorten, rest + "|- ", rest + "   ")
+
+
+def local_names(triple: Triple) -> str:
+    """Return a triple by the last parts of its IRIs.
+
+    >>> from pyoxigraph import NamedNode
+    >>> local_names((NamedNode("urn:x:mug"), NamedNode("urn:x#on"), Literal(1)))
+    'mug on "1"'
+    """
+    parts = []
+    for term in triple:
+        if isinstance(term, Literal):
+            parts.append(f'"{term.value}"')
+        else:
+            name = term.value.rstrip("/#")
+            parts.append(name[max(name.rfind(c) for c in "#/:") + 1 :])
+    return " ".join("a" if i == 1 and part == "type" else part for i, part in enumerate(parts))
+
+
+class Expanded:
+    """Facts as if no term had been rewritten: every member of a class stands for it."""
+
+    def __init__(self, facts: Facts, equality: Equality) -> None:
+        self._facts = facts
+        self._equality = equality
+
+    def has(self, s: int, p: int, o: int) -> bool:
+        """Tell whether a fact in original terms holds."""
+        s, p, o = self._equality.rewrite((s, p, o))
+        return s == o if p == SAME else self._facts.has(s, p, o)
+
+    def objects(self, p: int, s: int) -> set[int]:
+        """Return all objects of a subject, equal ones too."""
+        same = self._equality
+        if p == SAME:
+            return set(same.members(s))
+        found = self._facts.objects(same.find(p), same.find(s))
+        return {member for o in tuple(found) for member in same.members(o)}
+
+    def subjects(self, p: int, o: int) -> set[int]:
+        """Return all subjects of an object, equal ones too."""
+        same = self._equality
+        if p == SAME:
+            return set(same.members(o))
+        found = self._facts.subjects(same.find(p), same.find(o))
+        return {member for s in tuple(found) for member in same.members(s)}
+
+    def pairs(self, p: int) -> Iterator[tuple[int, int]]:
+        """Iterate over all subjects and objects of a property."""
+        same = self._equality
+        for s, o in self._facts.pairs(same.find(p)):
+            yield from product(same.members(s), same.members(o))
+
+    def size(self, p: int) -> int:
+        """Return about how many facts a property has."""
+        return self._facts.size(self._equality.find(p))
+
+
+class OutOfBudgetError(Exception):
+    """The search took longer than it may."""
+
+
+class Prover:
+    """Search for proofs in one state of a closure."""
+
+    def __init__(
+        self,
+        facts: Facts,
+        equality: Equality,
+        program: Program,
+        asserted: Asserted,
+        terms: Dictionary,
+        budget_ms: float,
+        graphs_of: GraphsOf | None = None,
+    ) -> None:
+        self._view = Expanded(facts, equality) if equality else facts
+        self._equality = equality
+        self._program = program
+        self._asserted = asserted
+        self._terms = terms
+        self._deadline = time.monotonic() + budget_ms / 1000
+        self._graphs_of = graphs_of
+        self._proven: dict[Fact, Proof] = {}
+        self._refuted: dict[Fact, int] = {}
+
+    def prove(self, fact: Fact) -> Proof | None:
+        """Return a proof of least height, None if there is none within the budget."""
+        try:
+            for height in range(MAX_HEIGHT):
+                proof = self._search(fact, height)
+                if proof is not None:
+                    return proof
+        except OutOfBudgetError:
+            return None
+        return None
+
+    def _search(self, goal: Fact, height: int) -> Proof | None:
+        known = self._proven.get(goal)
+        if known is not None:
+            return known if known.height <= height else None
+        if self._refuted.get(goal, -1) >= height:
+            return None
+        if time.monotonic() > self._deadline:
+            raise OutOfBudgetError
+        proof = self._leaf(goal)
+        if proof is None and height > 0:
+            proof = next(self._steps(goal, height), None)
+        if proof is None:
+            self._refuted[goal] = height
+        else:
+            self._proven[goal] = proof
+        return proof
+
+    def _leaf(self, goal: Fact) -> Proof | None:
+        if goal in self._asserted:
+            triple = self._terms.decode_fact(goal)
+            graphs = tuple(self._graphs_of(triple)) if self._graphs_of else ()
+            return Proof(triple, "asserted", graphs=graphs)
+        if goal[1] == SAME and goal[0] == goal[2]:
+            return Proof(self._terms.decode_fact(goal), "eq-ref")
+        return None
+
+    def _steps(self, goal: Fact, height: int) -> Iterator[Proof]:
+        """Yield the proofs whose last step derives the goal, in a fixed order."""
+        for rule in sorted(self._program.rules_for(goal), key=self._rule_order):
+            for premises in sorted(self._instances(rule, goal), key=self._order):
+                yield from self._step(goal, rule.name, premises, height, rule)
+        if goal[1] == SAME:
+            yield from self._equality_steps(goal, height)
+        if any(self._equality.is_merged(x) for x in goal):
+            yield from self._replacements(goal, height)
+
+    def _instances(self, rule: Rule, goal: Fact) -> set[tuple[Fact, ...]]:
+        assert rule.head is not None
+        env = rule.environment()
+        if not bind(rule.head, goal, self._terms, env):
+            return set()
+        return {
+            tuple(ground(atom, found) for atom in rule.body)
+            for found in solve(self._view, self._terms, rule.backward_steps, env)
+            if rule.conclude(found) == goal
+        }
+
+    def _equality_steps(self, goal: Fact, height: int) -> Iterator[Proof]:
+        a, _, b = goal
+        yield from self._step(goal, "eq-sym", ((b, SAME, a),), height)
+        for middle in self._equality.members(a):
+            if middle not in (a, b):
+                premises = ((a, SAME, middle), (middle, SAME, b))
+                yield from self._step(goal, "eq-trans", premises, height)
+
+    def _replacements(self, goal: Fact, height: int) -> Iterator[Proof]:
+        """One term replaced by an equal one (eq-rep-s, eq-rep-p, eq-rep-o)."""
+        if goal[1] == SAME:
+            return
+        for place, name in enumerate(("eq-rep-s", "eq-rep-p", "eq-rep-o")):
+            for other in self._equality.members(goal[place]):
+                if other == goal[place]:
+                    continue
+                form = (*goal[:place], other, *goal[place + 1 :])
+                premises = ((other, SAME, goal[place]), form)
+                yield from self._step(goal, name, premises, height)  # type: ignore[arg-type]
+
+    def _step(
+        self,
+        goal: Fact,
+        name: str,
+        premises: tuple[Fact, ...],
+        height: int,
+        rule: Rule | None = None,
+    ) -> Iterator[Proof]:
+        proofs = []
+        for premise in premises:
+            proof = self._search(premise, height - 1)
+            if proof is None:
+                return
+            proofs.append(proof)
+        decode = self._terms.decode_fact
+        because = tuple(map(decode, rule.because)) if rule else ()
+        absent = tuple(self._pattern(group) for group in rule.absences) if rule else ()
+        yield Proof(decode(goal), name, tuple(proofs), because, absent)
+
+    def _pattern(self, group: Absent) -> str:
+        def part(x: int) -> str:
+            return f"?{-x}" if x < 0 else str(self._terms.decode(x))
+
+        def text(atom: Atom) -> str:
+            return " ".join(part(x) for x in atom)
+
+        return " . ".join(text(atom) for atom in group.atoms)
+
+    def _rule_order(self, rule: Rule) -> tuple[str, list[tuple[str, ...]]]:
+        return rule.name, [self._text(fact) for fact in rule.because]
+
+    def _order(self, premises: tuple[Fact, ...]) -> list[tuple[str, ...]]:
+        return [self._text(fact) for fact in premises]
+
+    def _text(self, fact: Fact) -> tuple[str, ...]:
+        return tuple(map(str, self._terms.decode_fact(fact)))
