@@ -18,6 +18,7 @@ from rtask.kb import templates
 from rtask.kb.access import Access
 from rtask.kb.apply import Functions, Writes, as_update
 from rtask.kb.overlay import Overlay
+from rtask.kb.services import without_services
 from rtask.kb.skeleton import Operation, Target, Update, read_update
 from rtask.kb.store import GraphStore
 from rtask.kb.syntax import check_update, syntax_error
@@ -69,12 +70,12 @@ def run_update(
     QuerySyntaxError
         With line and column.
     ForbiddenError
-        If the text names a graph that the caller may not write.
+        If the text names a graph that the caller may not write, or calls out.
     DataError
         A graph exists, or is missing, where the operation says otherwise.
     """
     dataset = dataset or UpdateDataset()
-    update = read_update(text)
+    update = read_update(without_services(text))
     check_update(update, dataset.base)
     _refuse_two_datasets(update, dataset)
     runner = _Runner(overlay, update, access, dataset)
@@ -325,6 +326,8 @@ def _select(
         return [{name: row[name] for name in names if row[name] is not None} for row in rows]
     except SyntaxError as error:
         raise syntax_error(error, "WHERE", text) from error
+    except RuntimeError as error:
+        raise DataError(f"WHERE cannot be evaluated: {error}") from error
 
 
 def _run_and_roll_back(
