@@ -21,6 +21,8 @@ __all__ = ["Ignored", "Perceived", "Seen", "perceive"]
 
 _CROP_MARGIN_PX = 12
 _MAX_HEIGHT_M = 0.20
+_STANDS_M = 0.03
+_MARGIN_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,11 @@ class Ignored:
     y: tuple[float, float]
 
     def holds(self, point: NDArray[np.floating[Any]]) -> bool:
-        """Tell whether a point (x, y, ...), m, base frame lies in it."""
-        return bool(self.x[0] <= point[0] <= self.x[1] and self.y[0] <= point[1] <= self.y[1])
+        """Tell whether a point (x, y, ...), m, base frame lies in it or at its rim."""
+        return bool(
+            self.x[0] - _MARGIN_M <= point[0] <= self.x[1] + _MARGIN_M
+            and self.y[0] - _MARGIN_M <= point[1] <= self.y[1] + _MARGIN_M
+        )
 
 
 @dataclass(frozen=True)
@@ -125,8 +130,9 @@ def perceive(
         mask = scene.labels == found.label
         points = transform(base_from_camera, cloud[mask].astype(np.float64))
         centre = np.median(points, axis=0)
-        if any(region.holds(centre) for region in ignored):
-            continue
+        floats = np.percentile(points[:, 2], 5) > table_height + _STANDS_M
+        if floats or any(region.holds(centre) for region in ignored):
+            continue  # the robot's own arm, or the inside of its own box
         shape = measure(points, table_height)
         if shape.height > _MAX_HEIGHT_M:
             continue

@@ -27,7 +27,7 @@ from rtask.errors import RtaskError
 from simulate.agent import Agent, AgentConfig, Encounter
 from simulate.camera import Camera, Lighting
 from simulate.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
-from simulate.noise import DepthNoise
+from simulate.noise import SensorNoise
 from simulate.objects import sample_objects
 from simulate.perception import Ignored, Seen
 from simulate.robots.nao import Nao
@@ -96,7 +96,7 @@ class SimulatedBody:
         placements = arrange(products, stream(job.seed, _TABLE, job.index))
         self.laid: list[Laid] = lay(self.world, placements, assets)
         self.lighting = Lighting.sample(stream(job.seed, _LIGHT, job.index))
-        self._noise = DepthNoise()
+        self._noise = SensorNoise()
         self._noise_rng = stream(job.seed, _NOISE, job.index)
         self.camera = Camera(self.world.client)
         self.executor = Executor(self.world, self.robot)

@@ -1,0 +1,183 @@
+"""Points gathered in small cubes: sums per voxel, neighbours, normals.
+
+All sums are moments, so that a neighbourhood's covariance is a sum of its voxels' moments and
+duplicated points do no harm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["VoxelGrid", "build_voxels"]
+
+_MIN_EIGENVALUE_M2 = 1e-10
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """Occupied voxels in the order in which points first fell into them.
+
+    Parameters
+    ----------
+    of_point : (n,) int32
+        Voxel of each point.
+    neighbours, degrees : (v, 26) int32, (v,) int32
+        Occupied voxels that share a face, an edge or a corner; the first ``degrees`` count.
+    centroids : (v, 3) float64, m
+    colours : (v, 3) float64
+        Mean RGB in 0..1.
+    counts : (v,) float64
+        Points.
+    normals : (v, 3) float64
+        Over two rings of neighbours, towards the camera; zeros where there is none.
+    """
+
+    of_point: NDArray[np.int32]
+    neighbours: NDArray[np.int32]
+    degrees: NDArray[np.int32]
+    centroids: NDArray[np.float64]
+    colours: NDArray[np.float64]
+    counts: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+
+@numba.njit(cache=True, nogil=True)
+def _slot(a, b, c, mask):  # type: ignore[no-untyped-def]
+    h = (a * 73856093) ^ (b * 19349663) ^ (c * 83492791)
+    h ^= h >> 15
+    return h & mask
+
+
+@numba.njit(cache=True, nogil=True)
+def _find(table, keys, a, b, c):  # type: ignore[no-untyped-def]
+    """Return (voxel or -1, slot) of a cell by linear probing."""
+    mask = table.shape[0] - 1
+    slot = _slot(a, b, c, mask)
+    while True:
+        voxel = table[slot]
+        if voxel < 0:
+            return -1, slot
+        if keys[voxel, 0] == a and keys[voxel, 1] == b and keys[voxel, 2] == c:
+            return voxel, slot
+        slot = (slot + 1) & mask
+
+
+@numba.njit(cache=True, nogil=True)
+def _gather(points, colours, cells, table):  # type: ignore[no-untyped-def]
+    """Return keys, moments (v, 10), colour sums (v, 3) and the voxel of each point."""
+    n = points.shape[0]
+    keys = np.empty((n, 3), np.int64)
+    moments = np.zeros((n, 10))
+    sums = np.zeros((n, 3))
+    of_point = np.empty(n, np.int32)
+    count = 0
+    for i in range(n):
+        a, b, c = cells[i, 0], cells[i, 1], cells[i, 2]
+        voxel, slot = _find(table, keys, a, b, c)
+        if voxel < 0:
+            voxel = count
+            table[slot] = voxel
+            keys[voxel, 0], keys[voxel, 1], keys[voxel, 2] = a, b, c
+            count += 1
+        of_point[i] = voxel
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        m = moments[voxel]
+        m[0] += 1
+        m[1] += x
+        m[2] += y
+        m[3] += z
+        m[4] += x * x
+        m[5] += x * y
+        m[6] += x * z
+        m[7] += y * y
+        m[8] += y * z
+        m[9] += z * z
+        for k in range(3):
+            sums[voxel, k] += colours[i, k]
+    return keys[:count].copy(), moments[:count].copy(), sums[:count].copy(), of_point
+
+
+@numba.njit(cache=True, nogil=True)
+def _adjacency(table, keys):  # type: ignore[no-untyped-def]
+    n = keys.shape[0]
+    neighbours = np.full((n, 26), -1, np.int32)
+    degrees = np.zeros(n, np.int32)
+    for voxel in range(n):
+        for da in range(-1, 2):
+            for db in range(-1, 2):
+                for dc in range(-1, 2):
+                    if da == 0 and db == 0 and dc == 0:
+                        continue
+                    other, _ = _find(
+                        table, keys, keys[voxel, 0] + da, keys[voxel, 1] + db, keys[voxel, 2] + dc
+                    )
+                    if other >= 0:
+                        neighbours[voxel, degrees[voxel]] = other
+                        degrees[voxel] += 1
+    return neighbours, degrees
+
+
+@numba.njit(cache=True, nogil=True)
+def _spread(moments, neighbours, degrees):  # type: ignore[no-untyped-def]
+    """Return each voxel's moments plus those of its neighbours."""
+    out = moments.copy()
+    for voxel in range(moments.shape[0]):
+        for k in range(degrees[voxel]):
+            out[voxel] += moments[neighbours[voxel, k]]
+    return out
+
+
+def build_voxels(
+    points: NDArray[np.floating[Any]], colours: NDArray[np.uint8] | None, size_m: float
+) -> VoxelGrid:
+    """Gather finite points in cubes.
+
+    Parameters
+    ----------
+    points : (n, 3) float, m, camera at the origin
+    colours : (n, 3) uint8 RGB, or None
+    size_m
+        Edge of a cube.
+    """
+    exact: NDArray[np.float64] = points.astype(np.float64)
+    # Second moments of far coordinates cancel; the mean is put back into the centroids.
+    shift = exact.mean(axis=0) if len(exact) else np.zeros(3)
+    centred = exact - shift
+    tint = np.zeros_like(centred) if colours is None else colours.astype(np.float64) / 255
+    cells = np.floor(centred / size_m).astype(np.int64)
+    table = np.full(1 << int(2 * len(exact) + 15).bit_length(), -1, np.int32)
+    keys, moments, sums, of_point = _gather(centred, tint, cells, table)
+    neighbours, degrees = _adjacency(table, keys)
+    wide = _spread(_spread(moments, neighbours, degrees), neighbours, degrees)
+    counts = moments[:, 0]
+    centroids = moments[:, 1:4] / counts[:, None] + shift
+    normals = _normals(wide, centroids)
+    return VoxelGrid(
+        of_point, neighbours, degrees, centroids, sums / counts[:, None], counts, normals
+    )
+
+
+def _normals(moments: NDArray[np.float64], centroids: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the direction of least spread (v, 3) of each neighbourhood, towards the camera."""
+    if not len(moments):
+        return np.zeros((0, 3))
+    n = moments[:, 0]
+    mean = moments[:, 1:4] / n[:, None]
+    second = np.empty((len(n), 3, 3))
+    for k, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
+        second[:, i, j] = second[:, j, i] = moments[:, 4 + k] / n - mean[:, i] * mean[:, j]
+    values, vectors = np.linalg.eigh(second)
+    normals = np.asarray(vectors[:, :, 0])
+    away = np.einsum("ij,ij->i", normals, centroids) > 0
+    normals[away] *= -1
+    flat = (n < 3) | (values[:, 1] < _MIN_EIGENVALUE_M2)
+    normals[flat] = 0
+    return normals
