@@ -13,7 +13,7 @@ from endpoint.protocol import negotiation
 from endpoint.protocol.description import MAX_NAMED_GRAPHS, describe
 from endpoint.protocol.limits import Limits, checked_form
 from endpoint.protocol.request import QueryRequest, UpdateRequest
-from rtask.errors import QuerySyntaxError
+from rtask.errors import DataError, QuerySyntaxError
 from rtask.kb.access import Access
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.services import without_services
@@ -83,14 +83,18 @@ def plan_query(kb: KnowledgeBase, query: QueryRequest, request: Request, config:
     timeout_s = config.effective_timeout(query.timeout_s)
 
     def run() -> Response:
-        body = kb.serialize(
-            query.text,
-            media_type,
-            inferred=query.inferred,
-            default_graphs=query.default_graphs or None,
-            named_graphs=query.named_graphs or None,
-            base=query.base,
-        )
+        try:
+            body = kb.serialize(
+                query.text,
+                media_type,
+                inferred=query.inferred,
+                default_graphs=query.default_graphs or None,
+                named_graphs=query.named_graphs or None,
+                base=query.base,
+            )
+        except RuntimeError as error:
+            # What the store parses but cannot carry out, as an unknown function.
+            raise DataError(f"the query cannot be evaluated: {error}") from error
         if media_type in _XML_TYPES:
             body = body.translate(_XML_SAFE)
         return Response(200, body, content_type)
