@@ -49,7 +49,7 @@ class AgentConfig:
     """
 
     max_attempts: int = 4
-    max_plans: int = 12
+    max_plans: int = 10
     max_looks: int = 40
     seed: int = 0
 
@@ -143,6 +143,14 @@ class Encounter:
         return any(attempt.held for attempt in self.attempts)
 
     @property
+    def tries_to_success(self) -> int | None:
+        """Physical attempts up to the first that held; None when none did."""
+        for tried, attempt in enumerate((a for a in self.attempts if a.physical), start=1):
+            if attempt.held:
+                return tried
+        return None
+
+    @property
     def placed(self) -> bool:
         """Whether the object reached the box."""
         return any(attempt.placed for attempt in self.attempts)
@@ -150,7 +158,12 @@ class Encounter:
     def summary(self) -> dict[str, Any]:
         """Return the encounter as JSON data."""
         data = asdict(self)
-        data.update(tries=self.tries, held=self.held, placed=self.placed)
+        data.update(
+            tries=self.tries,
+            tries_to_success=self.tries_to_success,
+            held=self.held,
+            placed=self.placed,
+        )
         return data
 
 
@@ -284,7 +297,7 @@ class Agent:
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
         )  # fmt: skip
         encounter.attempts.append(attempt)
-        thing.finished = record.held or encounter.tries >= self.config.max_attempts
+        thing.finished = record.placed or encounter.tries >= self.config.max_attempts
         self._tell(
             "attempt",
             {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},

@@ -47,7 +47,8 @@ class Tracker:
     """Follows the things on one table.
 
     An object may have moved up to 2.5 cm unnoticed (a neighbour brushed it), the one just
-    handled up to 9 cm (it was pushed, dropped or rolled).
+    handled up to 9 cm (it was pushed). When the handled one is nowhere near and something
+    unknown lies on the table, that is it: it was dropped or rolled away.
     """
 
     def __init__(self) -> None:
@@ -80,6 +81,9 @@ class Tracker:
             for row, column in zip(*linear_sum_assignment(cost), strict=True):
                 if cost[row, column] < 1.0:
                     matched[column] = known[row]
+        strangers = [column for column, match in enumerate(matched) if match is None]
+        if handled in known and handled not in matched and len(strangers) == 1:
+            matched[strangers[0]] = handled
         for seen, match in zip(objects, matched, strict=True):
             if match is None:
                 self.things.append(Thing(next(self._numbers), seen))

@@ -51,7 +51,7 @@ def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | 
     Objects in reach only; an object never held counts ``cap`` + 1 (learning: failures are capped).
     None when nothing was in reach.
     """
-    counts = [met["tries"] if met["held"] else cap + 1 for met in encounters if met["in_reach"]]
+    counts = [met["tries_to_success"] or cap + 1 for met in encounters if met["in_reach"]]
     return sum(counts) / len(counts) if counts else None
 
 

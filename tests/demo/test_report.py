@@ -18,7 +18,7 @@ def _met(**changes: Any) -> dict[str, Any]:
     }  # fmt: skip
     met = {
         "product": "can-1", "object_iri": "urn:o:1", "recognised": "", "label": "",
-        "confidence": 0.1, "right": None, "in_reach": True, "tries": 1, "held": True,
+        "confidence": 0.1, "right": None, "in_reach": True, "tries": 1, "held": True, "tries_to_success": 1,
         "placed": True, "attempts": [attempt],
     }  # fmt: skip
     return {**met, **changes}
@@ -32,7 +32,12 @@ def _robot(*met: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_attempts_average_over_objects_in_reach_and_failures_count_one_more_than_the_cap() -> None:
-    met = [_met(tries=1), _met(tries=3), _met(tries=4, held=False), _met(tries=0, in_reach=False)]
+    met = [
+        _met(tries_to_success=1),
+        _met(tries_to_success=3),
+        _met(tries_to_success=None, tries=4, held=False),
+        _met(tries_to_success=None, tries=0, in_reach=False),
+    ]
     assert mean_attempts(met, cap=4) == (1 + 3 + 5) / 3
 
 

@@ -37,6 +37,16 @@ def test_a_thing_that_was_pushed_far_is_new_unless_it_was_handled() -> None:
     assert _numbers(tracker.update([_Seen(0.15, -0.05)])) == [2]
 
 
+def test_a_thing_that_was_dropped_far_away_is_still_itself() -> None:
+    tracker = Tracker()
+    thing, _ = tracker.update([_Seen(0.15, -0.05), _Seen(0.12, -0.15)])
+    again = tracker.update([_Seen(0.35, -0.25), _Seen(0.12, -0.15)], handled=thing)
+    assert {t.number: t.seen.x for t in again} == {1: 0.35, 2: 0.12}
+    tracker.update([_Seen(0.12, -0.15)], handled=thing)
+    # Once it is out of sight for a look, what turns up later may be anything.
+    assert _numbers(tracker.update([_Seen(0.40, -0.05), _Seen(0.12, -0.15)])) == [2, 3]
+
+
 def test_a_thing_that_left_is_not_in_view_and_its_number_is_not_given_again() -> None:
     tracker = Tracker()
     tracker.update([_Seen(0.15, -0.05), _Seen(0.15, -0.15)])
