@@ -1,0 +1,61 @@
+"""A client of a knowledge base in the same process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rtask.client.base import Client
+from rtask.engine.engine import Engine
+from rtask.errors import UsageError
+from rtask.kb.access import Access
+
+__all__ = ["LocalClient"]
+
+
+class LocalClient(Client):
+    """Calls the engine directly.
+
+    Parameters
+    ----------
+    engine
+        Stays open when the client is closed, unless ``owns_engine``.
+    agent
+        Name of the robot on whose behalf calls are made; None = the owner of the store.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        agent: str | None = None,
+        outbox: Path | str | None = None,
+        owns_engine: bool = False,
+    ) -> None:
+        super().__init__(outbox)
+        self.engine = engine
+        self._access = Access(agent, "robot") if agent else Access()
+        self._owns_engine = owns_engine
+
+    def _call(self, operation: str, args: dict[str, Any]) -> dict[str, Any]:
+        return self.engine.call(operation, args, self._access)
+
+    def query(self, sparql: str) -> list[dict[str, Any]]:
+        """Return the rows of a SELECT; see :meth:`Client.query`."""
+        rows: list[dict[str, Any]] = self.engine.kb.select(sparql).to_dicts()
+        return rows
+
+    def ask(self, sparql: str) -> bool:
+        """Return the answer of an ASK."""
+        answer = self.engine.kb.query(sparql)
+        if not isinstance(answer, bool):
+            raise UsageError("ask() is for ASK queries; use query() for SELECT")
+        return answer
+
+    def update(self, sparql: str) -> None:
+        """Carry out a SPARQL update with this client's rights."""
+        self.engine.kb.update(sparql, access=self._access)
+
+    def close(self) -> None:
+        """Let the engine go if it was made for this client."""
+        if self._owns_engine:
+            self.engine.close()

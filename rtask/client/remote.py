@@ -1,0 +1,190 @@
+"""A client of a server: service calls over rosbridge, SPARQL over HTTP."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from rtask.client.base import Client
+from rtask.client.websocket import ServiceSocket
+from rtask.errors import (
+    AuthenticationError,
+    CallFailedError,
+    ForbiddenError,
+    RemoteUnavailableError,
+    UsageError,
+)
+
+if TYPE_CHECKING:
+    import httpx
+
+__all__ = ["RemoteClient", "addresses"]
+
+_NOT_REPEATABLE = ("teach_object",)
+
+
+def addresses(url: str) -> tuple[str, str]:
+    """Return the addresses for HTTP and for the websocket of a server.
+
+    >>> addresses("http://127.0.0.1:8765")
+    ('http://127.0.0.1:8765', 'ws://127.0.0.1:8765/rosbridge')
+    >>> addresses("wss://graph.example.org/rosbridge")
+    ('https://graph.example.org', 'wss://graph.example.org/rosbridge')
+    """
+    parts = urlsplit(url)
+    secure = {"http": False, "ws": False, "https": True, "wss": True}.get(parts.scheme)
+    if secure is None or not parts.netloc:
+        raise UsageError(f"{url!r} is no address of a server; http://host:port is wanted")
+    path = parts.path.rstrip("/").removesuffix("/rosbridge")
+    http, ws = ("https", "wss") if secure else ("http", "ws")
+    return f"{http}://{parts.netloc}{path}", f"{ws}://{parts.netloc}{path}/rosbridge"
+
+
+class RemoteClient(Client):
+    """Talks to ``rtask serve``.
+
+    Parameters
+    ----------
+    url
+        ``http://host:port``, or the websocket's own address.
+    token
+        Of the robot; needed unless the server runs without tokens.
+    timeout_s
+        For each call.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        token: str | None = None,
+        timeout_s: float = 30.0,
+        outbox: Path | str | None = None,
+    ) -> None:
+        super().__init__(outbox)
+        self.url, socket = addresses(url)
+        self._socket = ServiceSocket(socket, token, timeout_s)
+        self._token = token
+        self._timeout_s = timeout_s
+        self._http: httpx.Client | None = None
+
+    def _call(self, operation: str, args: dict[str, Any]) -> dict[str, Any]:
+        may_repeat = operation not in _NOT_REPEATABLE
+        return self._socket.call(f"/rtask/{operation}", args, may_repeat)
+
+    def query(self, sparql: str) -> list[dict[str, Any]]:
+        """Return the rows of a SELECT; see :meth:`Client.query`."""
+        answer = self._ask(sparql)
+        if "results" not in answer:
+            raise UsageError("query() is for SELECT queries; use ask() for ASK")
+        names = answer["head"]["vars"]
+        return [
+            {name: _value(row.get(name)) for name in names} for row in answer["results"]["bindings"]
+        ]
+
+    def ask(self, sparql: str) -> bool:
+        """Return the answer of an ASK."""
+        answer = self._ask(sparql)
+        if "boolean" not in answer:
+            raise UsageError("ask() is for ASK queries; use query() for SELECT")
+        return bool(answer["boolean"])
+
+    def _ask(self, sparql: str) -> dict[str, Any]:
+        kind = {
+            "Content-Type": "application/sparql-query",
+            "Accept": "application/sparql-results+json",
+        }
+        answer = self._post("/query", sparql, kind, may_repeat=True)
+        try:
+            found: dict[str, Any] = answer.json()
+        except ValueError as error:
+            raise CallFailedError(f"{self.url}/query did not answer with JSON results") from error
+        return found
+
+    def update(self, sparql: str) -> None:
+        """Carry out a SPARQL update with the token's rights."""
+        kind = {"Content-Type": "application/sparql-update"}
+        self._post("/update", sparql, kind, may_repeat=False)
+
+    def close(self) -> None:
+        """Close both connections."""
+        self._socket.close()
+        if self._http is not None:
+            self._http.close()
+            self._http = None
+
+    def _post(
+        self, path: str, text: str, headers: dict[str, str], may_repeat: bool
+    ) -> httpx.Response:
+        import httpx
+
+        def send() -> httpx.Response:
+            return self._session().post(path, content=text.encode(), headers=headers)
+
+        try:
+            answer = _patiently(send, self._timeout_s, may_repeat)
+        except httpx.TransportError as error:
+            raise RemoteUnavailableError(f"{self.url} cannot be reached: {error}") from error
+        if answer.is_error:
+            raise _failure(answer)
+        return answer
+
+    def _session(self) -> httpx.Client:
+        import httpx
+
+        if self._http is None:
+            headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
+            near = (urlsplit(self.url).hostname or "") in ("localhost", "127.0.0.1", "::1")
+            self._http = httpx.Client(
+                base_url=self.url, headers=headers, timeout=self._timeout_s, trust_env=not near
+            )
+        return self._http
+
+
+def _patiently(
+    send: Callable[[], httpx.Response], timeout_s: float, may_repeat: bool
+) -> httpx.Response:
+    """Send, and again after a pause while nobody listens; a call that arrived is not repeated."""
+    import httpx
+
+    deadline, pause = time.monotonic() + timeout_s, 0.1
+    while True:
+        try:
+            return send()
+        except httpx.TransportError as error:
+            never_arrived = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
+            late = time.monotonic() + pause >= deadline
+            if late or not (may_repeat or never_arrived) or isinstance(error, httpx.ReadTimeout):
+                raise
+            time.sleep(pause)
+            pause = min(2 * pause, 2.0)
+
+
+def _failure(answer: httpx.Response) -> Exception:
+    """Return the error of an answer, with the words of its problem details (RFC 9457)."""
+    try:
+        problem = answer.json()
+        words = str(problem.get("detail") or problem.get("title"))
+    except (ValueError, AttributeError):
+        words = answer.text[:500] or answer.reason_phrase
+    if answer.status_code == 401:
+        return AuthenticationError(words)
+    if answer.status_code == 403:
+        return ForbiddenError(words)
+    return CallFailedError(words, http_status=answer.status_code)
+
+
+def _value(binding: dict[str, Any] | None) -> object:
+    """Return one value of SPARQL 1.1 JSON results as :meth:`Client.query` gives it."""
+    from rtask.kb.terms import Literal, NamedNode, python_value
+
+    if binding is None:
+        return None
+    if binding["type"] not in ("literal", "typed-literal"):
+        return binding["value"] if binding["type"] == "uri" else str(binding["value"])
+    datatype = binding.get("datatype")
+    if datatype is None:
+        return binding["value"]
+    return python_value(Literal(binding["value"], datatype=NamedNode(datatype)))
