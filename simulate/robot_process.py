@@ -114,7 +114,8 @@ class SimulatedBody:
         self, request: GraspRequest, obstacles: list[FloatArray], seed: int
     ) -> PlannedGrasp | str:
         """Plan a grasp around what the camera saw."""
-        return self.executor.plan(request, obstacles=obstacles, seed=seed)
+        clouds = [cloud.astype(np.float64) for cloud in obstacles]
+        return self.executor.plan(request, obstacles=clouds, seed=seed)
 
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
         """Grasp, and take a picture of each phase."""

@@ -13,14 +13,27 @@ from simulate.demo.report import COLUMNS, mean_attempts, robot_totals, rows, wri
 
 
 def _met(**changes: Any) -> dict[str, Any]:
-    attempt = {
-        "number": 1, "source": "candidate", "reason": "ok", "seconds": {"look": 0.5, "ask": 0.1},
-    }  # fmt: skip
     met = {
-        "product": "can-1", "object_iri": "urn:o:1", "recognised": "", "label": "",
-        "confidence": 0.1, "right": None, "in_reach": True, "tries": 1, "held": True, "tries_to_success": 1,
-        "placed": True, "attempts": [attempt],
-    }  # fmt: skip
+        "product": "can-1",
+        "object_iri": "urn:o:1",
+        "recognised": "",
+        "label": "",
+        "confidence": 0.1,
+        "right": None,
+        "in_reach": True,
+        "tries": 1,
+        "tries_to_success": 1,
+        "held": True,
+        "placed": True,
+        "attempts": [
+            {
+                "number": 1,
+                "source": "candidate",
+                "reason": "ok",
+                "seconds": {"look": 0.5, "ask": 0.1},
+            }
+        ],
+    }
     return {**met, **changes}
 
 

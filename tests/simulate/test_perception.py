@@ -1,0 +1,74 @@
+"""What the robot sees of tables laid with products, through a noisy camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from features.geometry import Frame
+from simulate.camera import INTRINSICS, Camera
+from simulate.noise import SensorNoise
+from simulate.objects import sample_objects
+from simulate.perception import Ignored, perceive
+from simulate.robots.nao import Nao
+from simulate.scene import arrange, lay
+from simulate.world import World
+
+
+@pytest.fixture(scope="module")
+def assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("assets")
+
+
+@pytest.mark.slow
+def test_objects_on_noisy_tables_are_found_one_segment_each(assets: Path) -> None:
+    """Four tables of six products, both halves: 24 objects."""
+    found = extra = total = 0
+    offsets, heights = [], []
+    for seed in range(4):
+        with World() as world:
+            camera, robot = Camera(world.client), Nao(world)
+            world.add_table()
+            boxes = [world.add_place_box(side) for side in ("right", "left")]
+            specs = sample_objects(np.random.default_rng(seed), 6)
+            laid = lay(world, arrange(specs, np.random.default_rng(seed + 100)), assets)
+            for side, sign in (("right", -1), ("left", 1)):
+                pose = robot.look(side)
+                frame, bodies = camera.capture(pose)
+                noisy = SensorNoise().apply(frame, np.random.default_rng(seed))
+                ignored = tuple(Ignored(box.x_range, box.y_range) for box in boxes)
+                view = perceive(noisy, pose, ignored)
+                assert view.table_height == pytest.approx(0.27, abs=3e-3)
+                mine = [s for s in view.objects if s.position[1] * sign >= 0]
+                standing = [x for x in laid if world.object_pose(x.body).y * sign >= 0]
+                total += len(standing)
+                for thing in standing:
+                    true = world.object_pose(thing.body)
+                    own = [s for s in mine if np.mean(bodies[s.mask] == thing.body) > 0.8]
+                    found += len(own) == 1
+                    if len(own) == 1:
+                        offsets.append(np.linalg.norm(own[0].position - [true.x, true.y]))
+                        heights.append(own[0].shape.height - thing.placement.spec.extent[2])
+                extra += len(mine) - len(standing)
+    assert total == 24
+    # At most one object of 24 hidden or merged, and nothing invented.
+    assert found >= 23
+    assert extra <= 0
+    # A hand that opens 5 cm needs the middle of a 4 cm thing to about half a centimetre.
+    assert np.median(offsets) < 4e-3
+    assert np.quantile(offsets, 0.9) < 9e-3
+    assert np.median(np.abs(heights)) < 4e-3
+
+
+def test_an_empty_frame_has_no_table() -> None:
+    frame = Frame(np.zeros((480, 640), np.float32), INTRINSICS, np.zeros((480, 640, 3), np.uint8))
+    view = perceive(frame, np.eye(4))
+    assert (view.status, view.objects) == ("empty", ())
+    assert np.isnan(view.table_height)
+
+
+def test_a_frame_without_colour_is_refused() -> None:
+    with pytest.raises(ValueError, match="colour"):
+        perceive(Frame(np.zeros((480, 640), np.float32), INTRINSICS), np.eye(4))
