@@ -83,6 +83,9 @@ class Contradiction:
     axioms: tuple[Triple, ...]
     message: str
 
+    def __str__(self) -> str:
+        return self.message
+
 
 def find_all(view: View, terms: Dictionary, program: Program) -> Iterator[Inconsistency]:
     """Yield what every check finds in a view."""

@@ -17,6 +17,7 @@ from .proofs import GraphsOf, Proof, Prover
 from .vocabulary import LITERAL, RDF, SAME, TYPE
 
 _REIFIES = NamedNode(RDF + "reifies")
+_DATATYPES = frozenset(v.DATATYPES.values())
 LISTED_CONTRADICTIONS = 100
 
 
@@ -338,7 +339,7 @@ class Closure:
         """Tell whether a fact is true of everything, or of every class or property."""
         has = self._state.facts.has
         s, p, o = self._state.equality.rewrite(fact)
-        if p == TYPE and o in (v.THING, v.RESOURCE):
+        if p == TYPE and (o in (v.THING, v.RESOURCE) or (o == v.DATATYPE and s in _DATATYPES)):
             return True
         if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
             is_class = s in (v.THING, v.NOTHING) or has(s, TYPE, v.CLASS)

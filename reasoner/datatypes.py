@@ -9,6 +9,7 @@ import base64
 import binascii
 import re
 import struct
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -225,3 +226,47 @@ def compare(left: Value, right: Value) -> int | None:
         if a != a or b != b:
             return None
     return (a > b) - (a < b)  # type: ignore[operator]
+
+
+_WIDER = {
+    "normalizedString": "string", "token": "normalizedString", "language": "token",
+    "NMTOKEN": "token", "Name": "token", "NCName": "Name", "dateTimeStamp": "dateTime",
+    "integer": "decimal",
+}  # fmt: skip
+
+
+def is_within(ranges: Iterable[str], datatype: str) -> bool:
+    """Tell whether every literal that lies in all of some datatypes lies in another one.
+
+    >>> is_within([XSD + "short", XSD + "unsignedInt"], XSD + "unsignedShort")
+    True
+    >>> is_within([XSD + "short"], XSD + "unsignedByte")
+    False
+    """
+    known = [r for r in ranges if r in BITS]
+    names = {name for r in known for name in _chain(r.removeprefix(XSD))}
+    wanted = datatype.removeprefix(XSD)
+    if wanted in names:
+        return True
+    bounds = [_RANGES[name] for name in names if name in _RANGES]
+    if wanted not in _RANGES or not bounds:
+        return False
+    low = max((a for a, _ in bounds if a is not None), default=None)
+    high = min((b for _, b in bounds if b is not None), default=None)
+    if low is not None and high is not None and low > high:
+        return True
+    floor, ceiling = _RANGES[wanted]
+    return (floor is None or (low is not None and low >= floor)) and (
+        ceiling is None or (high is not None and high <= ceiling)
+    )
+
+
+def _chain(name: str) -> Iterator[str]:
+    """Yield a datatype's name and those of the datatypes it is derived from."""
+    yield name
+    if name in _RANGES and name != "integer":
+        name = "integer"
+        yield name
+    while name in _WIDER:
+        name = _WIDER[name]
+        yield name
