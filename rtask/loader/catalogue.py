@@ -51,7 +51,7 @@ class OntologyCatalogue:
     def __init__(self, places: Iterable[Path] = ()) -> None:
         self._places = [Path(place) for place in places]
         self._bundled = ontology.path("catalog.toml")
-        self._read: dict[Path, dict[str, Path]] = {}
+        self._read: dict[Path, dict[str, list[Path]]] = {}
 
     def find(self, iri: str, beside: Path | None = None) -> Path | None:
         """Return the file of an ontology, ``None`` if no place has it.
@@ -67,9 +67,10 @@ class OntologyCatalogue:
             If two files of one folder claim the IRI with different content.
         """
         for place in self.searched(beside):
-            found = self._entries(place).get(iri) or self._entries(place).get(iri.rstrip("#/"))
-            if found is not None:
-                return found
+            entries = self._entries(place)
+            found = entries.get(iri) or entries.get(iri.rstrip("#/")) or []
+            if found:
+                return _choose(found, iri, beside)
         return None
 
     def searched(self, beside: Path | None = None) -> list[Path]:
@@ -79,28 +80,39 @@ class OntologyCatalogue:
             places.append(beside.parent)
         return [*places, self._bundled]
 
-    def _entries(self, place: Path) -> dict[str, Path]:
+    def _entries(self, place: Path) -> dict[str, list[Path]]:
         if place not in self._read:
             if place.is_dir():
-                self._read[place] = self._scan(place)
+                self._read[place] = _scan(place)
             elif place.suffix == ".toml":
                 self._read[place] = _read_toml(place)
             else:
                 self._read[place] = _read_oasis(place)
         return self._read[place]
 
-    def _scan(self, folder: Path) -> dict[str, Path]:
-        listed = folder / _OASIS_FILE
-        entries = _read_oasis(listed) if listed.is_file() else {}
-        for path in loadable_files(folder):
-            header = peek(Document(str(path), path))
-            for name in (header.iri, header.version_iri):
-                if name is None:
-                    continue
-                other = entries.setdefault(name.value, path)
-                if other != path and name == header.iri and not _same(other, path):
-                    raise DataError(f"{other} and {path} both claim to be {name.value}")
-        return entries
+
+def _scan(folder: Path) -> dict[str, list[Path]]:
+    """Read the folder's catalogue, or else what its files say of themselves."""
+    listed = folder / _OASIS_FILE
+    entries = _read_oasis(listed) if listed.is_file() else {}
+    named = set(entries)
+    for path in loadable_files(folder):
+        header = peek(Document(str(path), path))
+        for name in {header.iri, header.version_iri} - {None}:
+            assert name is not None
+            if name.value not in named:
+                entries.setdefault(name.value, []).append(path)
+    return entries
+
+
+def _choose(found: list[Path], iri: str, beside: Path | None) -> Path:
+    """Return the file that is meant; the same name in several syntaxes is one ontology."""
+    alike = [path for path in found if beside is not None and path.suffix == beside.suffix]
+    chosen = (alike or found)[0]
+    for other in found:
+        if other.stem != chosen.stem and not _same(chosen, other):
+            raise DataError(f"{chosen} and {other} both claim to be {iri}")
+    return chosen
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -108,16 +120,16 @@ def _same(one: Path, other: Path) -> bool:
     return digests[0] == digests[1]
 
 
-def _read_toml(path: Path) -> dict[str, Path]:
+def _read_toml(path: Path) -> dict[str, list[Path]]:
     """Read ``[[ontology]]`` tables with ``iri`` and ``file``."""
     try:
         record = tomllib.loads(path.read_text("utf-8"))
-        return {entry["iri"]: path.parent / entry["file"] for entry in record["ontology"]}
+        return {entry["iri"]: [path.parent / entry["file"]] for entry in record["ontology"]}
     except (ValueError, KeyError) as error:
         raise ParseError(f"{path}: not a catalogue: {error}") from error
 
 
-def _read_oasis(path: Path) -> dict[str, Path]:
+def _read_oasis(path: Path) -> dict[str, list[Path]]:
     """Read ``uri`` entries of an OASIS XML catalogue; addresses on the network are left out."""
     with path.open("rb") as stream:
         check_xml(stream, str(path))
@@ -125,5 +137,5 @@ def _read_oasis(path: Path) -> dict[str, Path]:
     for element in ElementTree.parse(path).iter(_OASIS + "uri"):
         name, target = element.get("name"), element.get("uri", "")
         if name and "://" not in target:
-            entries[name] = (path.parent / target).resolve()
+            entries[name] = [(path.parent / target).resolve()]
     return entries

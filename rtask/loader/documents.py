@@ -88,7 +88,7 @@ class Document:
         """
         packed = self.path.open("rb") if self.path else io.BytesIO(self.data)
         try:
-            stream = io.BufferedReader(_Limited(self._unpack(packed), self.name))
+            stream = io.BufferedReader(_Limited(self._unpack(packed), packed, self.name))
             head = stream.peek(_HEAD)[:_HEAD]
             _refuse_binary(self.name, head)
         except BaseException:
@@ -151,8 +151,9 @@ class Document:
 class _Limited(io.RawIOBase):
     """Counts what is unpacked, so that a small file cannot fill the memory."""
 
-    def __init__(self, stream: IO[bytes], name: str) -> None:
+    def __init__(self, stream: IO[bytes], packed: IO[bytes], name: str) -> None:
         self._stream = stream
+        self._packed = packed
         self._name = name
         self._left = MAX_UNPACKED
 
@@ -173,6 +174,7 @@ class _Limited(io.RawIOBase):
 
     def close(self) -> None:
         self._stream.close()
+        self._packed.close()
         super().close()
 
 
