@@ -439,7 +439,7 @@ def _neighbours(thing: Thing, view: Perceived) -> list[list[float]]:
         return []
     points = np.concatenate(others)
     near = points[np.linalg.norm(points[:, :2] - thing.seen.position, axis=1) < 0.12]
-    step = max(1, len(near) // _MAX_NEIGHBOUR_POINTS)
+    step = max(1, -(-len(near) // _MAX_NEIGHBOUR_POINTS))
     return [[round(float(x), 4) for x in point] for point in near[::step]]
 
 

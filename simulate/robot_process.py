@@ -14,7 +14,6 @@ import sys
 import tempfile
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from rtask.errors import RtaskError
 from simulate.agent import Agent, AgentConfig, Encounter
 from simulate.camera import Camera, Lighting
 from simulate.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
+from simulate.job import Job
 from simulate.noise import SensorNoise
 from simulate.objects import sample_objects
 from simulate.perception import Ignored, Seen
@@ -35,44 +35,12 @@ from simulate.scene import Laid, arrange, lay
 from simulate.scoring import Judge
 from simulate.world import World
 
-__all__ = ["Job", "SimulatedBody", "main"]
+__all__ = ["SimulatedBody", "main"]
 
 _PICTURE_SIZE = (320, 240)
 _PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
 # Streams of random numbers, one a purpose, so that one more draw here changes nothing there.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
-
-
-@dataclass(frozen=True)
-class Job:
-    """What one robot is to do.
-
-    Parameters
-    ----------
-    name
-        The robot's name, which is its token's agent.
-    index
-        Number of the robot; with ``seed`` it fixes its table, light and noise.
-    url
-        The endpoint.
-    seed, objects
-        Fix the products, the same for every robot of a demo.
-    pictures
-        Folder for the PNGs of each grasp.
-    outbox
-        File that keeps outcomes not yet delivered.
-    """
-
-    name: str
-    index: int
-    url: str
-    seed: int
-    objects: int
-    max_attempts: int
-    pictures: str
-    outbox: str
-    gui: bool = False
-    preset: str = "faithful"
 
 
 def stream(seed: int, *purpose: int) -> np.random.Generator:

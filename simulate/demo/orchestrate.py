@@ -15,7 +15,7 @@ from simulate.demo.console import Console
 from simulate.demo.processes import Endpoint, Robot, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
 from simulate.demo.report import COLUMNS, robot_totals, rows, summary, write_report
-from simulate.robot_process import Job
+from simulate.job import Job
 
 __all__ = ["Demo", "Settings"]
 

@@ -187,7 +187,9 @@ class Robot(_Child):
             if event["event"] == "done":
                 return
             doing = event.get("doing", doing)
+        why = self.complaint()
+        ended = "disappeared" if self.process.returncode < 0 else "stopped"
         raise RobotError(
-            f"{self.name} disappeared while {doing}: {self.complaint()}; the store holds every "
-            "attempt that was reported before, and nothing of this one"
+            f"{self.name} {ended} while {doing}: {why.removeprefix(f'{self.name}: ')}; the store "
+            "holds every attempt that was reported before, and nothing of this one"
         )
