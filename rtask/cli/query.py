@@ -56,7 +56,8 @@ def query(text: str | None, data: Path, file: Path | None, form: str, no_inferre
         }
         whole = prologue(missing).replace("\n", " ") + asked
         if form != "table":
-            click.echo(kb.serialize(whole, _MEDIA_TYPES[form], inferred=not no_inferred))
+            written = kb.serialize(whole, _MEDIA_TYPES[form], inferred=not no_inferred)
+            click.echo(written, nl=not written.endswith(b"\n"))
             return
         _print(kb, whole, inferred=not no_inferred)
 
