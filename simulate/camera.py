@@ -22,9 +22,9 @@ __all__ = ["INTRINSICS", "Camera", "Lighting"]
 INTRINSICS = Intrinsics.from_fov(640, 480, 1.2)
 _NEAR_M, _FAR_M = 0.05, 8.0
 _GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
-_SNAPSHOT_FOV_RAD = 0.75
-_SNAPSHOT_EYE = np.array([0.62, -0.26, 0.55])
-_SNAPSHOT_TARGET = np.array([0.12, -0.10, 0.33])
+_SNAPSHOT_FOV_RAD = 0.62
+_SNAPSHOT_EYE = np.array([0.60, -0.34, 0.56])
+_SNAPSHOT_TARGET = np.array([0.12, -0.13, 0.32])
 
 
 @dataclass(frozen=True)

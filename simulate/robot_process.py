@@ -91,7 +91,7 @@ class SimulatedBody:
 
         def picture(phase: str) -> None:
             if phase in _PICTURES:
-                png = self.camera.snapshot(self.lighting, _PICTURE_SIZE)
+                png = self.camera.snapshot(self.lighting, _PICTURE_SIZE, plan.arm.split("_")[0])
                 taken.append((_PICTURES[phase], png))
 
         record = self.executor.execute(plan, on_phase=picture)

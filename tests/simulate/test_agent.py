@@ -1,0 +1,222 @@
+"""The robot's mind, with a table, a hand and a server that behave as told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import simulate.agent as agent_module
+from features.geometry import Frame, Intrinsics
+from features.tabletop import TabletopShape
+from simulate.agent import Agent, AgentConfig
+from simulate.perception import Perceived, Seen
+
+_CAMERA = Intrinsics.from_fov(16, 12, 1.2)
+
+
+def _seen(x: float, y: float) -> Seen:
+    shape = TabletopShape(np.array([x, y]), 0.0, 0.03, 0.03, 0.07, 0.27, np.zeros((4, 2)), 0.95)
+    crop = Frame(np.full((12, 16), 0.3, np.float32), _CAMERA, np.zeros((12, 16, 3), np.uint8))
+    return Seen(crop, np.ones((12, 16), bool), np.full((30, 3), [x, y, 0.3]), shape, False)
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What :class:`simulate.executor.GraspRecord` tells the agent."""
+
+    reason: str = "ok"
+    held: bool = True
+    placed: bool = True
+    lifted_m: float = 0.06
+    slip_m: float = 0.001
+    duration_s: float = 6.0
+    links_touching: int = 6
+    contact_force_n: float = 3.0
+    preset: str = "faithful"
+    seed: int = 0
+
+
+@dataclass
+class _Body:
+    """A table on which a placed object is gone and a missed one stays."""
+
+    table: list[tuple[float, float]]
+    outcomes: list[_Record] = field(default_factory=list)
+    unreachable: bool = False
+    planned: list[Any] = field(default_factory=list)
+    base_frame = "base_footprint"
+    ignored = ()
+
+    @property
+    def gripper_ids(self) -> dict[str, str]:
+        return {"right": "right_hand", "left": "left_hand"}
+
+    def look(self, side: str) -> tuple[Frame, np.ndarray]:
+        return Frame(np.zeros((12, 16), np.float32), _CAMERA), np.eye(4)
+
+    def plan(self, request, obstacles, seed):
+        if self.unreachable:
+            return "ik"
+        self.planned.append(request)
+        return request
+
+    def execute(self, plan):
+        record = self.outcomes.pop(0) if self.outcomes else _Record()
+        if record.placed:
+            self.table.remove((plan.x, plan.y))
+        return record, [("held", b"png")]
+
+
+class _Server:
+    """Knows nothing, or everything; keeps what it was told."""
+
+    def __init__(self, knows: float = 0.0) -> None:
+        self.confidence = knows
+        self.asked: list[dict] = []
+        self.inserted: list[dict] = []
+        self.reported: list[dict] = []
+
+    def recognise_for_grasp(self, **request):
+        self.asked.append(request)
+        known = self.confidence >= 0.7
+        x, y = TABLE_OF[len(self.asked) - 1] if TABLE_OF else (0.0, 0.0)
+        grasp = {
+            "id": "g:1" if known else "candidate:0",
+            "source": "memory" if known else "candidate",
+            "x": x,
+            "y": y,
+            "z": 0.3,
+            "theta": 0.0,
+            "width": 0.03,
+            "opening": 0.05,
+            "mean": 0.9,
+        }
+        return {
+            "task_id": f"t:{len(self.asked)}",
+            "object": "o:7" if known else "",
+            "label": "can 7" if known else "",
+            "recognition": {
+                "accepted": known,
+                "matches": [{"confidence": self.confidence}] if self.confidence else [],
+            },
+            "grasps": [grasp],
+            "times": {"total_s": 0.01},
+        }
+
+    def insert_object(self, objects):
+        self.inserted.append(objects[0])
+        return {"objects": [{"object": objects[0].get("object", f"o:{len(self.inserted)}")}]}
+
+    def report_outcome(self, **report):
+        self.reported.append(report)
+        return {"stored": 1}
+
+
+TABLE_OF: list[tuple[float, float]] = []
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch):
+    """Run an agent over a table and return (agent, encounters)."""
+
+    def _run(body: _Body, server: _Server, order: list[tuple[float, float]], **config):
+        TABLE_OF[:] = order
+        monkeypatch.setattr(
+            agent_module,
+            "perceive",
+            lambda *_: Perceived("ok", 0.27, tuple(_seen(x, y) for x, y in body.table)),
+        )
+        agent = Agent(body, server, AgentConfig(**config))
+        return agent.clear_table()
+
+    return _run
+
+
+def test_the_outermost_object_comes_first_and_each_side_has_its_hand(run) -> None:
+    table = [(0.15, -0.05), (0.15, -0.16), (0.14, 0.10)]
+    server = _Server()
+    run(_Body(list(table)), server, [table[1], table[0], table[2]])
+    assert [r["gripper_id"] for r in server.asked] == ["right_hand", "right_hand", "left_hand"]
+
+
+def test_an_object_nobody_knows_is_stored_with_its_view_grasp_and_outcome(run) -> None:
+    spot = (0.15, -0.1)
+    server = _Server()
+    (met,) = run(_Body([spot]), server, [spot])
+    (stored,) = server.inserted
+    assert stored["grasp"]["id"] == "candidate:0"
+    assert stored["outcome"]["success"] is True
+    assert stored["outcome"]["images"][0]["phase"] == "held"
+    assert stored["data"]
+    assert "object" not in stored
+    assert (met.object_iri, met.recognised, met.tries_to_success) == ("o:1", "", 1)
+
+
+def test_a_well_known_object_is_only_reported_on(run) -> None:
+    spot = (0.15, -0.1)
+    server = _Server(knows=0.95)
+    (met,) = run(_Body([spot]), server, [spot])
+    assert not server.inserted
+    assert server.reported[0]["object"] == "o:7"
+    assert server.reported[0]["task_id"] == "t:1"
+    assert (met.recognised, met.attempts[0].source) == ("o:7", "memory")
+
+
+def test_an_object_known_but_not_well_gives_one_more_view(run) -> None:
+    spot = (0.15, -0.1)
+    server = _Server(knows=0.75)
+    run(_Body([spot]), server, [spot])
+    assert server.inserted[0]["object"] == "o:7"
+
+
+def test_after_a_miss_the_robot_tries_again_and_says_which_object_it_is(run) -> None:
+    spot = (0.15, -0.1)
+    miss = _Record("missed", held=False, placed=False)
+    server = _Server()
+    (met,) = run(_Body([spot], [miss, miss]), server, [spot] * 3)
+    assert "object" not in server.asked[0]
+    assert server.asked[1]["object"] == server.asked[2]["object"] == "o:1"
+    assert [a.reason for a in met.attempts] == ["missed", "missed", "ok"]
+    assert met.tries_to_success == 3
+    assert [r["outcome"]["attempt_number"] for r in server.inserted] == [1, 2, 3]
+
+
+def test_the_robot_gives_up_after_its_last_attempt(run) -> None:
+    spot = (0.15, -0.1)
+    miss = _Record("missed", held=False, placed=False)
+    (met,) = run(_Body([spot], [miss] * 9), _Server(), [spot] * 9, max_attempts=3)
+    assert met.tries == 3
+    assert met.tries_to_success is None
+    assert not met.held
+
+
+def test_an_object_out_of_reach_is_recorded_with_its_reason_and_not_touched(run) -> None:
+    spot = (0.15, -0.1)
+    body, server = _Body([spot], unreachable=True), _Server()
+    (met,) = run(body, server, [spot])
+    assert not body.planned
+    assert server.inserted[0]["outcome"] == {
+        "success": False, "placed": False, "reason": "ik", "attempt_number": 1,
+    }  # fmt: skip
+    assert (met.tries, met.attempts[0].reason, met.attempts[0].physical) == (0, "ik", False)
+
+
+def test_held_but_dropped_on_the_way_counts_as_held_and_is_tried_again(run) -> None:
+    spot = (0.15, -0.1)
+    dropped = replace(_Record(), placed=False)
+    (met,) = run(_Body([spot], [dropped]), _Server(), [spot] * 2)
+    assert (met.tries_to_success, met.tries, met.placed) == (1, 2, True)
+
+
+def test_the_same_seed_asks_with_the_same_seeds(run) -> None:
+    spot = (0.15, -0.1)
+    asked = []
+    for _ in range(2):
+        server = _Server()
+        run(_Body([spot]), server, [spot], seed=5)
+        asked.append(server.asked[0]["seed"])
+    assert asked[0] == asked[1]
+    assert 0 <= asked[0] < 2**31
