@@ -45,11 +45,26 @@ REASONS = (
 SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "return": 0.30}
 """Share of the joints' velocity limits, by phase."""
 
-_PREFERRED_TILT = 0.6
 _LARGEST_TILT = 1.35
 _POSTURES_TRIED = 12
-_RETREATS = ((0.055, 0.0), (0.033, 0.0), (0.020, 0.050))
-_LIFTS = (0.060, 0.045, 0.035)
+# Back along the approach, aside along the open mouth, and up, m. The mouth is open on three sides.
+_RETREATS = (
+    (0.055, 0.0, 0.0),
+    (0.033, 0.0, 0.0),
+    (0.020, 0.0, 0.050),
+    (0.030, 0.030, 0.0),
+    (0.030, -0.030, 0.0),
+    (0.0, 0.050, 0.005),
+    (0.0, -0.050, 0.005),
+)
+# Up and away from the shoulder, m; and whether the hand may turn about the vertical.
+_LIFTS = (
+    (0.060, 0.0, False),
+    (0.045, 0.0, True),
+    (0.045, 0.030, True),
+    (0.035, 0.0, True),
+    (0.035, 0.040, True),
+)
 _MARGIN = 0.004
 _IK = IkOptions(angle_tolerance=0.4)
 _PURPOSE_IK, _PURPOSE_PATH = 0, 1
@@ -107,11 +122,10 @@ class Candidate:
     turned: int
     widened: int
 
-    @property
-    def cost(self) -> float:
-        """What makes a grasp fail, summed: lower is better."""
+    def cost(self, request: GraspRequest) -> float:
+        """Return what makes a grasp fail, summed: lower is better."""
         return (
-            abs(self.tilt - _PREFERRED_TILT)
+            abs(self.tilt - request.preferred_tilt(self.height))
             + 1.5 * self.off
             + 60.0 * self.depth
             + 0.3 * self.raised
@@ -209,7 +223,7 @@ class GraspPlanner:
         with_target = around.with_obstacles([_target(request)])
         candidates = self.candidates(arm, request, with_target, seed)
         reason = "ik"
-        for candidate in sorted(candidates, key=lambda c: c.cost)[:_POSTURES_TRIED]:
+        for candidate in sorted(candidates, key=lambda c: c.cost(request))[:_POSTURES_TRIED]:
             planned = self._complete(arm, request, with_target, candidate, seed)
             if not isinstance(planned, str):
                 return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
@@ -322,10 +336,10 @@ class GraspPlanner:
     ) -> Floats | str:
         """Return the line (k, dof) from the grasp back to the pre-grasp, or why there is none."""
         rotation, _ = chain.tool_poses(posture[None])
-        approach = rotation[0, :, 2]
         reason = "approach_ik"
-        for back, up in _RETREATS:
-            line = follow_line(chain, posture, -back * approach + np.array([0.0, 0.0, up]))
+        for back, aside, up in _RETREATS:
+            offset = rotation[0] @ np.array([0.0, aside, -back]) + np.array([0.0, 0.0, up])
+            line = follow_line(chain, posture, offset)
             if line is None:
                 continue
             if is_free(line).all():
@@ -336,9 +350,15 @@ class GraspPlanner:
     def _lift(
         self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
     ) -> Floats | None:
+        """Return the line (k, dof) up; where the arm is too folded for that, up and away."""
         slack = spheres.slack(around, _LIFTING)
-        for height in _LIFTS:
-            line = follow_line(chain, posture, np.array([0.0, 0.0, height]))
+        _, positions = chain.link_frames(posture[None])
+        _, tool = chain.tool_poses(posture[None])
+        away = (tool[0] - positions[0, 0]) * [1.0, 1.0, 0.0]
+        away /= max(float(np.linalg.norm(away)), 1e-6)
+        for up, out, level in _LIFTS:
+            offset = np.array([0.0, 0.0, up]) + out * away
+            line = follow_line(chain, posture, offset, level=level)
             if line is not None and (spheres.clearances(line, around, slack) >= 0).all():
                 return line
         return None

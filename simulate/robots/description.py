@@ -70,7 +70,6 @@ class Pose:
     xyz: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
 
-
     @classmethod
     def of(cls, matrix: NDArray[np.float64]) -> Pose:
         """Return the pose of a (4, 4) transform."""
@@ -287,9 +286,7 @@ class RobotDescription:
                 replace(shape, pose=Pose.of(offset @ shape.pose.matrix)) for shape in child.shapes
             )
             inertial = parent.inertial.joined(child.inertial, offset)
-            links[parent.name] = replace(
-                parent, inertial=inertial, shapes=(*parent.shapes, *moved)
-            )
+            links[parent.name] = replace(parent, inertial=inertial, shapes=(*parent.shapes, *moved))
             joints.remove(fixed)
             joints = [
                 replace(joint, parent=parent.name, pose=Pose.of(offset @ joint.pose.matrix))

@@ -199,8 +199,8 @@ def run_single(args: argparse.Namespace) -> list[Tally]:
         rng = np.random.default_rng((args.seed, trial))
         spec = product(kinds[trial % len(kinds)], int(rng.integers(200)))
         side = -1 if (trial // len(kinds)) % 2 == 0 else 1
-        x, y, yaw = rng.uniform(*AREA_X), side * rng.uniform(*AREA_Y), rng.uniform(0, 2 * np.pi)
-        body = world.spawn(spec, (float(x), float(y)), float(yaw))
+        x, y, yaw = place(spec, side, rng)
+        body = world.spawn(spec, (x, y), yaw)
         world.step(0.3)
         tally = clear(executor, [body], args, args.seed * 1000 + trial)[0]
         tallies.append(tally)
@@ -219,12 +219,13 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
             if len(places) == args.objects:
                 break
             side = -1 if len(places) % 2 == 0 else 1
-            x, y = float(rng.uniform(*AREA_X)), side * float(rng.uniform(*AREA_Y))
-            spec = product((args.kinds or KINDS)[len(places) % len(args.kinds or KINDS)], int(rng.integers(200)))
+            kinds = args.kinds or KINDS
+            spec = product(kinds[len(places) % len(kinds)], int(rng.integers(200)))
+            x, y, yaw = place(spec, side, rng)
             reach = [0.06 + 0.3 * max(0.0, max(spec.extent[:2]) - 0.05)] * len(places)
             if all(np.hypot(x - a, y - b) >= r for (a, b), r in zip(places, reach, strict=True)):
                 places.append((x, y))
-                world.spawn(spec, (x, y), float(rng.uniform(0, 2 * np.pi)))
+                world.spawn(spec, (x, y), yaw)
         world.step(0.3)
         bodies = sorted(world.objects, key=lambda b: -abs(world.object_pose(b).y))
         found = clear(executor, bodies, args, args.seed * 1000 + trial)
@@ -234,6 +235,17 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
         tallies += found
         world.close()
     return tallies
+
+
+def place(spec: ObjectSpec, side: int, rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw x, y, yaw with the whole outline on the table, on one side and clear of the boxes."""
+    half = np.array(spec.extent[:2]) / 2
+    while True:
+        x, y, yaw = rng.uniform(*AREA_X), side * rng.uniform(*AREA_Y), rng.uniform(0, 2 * np.pi)
+        cos, sin = abs(np.cos(yaw)), abs(np.sin(yaw))
+        reach = half if spec.is_round and spec.kind != "pen" else half @ [[cos, sin], [sin, cos]]
+        if x - reach[0] > 0.092 and 0 < abs(y) - reach[1] and abs(y) + reach[1] < 0.212:
+            return float(x), float(y), float(yaw)
 
 
 def wilson(k: int, n: int) -> str:
