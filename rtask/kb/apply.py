@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pyoxigraph import DefaultGraph, NamedNode, Quad, Triple
+from pyoxigraph import DefaultGraph, NamedNode, Quad
 
 from rtask.kb.store import GraphStore
-from rtask.kb.terms import Graph, is_ground
+from rtask.kb.terms import Graph, is_ground, written
 
 __all__ = ["Writes", "apply", "as_update"]
 
@@ -87,7 +87,7 @@ def _split(quads: Iterable[Quad]) -> tuple[list[Quad], list[Quad]]:
 def _data(quads: Iterable[Quad]) -> str:
     by_graph: dict[Graph, list[str]] = {}
     for quad in quads:
-        text = f"{_written(quad.subject)} {quad.predicate} {_written(quad.object)}"
+        text = f"{written(quad.subject)} {quad.predicate} {written(quad.object)}"
         by_graph.setdefault(quad.graph_name, []).append(text)
     blocks = []
     for graph, lines in by_graph.items():
@@ -95,13 +95,6 @@ def _data(quads: Iterable[Quad]) -> str:
         named = not isinstance(graph, DefaultGraph)
         blocks.append(f"GRAPH {graph} {{ {body} }}" if named else f"{body} .")
     return "\n".join(blocks)
-
-
-def _written(term: object) -> str:
-    """Return a term as SPARQL 1.2 writes it; the store's own text of a triple lacks its marks."""
-    if isinstance(term, Triple):
-        return f"<<( {_written(term.subject)} {term.predicate} {_written(term.object)} )>>"
-    return str(term)
 
 
 def _by_functions(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from pyoxigraph import (
-    BlankNode,
     NamedNode,
     QueryBoolean,
     QueryResultsFormat,
@@ -22,7 +21,7 @@ from rtask.kb.results import Solutions, Triples
 from rtask.kb.services import without_services
 from rtask.kb.store import GraphStore
 from rtask.kb.syntax import syntax_error
-from rtask.kb.terms import Graph, Term, Value, iri, object_term
+from rtask.kb.terms import Graph, Value, iri, is_ground, object_term, written
 
 __all__ = ["QueryDataset", "bind", "run", "serialize"]
 
@@ -175,7 +174,7 @@ def _values(value: Value | Sequence[Value]) -> str:
 
 
 def _value(value: Value) -> str:
-    term: Term = object_term(value)
-    if isinstance(term, BlankNode):
+    term = object_term(value)
+    if not is_ground(term):
         raise UsageError("a blank node cannot be bound in a query; give its IRI")
-    return str(term)
+    return written(term)

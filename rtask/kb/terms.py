@@ -33,6 +33,7 @@ __all__ = [
     "stored",
     "stored_quad",
     "subject_term",
+    "written",
 ]
 
 Term: TypeAlias = NamedNode | BlankNode | Literal | Triple
@@ -144,6 +145,17 @@ def is_ground(term: object) -> bool:
     if isinstance(term, Triple):
         return is_ground(term.subject) and is_ground(term.object)
     return True
+
+
+def written(term: Term) -> str:
+    """Return a term as SPARQL 1.2 writes it; the store's own text of a triple lacks its marks.
+
+    >>> written(Triple(iri("urn:a"), iri("urn:p"), literal("b")))
+    '<<( <urn:a> <urn:p> "b" )>>'
+    """
+    if isinstance(term, Triple):
+        return f"<<( {written(term.subject)} {term.predicate} {written(term.object)} )>>"
+    return str(term)
 
 
 @lru_cache(maxsize=65_536)

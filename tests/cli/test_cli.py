@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -47,12 +48,20 @@ def shell(
     return Shell(tmp_path / "kb", capsys)
 
 
-@pytest.fixture
-def filled(shell: Shell) -> Shell:
-    with rtask.open(shell.data, base="urn:lab/") as kb:
+@pytest.fixture(scope="module")
+def mug_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A knowledge base with the ontology and one mug; made once, copied for each test."""
+    folder = tmp_path_factory.mktemp("cli") / "kb"
+    with rtask.open(folder, base="urn:lab/") as kb:
         kb.update(
             f'INSERT DATA {{ <urn:mug> a <{ontology.NS}Mug> ; <urn:label> "mug, blue" }}', "nao-1"
         )
+    return folder
+
+
+@pytest.fixture
+def filled(shell: Shell, mug_folder: Path) -> Shell:
+    shutil.copytree(mug_folder, shell.data)
     return shell
 
 
