@@ -52,7 +52,7 @@ class Client(ABC):
     def close(self) -> None:
         """End the connection; what was not answered stays in the outbox."""
 
-    def call(self, operation: str, **args: Any) -> dict[str, Any]:
+    def call(self, operation: str, /, **args: Any) -> dict[str, Any]:
         """Carry out an operation of the engine by name.
 
         Raises

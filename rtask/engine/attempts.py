@@ -1,234 +1,30 @@
-"""Grasps tried and what came of them, as messages bring them and as the graph keeps them."""
+"""Grasps tried and what came of them, as the graph keeps them."""
 
 from __future__ import annotations
 
 import datetime as dt
-import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasp.messages import planar_from_message
 from grasp.spatial.frames import angle_between_axes, wrap_turn
 from rtask.engine.facts import Facts, stamp
 from rtask.engine.images import check_picture
-from rtask.engine.messages import Field, read
 from rtask.engine.objects import body_frame
-from rtask.engine.placement import Placement
+from rtask.engine.received import TIMES, Outcome, Received
 from rtask.engine.robots import KnownGripper
 from rtask.engine.vocabulary import PREFIXES, PROV, RT, reason
 from rtask.errors import UsageError
-from rtask.kb.terms import NamedNode, iri
+from rtask.kb.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
-    from rtask.engine.tasks import Decision
 
-__all__ = [
-    "CANDIDATE",
-    "OUTCOME",
-    "TIMES",
-    "Outcome",
-    "Received",
-    "Try",
-    "find_grasp",
-    "received",
-    "state_grasp",
-    "state_try",
-    "state_verdict",
-]
-
-log = logging.getLogger(__name__)
-
-CANDIDATE = "candidate:"
-"""How the ids of proposed grasps begin."""
+__all__ = ["Try", "find_grasp", "state_grasp", "state_try", "state_verdict"]
 
 _GENERATOR = "rtask planar outline 1"
-
-TIMES = {
-    "segmentation_s": RT.segmentationTime,
-    "transfer_s": RT.transferTime,
-    "decode_s": RT.decodingTime,
-    "extraction_s": RT.extractionTime,
-    "matching_s": RT.matchingTime,
-    "query_s": RT.queryTime,
-    "pose_s": RT.poseTime,
-    "generation_s": RT.generationTime,
-    "choice_s": RT.choiceTime,
-    "planning_s": RT.planningTime,
-    "execution_s": RT.executionTime,
-    "total_s": RT.totalTime,
-}
-"""Durations of a message, s, and the properties that keep them."""
-
-OUTCOME = (
-    Field("success", "boolean", "whether the object was held", required=True),
-    Field("placed", "boolean", "whether it arrived where it was to go"),
-    Field("reason", "string", "why it ended as it did: ok, missed, slip_lift, ..."),
-    Field("lifted_m", "number", "height reached, m"),
-    Field("slip", "number", "way that the object slipped in the hand, m"),
-    Field("duration_s", "number", "of the attempt, s", low=0.0),
-    Field("links_touching", "integer", "hand links in contact at the end of the hold", low=0),
-    Field("contact_force", "number", "force at the jaws, N", low=0.0),
-    Field("jaw_gap", "number", "opening after closing, m", low=0.0),
-    Field("hold_s", "number", "time held, s", low=0.0),
-    Field("place_offset", "number", "distance from where it was to be put, m", low=0.0),
-    Field("approach_tilt", "number", "angle of the approach to the vertical, rad"),
-    Field("preset", "string", "physics: faithful, fast, or real",
-          choices=("faithful", "fast", "real")),
-    Field("seed", "integer", "of the simulation", low=0),
-    Field("attempt_number", "integer", "counted from 1 for each object and episode", low=1),
-    Field("candidate_count", "integer", "grasps that there were to choose from", low=1),
-    Field("candidate_rank", "integer", "place of the one taken", low=1),
-    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
-    Field("operator", "string", "the person, when a person says so"),
-    Field("comment", "string", "words of the person or the robot"),
-    Field("times", "record", "durations of the steps, s", default={},
-          fields=tuple(Field(name, "number", f"duration of {name[:-2]}, s") for name in TIMES)),
-    Field("images", "records", "pictures of the attempt", default=[], high=32, fields=(
-        Field("phase", "string", "pre_grasp, closed, lifted, placed, ...", required=True),
-        Field("data", "bytes", "base64 PNG or JPEG", required=True),
-    )),
-)  # fmt: skip
-"""Fields of an outcome."""
-
-
-@dataclass(frozen=True)
-class Received:
-    """A grasp as a robot sent it back.
-
-    Parameters
-    ----------
-    id
-        As it came: an IRI, ``candidate:<k>`` or nothing.
-    iri
-        Of a grasp that the graph knows, or None.
-    in_object
-        (x, y, z, theta) in the object's frame, or None.
-    in_frame
-        (x, y, z, theta) in the robot's frame, z absolute, or None.
-    belief
-        alpha and beta before the attempt, or None.
-    """
-
-    id: str = ""
-    iri: NamedNode | None = None
-    in_object: tuple[float, float, float, float] | None = None
-    in_frame: tuple[float, float, float, float] | None = None
-    width: float | None = None
-    opening: float | None = None
-    quality: float | None = None
-    belief: tuple[float, float] | None = None
-
-    def completed(self, decision: Decision | None) -> Received:
-        """Return the grasp with what the engine remembers of having offered it."""
-        option = decision.options.get(self.id) if decision is not None else None
-        if option is None or option.choice is None:
-            return self
-        return replace(
-            self,
-            in_object=self.in_object or option.in_object,
-            width=option.grasp.width if self.width is None else self.width,
-            opening=option.grasp.opening if self.opening is None else self.opening,
-            quality=option.grasp.quality if self.quality is None else self.quality,
-            belief=self.belief or (option.choice.alpha, option.choice.beta),
-        )
-
-    def placed(self, placement: Placement | None) -> Received:
-        """Return the grasp with its pose in the object's frame, if that can be known."""
-        if self.in_frame is None or placement is None:
-            return self
-        x, y, z, theta = self.in_frame
-        x, y, theta = placement.to_object(x, y, theta)
-        z -= float(placement.frame_from_object[2, 3])
-        return replace(self, in_object=(x, y, z, theta))
-
-
-_NUMBER = ("x", "y", "z", "theta", "width", "opening", "grasp_quality", "alpha", "beta")
-_GRASP = tuple(Field(name, "number", name) for name in _NUMBER)
-_IN_OBJECT = tuple(Field(n, "number", n, required=True) for n in ("x", "y", "z", "theta"))
-
-
-def received(value: str | Mapping[str, Any], path: str) -> Received:
-    """Read a grasp: its IRI, one of the grasps of an answer, or a bare Grasp message.
-
-    Raises
-    ------
-    UsageError
-        Naming the field.
-    """
-    name = value if isinstance(value, str) else str(value.get("id") or "")
-    known = iri(name) if name and not name.startswith(CANDIDATE) else None
-    if isinstance(value, str):
-        return Received(name, known)
-    numbers = read(_GRASP, {k: value.get(k) for k in _NUMBER}, path + ".")
-    in_frame = None
-    if all(numbers[k] is not None for k in ("x", "y", "z", "theta")):
-        in_frame = (numbers["x"], numbers["y"], numbers["z"], numbers["theta"])
-    elif "grasp_pose" in value:
-        try:
-            planar = planar_from_message(dict(value))
-        except ValueError as error:
-            raise UsageError(f"{path}: {error}", field=path) from error
-        in_frame = (planar.x, planar.y, planar.z, planar.theta)
-        numbers.update(width=planar.width, opening=planar.opening, grasp_quality=planar.quality)
-    in_object = None
-    if value.get("in_object") is not None:
-        at = read(_IN_OBJECT, value["in_object"], path + ".in_object.")
-        in_object = (at["x"], at["y"], at["z"], at["theta"])
-    if not name and in_frame is None and in_object is None:
-        raise UsageError(f"{path}: neither an id nor a pose", field=path)
-    alpha, beta = numbers["alpha"], numbers["beta"]
-    return Received(
-        id=name,
-        iri=known,
-        in_object=in_object,
-        in_frame=in_frame,
-        width=numbers["width"],
-        opening=numbers["opening"],
-        quality=numbers["grasp_quality"],
-        belief=None if alpha is None or beta is None else (alpha, beta),
-    )
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of an attempt, checked against the reason codes of the ontology."""
-
-    held: bool
-    reason: str
-    placed: bool | None = None
-    comments: tuple[str, ...] = ()
-    fields: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, fields: Mapping[str, Any], known: frozenset[str], path: str) -> Outcome:
-        """Read the fields of an outcome.
-
-        A success has the reason ``ok`` and nothing else: what went wrong after holding stands in a
-        comment. An unknown code becomes ``not_judged`` and is kept as a comment.
-
-        Raises
-        ------
-        UsageError
-            When a failure gives ``ok`` as its reason.
-        """
-        held, code = bool(fields["success"]), fields["reason"]
-        comments = [fields["comment"]] if fields.get("comment") else []
-        if held:
-            if code not in (None, "ok"):
-                comments.append(f"after holding: {code}")
-            code = "ok"
-        elif code == "ok":
-            raise UsageError(f"{path}.reason: a failure cannot have the reason ok", field=path)
-        elif code is None or code not in known:
-            if code is not None:
-                log.warning("unknown reason code %r is kept as a comment", code)
-                comments.append(code)
-            code = "not_judged"
-        return cls(held, code, fields.get("placed"), tuple(comments), fields)
 
 
 @dataclass(frozen=True)
@@ -274,7 +70,7 @@ SELECT DISTINCT ?grasp ?x ?y ?z ?theta ?opening WHERE {{
   {thing} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
   ?pose rt:inFrame {body_frame(engine, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta
   OPTIONAL {{ ?grasp rt:jawOpening ?opening }}
-  FILTER(?type = {_text(gripper_type)}) }} ORDER BY ?grasp""")
+  FILTER(?type = {literal(gripper_type)}) }} ORDER BY ?grasp""")
     x, y, z, theta = grasp.in_object
     near, turn = engine.policy.same_pose_m, engine.policy.same_pose_rad
     for row in rows:
@@ -289,12 +85,6 @@ SELECT DISTINCT ?grasp ?x ?y ?z ?theta ?opening WHERE {{
         ):
             return row["grasp"]
     return None
-
-
-def _text(text: str) -> str:
-    from rtask.kb.terms import literal
-
-    return str(literal(text))
 
 
 def state_grasp(

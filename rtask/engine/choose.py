@@ -124,7 +124,9 @@ def options(
         if not any(_same(grasp, other.grasp, _MERGE_M, _MERGE_RAD) for other in found[:200]
                    if other.remembered is not None):  # fmt: skip
             x, y, theta = scene.placement.to_object(grasp.x, grasp.y, grasp.theta)
-            found.append(Option(f"candidate:{k}", grasp, (x, y, grasp.z, wrap_axis(theta))))
+            # As the graph will keep it, so that it weighs the same before and after.
+            x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
+            found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
     return found
 
 
@@ -176,10 +178,10 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     if option.remembered is not None and option.remembered.attempts:
         known = option.remembered
         said.append(f"it held {known.successes} of {known.attempts} times")
-    if won or lost:
+    if max(won, lost) >= 0.05:
         where = f" on {len(option.sources)} object(s)" if option.sources else ""
         said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
-    if any(parts["episode"]):
+    if max(parts["episode"]) >= 0.05:
         said.append(f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}")
     low, high = option.choice.interval90
     chance = f"chance {option.choice.mean:.2f} ({low:.2f} to {high:.2f})"

@@ -17,7 +17,7 @@ from rtask.engine.robots import GripperCatalogue
 from rtask.engine.tasks import Decisions
 from rtask.engine.terms import ClassCatalogue, known_reasons
 from rtask.engine.views import stored_views
-from rtask.errors import ForbiddenError, RtaskError, UnknownTermError, UnsupportedError, UsageError
+from rtask.errors import ForbiddenError, UnknownTermError, UnsupportedError
 from rtask.kb.access import Access
 from rtask.kb.terms import NamedNode
 
@@ -118,13 +118,8 @@ class Engine:
             raise UnknownTermError(f"no operation {name!r}{nearest(name, list(self.operations))}")
         access = access or Access()
         self.require(access, operation.scope)
-        try:
-            request = read(operation.fields, operation.prepare(dict(args or {})))
-            return operation.handler(self, request, access)
-        except RtaskError:
-            raise
-        except ValueError as error:
-            raise UsageError(f"{operation.name}: {error}") from error
+        request = read(operation.fields, operation.prepare(dict(args or {})))
+        return operation.handler(self, request, access)
 
     def require(self, access: Access, scope: str) -> None:
         """Refuse a caller whose role lacks a scope.

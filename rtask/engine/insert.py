@@ -11,16 +11,25 @@ import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.attempts import OUTCOME, Outcome, Received, received
 from rtask.engine.facts import Facts
+from rtask.engine.identity import settle
 from rtask.engine.messages import Field, read
 from rtask.engine.names import slug, tail
 from rtask.engine.objects import NewObject, Sight, guess_class, state_object, state_view
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement
-from rtask.engine.recall import KnownObject, recall
+from rtask.engine.recall import KnownObject, Question, recall
+from rtask.engine.received import OUTCOME, Outcome, Received, received
 from rtask.engine.recognise import SIGHT, locate, question_for
-from rtask.engine.record import Entry, Withdrawn, earlier, home_graph, record_try, resolve_grasp
+from rtask.engine.record import (
+    Earlier,
+    Entry,
+    Withdrawn,
+    earlier,
+    home_graph,
+    record_try,
+    resolve_grasp,
+)
 from rtask.engine.robots import KnownGripper
 from rtask.engine.terms import find_function, folded
 from rtask.engine.vocabulary import RDF, RDFS, RT
@@ -80,6 +89,15 @@ class _Prepared:
     outcome: Outcome | None
 
 
+@dataclass(frozen=True)
+class _Repeated:
+    """One entry whose id was stored before."""
+
+    task_id: str
+    before: Earlier
+    gripper: KnownGripper | None
+
+
 def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Store a list of objects as one commit; the first bad entry refuses all."""
     prepared = []
@@ -89,7 +107,8 @@ def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> di
             prepared.append(_prepare(engine, item, where, access))
         except UnknownTermError as error:
             raise UnknownTermError(f"{where.rstrip('.')}: {error}", **error.details) from error
-    fallback = next((p.gripper.robot_name for p in prepared if p.gripper), None)
+    grippers = [one.gripper for one in prepared if one.gripper is not None]
+    fallback = grippers[0].robot_name if grippers else None
     with engine.writing:
         author = engine.author(access, fallback)
         writer = _Writer(engine, author)
@@ -106,9 +125,14 @@ def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> di
     return {"stored": writer.stored, "commit": commit, "objects": entries}
 
 
-def _prepare(engine: Engine, item: dict[str, Any], where: str, access: Access) -> _Prepared:
-    seen = engine.observations.observe(item, where)
+def _prepare(
+    engine: Engine, item: dict[str, Any], where: str, access: Access
+) -> _Prepared | _Repeated:
     gripper = _gripper(engine, item, access)
+    before = _stored_before(engine, item["task_id"], access, gripper)
+    if before is not None:
+        return _Repeated(item["task_id"], before, gripper)
+    seen = engine.observations.observe(item, where)
     kinds = _exact(engine, item["class_description"])
     recognition = engine.recogniser.recognise(seen.features, max_results=5)
     question = question_for(
@@ -116,6 +140,7 @@ def _prepare(engine: Engine, item: dict[str, Any], where: str, access: Access) -
         () if item["object"] else tuple(kind.value for kind in kinds),
     )  # fmt: skip
     memory = recall(engine.kb, question)
+    recognition = settle(recognition, memory, seen, engine.index, engine.policy)
     known = None
     if item["object"]:
         known = memory.objects.get(item["object"])
@@ -130,6 +155,17 @@ def _prepare(engine: Engine, item: dict[str, Any], where: str, access: Access) -
         grasp = grasp.placed(placement).completed(decision)
     outcome = _outcome(engine, item, grasp, where)
     return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome)
+
+
+def _stored_before(
+    engine: Engine, task_id: str | None, access: Access, gripper: KnownGripper | None
+) -> Earlier | None:
+    """Return what an earlier request of this id and author stored."""
+    if task_id is None:
+        return None
+    author = engine.author(access, gripper.robot_name if gripper else None)
+    agents = [engine.agent_iri(author), *([gripper.robot] if gripper else [])]
+    return earlier(engine, task_id, agents)
 
 
 def _gripper(engine: Engine, item: dict[str, Any], access: Access) -> KnownGripper | None:
@@ -189,32 +225,32 @@ class _Writer:
         self.withdrawn: Withdrawn = []
         self.views: list[tuple[NamedNode, NamedNode, str, Observation]] = []
         self.stored = 0
-        self._seen_ids: dict[str, dict[str, Any]] = {}
+        self._told: dict[str, dict[str, Any]] = {}
 
-    def write(self, one: _Prepared) -> dict[str, Any]:
+    def write(self, one: _Prepared | _Repeated) -> dict[str, Any]:
         """State one entry, unless its id was stored before; return its part of the answer."""
+        if isinstance(one, _Repeated):
+            return self._answer_again(one.before)
         task_id = one.item["task_id"]
-        if task_id in self._seen_ids:
-            return {**self._seen_ids[task_id], "new": False}
-        robots = [one.gripper.robot] if one.gripper else []
-        before = earlier(self.engine, task_id, [self.agent, *robots]) if task_id else None
+        if task_id in self._told:
+            return {**self._told[task_id], "new": False}
+        # Again under the lock: the same request may have come in twice at once.
+        before = _stored_before(self.engine, task_id, self.author, one.gripper)
         if before is not None:
-            answer = self._answer_again(before.thing, before.grasp, before.view)
-        else:
-            answer = self._write_new(one, task_id or self.engine.names.unique("task").value)
-            self.stored += 1
+            return self._answer_again(before)
+        answer = self._write_new(one, task_id or self.engine.names.unique("task").value)
+        self.stored += 1
         if task_id:
-            self._seen_ids[task_id] = answer
+            self._told[task_id] = answer
         return answer
 
-    def _answer_again(self, thing: str, grasp: str, view: str) -> dict[str, Any]:
+    def _answer_again(self, before: Earlier) -> dict[str, Any]:
         """Return what a repeated request is told: what the first one stored."""
-        from rtask.engine.recall import Question
-
-        known = recall(self.engine.kb, Question(objects=(thing,))).objects.get(thing)
+        question = Question(objects=(before.thing,))
+        known = recall(self.engine.kb, question).objects.get(before.thing)
         return _entry(
-            thing, known.class_iri if known else "", known.short_id if known else "",
-            known.label if known else "", grasp, view, False, 0,
+            before.thing, known.class_iri if known else "", known.short_id if known else "",
+            known.label if known else "", before.grasp, before.view, False, 0,
         )  # fmt: skip
 
     def _write_new(self, one: _Prepared, task_id: str) -> dict[str, Any]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import datetime as dt
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.attempts import OUTCOME, Outcome, received
 from rtask.engine.facts import Facts
 from rtask.engine.messages import Field, read
+from rtask.engine.received import OUTCOME, Outcome, received
 from rtask.engine.record import Entry, earlier, home_graph, record_try
 from rtask.engine.statistics import over_all_robots
 from rtask.engine.vocabulary import RT

@@ -29,6 +29,12 @@ class Policy:
         Weight of outcomes from the coarse physics preset.
     half_life_days
         After which evidence counts half; None = it never fades.
+    size_gate, size_gate_m
+        Factor and m by which a measured extent may differ from the object's that it looks like.
+    inliers_when_alone
+        Agreeing features that identify an object while the graph knows no other to compare with.
+    suggestion
+        Confidence that such a look-alike keeps at most.
     same_pose_m, same_pose_rad
         Grasps closer than this on one object are one grasp.
     """
@@ -40,5 +46,9 @@ class Policy:
     other_gripper: float = 0.5
     fast_physics: float = 0.3
     half_life_days: float | None = None
+    size_gate: float = 1.3
+    size_gate_m: float = 0.006
+    inliers_when_alone: int = 20
+    suggestion: float = 0.5
     same_pose_m: float = 0.003
     same_pose_rad: float = 0.09

@@ -195,10 +195,10 @@ SELECT * WHERE {{
      OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
      OPTIONAL {{ ?object rt:hasSymmetry/rt:symmetryOrder ?order }}
      OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
-       FILTER(?class != rt:ManipulableObject)
+       FILTER(?class != rt:ManipulableObject && isIRI(?class))
        OPTIONAL {{ ?class rdfs:label ?label }} OPTIONAL {{ ?class rt:shortId ?short }}
        OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
-         FILTER(?above != ?class) }} }} }}
+         FILTER(?above != ?class && isIRI(?above)) }} }} }}
   UNION
   {{ SELECT ("grasp" AS ?part) ?object ?of_class ?grasp ?gripper ?x ?y ?z ?theta ?opening ?quality
        ?length ?width ?height ?held ?preset

@@ -15,6 +15,7 @@ import numpy as np
 
 from grasp.messages import empty_grasp_message, grasp_message
 from rtask.engine.choose import Option, Scene, choose, options
+from rtask.engine.identity import settle
 from rtask.engine.messages import Field
 from rtask.engine.objects import guess_class
 from rtask.engine.observation import Observation
@@ -114,6 +115,7 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     clock.lap("matching_s")
     question = question_for(engine, seen, recognition, request["object"], gripper)
     memory = recall(engine.kb, question)
+    recognition = settle(recognition, memory, seen, engine.index, engine.policy)
     clock.lap("query_s")
     known = _known(request["object"], recognition, memory)
     placement = locate(seen, recognition, known, memory)
@@ -258,7 +260,6 @@ def _answer(engine: Engine, situation: Situation, max_grasps: int, task: str) ->
             "accepted": bool(situation.recognition.accepted),
             "matches": [
                 match_message(match, situation.memory) for match in situation.recognition.matches
-                if match.object_iri in situation.memory.objects
             ],
         },
         "similar_objects": similar_objects(seen, situation.recognition, situation.memory),

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.attempts import Outcome, Received, Try, find_grasp, state_grasp, state_try
+from rtask.engine.attempts import Try, find_grasp, state_grasp, state_try
 from rtask.engine.facts import Facts
 from rtask.engine.objects import state_frame, state_recognition
 from rtask.engine.recall import UNJUDGED
+from rtask.engine.received import Outcome, Received
 from rtask.engine.robots import KnownGripper
 from rtask.engine.statistics import count
 from rtask.engine.tasks import Decision
@@ -71,7 +72,7 @@ SELECT ?thing ?grasp ?view WHERE {{
      ?task rt:through ?event ; rt:handles ?thing }}
   UNION
   {{ ?event prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
-     ?view prov:wasDerivedFrom ?event }}
+     ?view a rt:View ; prov:wasDerivedFrom ?event }}
 }} ORDER BY ?thing ?grasp ?view""")
     found = [row.to_dict() for row in rows]
     if not found:

@@ -155,7 +155,7 @@ class ClassCatalogue:
 def _read_classes(kb: KnowledgeBase) -> dict[str, ObjectClass]:
     rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?class ?name ?short {{
-  ?class rdfs:subClassOf* rt:ManipulableObject
+  ?class rdfs:subClassOf* rt:ManipulableObject FILTER(isIRI(?class))
   OPTIONAL {{ ?class rdfs:label|skos:altLabel ?name }} OPTIONAL {{ ?class rt:shortId ?short }}
 }} ORDER BY ?class ?name ?short""")
     names: dict[str, list[str]] = {}

@@ -22,9 +22,9 @@ SELECT DISTINCT ?view ?object ?blob ?class ?above WHERE {{
   ?object rt:hasView ?view . ?view rt:viewContent ?content .
   ?content a rt:SIFTFeatureSet ; rt:hasBlob ?blob
   OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
-    FILTER(?class != rt:ManipulableObject)
+    FILTER(?class != rt:ManipulableObject && isIRI(?class))
     OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
-      FILTER(?above != ?class) }} }}
+      FILTER(?above != ?class && isIRI(?above)) }} }}
 }}"""
 
 

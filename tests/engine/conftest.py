@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -105,7 +106,10 @@ def look(thing: Thing, eye: Eye) -> Frame:
 
 def _box(origin, directions, size):  # type: ignore[no-untyped-def]
     """Cast rays at an upright box; return depth (inf = missed), texture coordinates, shade."""
-    low, high = np.array([-size[0] / 2, -size[1] / 2, 0]), np.array([size[0] / 2, size[1] / 2, size[2]])
+    low, high = (
+        np.array([-size[0] / 2, -size[1] / 2, 0]),
+        np.array([size[0] / 2, size[1] / 2, size[2]]),
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = (low - origin) / directions, (high - origin) / directions
     near, far = np.minimum(a, b), np.maximum(a, b)
@@ -146,14 +150,19 @@ def _cylinder(origin, directions, size):  # type: ignore[no-untyped-def]
 def sight(thing: Thing, eye: Eye | None = None) -> dict[str, Any]:
     """Return what a robot sends about a thing: crop, camera pose, frame, table."""
     eye = eye or Eye(target=(*thing.position, TABLE))
-    frame = look(thing, eye)
-    assert frame.mask is not None
     return {
-        "data": to_wire(encode_frame(frame.crop(frame.mask))),
+        "data": _crop(thing, eye),
         "sensor_pose": pose_message(eye.base_from_camera()),
         "frame_id": "base_footprint",
         "support_height": TABLE,
     }
+
+
+@lru_cache
+def _crop(thing: Thing, eye: Eye) -> str:
+    frame = look(thing, eye)
+    assert frame.mask is not None
+    return to_wire(encode_frame(frame.crop(frame.mask)))
 
 
 BOX = Thing((0.046, 0.032, 0.055), texture_seed=1)
@@ -174,7 +183,7 @@ class Robot:
     def access(self) -> Access:
         return Access(self.name, "robot")
 
-    def call(self, operation: str, **args: Any) -> dict[str, Any]:
+    def call(self, operation: str, /, **args: Any) -> dict[str, Any]:
         return self.engine.call(operation, args, self.access)
 
     def register(self, gripper_type: str = "nao_hand") -> dict[str, Any]:
@@ -251,7 +260,8 @@ def bench() -> type[Bench]:
 
 @pytest.fixture
 def kb() -> Iterator[KnowledgeBase]:
-    with rtask.open(":memory:", base="https://example.org/kb/") as opened:
+    """Return a store with the ontology and without a reasoner, which opens faster."""
+    with rtask.open(":memory:", base="https://example.org/kb/", reason=False) as opened:
         yield opened
 
 
