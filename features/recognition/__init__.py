@@ -1,0 +1,47 @@
+"""Which object is this? SIFT, cascade hashing, geometric verification; no training phase.
+
+::
+
+    features = describe_view(image, mask, depth, intrinsics)
+    index = RecognitionIndex(folder)
+    index.add(view_iri, object_iri, class_iri, features)
+    answer = Recogniser(index).recognise(features)
+
+Every view that is added is found by the next query (Gatto 2016, 3.2.4). IRIs are opaque strings.
+"""
+
+from __future__ import annotations
+
+from features.recognition.confidence import ConfidenceParams
+from features.recognition.folder import IndexLockedError
+from features.recognition.index import RecognitionIndex
+from features.recognition.recogniser import (
+    Match,
+    Recogniser,
+    RecogniserParams,
+    Recognition,
+    warm_up,
+)
+from features.recognition.segments import IndexCorruptError, ViewName
+from features.recognition.sift import SiftParams
+from features.recognition.verify import VerifyParams
+from features.recognition.view import EXTRACTOR, ViewFeatures, describe_frame, describe_view
+
+__all__ = [
+    "EXTRACTOR",
+    "ConfidenceParams",
+    "IndexCorruptError",
+    "IndexLockedError",
+    "Match",
+    "Recogniser",
+    "RecogniserParams",
+    "Recognition",
+    "RecognitionIndex",
+    "SiftParams",
+    "VerifyParams",
+    "ViewFeatures",
+    "ViewName",
+    "describe_frame",
+    "describe_view",
+    "warm_up",
+]

@@ -1,0 +1,280 @@
+"""The matching kernels: nearest stored descriptor, and the nearest of another object.
+
+Cheng 2014, 3.1 to 3.3: candidates from hash tables, ranked by Hamming distance, the few best
+measured exactly. The ratio test of Lowe 2004, 7.1 compares with the nearest descriptor *of
+another object*: the same object is stored from many views, and the plain rule would hold its own
+other views against it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba as nb
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from features.geometry import UInt8Array
+
+__all__ = ["FAR", "build_tables", "match_exact", "match_flat", "match_tables", "squared_distances"]
+
+Rows = NDArray[np.int32]
+Codes = NDArray[np.uint64]
+
+FAR = 2**31 - 1
+"""Squared distance of a neighbour that does not exist."""
+
+KEPT_CANDIDATES = 10
+"""Candidates measured exactly for each query descriptor; all ties of the last one come along."""
+
+
+@intrinsic
+def _popcount(typing_context: Any, word: Any) -> Any:
+    """Count bits with the processor's own instruction (LLVM ``ctpop``)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.ctpop(arguments[0])
+
+    return types.uint64(types.uint64), generate
+
+
+@nb.njit(cache=True, nogil=True)
+def build_tables(buckets: NDArray[np.uint32], bits: int) -> tuple[Rows, Rows]:
+    """Sort rows into hash tables by the lowest ``bits`` of their bucket numbers.
+
+    Parameters
+    ----------
+    buckets : (n, L) uint32
+
+    Returns
+    -------
+    offsets : (L, 2**bits + 1) int32
+    rows : (L, n) int32
+        Rows of bucket ``b`` in table ``l`` are ``rows[l, offsets[l, b]:offsets[l, b + 1]]``.
+    """
+    n, tables = buckets.shape
+    size = 1 << bits
+    offsets = np.zeros((tables, size + 1), np.int32)
+    rows = np.empty((tables, n), np.int32)
+    for table in range(tables):
+        for i in range(n):
+            offsets[table, (buckets[i, table] & (size - 1)) + 1] += 1
+        for b in range(size):
+            offsets[table, b + 1] += offsets[table, b]
+        cursor = offsets[table, :-1].copy()
+        for i in range(n):
+            b = buckets[i, table] & (size - 1)
+            rows[table, cursor[b]] = i
+            cursor[b] += 1
+    return offsets, rows
+
+
+_count_bits: Any = _popcount
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _hamming(codes_a: Codes, i: int, codes_b: Codes, j: int) -> int:
+    low, high = codes_a[i, 0] ^ codes_b[j, 0], codes_a[i, 1] ^ codes_b[j, 1]
+    return int(_count_bits(low) + _count_bits(high))
+
+
+@nb.njit(cache=True, nogil=True)
+def _squared_distance(a: UInt8Array, b: UInt8Array) -> Any:
+    total = np.int32(0)
+    for k in range(128):
+        difference = np.int32(a[k]) - np.int32(b[k])
+        total += difference * difference
+    return total
+
+
+@nb.njit(cache=True, nogil=True)
+def _two_nearest(
+    query: UInt8Array,
+    stored: UInt8Array,
+    labels: Rows,
+    views: Rows,
+    candidates: Rows,
+    hamming: NDArray[np.int16],
+    count: int,
+    histogram: Rows,
+) -> tuple[int, int, int]:
+    """Measure the candidates of least Hamming distance: best row, its distance, the rival's."""
+    reached, limit = 0, 0
+    for h in range(129):
+        reached += histogram[h]
+        limit = h
+        if reached >= KEPT_CANDIDATES:
+            break
+    best, nearest, rival = -1, FAR, FAR
+    best_label = -1
+    for c in range(count):
+        if hamming[c] > limit:
+            continue
+        row = candidates[c]
+        label = labels[views[row]]
+        distance = _squared_distance(query, stored[row])
+        if distance < nearest or (distance == nearest and row < best):
+            if label != best_label:
+                rival = nearest
+            best, nearest, best_label = row, distance, label
+        elif label != best_label and distance < rival:
+            rival = distance
+    return best, nearest, rival
+
+
+@nb.njit(cache=True, nogil=True)
+def match_tables(
+    query: UInt8Array,
+    query_codes: Codes,
+    query_buckets: NDArray[np.uint32],
+    stored: UInt8Array,
+    codes: Codes,
+    offsets: Rows,
+    table_rows: Rows,
+    labels: Rows,
+    views: Rows,
+    alive: UInt8Array,
+    stamps: NDArray[np.int64],
+    first_stamp: int,
+) -> tuple[Rows, Rows, Rows]:
+    """Match against hash tables.
+
+    Parameters
+    ----------
+    query, query_codes, query_buckets
+        (n, 128) uint8, (n, 2) uint64 and (n, L) uint32 of the image to recognise.
+    stored, codes, offsets, table_rows
+        Descriptors, codes and tables of a segment of N rows.
+    labels, views
+        Object of each view, and view of each row: labels are looked up at query time.
+    alive : (N,) uint8
+        0 = removed.
+    stamps : (N,) int64
+        Scratch of the calling thread; ``first_stamp`` exceeds all that stand in it.
+
+    Returns
+    -------
+    best : (n,) int32
+        Row of the nearest descriptor found, or -1.
+    nearest, rival : (n,) int32
+        Squared distances to it and to the nearest of another object; ``FAR`` where none.
+    """
+    n, tables = query_buckets.shape
+    mask = offsets.shape[1] - 2
+    best = np.full(n, -1, np.int32)
+    nearest = np.full(n, FAR, np.int32)
+    rival = np.full(n, FAR, np.int32)
+    histogram = np.zeros(129, np.int32)
+    room = 4096
+    candidates = np.empty(room, np.int32)
+    hamming = np.empty(room, np.int16)
+    for i in range(n):
+        count = 0
+        stamp = first_stamp + i
+        histogram[:] = 0
+        for table in range(tables):
+            bucket = query_buckets[i, table] & mask
+            for p in range(offsets[table, bucket], offsets[table, bucket + 1]):
+                row = table_rows[table, p]
+                if stamps[row] == stamp or not alive[row]:
+                    continue
+                stamps[row] = stamp
+                if count == room:
+                    room *= 2
+                    candidates = np.append(candidates, np.empty(count, np.int32))
+                    hamming = np.append(hamming, np.empty(count, np.int16))
+                h = _hamming(query_codes, i, codes, row)
+                candidates[count] = row
+                hamming[count] = h
+                histogram[h] += 1
+                count += 1
+        if count:
+            best[i], nearest[i], rival[i] = _two_nearest(
+                query[i], stored, labels, views, candidates, hamming, count, histogram
+            )
+    return best, nearest, rival
+
+
+@nb.njit(cache=True, nogil=True)
+def match_flat(
+    query: UInt8Array,
+    query_codes: Codes,
+    stored: UInt8Array,
+    codes: Codes,
+    labels: Rows,
+    views: Rows,
+    alive: UInt8Array,
+) -> tuple[Rows, Rows, Rows]:
+    """Match against every stored code: no tables to build, best recall; for what is still small.
+
+    Parameters and results as in :func:`match_tables`.
+    """
+    n, rows = len(query), len(stored)
+    best = np.full(n, -1, np.int32)
+    nearest = np.full(n, FAR, np.int32)
+    rival = np.full(n, FAR, np.int32)
+    histogram = np.zeros(129, np.int32)
+    candidates = np.arange(rows).astype(np.int32)
+    hamming = np.empty(rows, np.int16)
+    for i in range(n):
+        histogram[:] = 0
+        for row in range(rows):
+            if alive[row]:
+                h = _hamming(query_codes, i, codes, row)
+                hamming[row] = h
+                histogram[h] += 1
+            else:
+                hamming[row] = 999
+        best[i], nearest[i], rival[i] = _two_nearest(
+            query[i], stored, labels, views, candidates, hamming, rows, histogram
+        )
+    return best, nearest, rival
+
+
+def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float32]:
+    """Return all squared distances (n, N), exact: every number is whole and below 2**24."""
+    a, b = query.astype(np.float32), stored.astype(np.float32)
+    norms = (b * b).sum(axis=1)[None, :] + (a * a).sum(axis=1)[:, None]
+    distances: NDArray[np.float32] = norms - 2.0 * (a @ b.T)
+    return distances
+
+
+def match_exact(
+    query: UInt8Array, stored: UInt8Array, row_labels: NDArray[np.int32]
+) -> tuple[Rows, Rows, Rows]:
+    """Match by the full product: the truth that the other two approach.
+
+    Parameters
+    ----------
+    query : (n, 128) uint8
+    stored : (N, 128) uint8
+    row_labels : (N,) int32
+        Object of each row; all different = Lowe's plain rule.
+
+    Returns
+    -------
+    best, nearest, rival
+        As in :func:`match_tables`.
+
+    Examples
+    --------
+    >>> stored = np.array([[0] * 128, [9] * 128, [10] * 128], np.uint8)
+    >>> best, nearest, rival = match_exact(stored[2:], stored, np.array([0, 1, 1], np.int32))
+    >>> best.tolist(), nearest.tolist(), rival.tolist()
+    ([2], [0], [12800])
+    """
+    n = len(query)
+    if len(stored) == 0 or n == 0:
+        far = np.full(n, FAR, np.int32)
+        return np.full(n, -1, np.int32), far, far.copy()
+    distances = squared_distances(query, stored)
+    best = distances.argmin(axis=1).astype(np.int32)
+    nearest = distances[np.arange(n), best].astype(np.int32)
+    distances[row_labels[None, :] == row_labels[best][:, None]] = np.inf
+    rival_distance = distances.min(axis=1)
+    rival = np.full(n, FAR, np.int32)
+    known = np.isfinite(rival_distance)
+    rival[known] = rival_distance[known].astype(np.int32)
+    return best, nearest, rival

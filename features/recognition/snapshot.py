@@ -1,0 +1,210 @@
+"""What a query sees of the index: an unchanging set of blocks and the labels of their views.
+
+Writers replace the snapshot as a whole, so that a query in another thread never sees half a
+change.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import UInt8Array
+from features.recognition.cascade import FAR, match_exact, match_flat, match_tables
+from features.recognition.hashing import Hasher
+from features.recognition.segments import Block
+
+__all__ = ["EXACT_BELOW", "Matches", "Part", "Snapshot", "StoredView"]
+
+EXACT_BELOW = 2000
+"""Rows of a block without tables up to which the full product is taken."""
+
+_scratch = threading.local()
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """For each of n query descriptors the nearest stored one.
+
+    Parameters
+    ----------
+    view : (n,) int32
+        Number of its view in the snapshot, -1 where there is none.
+    keypoints : (n, 4) float32
+        Its keypoint.
+    points3d : (n, 3) float32
+        Its place in space, NaN where unknown.
+    nearest, rival : (n,) int32
+        Squared distances to it and to the nearest of another object; ``FAR`` where none.
+    """
+
+    view: NDArray[np.int32]
+    keypoints: NDArray[np.float32]
+    points3d: NDArray[np.float32]
+    nearest: NDArray[np.int32]
+    rival: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A block with the number of its first view and its rows that are not removed."""
+
+    block: Block
+    first_view: int
+    alive: UInt8Array
+
+    def views(self) -> slice:
+        """Return the numbers of its views."""
+        return slice(self.first_view, self.first_view + len(self.block.looks))
+
+    def match(
+        self,
+        query: UInt8Array,
+        codes: NDArray[np.uint64],
+        buckets: NDArray[np.uint32],
+        labels: NDArray[np.int32],
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+        """Return best row, squared distance to it and to the nearest of another label.
+
+        Parameters
+        ----------
+        query, codes, buckets
+            Descriptors (n, 128) and what :meth:`Hasher.encode` made of them.
+        labels : (V,) int32
+            Of the block's views.
+        """
+        block = self.block
+        if block.tables is not None:
+            stamps, first = _stamps(len(block), len(query))
+            offsets, rows = block.tables
+            return match_tables(
+                *(query, codes, buckets, block.descriptors, block.codes, offsets, rows),
+                *(labels, block.view_of_row, self.alive, stamps, first),
+            )
+        if len(block) < EXACT_BELOW:
+            rows = np.flatnonzero(self.alive).astype(np.int32)
+            best, nearest, rival = match_exact(
+                query, block.descriptors[rows], labels[block.view_of_row[rows]]
+            )
+            found = best >= 0
+            best[found] = rows[best[found]]
+            return best, nearest, rival
+        return match_flat(
+            *(query, codes, block.descriptors, block.codes),
+            *(labels, block.view_of_row, self.alive),
+        )
+
+
+def _stamps(rows: int, queries: int) -> tuple[NDArray[np.int64], int]:
+    """Return this thread's stamps and a number above all that stand in them."""
+    stamps = getattr(_scratch, "stamps", None)
+    if stamps is None or len(stamps) < rows:
+        stamps = _scratch.stamps = np.zeros(max(rows, 1 << 16), np.int64)
+        _scratch.next = 1
+    first: int = _scratch.next
+    _scratch.next = first + queries
+    return stamps, first
+
+
+@dataclass(frozen=True, eq=False)
+class StoredView:
+    """One stored view, as verification needs it."""
+
+    descriptors: UInt8Array
+    keypoints: NDArray[np.float32]
+    points3d: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The index at one moment.
+
+    Parameters
+    ----------
+    parts
+        Blocks in the order of their view numbers.
+    object_of_view, class_of_view : (V,) int32
+        Numbers into the lists of IRIs.
+    alive : (V,) bool
+        False = removed.
+    view_iris, object_iris, class_iris
+        Lists that only ever grow.
+    hasher
+        Of all codes in the blocks.
+    """
+
+    parts: tuple[Part, ...]
+    object_of_view: NDArray[np.int32]
+    class_of_view: NDArray[np.int32]
+    alive: NDArray[np.bool_]
+    view_iris: Sequence[str]
+    object_iris: Sequence[str]
+    class_iris: Sequence[str]
+    hasher: Hasher
+
+    def match(self, descriptors: UInt8Array, by_class: bool = False) -> Matches:
+        """Match descriptors (n, 128) against everything that is stored.
+
+        Parameters
+        ----------
+        by_class
+            Take the rival from another class instead of another object.
+        """
+        n = len(descriptors)
+        matches = Matches(
+            view=np.full(n, -1, np.int32),
+            keypoints=np.zeros((n, 4), np.float32),
+            points3d=np.full((n, 3), np.nan, np.float32),
+            nearest=np.full(n, FAR, np.int32),
+            rival=np.full(n, FAR, np.int32),
+        )
+        parts = [part for part in self.parts if len(part.block)]
+        if n == 0 or not parts:
+            return matches
+        codes, buckets = self.hasher.encode(descriptors)
+        labels = self.class_of_view if by_class else self.object_of_view
+        answers = [part.match(descriptors, codes, buckets, labels[part.views()]) for part in parts]
+        nearest = np.stack([answer[1] for answer in answers])
+        winner = nearest.argmin(axis=0)
+        for p, (part, (row, distance, _)) in enumerate(zip(parts, answers, strict=True)):
+            won = (winner == p) & (row >= 0)
+            rows = row[won]
+            matches.view[won] = part.first_view + part.block.view_of_row[rows]
+            matches.keypoints[won] = part.block.keypoints[rows]
+            matches.points3d[won] = part.block.points3d[rows]
+            matches.nearest[won] = distance[won]
+        # The rival is the nearest whose label is not the winner's: of each part its first where
+        # that has another label, else its second.
+        winner_label = labels[matches.view]
+        for part, (row, distance, second) in zip(parts, answers, strict=True):
+            label = labels[part.first_view + part.block.view_of_row[row]]
+            own = (row >= 0) & (label == winner_label)
+            np.minimum(matches.rival, np.where(own, second, distance), out=matches.rival)
+        return matches
+
+    def appearance(self, look: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the similarity (V,) of an appearance vector (768,) to every view; removed: -1."""
+        if not self.parts:
+            return np.empty(0, np.float32)
+        similarity = np.concatenate([part.block.looks @ look for part in self.parts])
+        return np.where(self.alive, similarity, np.float32(-1))
+
+    def measures(self, views: NDArray[np.integer]) -> NDArray[np.float32]:
+        """Return mask side (px), visible diagonal (m), cut or not of the chosen views (k, 3)."""
+        if not self.parts:
+            return np.empty((0, 3), np.float32)
+        measures = np.concatenate([part.block.measures for part in self.parts])
+        chosen: NDArray[np.float32] = measures[views]
+        return chosen
+
+    def stored_view(self, view: int) -> StoredView:
+        """Return the rows of one view."""
+        starts = [part.first_view for part in self.parts]
+        part = self.parts[int(np.searchsorted(starts, view, side="right")) - 1]
+        rows = part.block.rows_of(view - part.first_view)
+        block = part.block
+        return StoredView(block.descriptors[rows], block.keypoints[rows], block.points3d[rows])

@@ -1,0 +1,370 @@
+"""Geometric verification: do the matches of one stored view agree on one movement?
+
+In the image, an affine map (Lowe 2004, 7.5): one match alone proposes a similarity through the
+place, size and turn of its two keypoints, the matches that agree refine it to an affine map. With
+m matches there are m proposals and no random draw, and a mirror image cannot be proposed. In
+space, a rigid movement fitted to matches whose keypoints have depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["AffineFit", "RigidFit", "VerifyParams", "fit_affine", "fit_rigid", "kabsch"]
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class VerifyParams:
+    """Tolerances, all relative to the size of the object in the image or in space.
+
+    Parameters
+    ----------
+    affine_tolerance
+        Of the longer side of the object in the query image.
+    most_turn_deg, most_scale
+        How far a match's own turn and size may be from what the affine map does there.
+    cells_per_side
+        Of the grid over the object in which agreeing matches are counted once a cell: a letter or
+        a bar code gives many keypoints in one place, and looks alike on many products.
+    least_inliers
+        Fewer places do not verify anything.
+    rigid_tolerance, rigid_tolerance_m
+        Of the object's visible diagonal, but at least so many m (the noise of depth).
+    rigid_least_side
+        Least side of a triple of matches, of the visible diagonal; never asked more than 15 mm.
+    rigid_rounds
+        Triples drawn for the rigid fit.
+    """
+
+    affine_tolerance: float = 0.04
+    cells_per_side: int = 16
+    most_turn_deg: float = 40.0
+    most_scale: float = 2.0
+    least_inliers: int = 4
+    rigid_tolerance: float = 0.08
+    rigid_tolerance_m: float = 0.003
+    rigid_least_side: float = 0.10
+    rigid_rounds: int = 200
+
+
+@dataclass(frozen=True, eq=False)
+class AffineFit:
+    """An affine map of a stored view's image into the query's, and who agrees with it.
+
+    Parameters
+    ----------
+    query_from_view : (2, 3) float64, px
+    inliers : (m,) bool
+    places
+        Number of different places among the inliers: the measure of how much they say.
+    """
+
+    query_from_view: NDArray[np.float64]
+    inliers: Mask
+    places: int
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFit:
+    """A rigid movement of a stored view's camera frame into the query's.
+
+    Parameters
+    ----------
+    query_from_view : (4, 4) float64, m
+    inliers : (m,) bool
+    rms_m
+        Residual of the inliers.
+    """
+
+    query_from_view: NDArray[np.float64]
+    inliers: Mask
+    rms_m: float
+
+
+def fit_affine(
+    query: NDArray[np.float32],
+    view: NDArray[np.float32],
+    side_px: float,
+    params: VerifyParams | None = None,
+) -> AffineFit | None:
+    """Find the affine map that most matches agree on.
+
+    Parameters
+    ----------
+    query, view : (m, 4) float32
+        Matched keypoints: x, y, diameter in px, angle in degrees.
+    side_px
+        Longer side of the object in the query image.
+
+    Returns
+    -------
+    AffineFit or None
+        None when fewer than ``least_inliers`` places agree or the map is degenerate: scale outside
+        0.2..5, mirrored, shear over 60 degrees, inliers on one line.
+
+    Examples
+    --------
+    >>> places = np.array([[0, 0], [50, 4], [9, 40], [44, 38], [20, 21]], np.float32)
+    >>> turned = np.hstack([places[:, ::-1] * (1, -1), np.tile((5.0, -90.0), (5, 1))])
+    >>> stored = np.hstack([places, np.tile((5.0, 0.0), (5, 1))])
+    >>> fit = fit_affine(turned.astype(np.float32), stored.astype(np.float32), 50)
+    >>> fit.places
+    5
+    """
+    params = params or VerifyParams()
+    if len(query) < params.least_inliers:
+        return None
+    matrix, inliers = _affine_consensus(
+        query.astype(np.float64),
+        view.astype(np.float64),
+        params.affine_tolerance * side_px,
+        np.deg2rad(params.most_turn_deg),
+        np.log(params.most_scale),
+    )
+    cell = side_px / params.cells_per_side
+    # Many query keypoints on one stored spot say no more than one does, and vice versa.
+    places = min(_cells(query[inliers], cell), _cells(view[inliers], 0.5))
+    fit = AffineFit(matrix, inliers, places)
+    if places < params.least_inliers or not _is_sound(fit, query, view):
+        return None
+    return fit
+
+
+def _cells(keypoints: NDArray[np.float32], cell_px: float) -> int:
+    """Return how many cells of a grid the keypoints lie in."""
+    return len(np.unique(np.floor(keypoints[:, :2] / cell_px), axis=0))
+
+
+def _is_sound(fit: AffineFit, query: NDArray[np.float32], view: NDArray[np.float32]) -> bool:
+    linear = fit.query_from_view[:, :2]
+    if np.linalg.det(linear) <= 0:
+        return False
+    stretch = np.linalg.svd(linear, compute_uv=False)
+    if stretch[0] > 5 or stretch[1] < 0.2:
+        return False
+    x_axis, y_axis = linear[:, 0], linear[:, 1]
+    cosine = x_axis @ y_axis / (np.linalg.norm(x_axis) * np.linalg.norm(y_axis))
+    if abs(cosine) > np.sin(np.deg2rad(60)):
+        return False
+    for places in (query[fit.inliers, :2], view[fit.inliers, :2]):
+        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+        if spread[1] < 0.05 * spread[0] or spread[0] < 1e-6:
+            return False
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def _affine_consensus(
+    query: NDArray[np.float64],
+    view: NDArray[np.float64],
+    tolerance: float,
+    most_turn: float,
+    most_log_scale: float,
+) -> tuple[NDArray[np.float64], Mask]:
+    m = len(query)
+    best_map = np.zeros((2, 3))
+    best = np.zeros(m, np.bool_)
+    best_count, best_error = 0, np.inf
+    turn = np.deg2rad(query[:, 3] - view[:, 3])
+    log_scale = np.log(np.maximum(query[:, 2], 1e-3) / np.maximum(view[:, 2], 1e-3))
+    for i in range(m):
+        s = np.exp(log_scale[i])
+        c, d = s * np.cos(turn[i]), s * np.sin(turn[i])
+        current = np.array([[c, -d, 0.0], [d, c, 0.0]])
+        current[0, 2] = query[i, 0] - c * view[i, 0] + d * view[i, 1]
+        current[1, 2] = query[i, 1] - d * view[i, 0] - c * view[i, 1]
+        for step in range(4):
+            reach = tolerance * (3.0 if step == 0 else 1.5 if step == 1 else 1.0)
+            inliers, count, error = _agreeing(
+                current, query, view, turn, log_scale, reach, most_turn, most_log_scale
+            )
+            if step >= 2 and (
+                count > best_count or (count == best_count and error < best_error - 1e-9)
+            ):
+                best_map, best = current, inliers
+                best_count, best_error = count, error
+            if count < 3 or step == 3:
+                break
+            refined, good = _least_squares_affine(query, view, inliers)
+            if not good:
+                break
+            current = refined
+    return best_map, best
+
+
+@nb.njit(cache=True, nogil=True)
+def _agreeing(
+    candidate: NDArray[np.float64],
+    query: NDArray[np.float64],
+    view: NDArray[np.float64],
+    turn: NDArray[np.float64],
+    log_scale: NDArray[np.float64],
+    reach: float,
+    most_turn: float,
+    most_log_scale: float,
+) -> tuple[Mask, int, float]:
+    a, b, x0 = candidate[0]
+    c, d, y0 = candidate[1]
+    determinant = a * d - b * c
+    m = len(query)
+    inliers = np.zeros(m, np.bool_)
+    if determinant <= 0:
+        return inliers, 0, np.inf
+    map_turn = np.arctan2(c - b, a + d)
+    map_log_scale = 0.5 * np.log(determinant)
+    count, error = 0, 0.0
+    for j in range(m):
+        ex = a * view[j, 0] + b * view[j, 1] + x0 - query[j, 0]
+        ey = c * view[j, 0] + d * view[j, 1] + y0 - query[j, 1]
+        square = ex * ex + ey * ey
+        if square > reach * reach or abs(log_scale[j] - map_log_scale) > most_log_scale:
+            continue
+        off = (turn[j] - map_turn + np.pi) % (2 * np.pi) - np.pi
+        if abs(off) > most_turn:
+            continue
+        inliers[j] = True
+        count += 1
+        error += square
+    return inliers, count, error
+
+
+@nb.njit(cache=True, nogil=True)
+def _least_squares_affine(
+    query: NDArray[np.float64], view: NDArray[np.float64], inliers: Mask
+) -> tuple[NDArray[np.float64], bool]:
+    normal = np.zeros((3, 3))
+    right = np.zeros((3, 2))
+    mean = np.zeros(2)
+    count = 0
+    for j in range(len(query)):
+        if inliers[j]:
+            mean += view[j, :2]
+            count += 1
+    mean /= count
+    for j in range(len(query)):
+        if inliers[j]:
+            row = np.array([view[j, 0] - mean[0], view[j, 1] - mean[1], 1.0])
+            for r in range(3):
+                for c in range(3):
+                    normal[r, c] += row[r] * row[c]
+                right[r, 0] += row[r] * query[j, 0]
+                right[r, 1] += row[r] * query[j, 1]
+    result = np.zeros((2, 3))
+    # Three keypoints on a line, or at one place, fix no affine map.
+    if abs(normal[0, 0] * normal[1, 1] - normal[0, 1] ** 2) < 1e-3 * normal[0, 0] * normal[1, 1]:
+        return result, False
+    if normal[0, 0] * normal[1, 1] < 1e-9:
+        return result, False
+    solution = np.linalg.solve(normal, right)
+    for r in range(2):
+        result[r, 0] = solution[0, r]
+        result[r, 1] = solution[1, r]
+        result[r, 2] = solution[2, r] - solution[0, r] * mean[0] - solution[1, r] * mean[1]
+    return result, True
+
+
+def kabsch(query: NDArray[np.float64], view: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rigid movement of ``view`` (..., m, 3) onto ``query``, least squares.
+
+    Returns
+    -------
+    (..., 4, 4) float64
+
+    Examples
+    --------
+    >>> points = np.eye(3)
+    >>> np.allclose(kabsch(points + (1, 2, 3), points)[:3, 3], (1, 2, 3))
+    True
+    """
+    query_mean = query.mean(axis=-2, keepdims=True)
+    view_mean = view.mean(axis=-2, keepdims=True)
+    u, _, vt = np.linalg.svd(np.swapaxes(view - view_mean, -1, -2) @ (query - query_mean))
+    # Without the guard a flat or noisy set may come out mirrored.
+    guard = np.ones(u.shape[:-1])
+    guard[..., 2] = np.sign(np.linalg.det(u @ vt))
+    rotation = np.swapaxes(u @ (guard[..., None] * vt), -1, -2)
+    movement = np.zeros((*query.shape[:-2], 4, 4))
+    movement[..., :3, :3] = rotation
+    movement[..., :3, 3] = (query_mean - view_mean @ np.swapaxes(rotation, -1, -2))[..., 0, :]
+    movement[..., 3, 3] = 1.0
+    return movement
+
+
+def fit_rigid(
+    query: NDArray[np.float32],
+    view: NDArray[np.float32],
+    size_m: float,
+    params: VerifyParams | None = None,
+    seed: int = 0,
+) -> RigidFit | None:
+    """Find the rigid movement that most matches agree on.
+
+    Parameters
+    ----------
+    query, view : (m, 3) float32, m, optical frames of the two cameras
+        NaN where depth is missing.
+    size_m
+        Visible diagonal of the object: tolerances scale with it, because 15 mm, a good least side
+        for the triangle of a kitchen package, is half of a small object.
+
+    Returns
+    -------
+    RigidFit or None
+    """
+    params = params or VerifyParams()
+    known = np.flatnonzero(np.isfinite(query).all(axis=1) & np.isfinite(view).all(axis=1))
+    if len(known) < params.least_inliers or not np.isfinite(size_m):
+        return None
+    q, v = query[known].astype(np.float64), view[known].astype(np.float64)
+    tolerance = max(params.rigid_tolerance * size_m, params.rigid_tolerance_m)
+    triples = _sound_triples(
+        q, v, min(0.015, params.rigid_least_side * size_m), tolerance, params.rigid_rounds, seed
+    )
+    if len(triples) == 0:
+        return None
+    agreeing = _residuals(kabsch(q[triples], v[triples]), q, v) < tolerance
+    best: Mask = agreeing[agreeing.sum(axis=1).argmax()]
+    for _ in range(2):
+        if best.sum() < params.least_inliers:
+            return None
+        movement = kabsch(q[best], v[best])
+        best = _residuals(movement, q, v) < tolerance
+    if best.sum() < params.least_inliers:
+        return None
+    inliers = np.zeros(len(query), bool)
+    inliers[known[best]] = True
+    rms = float(np.sqrt(np.mean(_residuals(movement, q[best], v[best]) ** 2)))
+    return RigidFit(movement, inliers, rms)
+
+
+def _residuals(
+    movement: NDArray[np.float64], query: NDArray[np.float64], view: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    moved = view @ np.swapaxes(movement[..., :3, :3], -1, -2) + movement[..., None, :3, 3]
+    distances: NDArray[np.float64] = np.linalg.norm(moved - query, axis=-1)
+    return distances
+
+
+def _sound_triples(
+    query: NDArray[np.float64],
+    view: NDArray[np.float64],
+    least_side: float,
+    tolerance: float,
+    rounds: int,
+    seed: int,
+) -> NDArray[np.intp]:
+    """Draw triples whose triangles are wide and of the same shape on both sides."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    drawn = rng.random((4 * rounds, len(query))).argpartition(2, axis=1)[:, :3]
+    following = np.roll(drawn, -1, axis=1)
+    query_sides = np.linalg.norm(query[drawn] - query[following], axis=2)
+    view_sides = np.linalg.norm(view[drawn] - view[following], axis=2)
+    wide = np.minimum(query_sides, view_sides).min(axis=1) > least_side
+    alike = np.abs(query_sides - view_sides).max(axis=1) < 2 * tolerance
+    return np.asarray(drawn[wide & alike][:rounds])
