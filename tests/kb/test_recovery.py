@@ -18,6 +18,7 @@ import pytest
 import rtask
 from rtask.errors import StorageFullError, StoreError, StoreFormatError
 from rtask.kb import journal as journal_module
+from rtask.kb.apply import apply
 from rtask.kb.journal import JournalFile
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.recovery import Checkpoint
@@ -214,6 +215,28 @@ def test_a_store_that_fails_takes_its_record_back(
         kb.update("INSERT DATA { <urn:a> <urn:p> 3 }")
         assert [entry.seq for entry in kb.history()] == [1, 2]
         assert len(kb.match("urn:a")) == 2
+
+
+def test_a_number_used_again_is_forced_to_the_disk_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with _bare(tmp_path) as kb:
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+        forced: list[int] = []
+        real = os.fdatasync
+        monkeypatch.setattr(os, "fdatasync", lambda h: (forced.append(h), real(h))[1])
+
+        def fail(*args: object) -> None:
+            kb._writer.committer.journal.sync(2)  # another thread's fsync comes in between
+            raise OSError("IO error")
+
+        monkeypatch.setattr("rtask.kb.commit.apply", fail)
+        with pytest.raises(OSError, match="IO error"):
+            kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
+        monkeypatch.setattr("rtask.kb.commit.apply", apply)
+        before = len(forced)
+        assert kb.update("INSERT DATA { <urn:a> <urn:p> 3 }").seq == 2
+        assert len(forced) == before + 1
 
 
 def test_weak_flushing_after_a_restart_of_the_machine_is_a_new_epoch(tmp_path: Path) -> None:
