@@ -1,0 +1,37 @@
+"""Objects instead of triples: typed classes for the vocabulary, a query builder, sessions.
+
+>>> import rtask
+>>> from rtask.model import RTASK
+>>> with rtask.open(":memory:") as kb, kb.session(agent="nao-1") as s:
+...     s.query(RTASK.ManipulableObject).count()
+0
+"""
+
+from __future__ import annotations
+
+from rtask.model.codec import LangString
+from rtask.model.dynamic import Vocabulary, load_model
+from rtask.model.errors import FieldError, LazyLoadError, OwnershipError
+from rtask.model.expressions import avg, count, maximum, minimum, total
+from rtask.model.generated import rtask as RTASK
+from rtask.model.instance import Model
+from rtask.model.query import Query
+from rtask.model.session import Session
+
+__all__ = [
+    "RTASK",
+    "FieldError",
+    "LangString",
+    "LazyLoadError",
+    "Model",
+    "OwnershipError",
+    "Query",
+    "Session",
+    "Vocabulary",
+    "avg",
+    "count",
+    "load_model",
+    "maximum",
+    "minimum",
+    "total",
+]

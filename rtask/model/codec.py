@@ -1,0 +1,184 @@
+"""Python values to literals and back, by datatype."""
+
+from __future__ import annotations
+
+import datetime as dt
+import decimal
+import math
+from collections.abc import Callable
+
+from rtask.kb.terms import XSD, Literal, NamedNode, Term, literal
+
+__all__ = ["LangString", "decode", "encode", "python_type"]
+
+RDF_LANG_STRING = "http://www.w3.org/1999/02/22-rdf-syntax-ns#langString"
+RDFS_LITERAL = "http://www.w3.org/2000/01/rdf-schema#Literal"
+
+_BITS = {"byte": 7, "short": 15, "int": 31, "long": 63}
+_INTEGERS: dict[str, tuple[float, float]] = {
+    "integer": (-math.inf, math.inf),
+    "positiveInteger": (1, math.inf),
+    "nonNegativeInteger": (0, math.inf),
+    "negativeInteger": (-math.inf, -1),
+    "nonPositiveInteger": (-math.inf, 0),
+    **{name: (-(2**bits), 2**bits - 1) for name, bits in _BITS.items()},
+    **{f"unsigned{name.title()}": (0, 2 ** (bits + 1) - 1) for name, bits in _BITS.items()},
+}
+_TYPES: dict[str, type] = {
+    **dict.fromkeys((XSD + name for name in _INTEGERS), int),
+    **dict.fromkeys((XSD + "double", XSD + "float"), float),
+    **dict.fromkeys((XSD + "dateTime", XSD + "dateTimeStamp"), dt.datetime),
+    XSD + "boolean": bool,
+    XSD + "decimal": decimal.Decimal,
+    XSD + "date": dt.date,
+    XSD + "string": str,
+    XSD + "anyURI": str,
+    RDF_LANG_STRING: str,
+}
+
+
+class LangString(str):
+    """Text in a language.
+
+    Examples
+    --------
+    >>> label = LangString("Tasse", "de")
+    >>> label == "Tasse", label.language
+    (True, 'de')
+    """
+
+    language: str
+    __slots__ = ("language",)
+
+    def __new__(cls, text: str, language: str) -> LangString:
+        made = super().__new__(cls, text)
+        made.language = language
+        return made
+
+
+def python_type(datatype: str) -> type:
+    """Return the Python type of a datatype; ``object`` where any literal will do."""
+    return _TYPES.get(datatype, object)
+
+
+def encode(value: object, datatype: str) -> Literal:
+    """Return the literal of a value.
+
+    Parameters
+    ----------
+    datatype
+        IRI of the datatype that a field asks for; of an unknown one the value decides.
+
+    Raises
+    ------
+    ValueError
+        Saying what was expected.
+
+    Examples
+    --------
+    >>> str(encode(1, XSD + "double")), str(encode(3, XSD + "positiveInteger"))
+    ('"1.0"^^<http://www.w3.org/2001/XMLSchema#double>', '"3"^^<http://www.w3.org/2001/XMLSchema#positiveInteger>')
+    """
+    if isinstance(value, Literal):
+        if python_type(datatype) is object or value.datatype.value == datatype:
+            return value
+        value = decode(value)
+    if isinstance(value, LangString) and datatype in (
+        XSD + "string",
+        RDF_LANG_STRING,
+        RDFS_LITERAL,
+    ):
+        return Literal(str(value), language=value.language)
+    wanted = python_type(datatype)
+    if wanted is object and isinstance(value, LangString):
+        return Literal(str(value), language=value.language)
+    if wanted is object:
+        return literal(value)
+    return _ENCODERS[wanted](value, datatype)
+
+
+def _integer(value: object, datatype: str) -> Literal:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError("a whole number")
+    low, high = _INTEGERS[datatype.removeprefix(XSD)]
+    if not low <= value <= high:
+        raise ValueError(f"a whole number of {low} or more" if high == math.inf else "less")
+    return Literal(str(value), datatype=NamedNode(datatype))
+
+
+def _double(value: object, datatype: str) -> Literal:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("a number")
+    # 0.0 and -0.0 are two values of a functional property
+    return Literal(repr(float(value) + 0.0), datatype=NamedNode(datatype))
+
+
+def _boolean(value: object, datatype: str) -> Literal:
+    if not isinstance(value, bool):
+        raise ValueError("True or False")
+    return Literal(value)
+
+
+def _text(value: object, datatype: str) -> Literal:
+    if not isinstance(value, str):
+        raise ValueError("text")
+    if datatype in (XSD + "string", RDF_LANG_STRING):
+        return Literal(str(value))
+    return Literal(value, datatype=NamedNode(datatype))
+
+
+def _decimal(value: object, datatype: str) -> Literal:
+    if isinstance(value, bool) or not isinstance(value, int | decimal.Decimal):
+        raise ValueError("a Decimal")
+    return Literal(format(decimal.Decimal(value), "f"), datatype=NamedNode(datatype))
+
+
+def _datetime(value: object, datatype: str) -> Literal:
+    if not isinstance(value, dt.datetime):
+        raise ValueError("a datetime")
+    if value.tzinfo is None:
+        raise ValueError("a datetime with its time zone")
+    text = value.isoformat().replace("+00:00", "Z")
+    return Literal(text, datatype=NamedNode(datatype))
+
+
+def _date(value: object, datatype: str) -> Literal:
+    if isinstance(value, dt.datetime) or not isinstance(value, dt.date):
+        raise ValueError("a date")
+    return Literal(value.isoformat(), datatype=NamedNode(datatype))
+
+
+_ENCODERS: dict[type, Callable[[object, str], Literal]] = {
+    int: _integer,
+    float: _double,
+    bool: _boolean,
+    str: _text,
+    decimal.Decimal: _decimal,
+    dt.datetime: _datetime,
+    dt.date: _date,
+}
+
+
+def decode(term: Term) -> object:
+    """Return the Python value of a literal; a term that is none, or ill-typed, as it is.
+
+    Examples
+    --------
+    >>> decode(Literal(0.5)), decode(Literal("Tasse", language="de")), decode(Literal(True))
+    (0.5, 'Tasse', True)
+    """
+    if not isinstance(term, Literal):
+        return term
+    if term.language is not None:
+        return LangString(term.value, term.language)
+    wanted = python_type(term.datatype.value)
+    try:
+        if wanted is bool:
+            return {"true": True, "1": True, "false": False, "0": False}[term.value]
+        if wanted is dt.datetime:
+            return dt.datetime.fromisoformat(term.value)
+        if wanted is dt.date:
+            return dt.date.fromisoformat(term.value)
+        return term if wanted is object else wanted(term.value)
+    except (ValueError, KeyError, decimal.InvalidOperation):
+        return term

@@ -1,0 +1,431 @@
+"""Fields: properties as attributes, checked when they are set.
+
+On a class a field is a :class:`~rtask.model.expressions.Path` for queries, on an instance its
+value or a :class:`Values` collection.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar, overload
+
+import ontology
+from rtask.kb.terms import Literal, NamedNode, Term
+from rtask.model.codec import decode, encode
+from rtask.model.errors import FieldError
+from rtask.model.expressions import Path
+from rtask.model.instance import Item, Model, Pending
+
+__all__ = ["Field", "Limits", "Link", "Links", "Many", "One", "Values"]
+
+_THING = ontology.PREFIXES["owl"] + "Thing"
+
+T = TypeVar("T")
+M = TypeVar("M", bound=Model)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What values must satisfy, taken from SHACL shapes and closed lists.
+
+    Parameters
+    ----------
+    least, most
+        Bounds that belong to the range.
+    above, below
+        Bounds that do not.
+    pattern
+        Regular expression that text must match.
+    one_of
+        IRIs of the individuals to choose from.
+    """
+
+    least: float | None = None
+    most: float | None = None
+    above: float | None = None
+    below: float | None = None
+    pattern: str | None = None
+    one_of: tuple[str, ...] = ()
+
+    def complaint(self, value: object) -> str | None:
+        """Return what was expected, if the value does not satisfy it."""
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            if self.least is not None and value < self.least:
+                return f"{self.least} or more"
+            if self.most is not None and value > self.most:
+                return f"{self.most} or less"
+            if self.above is not None and value <= self.above:
+                return f"more than {self.above}"
+            if self.below is not None and value >= self.below:
+                return f"less than {self.below}"
+        if self.pattern and isinstance(value, str) and not re.search(self.pattern, value):
+            return f"text that matches {self.pattern}"
+        return None
+
+
+class Field:
+    """A property of a class.
+
+    Parameters
+    ----------
+    iri
+        The property.
+    value
+        IRI of the datatype, or of the class of the objects.
+    functional
+        Whether a second value is a mistake, whoever states it.
+    inverse
+        IRI of the inverse property.
+    stored
+        Whether this property is written; if not, its inverse is.
+    unit
+        Local name of the QUDT unit of the numbers.
+    limits
+        What values must satisfy.
+    """
+
+    single = True
+    is_link = False
+
+    def __init__(
+        self,
+        iri: str,
+        value: str,
+        *,
+        functional: bool = False,
+        inverse: str | None = None,
+        stored: bool = True,
+        unit: str | None = None,
+        limits: Limits | None = None,
+    ) -> None:
+        self.iri = iri
+        self.value = value
+        self.functional = functional
+        self.inverse = inverse
+        self.stored = stored
+        self.unit = unit
+        self.limits = limits or Limits()
+        self.name = ""
+        self.owner: type[Model] = Model
+
+    def __set_name__(self, owner: type[Any], name: str) -> None:
+        self.name = name
+        self.owner = owner
+        if "__own_fields__" not in owner.__dict__:
+            owner.__own_fields__ = {}
+        owner.__own_fields__[name] = self
+
+    def target(self) -> type[Model] | None:
+        """Return the class of the objects, ``None`` for plain values."""
+        if not self.is_link:
+            return None
+        registry = self.owner.__registry__
+        return registry.find(self.value) or registry.find(_THING) or Model
+
+    def describe(self) -> str:
+        """Return the field as messages name it, with its unit."""
+        return f"{self.owner.__name__}.{self.name}" + (f" ({self.unit})" if self.unit else "")
+
+    # Checking
+
+    def item(self, value: object, subject: Model | None = None) -> Item:
+        """Return what is stored for a value.
+
+        Raises
+        ------
+        FieldError
+            Naming class, field, IRI, value and what was expected.
+        """
+        return self._link(value, subject) if self.is_link else self._literal(value, subject)
+
+    def _literal(self, value: object, subject: Model | None) -> Literal:
+        try:
+            made = encode(value, self.value)
+        except ValueError as error:
+            raise self.refuse(value, str(error), subject) from None
+        complaint = self.limits.complaint(decode(made))
+        if complaint:
+            raise self.refuse(value, complaint, subject)
+        return made
+
+    def _link(self, value: object, subject: Model | None) -> Item:
+        wanted = self.target() or Model
+        if isinstance(value, Model):
+            # a thing of a wider class may still turn out to be of the wanted one
+            if not (isinstance(value, wanted) or issubclass(wanted, type(value))):
+                raise self.refuse(value, f"a {wanted.__name__}", subject)
+            name = value.__state__.iri
+        elif isinstance(value, NamedNode):
+            name = value.value
+        else:
+            raise self.refuse(value, f"a {wanted.__name__} or its NamedNode", subject)
+        if self.limits.one_of and name not in self.limits.one_of:
+            near = difflib.get_close_matches(str(name), self.limits.one_of, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise self.refuse(value, f"one of the list of {wanted.__name__}{hint}", subject)
+        return value
+
+    def refuse(self, value: object, expected: str, subject: Model | None) -> FieldError:
+        """Return the error for a value."""
+        where = f" of {subject!r}" if subject is not None else ""
+        return FieldError(
+            f"{self.describe()}{where} takes {expected}, not {value!r}  <{self.iri}>",
+            field=self.name,
+            iri=self.iri,
+            expected=expected,
+        )
+
+    # Reading and changing
+
+    def items(self, instance: Model) -> list[Item]:
+        """Return the values as the program sees them: those of the graph, and its own changes."""
+        state = instance.__state__
+        pending = state.pending.get(self.iri, Pending())
+        if pending.replace:
+            return list(pending.added)
+        if self.iri not in state.loaded and not state.new and state.session is not None:
+            state.session.load(instance, self)
+        removed = {key(item) for item in pending.removed}
+        seen: dict[object, Item] = {}
+        for item in (*state.loaded.get(self.iri, ()), *pending.added):
+            if key(item) not in removed:
+                seen.setdefault(key(item), item)
+        return list(seen.values())
+
+    def python(self, instance: Model, item: Item) -> Any:
+        """Return an item as a program gets it."""
+        if isinstance(item, Model):
+            return item
+        session = instance.__state__.session
+        if self.is_link and isinstance(item, NamedNode) and session is not None:
+            return session.reference(item.value, self.target() or Model, instance)
+        return item if self.is_link else decode(item)
+
+    def put(self, instance: Model, values: Iterable[object]) -> None:
+        """Replace all values."""
+        items = [self.item(value, instance) for value in values]
+        if self.single and len(items) > 1:
+            raise self.refuse(values, "one value", instance)
+        if self.inverse is not None:
+            kept = {key(item) for item in items}
+            for old in self.items(instance):
+                if key(old) not in kept:
+                    self._couple(instance, old, add=False)
+            known = {key(item) for item in self.items(instance)}
+            for item in items:
+                if key(item) not in known:
+                    self._couple(instance, item, add=True)
+        if self.stored:
+            pending = self._change(instance)
+            pending.replace, pending.added, pending.removed = True, items, []
+        self._adopt(instance, items)
+
+    def add(self, instance: Model, value: object) -> None:
+        """Add one value."""
+        item = self.item(value, instance)
+        if self.inverse is not None:
+            self._couple(instance, item, add=True)
+        else:
+            self.note(instance, item, add=True)
+        self._adopt(instance, [item])
+
+    def discard(self, instance: Model, value: object) -> None:
+        """Take one value away."""
+        item = self.item(value, instance)
+        if self.inverse is not None:
+            self._couple(instance, item, add=False)
+        else:
+            self.note(instance, item, add=False)
+
+    def _adopt(self, instance: Model, items: Iterable[Item]) -> None:
+        """Let new objects follow the one that now points to them into its session."""
+        session = instance.__state__.session
+        for item in items:
+            if session is not None and isinstance(item, Model) and item.__state__.session is None:
+                session.add(item)
+
+    def _couple(self, instance: Model, item: Item, add: bool) -> None:
+        """Change both sides of a pair of inverse properties; one of them is stored."""
+        other = item
+        session = instance.__state__.session
+        if isinstance(other, NamedNode) and session is not None:
+            other = session.reference(other.value, self.target() or Model, instance)
+        back = type(other).__by_iri__.get(self.inverse or "") if isinstance(other, Model) else None
+        if back is None and not self.stored:
+            raise self.refuse(item, "an object, since its own field is what is stored", instance)
+        if back is not None and isinstance(other, Model):
+            if add and back.single:
+                self._leave(other, back, instance)
+            back.note(other, instance, add=add)
+        self.note(instance, other, add=add)
+
+    def _leave(self, other: Model, back: Field, instance: Model) -> None:
+        """Take ``other`` out of this field of the object that it pointed to until now."""
+        state = other.__state__
+        if back.iri not in state.pending and back.iri not in state.loaded:
+            return
+        for old in back.items(other):
+            if isinstance(old, NamedNode) and state.session is not None:
+                old = state.session.known(old.value) or old
+            if isinstance(old, Model) and old is not instance:
+                self.note(old, other, add=False)
+
+    def note(self, instance: Model, item: Item, add: bool) -> None:
+        """Record one change on one side."""
+        pending = self._change(instance)
+        if self.single:
+            pending.replace, pending.added = True, [item] if add else []
+            return
+        gains, losses = pending.added, pending.removed
+        if not add:
+            gains, losses = losses, gains
+        losses[:] = [other for other in losses if key(other) != key(item)]
+        if key(item) not in map(key, gains) and not (pending.replace and not add):
+            gains.append(item)
+
+    def _change(self, instance: Model) -> Pending:
+        state = instance.__state__
+        if state.session is not None and self.stored:
+            state.session.mark(instance)
+        return state.pending.setdefault(self.iri, Pending())
+
+
+def key(item: Item) -> object:
+    """Return what makes two items the same value."""
+    if isinstance(item, Model):
+        return item.__state__.iri or id(item)
+    return item.value if isinstance(item, NamedNode) else item
+
+
+class One(Field, Generic[T]):
+    """At most one plain value."""
+
+    def __init__(self, iri: str, value: str, **options: Any) -> None:
+        super().__init__(iri, value, **options)
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any]) -> Path[T]: ...
+    @overload
+    def __get__(self, instance: Model, owner: type[Any]) -> T | None: ...
+    def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
+        if instance is None:
+            return Path(owner, (self,))
+        items = self.items(instance)
+        return self.python(instance, items[0]) if items else None
+
+    def __set__(self, instance: Model, value: T | None) -> None:
+        self.put(instance, () if value is None else (value,))
+
+
+class Many(Field, Generic[T]):
+    """Any number of plain values."""
+
+    single = False
+
+    def __init__(self, iri: str, value: str, **options: Any) -> None:
+        super().__init__(iri, value, **options)
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any]) -> Path[T]: ...
+    @overload
+    def __get__(self, instance: Model, owner: type[Any]) -> Values[T]: ...
+    def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
+        return Path(owner, (self,)) if instance is None else Values(instance, self)
+
+    def __set__(self, instance: Model, value: Iterable[T] | T) -> None:
+        if isinstance(value, Iterable) and not isinstance(value, str):
+            self.put(instance, value)
+        else:
+            self.put(instance, (value,))
+
+
+class Link(Field, Generic[M]):
+    """At most one other object."""
+
+    is_link = True
+
+    def __init__(self, iri: str, value: str, **options: Any) -> None:
+        super().__init__(iri, value, **options)
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any]) -> Path[M]: ...
+    @overload
+    def __get__(self, instance: Model, owner: type[Any]) -> M | None: ...
+    def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
+        if instance is None:
+            return Path(owner, (self,))
+        items = self.items(instance)
+        return self.python(instance, items[0]) if items else None
+
+    def __set__(self, instance: Model, value: M | NamedNode | None) -> None:
+        self.put(instance, () if value is None else (value,))
+
+
+class Links(Field, Generic[M]):
+    """Any number of other objects."""
+
+    is_link = True
+    single = False
+
+    def __init__(self, iri: str, value: str, **options: Any) -> None:
+        super().__init__(iri, value, **options)
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any]) -> Path[M]: ...
+    @overload
+    def __get__(self, instance: Model, owner: type[Any]) -> Values[M]: ...
+    def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
+        return Path(owner, (self,)) if instance is None else Values(instance, self)
+
+    def __set__(self, instance: Model, value: Iterable[M | NamedNode] | M | NamedNode) -> None:
+        self.put(instance, value if isinstance(value, Iterable) else (value,))
+
+
+class Values(Collection[T]):
+    """The values of a field on one instance; changing it changes the instance."""
+
+    def __init__(self, instance: Model, field: Field) -> None:
+        self._instance = instance
+        self._field = field
+
+    def __iter__(self) -> Iterator[T]:
+        items = sorted(self._field.items(self._instance), key=lambda item: str(key(item)))
+        return (self._field.python(self._instance, item) for item in items)
+
+    def __len__(self) -> int:
+        return len(self._field.items(self._instance))
+
+    def __contains__(self, value: object) -> bool:
+        try:
+            wanted = key(self._field.item(value))
+        except FieldError:
+            return False
+        return wanted in map(key, self._field.items(self._instance))
+
+    def add(self, value: T | NamedNode) -> None:
+        """Add a value; nothing changes if it is there."""
+        self._field.add(self._instance, value)
+
+    def discard(self, value: T | NamedNode) -> None:
+        """Take a value away; nothing changes if it is not there."""
+        self._field.discard(self._instance, value)
+
+    def update(self, values: Iterable[T | NamedNode]) -> None:
+        """Add several values."""
+        for value in values:
+            self.add(value)
+
+    def clear(self) -> None:
+        """Take all values away."""
+        self._field.put(self._instance, ())
+
+    def __repr__(self) -> str:
+        return f"{{{', '.join(map(repr, self))}}}"
+
+
+def term(item: Item) -> Term:
+    """Return the RDF term of an item whose IRI is known."""
+    return NamedNode(item.iri) if isinstance(item, Model) else item

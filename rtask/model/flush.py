@@ -1,0 +1,147 @@
+"""From changed objects to the statements of one transaction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rtask.errors import VersionConflictError
+from rtask.kb.terms import Graph, NamedNode, Term, stored
+from rtask.model.compile import RDF_TYPE
+from rtask.model.errors import FieldError, OwnershipError
+from rtask.model.fields import Field, term
+from rtask.model.instance import Model, Pending, class_iris, required
+
+if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.kb.transaction import Transaction
+
+__all__ = ["Flush"]
+
+
+class Flush:
+    """The changes of a session, about to be written.
+
+    Only the agent's own statements are withdrawn; what others state stays.
+    """
+
+    def __init__(
+        self, new: Sequence[Model], dirty: Sequence[Model], deleted: Sequence[Model]
+    ) -> None:
+        self._new = list(new)
+        self._dirty = [item for item in dirty if item not in deleted]
+        self._deleted = list(deleted)
+
+    def __bool__(self) -> bool:
+        return bool(self._new or self._dirty or self._deleted)
+
+    def check_required(self) -> None:
+        """Refuse new objects that lack what their shapes ask for.
+
+        Raises
+        ------
+        FieldError
+            Naming all that is missing of the first such object.
+        """
+        for instance in self._new:
+            fields = type(instance).__fields__
+            missing = [
+                name
+                for name in sorted(required(type(instance)))
+                if name in fields and not fields[name].items(instance)
+            ]
+            if missing:
+                raise FieldError(
+                    f"{instance!r} lacks {', '.join(missing)}; set it, or open the session with"
+                    " check_required=False",
+                    field=missing[0],
+                    missing=missing,
+                )
+
+    def write(self, kb: KnowledgeBase, tx: Transaction, home: Graph) -> None:
+        """Put all changes into a transaction; the writer's lock is held."""
+        writer = _Writer(kb, tx, home)
+        for instance in self._deleted:
+            writer.withdraw(NamedNode(instance.iri))
+        for instance in self._new:
+            for name in class_iris(type(instance)):
+                tx.add(instance.iri, RDF_TYPE, NamedNode(name), _named(home))
+        for instance in (*self._new, *self._dirty):
+            for name, pending in instance.__state__.pending.items():
+                field = type(instance).__by_iri__[name]
+                if field.stored:
+                    writer.change(instance, field, pending)
+
+    def settle(self) -> None:
+        """Make written objects known ones, to be read again when they are looked at."""
+        for instance in (*self._new, *self._dirty, *self._deleted):
+            state = instance.__state__
+            for pending in state.pending.values():
+                for item in (*pending.added, *pending.removed):
+                    if isinstance(item, Model):  # the other side of an inverse
+                        item.__state__.pending.clear()
+                        item.__state__.loaded.clear()
+            state.pending.clear()
+            state.loaded.clear()
+            state.new, state.origin = False, None
+
+
+class _Writer:
+    """Writes changes of one agent into one transaction."""
+
+    def __init__(self, kb: KnowledgeBase, tx: Transaction, home: Graph) -> None:
+        self._kb = kb
+        self._tx = tx
+        self._home = home
+
+    def withdraw(self, subject: NamedNode) -> None:
+        """Take back every own statement from and to an object."""
+        own = self._kb.match(subject, graph=self._home)
+        own += self._kb.match(value=subject, graph=self._home)
+        for quad in own:
+            self._tx.remove(quad.subject, quad.predicate, quad.object, _named(self._home))
+
+    def change(self, instance: Model, field: Field, pending: Pending) -> None:
+        """Write what changed about one field of one object."""
+        subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
+        added = [stored(term(item)) for item in pending.added]
+        quads = self._kb.match(subject, predicate)
+        own = {quad.object for quad in quads if quad.graph_name == self._home}
+        inferred = self._kb.graphs.inferred
+        others = {q.object for q in quads if q.graph_name not in (self._home, inferred)} - own
+        if pending.replace:
+            self._check_version(instance, field, {quad.object for quad in quads})
+            removed = own - set(added)
+            if field.functional and others - set(added):
+                raise self._not_ours(instance, field, others - set(added))
+        else:
+            lost = {stored(term(item)) for item in pending.removed}
+            if lost & others:
+                raise self._not_ours(instance, field, lost & others)
+            removed = lost & own
+        for value in removed:
+            self._tx.remove(subject, predicate, value, _named(self._home))
+        for value in added:
+            if value not in own:
+                self._tx.add(subject, predicate, value, _named(self._home))
+
+    def _check_version(self, instance: Model, field: Field, current: set[Term]) -> None:
+        read = instance.__state__.loaded.get(field.iri)
+        if read is not None and set(read) != current:
+            raise VersionConflictError(
+                f"{field.describe()} of {instance!r} was changed by somebody else since it was"
+                " read; refresh() it and decide again",
+                field=field.name,
+            )
+
+    def _not_ours(self, instance: Model, field: Field, values: set[Term]) -> OwnershipError:
+        shown = ", ".join(sorted(map(str, values)))
+        return OwnershipError(
+            f"{field.describe()} of {instance!r}: another agent states {shown}, and only it may"
+            " withdraw that",
+            field=field.name,
+        )
+
+
+def _named(graph: Graph) -> NamedNode | None:
+    return graph if isinstance(graph, NamedNode) else None

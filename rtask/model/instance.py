@@ -1,0 +1,213 @@
+"""Python classes bound to OWL classes, and what one instance knows and has changed."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_transform, overload
+
+from rtask.errors import UsageError
+from rtask.kb.terms import NamedNode, Term, iri
+from rtask.model.errors import FieldError
+
+if TYPE_CHECKING:
+    from rtask.model.fields import Field
+    from rtask.model.session import Session
+
+__all__ = ["Identity", "Model", "Pending", "Registry", "State"]
+
+
+class Registry:
+    """The Python classes of one vocabulary, by the IRIs of their OWL classes.
+
+    Parameters
+    ----------
+    parent
+        Another vocabulary, whose classes this one extends.
+    """
+
+    def __init__(self, parent: Registry | None = None) -> None:
+        self.models: dict[str, type[Model]] = {}
+        self.parent = parent
+        self._combined: dict[tuple[type[Model], ...], type[Model]] = {}
+
+    def find(self, iri: str) -> type[Model] | None:
+        """Return the class of an IRI, if there is one."""
+        found = self.models.get(iri)
+        return found or (self.parent.find(iri) if self.parent else None)
+
+    def __iter__(self) -> Iterator[type[Model]]:
+        if self.parent:
+            yield from self.parent
+        yield from self.models.values()
+
+    def most_specific(self, types: Iterable[str], asked: type[Model]) -> type[Model]:
+        """Return the class that says most about a thing of these types.
+
+        A thing of several unrelated classes gets a class that inherits from them all.
+        """
+        known = {model for model in map(self.find, types) if model} | {asked}
+        lowest = [m for m in known if not any(o is not m and issubclass(o, m) for o in known)]
+        if len(lowest) == 1:
+            return lowest[0]
+        bases = tuple(sorted(lowest, key=rank))
+        if bases not in self._combined:
+            name = "And".join(sorted(model.__name__ for model in bases))
+            self._combined[bases] = make_class(name, bases, {"__combined__": True})
+        return self._combined[bases]
+
+
+class Identity:
+    """The attribute ``iri`` of every instance."""
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any]) -> Identity: ...
+    @overload
+    def __get__(self, instance: Model, owner: type[Any]) -> str: ...
+    def __get__(self, instance: Model | None, owner: type[Any]) -> Identity | str:
+        if instance is None:
+            return self
+        state = instance.__state__
+        if state.iri is None:
+            name = type(instance).__name__
+            raise UsageError(f"a new {name} has no IRI before a session knows it: session.add()")
+        return state.iri
+
+    def __set__(self, instance: Model, value: str | NamedNode | None) -> None:
+        if instance.__state__.iri is not None:
+            raise UsageError(f"{instance!r} keeps its IRI; make another instance")
+        if value is not None:
+            instance.__state__.iri = iri(value).value
+
+
+Item: TypeAlias = "Term | Model"
+
+
+@dataclass
+class Pending:
+    """What a program changed about one field and has not been written yet."""
+
+    added: list[Item] = field(default_factory=list)
+    removed: list[Item] = field(default_factory=list)
+    replace: bool = False
+
+
+@dataclass
+class State:
+    """What is known about one instance.
+
+    Parameters
+    ----------
+    session
+        Who reads and writes it; ``None`` before it is added to one.
+    iri
+        ``None`` before it has one.
+    new
+        Whether the graph does not hold it yet.
+    loaded
+        Property IRI to values in the graph; a property that is not here was not asked for.
+    pending
+        Property IRI to what changed.
+    origin
+        The class that was asked for, if the instance came with others: reading what was not
+        loaded would then be one query for each.
+    companions
+        Objects that came along with it, kept alive as long as it is.
+    """
+
+    session: Session | None = None
+    iri: str | None = None
+    new: bool = True
+    deleted: bool = False
+    loaded: dict[str, tuple[Term, ...]] = field(default_factory=dict)
+    pending: dict[str, Pending] = field(default_factory=dict)
+    origin: str | None = None
+    companions: list[Model] = field(default_factory=list)
+
+
+class ModelType(type):
+    """Python's own order of bases (C3) cannot combine every two classes of an ontology.
+
+    So all classes above one are visited in the same order everywhere: a class before those above
+    it, else by IRI.
+    """
+
+    def mro(cls) -> list[type]:
+        above = {model for base in cls.__bases__ for model in base.__mro__} - {object}
+        return [cls, *sorted(above, key=rank), object]
+
+
+def rank(model: type) -> tuple[int, str]:
+    """Return what sorts classes: those with more above them first."""
+    return (-len(model.__mro__), str(getattr(model, "__iri__", "")))
+
+
+@dataclass_transform(kw_only_default=True, eq_default=False)
+class Model(metaclass=ModelType):
+    """Base of all classes bound to an OWL class.
+
+    Keyword arguments are fields; ``iri=`` names the individual, else the session gives it an IRI.
+    """
+
+    __iri__: ClassVar[str] = ""
+    __registry__: ClassVar[Registry]
+    __required__: ClassVar[tuple[str, ...]] = ()
+    __combined__: ClassVar[bool] = False
+    __fields__: ClassVar[dict[str, Field]] = {}
+    __by_iri__: ClassVar[dict[str, Field]] = {}
+
+    __state__: State
+    iri: Identity = Identity()
+
+    def __init__(self, **values: Any) -> None:
+        object.__setattr__(self, "__state__", State())
+        for name, value in values.items():
+            setattr(self, name, value)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        fields: dict[str, Field] = {}
+        for base in reversed(cls.__mro__):
+            fields.update(base.__dict__.get("__own_fields__", {}))
+        cls.__fields__ = fields
+        cls.__by_iri__ = {field.iri: field for field in fields.values()}
+        if "__iri__" in cls.__dict__ and cls.__iri__:
+            cls.__registry__.models[cls.__iri__] = cls
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name != "iri" and name not in type(self).__fields__:
+            near = difflib.get_close_matches(name, type(self).__fields__, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise FieldError(f"{type(self).__name__} has no field {name!r}{hint}", field=name)
+        object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.__state__.iri or 'new'}>"
+
+
+def make_class(name: str, bases: tuple[type[Model], ...], body: dict[str, Any]) -> type[Model]:
+    """Return a class made at run time."""
+    return cast(type[Model], ModelType(name, bases, body))
+
+
+def class_iris(model: type[Model]) -> list[str]:
+    """Return the IRIs of the OWL classes that a Python class stands for."""
+    if not model.__combined__:
+        return [model.__iri__]
+    return [base.__iri__ for base in model.__bases__ if issubclass(base, Model)]
+
+
+def required(model: type[Model]) -> set[str]:
+    """Return the names of the fields that an instance must have."""
+    return {name for base in model.__mro__ for name in getattr(base, "__required__", ())}
+
+
+def family(model: type[Model]) -> set[type[Model]]:
+    """Return a class with all its subclasses."""
+    found, open_ = {model}, [model]
+    while open_:
+        below = set(open_.pop().__subclasses__()) - found
+        found |= below
+        open_ += below
+    return found

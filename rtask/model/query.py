@@ -1,0 +1,324 @@
+"""The query builder: immutable, one SPARQL query, objects or plain values as the answer."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import pyoxigraph as ox
+
+from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.results import Solutions
+from rtask.kb.terms import NamedNode, Term
+from rtask.model import compile as compiled
+from rtask.model.codec import decode
+from rtask.model.compile import Plan, check_root, eager
+from rtask.model.expressions import (
+    Aggregate,
+    And,
+    Compare,
+    Condition,
+    In,
+    Missing,
+    Not,
+    Or,
+    Order,
+    Path,
+    Raw,
+    Text,
+)
+from rtask.model.fields import Field
+from rtask.model.instance import Model
+
+if TYPE_CHECKING:
+    from rtask.model.session import Session
+
+__all__ = ["Query"]
+
+M = TypeVar("M", bound=Model)
+
+
+class Query(Generic[M]):
+    """A question about the objects of a class; made by :meth:`Session.query`.
+
+    Every method that narrows it returns a new query. Nothing is asked before an answer is
+    taken, and then once.
+    """
+
+    def __init__(self, session: Session, plan: Plan) -> None:
+        self._session = session
+        self._plan = plan
+
+    def _with(self, **changes: Any) -> Query[M]:
+        return Query(self._session, replace(self._plan, **changes))
+
+    # Narrowing
+
+    def where(self, *conditions: Condition) -> Query[M]:
+        """Keep the objects for which all conditions hold.
+
+        Inside one call the same path means the same value: ``where(G.has_view.a == 1,
+        G.has_view.b == 2)`` asks for one view with both.
+        """
+        for condition in conditions:
+            for path in _paths(condition):
+                check_root(self._plan, path)
+        return self._with(conditions=(*self._plan.conditions, conditions))
+
+    def raw(self, pattern: str) -> Query[M]:
+        """Keep the objects ``?root`` that fit a SPARQL pattern."""
+        return self.where(Raw(pattern))
+
+    def order_by(self, *keys: Path[Any] | Order) -> Query[M]:
+        """Sort by these paths; ``-path`` sorts descending."""
+        orders = tuple(key if isinstance(key, Order) else Order(key) for key in keys)
+        for order in orders:
+            check_root(self._plan, order.path)
+        return self._with(orders=orders)
+
+    def limit(self, number: int) -> Query[M]:
+        """Take at most so many objects."""
+        return self._with(limit=_count(number))
+
+    def offset(self, number: int) -> Query[M]:
+        """Leave out so many objects at the start."""
+        return self._with(offset=_count(number))
+
+    def prefetch(self, *paths: Path[Any]) -> Query[M]:
+        """Bring the objects at the end of these paths along, in the same query."""
+        steps = [check_root(self._plan, path) for path in paths]
+        for path, along in zip(paths, steps, strict=True):
+            if not along[-1].is_link:
+                raise UsageError(f"{path!r} holds plain values, which come anyway")
+        return self._with(prefetch=(*self._plan.prefetch, *steps))
+
+    # Answers
+
+    def sparql(self) -> str:
+        """Return the one query that :meth:`all` runs."""
+        return compiled.finished(compiled.object_text(self._plan))
+
+    def _select(self, text: str) -> Solutions:
+        return self._session.select(text)
+
+    def all(self) -> list[M]:
+        """Return the objects, in order."""
+        rows = self._select(compiled.object_text(self._plan))
+        return _Assembly(self._session, self._plan, rows).objects()
+
+    def __iter__(self) -> Iterator[M]:
+        return iter(self.all())
+
+    def stream(self, batch: int = 500) -> Iterator[M]:
+        """Yield the objects in the order of their IRIs, a batch at a time.
+
+        Memory stays flat. Each batch is one query, which begins behind the last IRI.
+        """
+        if self._plan.orders or self._plan.limit is not None or self._plan.offset:
+            raise UsageError("stream() goes by IRI; leave order_by, limit and offset out")
+        last = ""
+        while True:
+            after = Raw(f"FILTER(STR(?root) > {ox.Literal(last)})")
+            conditions = (*self._plan.conditions, (after,))
+            page: Query[M] = self._with(conditions=conditions, limit=batch)
+            objects = page.all()
+            yield from objects
+            if len(objects) < batch:
+                return
+            last = max(item.iri for item in objects)
+
+    def first(self) -> M | None:
+        """Return the first object, or ``None``."""
+        found = self.limit(1).all()
+        return found[0] if found else None
+
+    def one(self) -> M:
+        """Return the only object.
+
+        Raises
+        ------
+        UnknownTermError
+            If there is none.
+        UsageError
+            If there are several.
+        """
+        found = self.limit(2).all()
+        name = self._plan.model.__name__
+        if not found:
+            raise UnknownTermError(f"no {name} fits the query")
+        if len(found) > 1:
+            raise UsageError(f"several {name} fit the query, among them {found[0]}, {found[1]}")
+        return found[0]
+
+    def count(self) -> int:
+        """Return the number of objects."""
+        return int(str(self._select(compiled.count_text(self._plan))[0].value("n")))
+
+    def exists(self) -> bool:
+        """Whether there is such an object."""
+        return self._session.ask(compiled.ask_text(self._plan))
+
+    def ids(self) -> list[str]:
+        """Return the IRIs of the objects, in order."""
+        rows = self._select(compiled.id_text(self._plan))
+        names = [_name(row["root"]) for row in rows]
+        return names if self._plan.orders else sorted(names)
+
+    def values(self, *paths: Path[Any]) -> list[tuple[Any, ...]]:
+        """Return plain values along paths; one tuple for each combination, ``None`` if missing.
+
+        Objects come as their IRIs.
+        """
+        for path in paths:
+            check_root(self._plan, path)
+        rows = self._select(compiled.row_text(self._plan, paths))
+        return [tuple(_plain(row[f"value{at}"]) for at in range(len(paths))) for row in rows]
+
+    def group_by(self, *paths: Path[Any]) -> Groups:
+        """Gather the objects by the values along paths."""
+        for path in paths:
+            check_root(self._plan, path)
+        return Groups(self, paths)
+
+    def aggregate(self, **columns: Aggregate) -> dict[str, Any]:
+        """Return numbers about all objects."""
+        return Groups(self, ()).aggregate(**columns)[0]
+
+    def __repr__(self) -> str:
+        return f"<Query for {self._plan.model.__name__}>"
+
+
+class Groups:
+    """Objects gathered by some of their values."""
+
+    def __init__(self, query: Query[Any], paths: tuple[Path[Any], ...]) -> None:
+        self._query = query
+        self._paths = paths
+
+    def aggregate(self, **columns: Aggregate) -> list[dict[str, Any]]:
+        """Return one dictionary for each group: path names and the named numbers."""
+        text = compiled.aggregate_text(self._query._plan, self._paths, columns)
+        names = [compiled.check_root(self._query._plan, path)[-1].name for path in self._paths]
+        keys = [*(f"group{at}" for at in range(len(names))), *columns]
+        rows = self._query._select(text)
+        return [
+            dict(zip([*names, *columns], [_plain(row[key]) for key in keys], strict=True))
+            for row in rows
+        ]
+
+
+class _Assembly:
+    """Rows of statements put together into objects."""
+
+    def __init__(self, session: Session, plan: Plan, rows: Solutions) -> None:
+        self._session = session
+        self._plan = plan
+        self._order: dict[str, list[tuple[int, Any]]] = {}
+        self._facts: dict[str, dict[str, list[Term]]] = {}
+        for row in rows:
+            root, subject, value = row["root"], row["s"], row["o"]
+            assert root is not None
+            assert value is not None
+            keys = [_sort_key(row[f"key{at}"]) for at in range(len(plan.orders))]
+            self._order.setdefault(_name(root), keys)
+            known = self._facts.setdefault(_name(subject), {})
+            known.setdefault(_name(row["p"]), []).append(value)
+
+    def objects(self) -> list[Any]:
+        """Return the roots in order; everything prefetched is in the identity map."""
+        names = self._sorted()
+        origin = self._plan.model.__name__ if len(names) > 1 else None
+        made = {name: self._make(name, self._plan.model, (), origin) for name in names}
+        self._follow(list(made.values()), origin)
+        return [made[name] for name in names]
+
+    def _sorted(self) -> list[str]:
+        names = sorted(self._order)
+        for at in reversed(range(len(self._plan.orders))):
+            descending = self._plan.orders[at].descending
+            keys = {name: self._order[name][at] for name in names}
+            names.sort(key=keys.__getitem__, reverse=descending)
+        return names
+
+    def _make(
+        self, name: str, asked: type[Model], path: tuple[Field, ...], origin: str | None
+    ) -> Model:
+        facts = self._facts.get(name, {})
+        fetched = {field.iri for field in (*eager(asked), *self._following(path))}
+        return self._session.materialise(name, asked, facts, fetched, origin)
+
+    def _follow(self, roots: list[Model], origin: str | None) -> None:
+        """Make the prefetched objects, breadth first; each is kept alive by what points to it."""
+        level: dict[tuple[Field, ...], list[Model]] = {(): roots}
+        while level:
+            below: dict[tuple[Field, ...], list[Model]] = {}
+            for path, objects in level.items():
+                for step in self._following(path):
+                    longer, target = (*path, step), step.target() or Model
+                    below[longer] = []
+                    for item in objects:
+                        made = [self._make(n, target, longer, origin) for n in _linked(item, step)]
+                        item.__state__.companions += made
+                        below[longer] += made
+            level = below
+
+    def _following(self, path: tuple[Field, ...]) -> list[Field]:
+        """Return the steps that some prefetched path takes behind this one."""
+        longer = [p for p in self._plan.prefetch if p[: len(path)] == path != p]
+        return list(dict.fromkeys(p[len(path)] for p in longer))
+
+
+def _linked(instance: Model, step: Field) -> list[str]:
+    values = instance.__state__.loaded.get(step.iri, ())
+    return [value.value for value in values if isinstance(value, NamedNode)]
+
+
+def _paths(condition: Condition) -> Iterable[Path[Any]]:
+    match condition:
+        case And(inner) | Or(inner):
+            for part in inner:
+                yield from _paths(part)
+        case Not(part):
+            yield from _paths(part)
+        case Compare(path) | In(path) | Text(path) | Missing(path):
+            yield path
+        case Raw():
+            return
+        case _:
+            raise UsageError(f"not a condition: {condition!r}; use == < > in_ & | ~")
+
+
+def _count(number: int) -> int:
+    if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+        raise UsageError(f"a number of objects is 0 or more, not {number!r}")
+    return number
+
+
+def _name(term: Term | None) -> str:
+    return term.value if isinstance(term, NamedNode) else str(term)
+
+
+def _plain(term: Term | None) -> Any:
+    if term is None:
+        return None
+    return term.value if isinstance(term, NamedNode) else decode(term)
+
+
+def _sort_key(term: Term | None) -> tuple[int, Any]:
+    """Return a key that sorts as SPARQL does: unbound, blank nodes, IRIs, literals."""
+    if term is None:
+        return (0, "")
+    if isinstance(term, ox.BlankNode):
+        return (1, term.value)
+    if isinstance(term, NamedNode):
+        return (2, term.value)
+    value = decode(term)
+    if isinstance(value, bool | int | float):
+        return (3, value)
+    if isinstance(value, str):
+        return (4, value)
+    if isinstance(value, dt.datetime):
+        return (5, value if value.tzinfo else value.replace(tzinfo=dt.UTC))
+    return (6, str(term))
