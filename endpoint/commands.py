@@ -36,6 +36,20 @@ _HOURS = {"h": 1, "d": 24, "w": 168}
 )
 @click.option("--public-url", default="", metavar="URL", help="Address that clients use.")
 @click.option("--cors", multiple=True, metavar="ORIGIN", help="Let pages of this origin read.")
+@click.option(
+    "--allow-host",
+    multiple=True,
+    metavar="NAME",
+    envvar="RTASK_ALLOWED_HOSTS",
+    help="Another name of this server.",
+)
+@click.option(
+    "--allow-origin",
+    multiple=True,
+    metavar="ORIGIN",
+    envvar="RTASK_ALLOWED_ORIGINS",
+    help="Let pages of this origin connect and write.",
+)
 @click.option("--timeout", default=30.0, show_default=True, help="Seconds for a query.")
 @click.option("--log-level", default="warning", show_default=True, help="debug, info, warning.")
 def serve(
@@ -46,6 +60,8 @@ def serve(
     profile: str,
     public_url: str,
     cors: tuple[str, ...],
+    allow_host: tuple[str, ...],
+    allow_origin: tuple[str, ...],
     timeout: float,
     log_level: str,
 ) -> None:
@@ -63,7 +79,15 @@ def serve(
     )
     plain = profile == "plain"
     folder = server.data_folder(data, temporary=temp)
-    config = Config(host=host, public_url=public_url, plain=plain, cors=cors, timeout_s=timeout)
+    config = Config(
+        host=host,
+        public_url=public_url,
+        plain=plain,
+        cors=cors,
+        allowed_hosts=allow_host,
+        allowed_origins=allow_origin,
+        timeout_s=timeout,
+    )
     with ExitStack() as stack:
         # The port comes first: who starts a second server hears of it before a store is opened.
         listener = stack.enter_context(closing(server.listen(host, port)))

@@ -142,7 +142,11 @@ class Gateway:
         return not stuck
 
     def _finish(self, response: Response, request: Request, request_id: str) -> Response:
-        headers = [("Vary", "Accept, Authorization, Origin"), *cors_headers(request, self.config)]
+        headers = [
+            ("Vary", "Accept, Authorization, Origin"),
+            ("RTASK-Version", f"{self.kb.settings.epoch}:{self.kb.seq}"),
+            *cors_headers(request, self.config),
+        ]
         if request_id:
             headers.append(("RTASK-Request-Id", request_id))
         if request.method in ("GET", "HEAD"):

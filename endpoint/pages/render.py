@@ -156,14 +156,14 @@ def short(iri: str) -> str:
 
     Examples
     --------
-    >>> short("https://w3id.org/rtask-kg/ns#Mug")
+    >>> short(ontology.NS + "Mug")
     'rt:Mug'
     """
     for name, start in ontology.PREFIXES.items():
         if iri.startswith(start) and len(iri) > len(start):
             return f"{name}:{iri[len(start) :]}"
     own = [knowledge_base().base] if flask.has_app_context() else []
-    for start in (*own, ontology.BASE):
+    for start in (*own, ontology.BASE, ontology.ONTOLOGY.removesuffix("onto")):
         if iri.startswith(start) and len(iri) > len(start):
             return iri[len(start) :]
     return iri

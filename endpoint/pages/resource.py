@@ -32,6 +32,7 @@ def resource() -> Model:
     ]
     return {
         "iri": name,
+        "elsewhere": _is_elsewhere(name),
         "stated": [s for s in statements if s["graph"] != inferred],
         "derived": [s for s in statements if s["graph"] == inferred],
         "incoming": [
@@ -40,6 +41,12 @@ def resource() -> Model:
         ],
         "more_incoming": len(incoming) > MAX_INCOMING,
     }
+
+
+def _is_elsewhere(name: str) -> bool:
+    """Tell whether an IRI is worth opening in a browser; those of this house lead nowhere."""
+    house = (ontology.NS, ontology.BASE, ontology.ONTOLOGY, knowledge_base().base)
+    return name.startswith(("http://", "https://")) and not name.startswith(house)
 
 
 def expand(name: str) -> str:

@@ -90,19 +90,6 @@ def test_control_bytes_do_not_break_xml(client: httpx.Client) -> None:
     assert "a?b" in answer.text
 
 
-def test_a_query_that_takes_too_long_is_given_up(client: httpx.Client) -> None:
-    table = " ".join(str(number) for number in range(200))
-    # 8 million combinations: some seconds of work, not hours, for it cannot be stopped.
-    heavy = (
-        "SELECT (COUNT(*) AS ?n) { "
-        + " ".join(f"VALUES ?{name} {{ {table} }}" for name in "abc")
-        + " FILTER(?a + ?b + ?c < 0) }"
-    )
-    answer = client.post("/sparql", data={"query": heavy, "timeout": "0.2"})
-    assert answer.status_code == 504
-    assert answer.json()["type"] == "/errors/query-timeout"
-
-
 @pytest.mark.parametrize(
     "path",
     [

@@ -48,6 +48,21 @@ def test_ending_tells_robots_and_leaves_no_lock(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_a_query_that_takes_too_long_is_given_up_and_does_not_hold_up_the_end(
+    tmp_path: Path,
+) -> None:
+    """Some 10^11 combinations; the store cannot stop it, so the process ends with it."""
+    heavy = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i FILTER(?a != ?f) }"
+    with running_server(tmp_path / "store") as running:
+        asked = {"query": heavy, "timeout": "0.2"}
+        answer = httpx.get(f"{running.url}/sparql", params=asked, timeout=30)
+        assert answer.status_code == 504
+        assert answer.json()["type"] == "/errors/query-timeout"
+        small = httpx.get(f"{running.url}/sparql", params={"query": "ASK {}"}, timeout=30)
+        assert small.json()["boolean"] is True
+        assert running.stop() == 0
+
+
 def test_a_port_in_use_is_one_line_and_exit_1(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

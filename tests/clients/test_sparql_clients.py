@@ -12,6 +12,7 @@ from rdflib import Graph, Literal, URIRef
 from rdflib.plugins.stores.sparqlstore import SPARQLStore, SPARQLUpdateStore
 from SPARQLWrapper import CSV, JSON, POST, TURTLE, SPARQLExceptions, SPARQLWrapper
 
+import ontology
 from endpoint.testing import RunningServer
 
 MUG = "http://example.org/mug"
@@ -66,9 +67,9 @@ def test_an_update_says_what_it_did_when_json_is_wanted(client: httpx.Client) ->
 
 
 def test_what_is_inserted_is_reasoned_about_and_marked(client: httpx.Client) -> None:
-    rt = "https://w3id.org/rtask-kg/ns#"
-    insert(client, "urn:g:reasoned", f"<urn:r:1> <{rt}hasEndEffector> <urn:r:1/hand>")
-    ask = f"ASK {{ <urn:r:1/hand> <{rt}endEffectorOf> <urn:r:1> }}"
+    effector, of = f"{ontology.NS}hasEndEffector", f"{ontology.NS}endEffectorOf"
+    insert(client, "urn:g:reasoned", f"<urn:r:1> <{effector}> <urn:r:1/hand>")
+    ask = f"ASK {{ <urn:r:1/hand> <{of}> <urn:r:1> }}"
     with_inferred = client.get("/sparql", params={"query": ask}).json()["boolean"]
     without = client.get("/sparql", params={"query": ask, "inferred": "0"}).json()["boolean"]
     assert (with_inferred, without) == (True, False)
