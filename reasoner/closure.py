@@ -187,8 +187,7 @@ class Closure:
 
     def contains(self, triple: Triple) -> bool:
         """Tell whether a triple is asserted, derived, or true of everything."""
-        found = [self._terms.find(term) for term in triple]
-        s, p, o = found
+        s, p, o = map(self._terms.find_equal, triple)
         if s is None or p is None or o is None:
             return triple[0] == triple[2] and triple[1] == NamedNode(v.IRIS[SAME])
         return any(
@@ -233,8 +232,7 @@ class Closure:
         graphs_of : callable, optional
             Returns the names of the graphs that assert a triple, for the leaves.
         """
-        found = [self._terms.find(term) for term in triple]
-        s, p, o = found
+        s, p, o = map(self._terms.find_equal, triple)
         if s is None or p is None or o is None or not self.contains(triple):
             return None
         state = self._state

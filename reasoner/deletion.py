@@ -77,12 +77,15 @@ class Retraction:
 
     def _delete(self, fact: Fact) -> None:
         s, p, o = fact
-        if fact in self._gone or not self._layer.base.has(s, p, o) or self._is_asserted(fact):
+        if fact in self._gone or not self._layer.base.has(s, p, o):
+            return
+        # Equal terms may owe their equality to this very form of the fact, even if another is kept.
+        if any(self._equality.is_merged(x) for x in fact):
+            raise CannotRetractError("a fact about merged terms is retracted")
+        if self._is_asserted(fact):
             return
         if is_schema(p, o):
             raise CannotRetractError("a schema fact is retracted")
-        if any(self._equality.is_merged(x) for x in fact):
-            raise CannotRetractError("a fact about merged terms is retracted")
         self._gone[fact] = None
         self._queue.append(fact)
 

@@ -13,7 +13,7 @@ from .equality import Equality, Merge, ranking
 from .relations import Layer
 from .rules import Rule, ground, keys_of, solve
 from .strata import Program, Stratum
-from .vocabulary import LITERAL, RESERVED, SAME, is_schema
+from .vocabulary import LITERAL, REFLEXIVE_PREDICATES, RESERVED, SAME, is_schema
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +66,8 @@ class Derivation:
             return
         if self.equality:
             s, p, o = self.equality.rewrite(fact)
+        if s == o and p in REFLEXIVE_PREDICATES:
+            return  # true of every class and property
         if self.layer.add(s, p, o):
             self._queue.append((s, p, o))
             if is_schema(p, o):
@@ -114,6 +116,8 @@ class Derivation:
                     continue
                 if equality:
                     a, p, b = equality.rewrite((a, p, b))
+                if a == b and p in REFLEXIVE_PREDICATES:
+                    continue
                 if layer.add(a, p, b):
                     queue.append((a, p, b))
                     if is_schema(p, b):
@@ -145,12 +149,9 @@ class Derivation:
             log.warning("%s and %s are built in and not merged", *map(self.terms.iri, (a, b)))
             return
         assert self._program is not None
-        constants = self._program.constants
-        winner, loser = sorted(
-            (a, b), key=lambda x: (x >= RESERVED, *ranking(x, self.terms, constants))
-        )
+        winner, loser = sorted((a, b), key=lambda x: ranking(x, self.terms))
         self.equality.union(winner, loser, merge)
-        if loser in constants:
+        if loser in self._program.constants:
             log.info("%s is now %s: recompiling", self.terms.iri(loser), self.terms.iri(winner))
             self.schema_changed = True
         for fact in self.layer.about(loser):

@@ -52,6 +52,14 @@ class Dictionary:
         """Return the id of a term, None if it was never seen."""
         return self._ids.get(term)
 
+    def find_equal(self, term: Term) -> int | None:
+        """Return the id of a term, or of a literal of the same value; None if there is neither."""
+        found = self._ids.get(term)
+        if found is None and isinstance(term, Literal):
+            value = value_of(term.value, term.datatype.value, term.language)
+            return self._by_value.get(value.key)
+        return found
+
     def encode_all(self, triples: Iterable[Triple]) -> list[Fact]:
         """Encode triples in one go."""
         ids, new = self._ids, self._new

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from .dictionary import Dictionary, Fact
-from .vocabulary import SAME
+from .vocabulary import RESERVED, SAME
 
 EXPANDED_MEMBERS = 16
 """Classes with more members are exported as a star around the representative."""
@@ -136,10 +136,10 @@ class Equality:
                     yield star, SAME, member
 
 
-def ranking(number: int, terms: Dictionary, constants: frozenset[int]) -> tuple[object, ...]:
+def ranking(number: int, terms: Dictionary) -> tuple[bool, bool, str]:
     """Return the key by which a class chooses its representative: the smallest wins.
 
-    IRIs before blank nodes, terms that rules mention before others, then code points, so that
-    the choice does not depend on the order of commits.
+    Vocabulary before other IRIs before blank nodes, then code points, so that the choice does not
+    depend on the order of commits.
     """
-    return terms.is_blank(number), number not in constants, terms.iri(number)
+    return number >= RESERVED, terms.is_blank(number), terms.iri(number)

@@ -74,6 +74,20 @@ def constants_of(expression: Expression) -> Iterator[int]:
             yield from constants_of(argument)
 
 
+def sees_identity(expression: Expression) -> bool:
+    """Tell whether an expression compares or spells out terms that may be merged.
+
+    Order is for literals only, and these are never merged.
+    """
+    if not isinstance(expression, Operation):
+        return False
+    if expression.operator in ("=", "!=", "IN", "NOT IN", "STR") and any(
+        isinstance(argument, Variable) for argument in expression.arguments
+    ):
+        return True
+    return any(sees_identity(argument) for argument in expression.arguments)
+
+
 @dataclass(frozen=True, slots=True)
 class Test:
     """FILTER: an expression must be true."""
@@ -87,6 +101,11 @@ class Test:
     def needs(self) -> frozenset[int]:
         """Variables of the expression."""
         return frozenset(variables_of(self.expression))
+
+    @property
+    def sees_identity(self) -> bool:
+        """Whether the outcome may change when two terms turn out to be the same."""
+        return sees_identity(self.expression)
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         """Evaluate the expression; an error is false."""
@@ -112,6 +131,11 @@ class Assign:
     def gives(self) -> frozenset[int]:
         """The variable."""
         return frozenset((self.variable,))
+
+    @property
+    def sees_identity(self) -> bool:
+        """Whether the value may change when two terms turn out to be the same."""
+        return sees_identity(self.expression)
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         """Bind the variable, or compare if it is bound (looking backward from a head)."""

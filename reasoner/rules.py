@@ -153,6 +153,11 @@ class Absent:
         """The shared variables."""
         return self.outer
 
+    @property
+    def sees_identity(self) -> bool:
+        """Whether a condition of the group does."""
+        return any(getattr(c, "sees_identity", False) for c in self.conditions)
+
     @cached_property
     def steps(self) -> tuple[Step, ...]:
         """The group in matching order."""
@@ -212,6 +217,11 @@ class Rule:
     def absences(self) -> tuple[Absent, ...]:
         """The rule's own NOT EXISTS groups."""
         return tuple(c for c in self.conditions if isinstance(c, Absent))
+
+    @cached_property
+    def sees_identity(self) -> bool:
+        """Whether the rule may stop to hold when two terms turn out to be the same."""
+        return any(getattr(c, "sees_identity", False) for c in self.conditions)
 
     def environment(self) -> Bindings:
         """Return bindings with every variable unbound."""

@@ -193,7 +193,7 @@ def _constants(rules: Iterable[Rule]) -> Iterator[int]:
 
 def _levels(rules: list[Rule], terms: Dictionary | None) -> dict[int, int]:
     """Return the layer of each key above the lowest; empty without negation."""
-    if not any(rule.absences for rule in rules):
+    if not any(rule.absences or rule.sees_identity for rule in rules):
         return {}
     generic = any(
         atom.key == TYPE for rule in rules for atom in (*rule.body, rule.head) if atom is not None
@@ -210,7 +210,9 @@ def _levels(rules: list[Rule], terms: Dictionary | None) -> dict[int, int]:
             above[node(atom.key)].add((head, False))
         for atom, _ in _negated_atoms(rule.absences, ()):
             above[node(atom.key)].add((head, True))
-    limit = sum(1 for rule in rules if rule.absences)
+        if rule.sees_identity:
+            above[SAME].add((head, True))  # "not the same" is an absence of sameAs
+    limit = sum(1 for rule in rules if rule.absences or rule.sees_identity)
     levels: dict[int, int] = {}
     came_from: dict[int, int] = {}
     queue = deque(key for key, edges in above.items() if any(negative for _, negative in edges))

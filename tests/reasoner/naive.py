@@ -287,10 +287,12 @@ def closure(triples: Iterable[Triple]) -> tuple[set[Triple], set[str]]:
             return g.triples, {name for name, _ in bad}
 
 
-def is_virtual(t: Triple) -> bool:
+def is_virtual(t: Triple, found: set[Triple]) -> bool:
     """Whether a triple is true of everything and left out of comparisons."""
     s, p, o = t
-    if p in REFLEXIVE and s == o:
+    if s == o and p in REFLEXIVE:
+        return True
+    if (s, SAME, o) in found and p in REFLEXIVE - {SAME}:
         return True
     if p == TYPE and o in (THING, rdfs("Resource")):
         return True
@@ -302,4 +304,4 @@ def is_virtual(t: Triple) -> bool:
 def consequences(triples: Iterable[Triple]) -> tuple[set[Triple], set[str]]:
     """Return the closure without virtual triples."""
     found, bad = closure(triples)
-    return {t for t in found if not is_virtual(t)}, bad
+    return {t for t in found if not is_virtual(t, found)}, bad
