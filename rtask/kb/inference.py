@@ -147,7 +147,10 @@ def _inconsistent(contradictions: list[Any]) -> InconsistentError:
     first = contradictions[0]
     more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
     message = getattr(first, "message", None) or str(first)
+    hint = ""
+    if "XMLSchema#decimal" in message:
+        hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
     return InconsistentError(
-        f"contradicts the ontology: {message}{more}; nothing was stored",
+        f"contradicts the ontology: {message}{more}{hint}; nothing was stored",
         contradictions=[str(c) for c in contradictions],
     )
