@@ -33,4 +33,4 @@ def explain(subject: str, predicate: str, value: str, data: Path) -> None:
         if proof is None:
             click.echo("does not hold", err=True)
             raise SystemExit(1)
-        click.echo(str(proof))
+        click.echo(proof.render())

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterable
 from typing import Any, Protocol, cast
 
-from pyoxigraph import Quad
+from pyoxigraph import NamedNode, Quad
 
 import ontology
 from rtask.errors import InconsistentError, TooLargeError
@@ -98,7 +98,7 @@ class Inference:
         staged = _stage(closure, gained, lost)
         if staged.contradictions:
             staged.discard()
-            raise _inconsistent(staged.contradictions)
+            raise self._inconsistent(staged.contradictions)
         derived = Overlay(self._store)
         graph = self._graphs.inferred
         for key in staged.inferred_removed:
@@ -110,6 +110,41 @@ class Inference:
             if quad not in self._store:
                 derived.added[quad] = None
         return derived, staged
+
+    def _inconsistent(self, contradictions: list[Any]) -> InconsistentError:
+        message = contradictions[0].message
+        more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
+        hint = ""
+        if "XMLSchema#decimal" in message:
+            hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
+        return InconsistentError(
+            f"contradicts the ontology: {message}{more}{hint}; nothing was stored",
+            contradictions=[self._describe(found) for found in contradictions],
+        )
+
+    def _describe(self, contradiction: Any) -> dict[str, Any]:
+        """Return a contradiction as JSON-able values; graphs say whose statements it meets."""
+        culprits: list[TripleKey] = []
+        for triple in contradiction.triples:
+            proof = self.closure().explain(triple)
+            culprits += proof.leaves() if proof is not None else [triple]
+        return {
+            "rule": contradiction.rule,
+            "message": contradiction.message,
+            "triples": [[str(term) for term in triple] for triple in contradiction.triples],
+            "axioms": [[str(term) for term in triple] for triple in contradiction.axioms],
+            "graphs": sorted({graph for triple in culprits for graph in self.graphs_of(triple)}),
+        }
+
+    def explain(self, triple: TripleKey) -> Any | None:
+        """Return the proof of a triple, or ``None`` if it does not hold."""
+        return self.closure().explain(triple, graphs_of=self.graphs_of)
+
+    def graphs_of(self, triple: TripleKey) -> list[str]:
+        """Return the names of the graphs that assert a triple."""
+        quads = self._store.quads_for_pattern(*triple, None)
+        names = (quad.graph_name for quad in quads if self._graphs.is_input(quad.graph_name))
+        return sorted(name.value for name in names if isinstance(name, NamedNode))
 
     def difference(self) -> Overlay:
         """Return what a freshly built closure would change in the inferred graph."""
@@ -141,16 +176,3 @@ def _stage(closure: Any, gained: list[TripleKey], lost: list[TripleKey]) -> Stag
 def rule_texts() -> list[str]:
     """Return the CONSTRUCT rules that ship with the ontology."""
     return [path.read_text("utf-8") for path in ontology.rules()]
-
-
-def _inconsistent(contradictions: list[Any]) -> InconsistentError:
-    first = contradictions[0]
-    more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
-    message = getattr(first, "message", None) or str(first)
-    hint = ""
-    if "XMLSchema#decimal" in message:
-        hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
-    return InconsistentError(
-        f"contradicts the ontology: {message}{more}{hint}; nothing was stored",
-        contradictions=[str(c) for c in contradictions],
-    )

@@ -315,10 +315,13 @@ class KnowledgeBase:
     def explain(
         self, subject: Subject | str, predicate: NamedNode | str, value: Value
     ) -> Any | None:
-        """Return the proof of a statement, or ``None`` if it does not hold."""
-        triple = (subject_term(subject), iri(predicate), object_term(value))
+        """Return the proof of a statement, or ``None`` if it does not hold.
+
+        See :class:`reasoner.proofs.Proof`; its leaves name the graphs that assert them.
+        """
+        triple = (subject_term(subject), iri(predicate), stored(object_term(value)))
         with self._writer.exclusive():
-            return self._reasoner().closure().explain(triple)
+            return self._reasoner().explain(triple)
 
     def _reasoner(self) -> Inference:
         if self._inference is None:

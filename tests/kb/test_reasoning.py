@@ -75,7 +75,9 @@ def test_a_contradiction_is_refused_and_nothing_stored(kb: KnowledgeBase) -> Non
     before = {str(q) for q in kb.match()}
     with pytest.raises(InconsistentError, match="contradicts the ontology") as caught:
         kb.update("INSERT DATA { <urn:m> a <urn:Robot> ; <urn:p> 1 }")
-    assert caught.value.details["contradictions"]
+    [clash] = caught.value.details["contradictions"]
+    assert ["<urn:m>", f"<{RDF_TYPE.value}>", "<urn:Robot>"] in clash["triples"]
+    assert clash["graphs"] == ["urn:lab/graph/shared"]
     assert {str(q) for q in kb.match()} == before
     assert kb.contradictions() == []
     kb.update("INSERT DATA { <urn:n> a <urn:Robot> }")  # the closure is as before
@@ -125,6 +127,15 @@ def test_rebuild_restores_a_damaged_inferred_graph(kb: KnowledgeBase) -> None:
     kb.verify(repair=True)
     assert kb.verify() == []
     assert _types(kb, "urn:m") == {"Mug", "Vessel", "Thing"}
+
+
+def test_a_proof_names_the_graphs_of_its_leaves(kb: KnowledgeBase) -> None:
+    kb.update("INSERT DATA { <urn:m> a <urn:Mug> }", agent="nao-1")
+    proof = kb.explain("urn:m", RDF_TYPE, iri("urn:Thing"))
+    assert proof is not None
+    assert list(proof.leaves()) == [(iri("urn:m"), RDF_TYPE, iri("urn:Mug"))]
+    assert "asserted: urn:lab/graph/agent/nao-1" in proof.render()
+    assert kb.explain("urn:m", RDF_TYPE, iri("urn:Robot")) is None
 
 
 def test_without_reasoning_there_is_nothing_to_rebuild() -> None:
