@@ -7,9 +7,7 @@ value or a :class:`Values` collection.
 from __future__ import annotations
 
 import difflib
-import re
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, Generic, TypeVar, overload
 
 import ontology
@@ -18,52 +16,14 @@ from rtask.model.codec import decode, encode
 from rtask.model.errors import FieldError
 from rtask.model.expressions import Path
 from rtask.model.instance import Item, Model, Pending
+from rtask.model.limits import Limits
 
-__all__ = ["Field", "Limits", "Link", "Links", "Many", "One", "Values"]
+__all__ = ["Field", "Link", "Links", "Many", "One", "Values"]
 
 _THING = ontology.PREFIXES["owl"] + "Thing"
 
 T = TypeVar("T")
 M = TypeVar("M", bound=Model)
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What values must satisfy, taken from SHACL shapes and closed lists.
-
-    Parameters
-    ----------
-    least, most
-        Bounds that belong to the range.
-    above, below
-        Bounds that do not.
-    pattern
-        Regular expression that text must match.
-    one_of
-        IRIs of the individuals to choose from.
-    """
-
-    least: float | None = None
-    most: float | None = None
-    above: float | None = None
-    below: float | None = None
-    pattern: str | None = None
-    one_of: tuple[str, ...] = ()
-
-    def complaint(self, value: object) -> str | None:
-        """Return what was expected, if the value does not satisfy it."""
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            if self.least is not None and value < self.least:
-                return f"{self.least} or more"
-            if self.most is not None and value > self.most:
-                return f"{self.most} or less"
-            if self.above is not None and value <= self.above:
-                return f"more than {self.above}"
-            if self.below is not None and value >= self.below:
-                return f"less than {self.below}"
-        if self.pattern and isinstance(value, str) and not re.search(self.pattern, value):
-            return f"text that matches {self.pattern}"
-        return None
 
 
 class Field:
@@ -195,14 +155,16 @@ class Field:
                 seen.setdefault(key(item), item)
         return list(seen.values())
 
-    def python(self, instance: Model, item: Item) -> Any:
-        """Return an item as a program gets it."""
-        if isinstance(item, Model):
-            return item
+    def python(self, instance: Model, items: Sequence[Item]) -> list[Any]:
+        """Return items as a program gets them; objects that were not read yet are read at once."""
         session = instance.__state__.session
-        if self.is_link and isinstance(item, NamedNode) and session is not None:
-            return session.reference(item.value, self.target() or Model, instance)
-        return item if self.is_link else decode(item)
+        if not self.is_link:
+            return [decode(item) if not isinstance(item, Model) else item for item in items]
+        if session is None:
+            return list(items)
+        names = [item.value for item in items if isinstance(item, NamedNode)]
+        found = session.references(names, self.target() or Model, instance)
+        return [found[item.value] if isinstance(item, NamedNode) else item for item in items]
 
     def put(self, instance: Model, values: Iterable[object]) -> None:
         """Replace all values."""
@@ -313,8 +275,8 @@ class One(Field, Generic[T]):
     def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
         if instance is None:
             return Path(owner, (self,))
-        items = self.items(instance)
-        return self.python(instance, items[0]) if items else None
+        found = self.python(instance, self.items(instance)[:1])
+        return found[0] if found else None
 
     def __set__(self, instance: Model, value: T | None) -> None:
         self.put(instance, () if value is None else (value,))
@@ -357,8 +319,8 @@ class Link(Field, Generic[M]):
     def __get__(self, instance: Model | None, owner: type[Any]) -> Any:
         if instance is None:
             return Path(owner, (self,))
-        items = self.items(instance)
-        return self.python(instance, items[0]) if items else None
+        found = self.python(instance, self.items(instance)[:1])
+        return found[0] if found else None
 
     def __set__(self, instance: Model, value: M | NamedNode | None) -> None:
         self.put(instance, () if value is None else (value,))
@@ -393,7 +355,7 @@ class Values(Collection[T]):
 
     def __iter__(self) -> Iterator[T]:
         items = sorted(self._field.items(self._instance), key=lambda item: str(key(item)))
-        return (self._field.python(self._instance, item) for item in items)
+        return iter(self._field.python(self._instance, items))
 
     def __len__(self) -> int:
         return len(self._field.items(self._instance))

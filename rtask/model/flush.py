@@ -58,9 +58,17 @@ class Flush:
                     missing=missing,
                 )
 
-    def write(self, kb: KnowledgeBase, tx: Transaction, home: Graph) -> None:
-        """Put all changes into a transaction; the writer's lock is held."""
-        writer = _Writer(kb, tx, home)
+    def write(self, kb: KnowledgeBase, tx: Transaction, home: Graph, inferred: bool) -> None:
+        """Put all changes into a transaction; the writer's lock is held.
+
+        Parameters
+        ----------
+        home
+            The agent's own graph.
+        inferred
+            Whether derived statements were among what was read.
+        """
+        writer = _Writer(kb, tx, home, inferred)
         for instance in self._deleted:
             writer.withdraw(NamedNode(instance.iri))
         for instance in self._new:
@@ -78,7 +86,8 @@ class Flush:
             state = instance.__state__
             for pending in state.pending.values():
                 for item in (*pending.added, *pending.removed):
-                    if isinstance(item, Model):  # the other side of an inverse
+                    # the other side of an inverse, unless it was not to be written
+                    if isinstance(item, Model) and item.__state__.session is state.session:
                         item.__state__.pending.clear()
                         item.__state__.loaded.clear()
             state.pending.clear()
@@ -89,10 +98,11 @@ class Flush:
 class _Writer:
     """Writes changes of one agent into one transaction."""
 
-    def __init__(self, kb: KnowledgeBase, tx: Transaction, home: Graph) -> None:
+    def __init__(self, kb: KnowledgeBase, tx: Transaction, home: Graph, inferred: bool) -> None:
         self._kb = kb
         self._tx = tx
         self._home = home
+        self._inferred = inferred
 
     def withdraw(self, subject: NamedNode) -> None:
         """Take back every own statement from and to an object."""
@@ -107,10 +117,11 @@ class _Writer:
         added = [stored(term(item)) for item in pending.added]
         quads = self._kb.match(subject, predicate)
         own = {quad.object for quad in quads if quad.graph_name == self._home}
-        inferred = self._kb.graphs.inferred
-        others = {q.object for q in quads if q.graph_name not in (self._home, inferred)} - own
+        asserted = {q.object for q in quads if q.graph_name != self._kb.graphs.inferred}
+        others = asserted - own
         if pending.replace:
-            self._check_version(instance, field, {quad.object for quad in quads})
+            current = {quad.object for quad in quads} if self._inferred else asserted
+            self._check_version(instance, field, current)
             removed = own - set(added)
             if field.functional and others - set(added):
                 raise self._not_ours(instance, field, others - set(added))

@@ -9,7 +9,7 @@ import pyoxigraph as ox
 
 import ontology
 from rtask.model.codec import python_type
-from rtask.model.fields import Limits
+from rtask.model.limits import Limits
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
 
 __all__ = ["generate", "generate_rtask", "rtask_schema"]
@@ -30,8 +30,9 @@ from typing import ClassVar
 
 import ontology
 from rtask.kb.terms import NamedNode
-from rtask.model.fields import Limits, Link, Links, Many, One
+from rtask.model.fields import Link, Links, Many, One
 from rtask.model.instance import Identity, Model, Registry
+from rtask.model.limits import Limits
 
 REGISTRY = Registry()
 '''

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import ontology
 from rtask.kb.terms import XSD, BlankNode, Literal, NamedNode, Subject, Term
 from rtask.model.codec import RDF_LANG_STRING, RDFS_LITERAL
-from rtask.model.fields import Limits
+from rtask.model.limits import Limits
 
 __all__ = ["THING", "ClassSpec", "PropertySpec", "Schema", "read_schema"]
 

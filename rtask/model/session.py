@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import re
 import threading
-import time
 import warnings
 from collections.abc import Iterable
 from types import TracebackType
@@ -19,6 +16,7 @@ from rtask.model.compile import RDF_TYPE, Plan, eager, fetch_filter, finished, s
 from rtask.model.errors import LazyLoadError
 from rtask.model.fields import Field
 from rtask.model.flush import Flush
+from rtask.model.identifiers import mint
 from rtask.model.instance import Model, Registry
 from rtask.model.query import Query
 
@@ -152,14 +150,7 @@ class Session:
         return known
 
     def _fetch(self, model: type[Model], name: str) -> Model | None:
-        listed = fetch_filter(model)
-        rows = self.select(f"SELECT ?p ?o WHERE {{ {iri(name)} ?p ?o FILTER(?p IN ({listed})) }}")
-        facts: dict[str, list[Term]] = {}
-        for row in rows:
-            predicate, value = row["p"], row["o"]
-            assert isinstance(predicate, NamedNode)
-            assert value is not None
-            facts.setdefault(predicate.value, []).append(value)
+        facts = self._facts([name], model)[name]
         if not facts:
             return None
         types = {kind.value for kind in facts.get(RDF_TYPE, ()) if isinstance(kind, NamedNode)}
@@ -169,6 +160,22 @@ class Session:
             known = max(kinds, key=lambda kind: len(kind.__mro__)).__name__
             raise UnknownTermError(f"{name} is a {known}, not a {model.__name__}")
         return self.materialise(name, model, facts, {f.iri for f in eager(model)}, None)
+
+    def _facts(self, names: list[str], model: type[Model]) -> dict[str, dict[str, list[Term]]]:
+        """Read what comes along with objects of a class; property IRI to values, for each IRI."""
+        subjects = " ".join(str(NamedNode(name)) for name in names)
+        pattern = f"VALUES ?s {{ {subjects} }} ?s ?p ?o FILTER(?p IN ({fetch_filter(model)}))"
+        return self._gather(names, pattern)
+
+    def _gather(self, names: list[str], pattern: str) -> dict[str, dict[str, list[Term]]]:
+        facts: dict[str, dict[str, list[Term]]] = {name: {} for name in names}
+        for row in self.select(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {pattern} }}"):
+            subject, predicate, value = row["s"], row["p"], row["o"]
+            assert isinstance(subject, NamedNode)
+            assert isinstance(predicate, NamedNode)
+            assert value is not None
+            facts[subject.value].setdefault(predicate.value, []).append(value)
+        return facts
 
     def select(self, text: str) -> Solutions:
         """Run a SELECT in the knowledge base as this session sees it."""
@@ -187,8 +194,9 @@ class Session:
         """Return who states what: each value of a field with the graph that holds it."""
         field = type(instance).__fields__[name]
         quads = self.kb.match(NamedNode(instance.iri), NamedNode(field.iri))
-        pairs = [(field.python(instance, quad.object), quad.graph_name) for quad in quads]
-        return [(value, getattr(graph, "value", "")) for value, graph in pairs]
+        values = field.python(instance, [quad.object for quad in quads])
+        graphs = [getattr(quad.graph_name, "value", "") for quad in quads]
+        return list(zip(values, graphs, strict=True))
 
     # Changing
 
@@ -201,7 +209,7 @@ class Session:
         if state.session is not None:
             raise UsageError(f"{instance!r} belongs to another session")
         if state.iri is None:
-            state.iri = f"{self.kb.base}{_kind(type(instance).__name__)}/{_uuid7()}"
+            state.iri = mint(self.kb.base, type(instance).__name__)
         if self.known(state.iri) is not None:
             raise UsageError(f"this session has another object for {state.iri}")
         state.session = self
@@ -275,7 +283,7 @@ class Session:
         if self.check_required:
             flush.check_required()
         with self.kb.transaction(agent=self.agent, note=self.note) as tx:
-            flush.write(self.kb, tx, self.home)
+            flush.write(self.kb, tx, self.home, self.inferred)
         flush.settle()
         for instance in self._deleted:
             self._known.pop(instance.iri, None)
@@ -305,6 +313,20 @@ class Session:
         if known is None:
             known = self._blank(model, name, source.__state__.origin)
         return known
+
+    def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
+        """Return the objects of several IRIs that one object points to.
+
+        They are read with one query, unless ``source`` is one of many results: then only those
+        that were prefetched are read.
+        """
+        found = {name: self.reference(name, model, source) for name in names}
+        if source.__state__.origin is None or self._lazy == "allow":
+            unread = [n for n, o in found.items() if not (o.__state__.loaded or o.__state__.new)]
+            fetched = {field.iri for field in eager(model)}
+            for name, facts in (self._facts(unread, model) if unread else {}).items():
+                self.materialise(name, model, facts, fetched, None)
+        return found
 
     def _blank(self, model: type[Model], name: str, origin: str | None) -> Model:
         made = model()
@@ -376,18 +398,13 @@ class Session:
         if field.stored and state.origin is None:
             fetched |= {f.iri for f in eager(type(instance))} - set(state.loaded)
         listed = ", ".join(map(short, sorted({RDF_TYPE, *fetched})))
-        subject = str(NamedNode(str(state.iri)))
-        text = f"{{ {subject} ?p ?o FILTER(?p IN ({listed})) }}"
+        name, here = str(state.iri), f"VALUES ?s {{ {NamedNode(str(state.iri))} }}"
+        pattern = f"{here} ?s ?p ?o FILTER(?p IN ({listed}))"
         if not self.inferred and not field.stored and field.inverse:
-            back, name = short(field.inverse), short(field.iri)
-            text += f" UNION {{ ?o {back} {subject} BIND({name} AS ?p) }}"
-        facts: dict[str, list[Term]] = {}
-        for row in self.select(f"SELECT DISTINCT ?p ?o WHERE {{ {text} }}"):
-            predicate, value = row["p"], row["o"]
-            assert isinstance(predicate, NamedNode)
-            assert value is not None
-            facts.setdefault(predicate.value, []).append(value)
-        self.materialise(str(state.iri), type(instance), facts, fetched, state.origin)
+            back = f"{here} ?o {short(field.inverse)} ?s BIND({short(field.iri)} AS ?p)"
+            pattern = f"{{ {pattern} }} UNION {{ {back} }}"
+        facts = self._gather([name], pattern)[name]
+        self.materialise(name, type(instance), facts, fetched, state.origin)
 
     # What others write
 
@@ -415,17 +432,3 @@ class Session:
 
     def __repr__(self) -> str:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"
-
-
-def _kind(name: str) -> str:
-    """Return the part of an IRI that names a kind: ``GraspAttempt`` is ``grasp-attempt``."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).lower()
-
-
-def _uuid7() -> str:
-    """Return a random identifier that sorts by time (RFC 9562, 5.7)."""
-    number = (time.time_ns() // 1_000_000) << 80 | int.from_bytes(os.urandom(10), "big")
-    number = number & ~(0xF << 76) | 7 << 76
-    number = number & ~(0x3 << 62) | 2 << 62
-    text = f"{number:032x}"
-    return "-".join((text[:8], text[8:12], text[12:16], text[16:20], text[20:]))

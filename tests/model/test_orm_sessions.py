@@ -188,6 +188,30 @@ def test_what_was_changed_in_between_is_not_overwritten(lab: KnowledgeBase) -> N
     assert _mass(lab) == [(0.5, "nao-1")]
 
 
+def test_a_session_without_inference_can_replace_what_is_also_derived(lab: KnowledgeBase) -> None:
+    with Session(lab, "nao-1", inferred=False) as s:
+        grasp = s.get(RTASK.PlanarGrasp, lab.base + "grasp/1")
+        frame = RTASK.Frame(frame_id="other")
+        grasp.grasp_pose = RTASK.PlanarPose(x=1.0, y=0.0, theta=0.0, in_frame=frame)
+    with lab.session() as s:
+        pose = s.get(RTASK.PlanarGrasp, lab.base + "grasp/1").grasp_pose
+        assert isinstance(pose, RTASK.PlanarPose)
+        assert pose.in_frame is not None
+        assert pose.in_frame.frame_id == "other"
+
+
+def test_an_object_that_was_not_added_is_not_written_and_keeps_its_values(
+    lab: KnowledgeBase,
+) -> None:
+    with lab.session(agent="nao-1") as s:
+        grasp = s.get(RTASK.PlanarGrasp, lab.base + "grasp/1")
+        idea = RTASK.GraspAttempt(executes_grasp=grasp, attempt_number=7)
+        grasp.grasp_quality = 0.95
+        s.flush()
+        assert (idea.attempt_number, idea.executes_grasp) == (7, grasp)
+    assert lab.match(predicate=RT + "attemptNumber") == []
+
+
 def test_deleting_takes_back_own_statements_only(lab: KnowledgeBase) -> None:
     mug = lab.base + "object/1"
     lab.update(f"PREFIX rt: <{RT}> INSERT DATA {{ <{mug}> rt:mass 0.2e0 }}", agent="pr2")

@@ -14,8 +14,9 @@ from typing import ClassVar
 
 import ontology
 from rtask.kb.terms import NamedNode
-from rtask.model.fields import Limits, Link, Links, Many, One
+from rtask.model.fields import Link, Links, Many, One
 from rtask.model.instance import Identity, Model, Registry
+from rtask.model.limits import Limits
 
 REGISTRY = Registry()
 _RT = ontology.PREFIXES["rt"]
