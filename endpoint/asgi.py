@@ -25,6 +25,7 @@ _log = logging.getLogger(__name__)
 SMALL_BODY = 16 << 10
 BODY_IDLE_S = 30.0
 SEND_IDLE_S = 30.0
+UNHURRIED_BYTES = 64 << 10  # fits the socket's buffers: no client can hold it up
 REVOCATION_CHECK_S = 0.5
 PAGE_THREADS = 16
 
@@ -83,9 +84,7 @@ class Front:
         request = self._request(scope, body)
         if self._gateway.serves(request.raw_path) and not _wants_page(request):
             response = await self._answer(request)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(_send_time(response)):
-                    await _send(transmit, response, request.method)
+            await _send(transmit, response, request.method)
             return
         await self._pages(_with_length(scope, body), _replay(body), _impatient(transmit))
 
@@ -147,6 +146,8 @@ async def _read_body(scope: Message, receive: Receive, allowed: int) -> bytes | 
     RefusedError
         413 beyond the limit.
     """
+    if scope["method"] in ("GET", "HEAD") and not _announces_body(scope):
+        return b""
     pieces, size = [], 0
     while True:
         try:
@@ -164,6 +165,10 @@ async def _read_body(scope: Message, receive: Receive, allowed: int) -> bytes | 
             return b"".join(pieces)
 
 
+def _announces_body(scope: Message) -> bool:
+    return any(name in (b"content-length", b"transfer-encoding") for name, _ in scope["headers"])
+
+
 async def _send(transmit: Transmit, response: Response, method: str) -> None:
     headers = [
         (name.lower().encode("latin-1"), text.encode("latin-1", "replace"))
@@ -173,7 +178,12 @@ async def _send(transmit: Transmit, response: Response, method: str) -> None:
     if response.status not in (204, 304) and method != "HEAD":
         headers.append((b"content-length", str(len(body)).encode()))
     await transmit({"type": "http.response.start", "status": response.status, "headers": headers})
-    await transmit({"type": "http.response.body", "body": body})
+    if len(body) <= UNHURRIED_BYTES:
+        await transmit({"type": "http.response.body", "body": body})
+        return
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_send_time(response)):
+            await transmit({"type": "http.response.body", "body": body})
 
 
 def _with_length(scope: Message, body: bytes) -> Message:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rtask.cli.options import data_option, json_option
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _HOURS = {"h": 1, "d": 24, "w": 168}
 
 
 @click.command()
-@click.option("--data", "data", metavar="DIR", help="Folder of the knowledge base; made if absent.")
+@data_option
 @click.option("--temp", is_flag=True, help="Keep everything in memory; gone at the end.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("-p", "--port", default=8765, show_default=True, help="0 takes any free port.")
@@ -53,7 +54,7 @@ _HOURS = {"h": 1, "d": 24, "w": 168}
 @click.option("--timeout", default=30.0, show_default=True, help="Seconds for a query.")
 @click.option("--log-level", default="warning", show_default=True, help="debug, info, warning.")
 def serve(
-    data: str | None,
+    data: Path,
     temp: bool,
     host: str,
     port: int,
@@ -78,7 +79,7 @@ def serve(
         format="%(asctime)s %(levelname)s %(name)s: %(message)s",
     )
     plain = profile == "plain"
-    folder = server.data_folder(data, temporary=temp)
+    folder = None if temp else data
     config = Config(
         host=host,
         public_url=public_url,
@@ -113,14 +114,14 @@ def token() -> None:
 
 
 @token.command("create")
-@click.option("--data", "data", required=True, metavar="DIR", help="Folder of the knowledge base.")
+@data_option
 @click.option("--robot", metavar="NAME", help="Robot that the token speaks for.")
 @click.option("--name", metavar="NAME", help="Person that the token speaks for.")
 @click.option("--role", help="reader, robot, teacher or admin; robot where --robot is given.")
 @click.option("--expires", metavar="30d", help="Lifetime in hours, days or weeks: 12h, 30d, 4w.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
+@json_option
 def create(
-    data: str,
+    data: Path,
     robot: str | None,
     name: str | None,
     role: str | None,
@@ -143,9 +144,9 @@ def create(
 
 
 @token.command("list")
-@click.option("--data", "data", required=True, metavar="DIR", help="Folder of the knowledge base.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
-def list_tokens(data: str, as_json: bool) -> None:
+@data_option
+@json_option
+def list_tokens(data: Path, as_json: bool) -> None:
     """List tokens, without their secrets."""
     with closing(_tokens(data)) as tokens:
         found = tokens.all()
@@ -158,8 +159,8 @@ def list_tokens(data: str, as_json: bool) -> None:
 
 @token.command("revoke")
 @click.argument("token_id", metavar="ID")
-@click.option("--data", "data", required=True, metavar="DIR", help="Folder of the knowledge base.")
-def revoke(token_id: str, data: str) -> None:
+@data_option
+def revoke(token_id: str, data: Path) -> None:
     """Revoke a token; it opens nothing from now on."""
     with closing(_tokens(data)) as tokens:
         if not tokens.revoke(token_id):
@@ -167,11 +168,10 @@ def revoke(token_id: str, data: str) -> None:
     click.echo(f"token {token_id} is revoked", err=True)
 
 
-def _tokens(data: str, *, make: bool = False) -> TokenStore:
+def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
     import rtask
     from endpoint.tokens import TokenStore
 
-    folder = Path(data)
     if not (folder / "kb.json").is_file():
         if not make:
             raise UsageError(f"{folder} is not a knowledge base")

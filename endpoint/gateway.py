@@ -7,6 +7,7 @@ Flask's alone.
 from __future__ import annotations
 
 import difflib
+import itertools
 import json
 import re
 import secrets
@@ -78,6 +79,8 @@ class Gateway:
         self.auth = Authenticator(tokens, config)
         self._store = graph_store.GraphStore(kb, self.auth, config)
         self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="query")
+        self._run_id = secrets.token_hex(4)
+        self._numbers = itertools.count(1)
         self._abandoned: set[Future[Response]] = set()
 
     def serves(self, path: str) -> bool:
@@ -104,7 +107,7 @@ class Gateway:
         """Understand a request; the plan never raises, errors are answers."""
         request_id = request.header("rtask-request-id")
         if not _REQUEST_ID.fullmatch(request_id):
-            request_id = secrets.token_hex(8)
+            request_id = f"{self._run_id}-{next(self._numbers)}"
         try:
             plan = self._route(request)
         except Exception as error:  # noqa: BLE001 - every error is an answer

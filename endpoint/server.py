@@ -10,7 +10,6 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import FrameType
 
 import uvicorn
@@ -206,10 +205,3 @@ def _announce(bridge: Bridge, change: Change) -> None:
             "derived": change.commit.derived,
         },
     )
-
-
-def data_folder(data: str | None, *, temporary: bool) -> Path | None:
-    """Return the folder to serve; none keeps everything in memory."""
-    if temporary:
-        return None
-    return Path(data) if data else Path.home() / ".local" / "share" / "rtask" / "store"

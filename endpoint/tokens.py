@@ -14,6 +14,7 @@ import re
 import secrets
 import sqlite3
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -27,6 +28,7 @@ FILE_NAME = "tokens.sqlite"
 ROLES = ("reader", "robot", "teacher", "admin")
 _TOKEN = re.compile(r"rtk_([0-9a-f]{12})_([0-9a-f]{32})")
 _AGENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_LOOK_EVERY_S = 0.1
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS tokens (
     id TEXT PRIMARY KEY,
@@ -103,6 +105,7 @@ class TokenStore:
         self._open: list[sqlite3.Connection] = []
         self._memory: sqlite3.Connection | None = None
         self._ever_issued = False
+        self._look_again = 0.0
         if self._path:
             # Created with the right mode before SQLite opens it, so it is never readable by others.
             self._path.touch(mode=0o600, exist_ok=True)
@@ -153,6 +156,7 @@ class TokenStore:
                 " VALUES (?, ?, ?, ?, ?, ?)",
                 (token.id, _digest(secret), agent, role, token.created, expires),
             )
+        self._ever_issued = True
         return f"rtk_{token.id}_{secret}", token
 
     def authenticate(self, text: str) -> Token:
@@ -188,9 +192,13 @@ class TokenStore:
     def ever_issued(self) -> bool:
         """Tell whether a token was ever made: from then on, nobody writes without one.
 
-        Revoked tokens count, so revoking the last one does not open the store to everybody.
+        Revoked tokens count, so revoking the last one does not open the store to everybody. Every
+        request asks, so the file is looked at ten times a second at most; a first token that
+        another process makes is noticed within that time.
         """
-        if not self._ever_issued:
+        now = time.monotonic()
+        if not self._ever_issued and now >= self._look_again:
+            self._look_again = now + _LOOK_EVERY_S
             with self._reading() as connection:
                 found = connection.execute("SELECT 1 FROM tokens LIMIT 1").fetchone()
             self._ever_issued = found is not None

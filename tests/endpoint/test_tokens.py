@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+import time
 from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
@@ -86,6 +87,16 @@ def test_a_store_remembers_that_tokens_were_issued_even_when_all_are_revoked(
         assert tokens.ever_issued()
     with closing(TokenStore(tmp_path)) as again:
         assert again.ever_issued()
+
+
+def test_a_first_token_of_another_process_is_noticed(tmp_path: Path) -> None:
+    with closing(TokenStore(tmp_path)) as server, closing(TokenStore(tmp_path)) as operator:
+        assert not server.ever_issued()
+        operator.create("admin")
+        deadline = time.monotonic() + 10
+        while not server.ever_issued():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
 
 
 @pytest.mark.parametrize(
