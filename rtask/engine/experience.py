@@ -64,7 +64,7 @@ class Weights:
     def of(self, grasp: Remembered, tally: Tally) -> float:
         """Return the weight of one attempt in a tally."""
         weight = self._object(grasp) * self._gripper(grasp)
-        if tally.preset == "fast":
+        if tally.is_fast:
             weight *= self.policy.fast_physics
         half_life = self.policy.half_life_days
         if half_life is not None and tally.latest is not None:
@@ -93,7 +93,7 @@ def without_trials(memory: Memory) -> tuple[Remembered, ...]:
 
     The learner takes those in by itself, a failure with more weight; they must not count twice.
     """
-    mine = Counter((t.grasp, t.held, t.preset) for t in memory.trials)
+    mine = Counter((t.grasp, t.held, t.is_fast) for t in memory.trials)
     cleaned = []
     for grasp in memory.grasps:
         if grasp.of_class:
@@ -101,8 +101,8 @@ def without_trials(memory: Memory) -> tuple[Remembered, ...]:
             continue
         tallies = []
         for tally in grasp.tallies:
-            taken = min(mine[grasp.grasp, tally.held, tally.preset], tally.count)
-            mine[grasp.grasp, tally.held, tally.preset] -= taken
+            taken = min(mine[grasp.grasp, tally.held, tally.is_fast], tally.count)
+            mine[grasp.grasp, tally.held, tally.is_fast] -= taken
             if tally.count > taken:
                 tallies.append(replace(tally, count=tally.count - taken))
         cleaned.append(replace(grasp, tallies=tuple(tallies)))

@@ -45,6 +45,13 @@ Such attempts are stored like all others and count in no statistics: that one ar
 an object where it stood teaches nothing about taking hold of it elsewhere."""
 
 _NOBODY = "urn:rtask:nobody"
+_JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
+    ?outcome rt:hasReason ?reason ; rt:success ?decided
+    BIND(IF(?decided, !EXISTS {{ ?outcome rt:judgedSuccess false }},
+      EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
+    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))"""
+"""Pattern of a judged attempt of ``?grasp``; a person's verdict wins over what was decided."""
+
 _NUMBERS = ("x", "y", "z", "theta", "opening", "quality", "length", "width", "height")
 
 
@@ -86,7 +93,7 @@ class Tally:
 
     held: bool
     count: int
-    preset: str = ""
+    is_fast: bool = False
     latest: dt.datetime | None = None
 
 
@@ -140,7 +147,7 @@ class Trial:
     held: bool
     number: int
     ended: str
-    preset: str = ""
+    is_fast: bool = False
 
 
 @dataclass(frozen=True)
@@ -180,66 +187,42 @@ def recall(kb: KnowledgeBase, question: Question) -> Memory:
 def query_text(question: Question) -> str:
     """Return the query of a decision.
 
-    Each part leaves the other parts' variables unbound; ``?part`` tells the rows apart.
+    Each part leaves the other parts' variables unbound; ``?part`` tells the rows apart. The store
+    reads only what is asked for as long as every pattern stands in one group with the ``VALUES``
+    that begins it: so attempts are a part of their own and not optional to grasps, verdicts are
+    looked up by ``EXISTS``, and a ``BIND`` comes last.
     """
-    objects = values(question.objects)
-    unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
-    who = f"{{ VALUES ?object {{ {objects} }} BIND(false AS ?of_class) }}"
+    of = [(f"VALUES ?object {{ {values(question.objects)} }}", "false")]
     if question.classes and question.size is not None:
-        who += " UNION " + _members(question)
-    return f"""{PREFIXES}
-SELECT * WHERE {{
-  {{ VALUES ?object {{ {objects} }} BIND("object" AS ?part)
-     ?object a rt:ManipulableObject {_only(question)}
-     OPTIONAL {{ ?object rt:name ?name }}
-     OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
-     OPTIONAL {{ ?object rt:hasSymmetry/rt:symmetryOrder ?order }}
-     OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
-       FILTER(?class != rt:ManipulableObject && isIRI(?class))
-       OPTIONAL {{ ?class rdfs:label ?label }} OPTIONAL {{ ?class rt:shortId ?short }}
-       OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
-         FILTER(?above != ?class && isIRI(?above)) }} }} }}
-  UNION
-  {{ SELECT ("grasp" AS ?part) ?object ?of_class ?grasp ?gripper ?x ?y ?z ?theta ?opening ?quality
-       ?length ?width ?height ?held ?preset
-       (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-     WHERE {{
-       {who}
-       ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
-       ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
-       ?owner rt:bodyFrame ?frame
-       OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
-       OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
-       OPTIONAL {{ {_attempt(unjudged)} }} }}
-     GROUP BY ?object ?of_class ?grasp ?gripper ?x ?y ?z ?theta ?opening ?quality
-       ?length ?width ?height ?held ?preset }}
-  UNION
-  {{ BIND("trial" AS ?part) VALUES ?object {{ {values([question.tracked or _NOBODY])} }}
-     ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
-     ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
-     {_attempt(unjudged)}
-     ?attempt rt:performedBy {values([question.robot or _NOBODY])} ; rt:attemptNumber ?number }}
-  UNION
-  {{ VALUES ?view {{ {values(question.views)} }} BIND("view" AS ?part)
-     ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
-       rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw }}
-}}"""
+        of.append((_members(question), "true"))
+    parts = [
+        _object_part(question),
+        *(_grasp_part(which, of_class) for which, of_class in of),
+        *(_tally_part(which, of_class, fast) for which, of_class in of for fast in (False, True)),
+        *([_trial_part(question.tracked, question.robot)] if question.tracked else []),
+        _view_part(question.views),
+    ]
+    union = "\n  UNION\n".join(f"  {{ {part} }}" for part in parts)
+    return f"{PREFIXES}\nSELECT * WHERE {{\n{union}\n}}"
 
 
-def _attempt(unjudged: str) -> str:
-    """Return the pattern of a judged attempt of ``?grasp``: ?attempt ?held ?preset ?ended."""
-    return f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
-       ?outcome rt:hasReason ?reason ; rt:success ?decided
-       OPTIONAL {{ ?outcome rt:judgedSuccess ?verdict }}
-       OPTIONAL {{ ?outcome rt:hasFeedback/rt:preset ?preset }}
-       BIND(COALESCE(?verdict, ?decided) AS ?held)
-       FILTER(?verdict != ?decided || ?reason NOT IN ({unjudged}))"""
-
-
-def _only(question: Question) -> str:
-    if not question.only:
-        return ""
-    return f"FILTER EXISTS {{ VALUES ?wanted {{ {values(question.only)} }} ?object a ?wanted }}"
+def _object_part(question: Question) -> str:
+    """Return the pattern of what is said about the objects themselves."""
+    only = ""
+    if question.only:
+        wanted = f"VALUES ?wanted {{ {values(question.only)} }}"
+        only = f"FILTER EXISTS {{ {wanted} ?object a ?wanted }}"
+    return f"""VALUES ?object {{ {values(question.objects)} }}
+    ?object a rt:ManipulableObject {only}
+    OPTIONAL {{ ?object rt:name ?name }}
+    OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
+    OPTIONAL {{ ?object rt:hasSymmetry/rt:symmetryOrder ?order }}
+    OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
+      FILTER(?class != rt:ManipulableObject && isIRI(?class))
+      OPTIONAL {{ ?class rdfs:label ?label }} OPTIONAL {{ ?class rt:shortId ?short }}
+      OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
+        FILTER(?above != ?class && isIRI(?above)) }} }}
+    BIND("object" AS ?part)"""
 
 
 def _members(question: Question) -> str:
@@ -251,18 +234,59 @@ def _members(question: Question) -> str:
         for name, size in zip(("l", "w", "h"), question.size, strict=True)
     )
     known = ", ".join(values([iri]) for iri in sorted(question.objects)) or f"<{_NOBODY}>"
-    return f"""{{ SELECT DISTINCT ?object (true AS ?of_class) {{
-         VALUES ?kind {{ {values(question.classes)} }} ?object a ?kind ; rt:extentX ?l ;
-           rt:extentY ?w ; rt:extentZ ?h FILTER({bounds} && ?object NOT IN ({known})) }} }}"""
+    return f"""VALUES ?kind {{ {values(question.classes)} }}
+    ?object a ?kind ; rt:extentX ?l ; rt:extentY ?w ; rt:extentZ ?h
+    FILTER({bounds} && ?object NOT IN ({known}))"""
+
+
+def _grasp_part(which: str, of_class: str) -> str:
+    """Return the pattern of the grasps of some objects."""
+    return f"""{which}
+    ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
+    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
+    ?owner rt:bodyFrame ?frame
+    OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
+    OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
+    BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
+
+
+def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
+    """Return the pattern that counts judged attempts: all, or those in the coarse physics."""
+    fast = '?outcome rt:hasFeedback ?feedback . ?feedback rt:preset "fast" .' if only_fast else ""
+    name = "fast" if only_fast else "tally"
+    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held
+      (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {_JUDGED} }}
+    GROUP BY ?object ?grasp ?held"""
+
+
+def _trial_part(tracked: str, robot: str | None) -> str:
+    """Return the pattern of one robot's attempts on one object."""
+    return f"""VALUES ?object {{ {values([tracked])} }}
+    ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
+    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
+    ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
+    {_JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
+    BIND("trial" AS ?part)"""
+
+
+def _view_part(views: Iterable[str]) -> str:
+    """Return the pattern of where stored views were taken from."""
+    return f"""VALUES ?view {{ {values(views)} }}
+    ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
+      rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
+    BIND("view" AS ?part)"""
 
 
 def _memory(rows: Solutions, question: Question) -> Memory:
-    parts: dict[str, list[Row]] = {"object": [], "grasp": [], "trial": [], "view": []}
+    parts: dict[str, list[Row]] = {
+        name: [] for name in ("object", "grasp", "tally", "fast", "trial", "view")
+    }
     for row in rows:
         parts[str(row.value("part"))].append(row)
     return Memory(
         objects=_objects(parts["object"]),
-        grasps=_grasps(parts["grasp"]),
+        grasps=_grasps(parts["grasp"], _tallies(parts["tally"], parts["fast"])),
         trials=_episode(parts["trial"]),
         viewpoints={_text(row, "view"): _pose(row) for row in parts["view"]},
     )
@@ -321,28 +345,42 @@ def _object(iri: str, mine: list[Row]) -> KnownObject:
     )
 
 
-def _grasps(rows: Iterable[Row]) -> tuple[Remembered, ...]:
-    """Join rows by grasp and object; the order follows geometry, not the store."""
-    kept: dict[tuple[str, str, bool], tuple[Row, list[Tally]]] = {}
+Key = tuple[str, str, bool]
+
+
+def _key(row: Row) -> Key:
+    return _text(row, "object"), _text(row, "grasp"), bool(row.value("of_class"))
+
+
+def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Tally]]:
+    """Return what is counted for each grasp, coarse physics apart from the rest."""
+    fast = {(_key(row), row.value("held")): int(_number(row, "n")) for row in fast_rows}
+    tallies: dict[Key, list[Tally]] = {}
+    for row in rows:
+        key, held = _key(row), bool(row.value("held"))
+        latest = row.value("latest")
+        when = None if latest is None else dt.datetime.fromisoformat(str(latest))
+        in_fast = fast.get((key, held), 0)
+        for count, is_fast in ((int(_number(row, "n")) - in_fast, False), (in_fast, True)):
+            if count:
+                tallies.setdefault(key, []).append(Tally(held, count, is_fast, when))
+    return tallies
+
+
+def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Remembered, ...]:
+    """Join grasps with their tallies; the order follows geometry, not the store."""
+    kept: dict[Key, Row] = {}
     # Two robots may have measured one object differently: the smaller size wins, for any order.
     for row in sorted(rows, key=lambda row: _size(row) or ()):
-        key = (_text(row, "object"), _text(row, "grasp"), bool(row.value("of_class")))
-        _, tallies = kept.setdefault(key, (row, []))
-        count = int(_number(row, "n"))
-        if row["held"] is not None and count:
-            latest = row.value("latest")
-            when = None if latest is None else dt.datetime.fromisoformat(str(latest))
-            tally = Tally(bool(row.value("held")), count, _text(row, "preset"), when)
-            if tally not in tallies:
-                tallies.append(tally)
-    grasps = [_remembered(key, row, tallies) for key, (row, tallies) in kept.items()]
+        kept.setdefault(_key(row), row)
+    grasps = [_remembered(key, row, tallies.get(key, [])) for key, row in kept.items()]
     return tuple(sorted(grasps, key=lambda g: (g.of_class, g.x, g.y, g.z, g.theta, g.grasp)))
 
 
-def _remembered(key: tuple[str, str, bool], row: Row, tallies: list[Tally]) -> Remembered:
+def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
     iri, grasp, of_class = key
     x, y, z, theta, opening, quality = (_number(row, name) for name in _NUMBERS[:6])
-    order = sorted(tallies, key=lambda t: (t.held, t.preset, t.count))
+    order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count))
     return Remembered(
         grasp, iri, of_class, x, y, z, theta, opening, quality,
         _text(row, "gripper"), _size(row), tuple(order),
@@ -358,7 +396,7 @@ def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
         _text(row, "attempt"): Trial(
             _text(row, "grasp"), _number(row, "x"), _number(row, "y"), _number(row, "z"),
             _number(row, "theta"), bool(row.value("held")), int(_number(row, "number")),
-            _text(row, "ended"), _text(row, "preset"),
+            _text(row, "ended"), bool(row.value("is_fast")),
         )
         for row in rows
     }  # fmt: skip
