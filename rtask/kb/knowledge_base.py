@@ -295,11 +295,6 @@ class KnowledgeBase:
         """Whether commits derive what follows from them."""
         return self._inference is not None
 
-    def closure_behind(self) -> bool:
-        """Whether asserted statements changed while nobody reasoned."""
-        has_input = any(map(self.graphs.is_input, self.store.named_graphs()))
-        return has_input and self.catalogue.revision(self.graphs.inferred) is None
-
     def warm_up(self) -> None:
         """Build the closure now instead of at the first write."""
         if self._inference is not None:

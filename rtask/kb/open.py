@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.catalogue import Catalogue
@@ -22,6 +23,7 @@ from rtask.kb.inference import Inference
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.recovery import fill_gap
 from rtask.kb.settings import Settings
+from rtask.kb.statistics import closure_state
 from rtask.kb.writer import Writer
 from rtask.loader.bundled import refresh
 
@@ -49,13 +51,16 @@ def open_knowledge_base(
     reason: bool = True,
     validate: bool = False,
     ontologies: bool = True,
+    token: str | None = None,
+    timeout_s: float = 30.0,
 ) -> KnowledgeBase:
     """Open a knowledge base.
 
     Parameters
     ----------
     target
-        A folder, ``":memory:"`` or the address of a SPARQL 1.1 server.
+        A folder, ``":memory:"``, the address of a SPARQL 1.1 server (query and update at one
+        address), or ``sparql+https://host/?query=/q&update=/u`` where they differ.
     mode
         ``"rw"`` makes the folder if it does not exist, ``"new"`` refuses one that does, ``"r"``
         reads beside other readers.
@@ -74,6 +79,9 @@ def open_knowledge_base(
     ontologies
         Load the ontology that comes with RTASK into a new knowledge base, and its newer version
         into an old one.
+    token, timeout_s
+        Of a remote server: who asks, and how long to wait for an answer. The other options are
+        the server's own.
 
     Raises
     ------
@@ -90,7 +98,10 @@ def open_knowledge_base(
         raise UnsupportedError("validation on write is not available yet")
     text = str(target)
     if text.startswith(("http://", "https://", "sparql+http")):
-        raise UnsupportedError(f"{text}: remote stores are not available yet; open a folder")
+        from rtask.kb.remote import open_remote
+
+        # The same methods; those that need the embedded store raise UnsupportedError.
+        return cast("KnowledgeBase", open_remote(text, token, timeout_s))
     options = _Options(mode, flush == "commit", reason, ontologies)
     if text == ":memory:":
         return _assemble(open_in_memory(Settings.new(base, plain)), options)
@@ -149,6 +160,6 @@ def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> Non
         return
     if options.ontologies:
         refresh(kb)
-    if kb.reasons and kb.closure_behind():
+    if closure_state(kb) == "behind":
         commit = kb.rebuild("inferred")
         _log.info("derived again: +%d -%d", commit.added, commit.removed)

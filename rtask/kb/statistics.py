@@ -9,7 +9,7 @@ from rtask.kb.terms import NamedNode
 if TYPE_CHECKING:
     from rtask.kb.knowledge_base import KnowledgeBase
 
-__all__ = ["collect"]
+__all__ = ["closure_state", "collect"]
 
 _COUNT = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }"
 _COUNT_BY_GRAPH = "SELECT ?g (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } } GROUP BY ?g"
@@ -53,7 +53,13 @@ def _sizes(kb: KnowledgeBase) -> dict[str, int]:
 
 
 def closure_state(kb: KnowledgeBase) -> str:
-    """Return whether the inferred graph fits the asserted ones."""
-    if kb.plain or not kb.reasons:
+    """Return whether the inferred graph fits the asserted ones: current, behind or off.
+
+    It is behind after writes while nobody reasoned; the catalogue names its commit only while it
+    fits.
+    """
+    if not kb.reasons:
         return "off"
-    return "current" if kb.catalogue.revision(kb.graphs.inferred) is not None else "behind"
+    fits = kb.catalogue.revision(kb.graphs.inferred) is not None
+    empty = not any(map(kb.graphs.is_input, kb.store.named_graphs()))
+    return "current" if fits or empty else "behind"

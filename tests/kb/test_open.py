@@ -166,8 +166,3 @@ def test_an_unclosed_folder_warns_and_an_error_does_not_keep_it_locked(tmp_path:
         kb.__del__()
     kb.close()
     assert [w.category for w in seen] == [ResourceWarning]
-
-
-def test_the_address_of_a_server_is_not_taken_for_a_folder() -> None:
-    with pytest.raises(UnsupportedError, match="remote"):
-        rtask.open("http://127.0.0.1:1/sparql")
