@@ -12,7 +12,7 @@ from rtask.model.codec import python_type
 from rtask.model.limits import Limits
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
 
-__all__ = ["generate", "generate_rtask", "rtask_schema"]
+__all__ = ["generate", "generate_rtask", "rtask_schema", "write_rtask"]
 
 _HEADER = '''"""Typed classes for the vocabulary of RTASK; generated, do not edit.
 
@@ -55,6 +55,13 @@ def rtask_schema() -> Schema:
 def generate_rtask() -> str:
     """Return the source of :mod:`rtask.model.generated.rtask`."""
     return generate(rtask_schema())
+
+
+def write_rtask(path: Path | None = None) -> Path:
+    """Write that source, into this package unless ``path`` says where; return the file."""
+    file = path or Path(__file__).parent / "generated" / "rtask.py"
+    file.write_text(generate_rtask(), encoding="utf-8")
+    return file
 
 
 def generate(schema: Schema) -> str:

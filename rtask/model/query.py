@@ -129,9 +129,13 @@ class Query(Generic[M]):
                 return
             last = max(item.iri for item in objects)
 
+    def _at_most(self, number: int) -> Query[M]:
+        limit = self._plan.limit
+        return self.limit(number if limit is None else min(number, limit))
+
     def first(self) -> M | None:
         """Return the first object, or ``None``."""
-        found = self.limit(1).all()
+        found = self._at_most(1).all()
         return found[0] if found else None
 
     def one(self) -> M:
@@ -144,7 +148,7 @@ class Query(Generic[M]):
         UsageError
             If there are several.
         """
-        found = self.limit(2).all()
+        found = self._at_most(2).all()
         name = self._plan.model.__name__
         if not found:
             raise UnknownTermError(f"no {name} fits the query")

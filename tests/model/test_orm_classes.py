@@ -47,10 +47,8 @@ def shop(kb: KnowledgeBase) -> KnowledgeBase:
 
 def test_generated_classes_are_current() -> None:
     path = Path(str(RTASK.__file__))
-    assert path.read_text() == generate_rtask(), (
-        "run: python -c 'from rtask.model.generate import generate_rtask;"
-        f' open("{path.name}", "w").write(generate_rtask())\''
-    )
+    advice = "run python -c 'from rtask.model.generate import write_rtask; write_rtask()'"
+    assert path.read_text(encoding="utf-8") == generate_rtask(), advice
 
 
 def test_every_class_of_the_vocabulary_is_there() -> None:

@@ -132,6 +132,8 @@ def test_one_first_and_none(still_lab: KnowledgeBase) -> None:
         assert s.query(RTASK.Ball).first() is None
         with pytest.raises(UnknownTermError, match="no Ball fits"):
             s.query(RTASK.Ball).one()
+        assert s.query(G).order_by(-G.grasp_quality).limit(1).one().grasp_quality == 0.9
+        assert s.query(G).limit(0).first() is None
         with pytest.raises(UsageError, match="several GraspConfiguration fit"):
             s.query(G).one()
 
