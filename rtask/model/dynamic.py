@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rtask.errors import UnknownTermError
 from rtask.kb.terms import NamedNode, iri
 from rtask.model.fields import Field, Link, Links, Many, One
-from rtask.model.instance import Identity, Model, Registry, make_class, rank
+from rtask.model.instance import Identity, Model, Registry, make_class, rank, vocabularies_of
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
 
 if TYPE_CHECKING:
@@ -104,7 +104,9 @@ def load_model(kb: KnowledgeBase, name: str | NamedNode) -> Vocabulary:
         raise UnknownTermError(f"no ontology {iri(name)} is loaded; kb.load() it first")
     registry = built_in.REGISTRY
     schema = read_schema(triples, primary=_namespace(iri(name).value), is_known=registry.find)
-    return build(schema, registry)
+    vocabulary = build(schema, registry)
+    vocabularies_of(kb)[iri(name).value] = vocabulary.registry
+    return vocabulary
 
 
 def _namespace(ontology_iri: str) -> str:

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_transform, overload
+from weakref import WeakKeyDictionary
 
 from rtask.errors import UsageError
 from rtask.kb.terms import NamedNode, Term, iri
@@ -42,12 +43,21 @@ class Registry:
             yield from self.parent
         yield from self.models.values()
 
-    def most_specific(self, types: Iterable[str], asked: type[Model]) -> type[Model]:
+    def most_specific(
+        self, types: Iterable[str], asked: type[Model], others: Iterable[Registry] = ()
+    ) -> type[Model]:
         """Return the class that says most about a thing of these types.
 
         A thing of several unrelated classes gets a class that inherits from them all.
+
+        Parameters
+        ----------
+        others
+            Further vocabularies whose classes may be meant.
         """
-        known = {model for model in map(self.find, types) if model} | {asked}
+        vocabularies = [self, *others]
+        found = (vocabulary.find(name) for name in types for vocabulary in vocabularies)
+        known = {model for model in found if model} | {asked}
         lowest = [m for m in known if not any(o is not m and issubclass(o, m) for o in known)]
         if len(lowest) == 1:
             return lowest[0]
@@ -56,6 +66,14 @@ class Registry:
             name = "And".join(sorted(model.__name__ for model in bases))
             self._combined[bases] = make_class(name, bases, {"__combined__": True})
         return self._combined[bases]
+
+
+_loaded: WeakKeyDictionary[object, dict[str, Registry]] = WeakKeyDictionary()
+
+
+def vocabularies_of(kb: object) -> dict[str, Registry]:
+    """Return the vocabularies that were made for a knowledge base, by the ontology's IRI."""
+    return _loaded.setdefault(kb, {})
 
 
 class Identity:

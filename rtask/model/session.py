@@ -17,7 +17,7 @@ from rtask.model.errors import LazyLoadError
 from rtask.model.fields import Field
 from rtask.model.flush import Flush
 from rtask.model.identifiers import mint
-from rtask.model.instance import Model, Registry
+from rtask.model.instance import Model, Registry, vocabularies_of
 from rtask.model.query import Query
 
 if TYPE_CHECKING:
@@ -359,7 +359,8 @@ class Session:
         registry = getattr(asked, "__registry__", None)
         if registry is not None:
             wider = type(known) if issubclass(type(known), asked) else asked
-            object.__setattr__(known, "__class__", registry.most_specific(types, wider))
+            others = vocabularies_of(self.kb).values()
+            object.__setattr__(known, "__class__", registry.most_specific(types, wider, others))
         state = known.__state__
         for predicate in fetched:
             values = facts.get(predicate, [])

@@ -109,6 +109,8 @@ def test_a_dynamic_class_behaves_like_a_generated_one(shop: KnowledgeBase) -> No
         assert (found.price, list(found.tag), found.mass) == (3, ["new"], 0.2)
         assert list(found.colour) == ["red"]
         assert s.query(RTASK.ManipulableObject).count() == 1
+    with shop.session() as s:
+        assert isinstance(s.query(RTASK.ManipulableObject).one(), onto.Toy)
     with pytest.raises(FieldError, match="takes a Decimal"):
         onto.Article(price="cheap")
 
