@@ -20,7 +20,8 @@ __all__ = ["TabletopShape", "measure"]
 
 _CELL_M = 0.002
 _MIN_POINTS = 12
-_ROUND = 0.86
+# Boxes reach 0.72; a bottle seen at a slant, its neck hiding part of the shoulder, 0.84.
+_ROUND = 0.79
 _TOP_PERCENTILE = 98.0
 _TRIM_PERCENT = 0.5
 

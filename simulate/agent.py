@@ -28,7 +28,6 @@ __all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
 log = logging.getLogger(__name__)
 
 _MAX_NEIGHBOUR_POINTS = 400
-_ROUND = 0.85
 _CONFIDENT = 0.9
 
 
@@ -456,7 +455,7 @@ def _request(thing: Thing, grasp: dict[str, Any], table: float, side: str) -> Gr
         length=shape.length,
         table_height=table,
         arm=side,
-        round=shape.roundness >= _ROUND,
+        round=shape.is_round,
     )
 
 
