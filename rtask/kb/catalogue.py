@@ -19,7 +19,17 @@ from rtask.kb.blobs import Blob
 from rtask.kb.graphs import Graphs, graph_class
 from rtask.kb.overlay import Overlay
 from rtask.kb.store import GraphStore
-from rtask.kb.terms import RDF_TYPE, DefaultGraph, Graph, NamedNode, Term, iri, literal, stored
+from rtask.kb.terms import (
+    RDF_TYPE,
+    DefaultGraph,
+    Graph,
+    NamedNode,
+    Term,
+    iri,
+    literal,
+    python_value,
+    stored,
+)
 
 __all__ = ["Catalogue", "CommitRecord", "GraphFacts"]
 
@@ -140,6 +150,13 @@ class Catalogue:
     def is_ontology(self, graph: Graph) -> bool:
         """Whether a graph holds an ontology."""
         return self.kind(graph) == "OntologyGraph"
+
+    def last_time(self) -> dt.datetime | None:
+        """Return when the last commit ended; ``None`` if there was none."""
+        activity, graph = self.activity(self.seq), self.graphs.provenance
+        for quad in self.store.quads_for_pattern(activity, _ENDED, None, graph):
+            return dt.datetime.fromisoformat(str(python_value(quad.object)))
+        return None
 
     def ontologies(self) -> list[NamedNode]:
         """Return the graphs that hold ontologies, sorted."""

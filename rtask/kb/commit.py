@@ -29,7 +29,7 @@ __all__ = ["Change", "Commit", "Committer", "Request"]
 
 _log = logging.getLogger(__name__)
 MAX_QUADS = 200_000
-_LONG_AGO = dt.datetime(1, 1, 1, tzinfo=dt.UTC)
+LONG_AGO = dt.datetime(1, 1, 1, tzinfo=dt.UTC)
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Committer:
     inference: Inference | None
     journal: Journal
     last_seq: int = 0
-    last_time: dt.datetime = _LONG_AGO
+    last_time: dt.datetime = LONG_AGO
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change wholly, with what follows from it, or raise and store nothing."""

@@ -73,9 +73,10 @@ class Graphs:
     def agent_iri(self, name: str, role: str = "robot") -> NamedNode:
         """Return the individual that stands for an agent.
 
-        Robots are ``{base}robot/<name>``, everybody else ``{base}person/<name>``.
+        Teachers are ``{base}person/<name>``. Everybody else is ``{base}robot/<name>``: callers of
+        a server without tokens and the program that owns the store write in a robot's name.
         """
-        folder = "robot" if role == "robot" else "person"
+        folder = "person" if role == "teacher" else "robot"
         return iri(f"{self.base}{folder}/{quote(name, safe='')}")
 
     def owner(self, graph: Graph) -> str | None:

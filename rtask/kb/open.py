@@ -9,7 +9,7 @@ from typing import cast
 
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.catalogue import Catalogue
-from rtask.kb.commit import Committer
+from rtask.kb.commit import LONG_AGO, Committer
 from rtask.kb.folder import (
     Files,
     find,
@@ -142,6 +142,7 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
         inference,
         files.journal,
         last_seq=max(catalogue.seq, files.last_seq),
+        last_time=catalogue.last_time() or LONG_AGO,
     )
     writer = Writer(committer, files.checkpoints)
     if options.mode == "r":

@@ -20,6 +20,7 @@ from rtask.errors import (
     VersionConflictError,
 )
 from rtask.kb import commit as commit_module
+from rtask.kb.access import Access
 from rtask.kb.commit import Change
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.terms import BlankNode, NamedNode, Quad, iri, prologue
@@ -141,6 +142,31 @@ def test_blank_nodes_keep_their_labels_and_can_be_removed(kb: KnowledgeBase) -> 
         '"2"^^<http://www.w3.org/2001/XMLSchema#integer>'
     ]
     assert kb.verify() == []
+
+
+def test_time_never_runs_backwards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also across a restart with a wrong clock; the order is that of the numbers anyway."""
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        first = kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+
+    class Slow(dt.datetime):
+        @classmethod
+        def now(cls, tz: dt.tzinfo | None = None) -> dt.datetime:  # type: ignore[override]
+            return first.time - dt.timedelta(days=1)
+
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        monkeypatch.setattr("rtask.kb.commit.dt.datetime", Slow)
+        second = kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
+        monkeypatch.undo()
+    assert second.time == first.time
+    assert second.seq == 2
+
+
+def test_people_and_robots_are_named_apart(kb: KnowledgeBase) -> None:
+    kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", access=Access("ann", "teacher"))
+    kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", access=Access("nao-1", "anonymous"))
+    owners = kb.select(_PREFIX + "SELECT ?o { ?g rt:graphOwner ?o } ORDER BY ?o").to_dicts()
+    assert owners == [{"o": "urn:lab/person/ann"}, {"o": "urn:lab/robot/nao-1"}]
 
 
 def test_a_stale_version_is_refused(kb: KnowledgeBase) -> None:
