@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import threading
@@ -41,6 +42,7 @@ class ServiceSocket:
         self._ids = itertools.count(1)
         self._lock = threading.Lock()
         self._socket: Any = None
+        self._opened = contextlib.ExitStack()
 
     def call(self, service: str, args: dict[str, Any], may_repeat: bool) -> dict[str, Any]:
         """Call a service and return its answer.
@@ -101,15 +103,17 @@ class ServiceSocket:
 
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
         try:
-            self._socket = connect(
+            context = connect(
                 self._address,
                 additional_headers=headers,
                 compression=None,  # clouds are compressed already
                 max_size=_MOST_BYTES,
                 open_timeout=max(deadline - time.monotonic(), 0.1),
                 ping_interval=None,  # the server pings; a long upload must not be cut off
+                close_timeout=1.0,
                 proxy=None if _is_near(self._address) else True,
             )
+            self._socket = self._opened.enter_context(context)
         except InvalidStatus as error:
             raise _refusal(self._address, error.response.status_code, error) from error
         except InvalidHandshake as error:
@@ -147,9 +151,8 @@ class ServiceSocket:
             return values if isinstance(values, dict) else {}
 
     def _drop(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        self._opened.close()
+        self._socket = None
 
 
 def _is_near(address: str) -> bool:
