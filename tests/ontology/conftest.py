@@ -65,8 +65,6 @@ def _number(term: object) -> float | None:
 
 
 def _by_engine(schema: list[Triple], asserted: list[Triple]) -> list[Triple]:
-    if not hasattr(reasoner, "Closure"):
-        pytest.skip("this checkout has no reasoner yet")
     closure = reasoner.Closure.build(
         schema, asserted, rules=[path.read_text() for path in ontology.rules()]
     )
@@ -131,7 +129,6 @@ def closed_by_owlrl(schema: list[Triple], sample: list[ox.Quad]) -> Closed:
 
 
 @pytest.fixture(scope="session")
-def closed(request: pytest.FixtureRequest) -> Closed:
+def closed(closed_by_engine: Closed) -> Closed:
     """Close by our engine; owlrl, which takes twenty seconds, is its oracle in one test file."""
-    engine = "closed_by_engine" if hasattr(reasoner, "Closure") else "closed_by_owlrl"
-    return request.getfixturevalue(engine)
+    return closed_by_engine
