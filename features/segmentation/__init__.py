@@ -1,16 +1,10 @@
 """From a tabletop cloud to objects: plane, prism, supervoxels, convexity, merging."""
 
+from features.segmentation.metrics import SegmentationScore, score_labels
 from features.segmentation.plane import Plane, find_table_plane
 from features.segmentation.prism import Prism, table_prism
-from features.segmentation.segment import (
-    Scene,
-    Segmentation,
-    SegmentedObject,
-    SegmentParams,
-    segment_cloud,
-    segment_scene,
-    warm_up,
-)
+from features.segmentation.scene import Scene, SegmentedObject, segment_scene, warm_up
+from features.segmentation.segment import Segmentation, SegmentParams, segment_cloud
 
 __all__ = [
     "Plane",
@@ -18,8 +12,10 @@ __all__ = [
     "Scene",
     "SegmentParams",
     "Segmentation",
+    "SegmentationScore",
     "SegmentedObject",
     "find_table_plane",
+    "score_labels",
     "segment_cloud",
     "segment_scene",
     "table_prism",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,8 +43,7 @@ class Prism:
 
     def distance_to_edge(self, points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         """Return how far points (n, 3) stand inside the hull, m; negative = outside."""
-        flat = points.astype(np.float64) @ self.basis.T
-        return _inside_distance(flat, self.hull)
+        return np.asarray(_depth_inside(points, self.basis, *_half_planes(self.hull)))
 
 
 def table_prism(
@@ -62,16 +62,37 @@ def table_prism(
     height_min_m, height_max_m
         Over the plane.
     """
-    heights = plane.heights(points)
     basis = _basis(plane.normal)
     hull = _hull(points, plane, basis)
-    mask = np.zeros(heights.shape, bool)
-    if len(hull) >= 3:
-        with np.errstate(invalid="ignore"):
-            between = (heights > height_min_m) & (heights < height_max_m)
-        inside = _inside_distance(points[between].astype(np.float64) @ basis.T, hull) >= 0
-        mask[between] = inside
-    return Prism(mask, heights, hull, basis)
+    frame = np.ascontiguousarray(np.vstack([basis, plane.normal]))
+    mask, heights = _cut(
+        points.reshape(-1, 3), frame, plane.offset, height_min_m, height_max_m, *_half_planes(hull)
+    )
+    shape = points.shape[:-1]
+    return Prism(mask.reshape(shape), heights.reshape(shape), hull, basis)
+
+
+@numba.njit(cache=True, nogil=True)
+def _cut(points, frame, offset, low, high, corners, inward):  # type: ignore[no-untyped-def]
+    """Return which points (n, 3) stand inside and how high all of them are."""
+    n = points.shape[0]
+    mask = np.zeros(n, np.bool_)
+    heights = np.empty(n)
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        h = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z + offset
+        heights[i] = h
+        if not (low < h < high) or corners.shape[0] == 0:
+            continue
+        u = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
+        v = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
+        inside = True
+        for k in range(corners.shape[0]):
+            if (u - corners[k, 0]) * inward[k, 0] + (v - corners[k, 1]) * inward[k, 1] < 0:
+                inside = False
+                break
+        mask[i] = inside
+    return mask, heights
 
 
 def _basis(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,15 +137,26 @@ def _counter_clockwise(hull: NDArray[np.float64]) -> NDArray[np.float64]:
     return hull if area > 0 else hull[::-1]
 
 
-def _inside_distance(flat: NDArray[np.float64], hull: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the smallest signed distance (n,) of points (n, 2) to the hull's edges."""
+def _half_planes(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a corner and the inward unit normal (k, 2) of each edge; none without an area."""
     if len(hull) < 3:
-        return np.full(len(flat), -np.inf)
+        return np.zeros((0, 2)), np.zeros((0, 2))
     edges = np.roll(hull, -1, axis=0) - hull
     lengths = np.linalg.norm(edges, axis=1)
-    edges, corners = edges[lengths > 1e-9], hull[lengths > 1e-9]
-    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / lengths[lengths > 1e-9, None]
-    distance = np.full(len(flat), np.inf)
-    for corner, normal in zip(corners, inward, strict=True):
-        np.minimum(distance, (flat - corner) @ normal, out=distance)
-    return distance
+    long = lengths > 1e-9
+    inward = np.stack([-edges[long, 1], edges[long, 0]], axis=1) / lengths[long, None]
+    return np.ascontiguousarray(hull[long]), np.ascontiguousarray(inward)
+
+
+@numba.njit(cache=True, nogil=True)
+def _depth_inside(points, basis, corners, inward):  # type: ignore[no-untyped-def]
+    """Return the smallest signed distance (n,) of points (n, 3) to the hull's edges."""
+    out = np.full(points.shape[0], np.inf if corners.shape[0] else -np.inf)
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        u = basis[0, 0] * x + basis[0, 1] * y + basis[0, 2] * z
+        v = basis[1, 0] * x + basis[1, 1] * y + basis[1, 2] * z
+        for k in range(corners.shape[0]):
+            d = (u - corners[k, 0]) * inward[k, 0] + (v - corners[k, 1]) * inward[k, 1]
+            out[i] = min(out[i], d)
+    return out

@@ -131,7 +131,9 @@ def _spread(moments, neighbours, degrees):  # type: ignore[no-untyped-def]
     out = moments.copy()
     for voxel in range(moments.shape[0]):
         for k in range(degrees[voxel]):
-            out[voxel] += moments[neighbours[voxel, k]]
+            other = neighbours[voxel, k]
+            for m in range(10):
+                out[voxel, m] += moments[other, m]
     return out
 
 
@@ -165,19 +167,51 @@ def build_voxels(
     )
 
 
-def _normals(moments: NDArray[np.float64], centroids: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction of least spread (v, 3) of each neighbourhood, towards the camera."""
-    if not len(moments):
-        return np.zeros((0, 3))
-    n = moments[:, 0]
-    mean = moments[:, 1:4] / n[:, None]
-    second = np.empty((len(n), 3, 3))
-    for k, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
-        second[:, i, j] = second[:, j, i] = moments[:, 4 + k] / n - mean[:, i] * mean[:, j]
-    values, vectors = np.linalg.eigh(second)
-    normals = np.asarray(vectors[:, :, 0])
-    away = np.einsum("ij,ij->i", normals, centroids) > 0
-    normals[away] *= -1
-    flat = (n < 3) | (values[:, 1] < _MIN_EIGENVALUE_M2)
-    normals[flat] = 0
+@numba.njit(cache=True, nogil=True)
+def _normals(moments, centroids):  # type: ignore[no-untyped-def]
+    """Return the direction of least spread (v, 3) of each neighbourhood, towards the camera.
+
+    Eigenvalues of a symmetric 3 x 3 matrix by the cosine formula; the eigenvector is the longest
+    cross product of two rows of ``A - lambda I``, whose rows all lie across it.
+    """
+    normals = np.zeros((moments.shape[0], 3))
+    for voxel in range(moments.shape[0]):
+        n = moments[voxel, 0]
+        if n < 3:
+            continue
+        x, y, z = moments[voxel, 1] / n, moments[voxel, 2] / n, moments[voxel, 3] / n
+        xx, xy = moments[voxel, 4] / n - x * x, moments[voxel, 5] / n - x * y
+        xz, yy = moments[voxel, 6] / n - x * z, moments[voxel, 7] / n - y * y
+        yz, zz = moments[voxel, 8] / n - y * z, moments[voxel, 9] / n - z * z
+        q = (xx + yy + zz) / 3
+        a, b, c = xx - q, yy - q, zz - q
+        p = np.sqrt((a * a + b * b + c * c + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
+        if p < 1e-15:
+            continue
+        det = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+        phi = np.arccos(min(max(det / (2 * p * p * p), -1.0), 1.0)) / 3
+        least = q + 2 * p * np.cos(phi + 2 * np.pi / 3)
+        middle = 3 * q - least - (q + 2 * p * np.cos(phi))
+        if middle < _MIN_EIGENVALUE_M2:
+            continue
+        a, b, c = xx - least, yy - least, zz - least
+        # Rows (a, xy, xz), (xy, b, yz), (xz, yz, c), crossed two by two.
+        best, nx, ny, nz = 0.0, 0.0, 0.0, 0.0
+        for row in range(3):
+            if row == 0:
+                u, v, w = xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy
+            elif row == 1:
+                u, v, w = xy * c - xz * yz, xz * xz - a * c, a * yz - xy * xz
+            else:
+                u, v, w = b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz
+            length = u * u + v * v + w * w
+            if length > best:
+                best, nx, ny, nz = length, u, v, w
+        if best <= 0.0:
+            continue
+        scale = 1.0 / np.sqrt(best)
+        towards = nx * centroids[voxel, 0] + ny * centroids[voxel, 1] + nz * centroids[voxel, 2]
+        if towards > 0:
+            scale = -scale
+        normals[voxel, 0], normals[voxel, 1], normals[voxel, 2] = nx * scale, ny * scale, nz * scale
     return normals

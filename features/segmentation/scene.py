@@ -1,0 +1,232 @@
+"""From a frame of a table to the objects on it (Gatto 2016, 2.4 and 2.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from features.segmentation.plane import Plane, find_table_plane
+from features.segmentation.prism import Prism, table_prism
+from features.segmentation.segment import (
+    Clock,
+    SegmentParams,
+    check_cloud,
+    segment_cloud,
+    usable_points,
+)
+
+__all__ = ["Scene", "SegmentedObject", "segment_scene", "warm_up"]
+
+_MIN_FINITE = 50
+_GRAZING_COS = float(np.cos(np.deg2rad(80)))
+_ON_PLANE_M = 0.008
+_EDGE_M, _BORDER_SHARE = 0.010, 0.05
+_FOOT_CELL_M, _FOOT_REACH = 0.004, 1
+
+
+@dataclass(frozen=True)
+class SegmentedObject:
+    """One object of a scene.
+
+    Parameters
+    ----------
+    label
+        In the scene's labels.
+    indices : (n,) int64
+        Into the flattened points.
+    centroid : (3,) float64, m
+    box : (2, 3) float64, m
+        Smallest and largest coordinates.
+    touches_border
+        More than a twentieth of it lies within 10 mm of the table's edge or at the image border.
+    """
+
+    label: int
+    indices: NDArray[np.int64]
+    centroid: NDArray[np.float64]
+    box: NDArray[np.float64]
+    touches_border: bool
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A table and what stands on it.
+
+    Parameters
+    ----------
+    status
+        ``ok``, ``empty``, ``no_table``, ``table_only`` or ``grazing`` (the table is seen edge-on).
+    plane, prism
+        None without a table.
+    labels : leading shape of the points, int32
+    objects
+        By falling size.
+    """
+
+    status: str
+    plane: Plane | None
+    prism: Prism | None
+    labels: NDArray[np.int32]
+    objects: tuple[SegmentedObject, ...]
+    timings_ms: dict[str, float] = field(default_factory=dict, compare=False)
+
+
+def segment_scene(
+    points: NDArray[np.floating[Any]],
+    colours: NDArray[np.uint8] | None = None,
+    params: SegmentParams | None = None,
+    gravity: NDArray[np.floating[Any]] | None = None,
+) -> Scene:
+    """Find the table and the objects on it.
+
+    Parameters
+    ----------
+    points : (h, w, 3) or (n, 3) float, m, optical frame
+    colours : same leading shape, uint8 RGB, or None
+    params
+        None = those that suit the distance, see :meth:`SegmentParams.for_distance`.
+    gravity : (3,) float or None
+        Direction in which things fall, in the optical frame; give it where it is known.
+
+    Examples
+    --------
+    >>> x, y = np.meshgrid(np.linspace(-0.3, 0.3, 160), np.linspace(-0.2, 0.2, 120))
+    >>> z = np.where((abs(x) < 0.03) & (abs(y) < 0.03), 0.55, 0.6)
+    >>> scene = segment_scene(np.stack([x, y, z], axis=-1))
+    >>> scene.status, len(scene.objects)
+    ('ok', 1)
+    """
+    shape = check_cloud(points, colours, None)
+    usable = usable_points(points.reshape(-1, 3))
+    nothing = np.zeros(shape, np.int32)
+    if np.count_nonzero(usable) < _MIN_FINITE:
+        return Scene("empty", None, None, nothing, ())
+    clock = Clock()
+    clean = points.copy()
+    clean.reshape(-1, 3)[~usable] = np.nan
+    plane = find_table_plane(clean, gravity)
+    clock.lap("plane")
+    if plane is None:
+        params = params or SegmentParams()
+        if params.remove_table:
+            return Scene("no_table", None, None, nothing, (), clock.laps)
+        whole = segment_cloud(clean, colours, None, params)
+        objects = _objects(clean, whole.labels, None)
+        return Scene("no_table", None, None, whole.labels, objects, whole.timings_ms)
+    params = params or SegmentParams.for_distance(plane.offset)
+    prism = table_prism(clean, plane, params.height_min_m, params.height_max_m)
+    clock.lap("prism")
+    found = segment_cloud(clean, colours, prism.mask, params)
+    clock.lap("segment")
+    labels = _give_bases(clean, found.labels, prism, params)
+    clock.lap("bases")
+    objects = _objects(clean, labels, prism)
+    clock.lap("objects")
+    status = "ok" if objects else "table_only"
+    if _is_grazing(clean, plane, prism):
+        status = "grazing"
+    return Scene(status, plane, prism, labels, objects, {**found.timings_ms, **clock.laps})
+
+
+def _give_bases(
+    points: NDArray[np.floating[Any]],
+    labels: NDArray[np.int32],
+    prism: Prism,
+    params: SegmentParams,
+) -> NDArray[np.int32]:
+    """Give low points to the one object whose footprint their foot lies under or beside."""
+    with np.errstate(invalid="ignore"):
+        low = np.flatnonzero(
+            (prism.heights.ravel() > params.base_m) & (prism.heights.ravel() <= params.height_min_m)
+        )
+    taken = np.flatnonzero(labels)
+    if not len(low) or not len(taken):
+        return labels
+    flat = points.reshape(-1, 3)
+    feet = [
+        np.floor(flat[some].astype(np.float64) @ prism.basis.T / _FOOT_CELL_M).astype(np.int64)
+        for some in (taken, low)
+    ]
+    first = feet[0].min(axis=0) - _FOOT_REACH
+    size = feet[0].max(axis=0) + _FOOT_REACH + 1 - first
+    given = _under(feet[0] - first, labels.ravel()[taken], feet[1] - first, size)
+    out = labels.copy()
+    out.reshape(-1)[low] = given
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _under(feet, owners, low, size):  # type: ignore[no-untyped-def]
+    """Return the label (m,) of the only footprint near each low cell, 0 = none or several."""
+    grid = np.zeros((size[0], size[1]), np.int32)
+    for i in range(feet.shape[0]):
+        a, b = feet[i, 0], feet[i, 1]
+        if grid[a, b] == 0:
+            grid[a, b] = owners[i]
+        elif grid[a, b] != owners[i]:
+            grid[a, b] = -1
+    given = np.zeros(low.shape[0], np.int32)
+    for i in range(low.shape[0]):
+        label = np.int32(0)
+        for a in range(low[i, 0] - _FOOT_REACH, low[i, 0] + _FOOT_REACH + 1):
+            for b in range(low[i, 1] - _FOOT_REACH, low[i, 1] + _FOOT_REACH + 1):
+                if a < 0 or b < 0 or a >= size[0] or b >= size[1] or grid[a, b] == 0:
+                    continue
+                if label == 0:
+                    label = grid[a, b]
+                elif label != grid[a, b]:
+                    label = np.int32(-1)
+        given[i] = max(label, np.int32(0))
+    return given
+
+
+def _objects(
+    points: NDArray[np.floating[Any]], labels: NDArray[np.int32], prism: Prism | None
+) -> tuple[SegmentedObject, ...]:
+    flat, of_point = points.reshape(-1, 3), labels.ravel()
+    taken = np.flatnonzero(of_point)
+    order = taken[np.argsort(of_point[taken], kind="stable")]
+    counts = np.bincount(of_point[taken], minlength=1)[1:]
+    at_border = np.zeros(labels.shape, bool)
+    if labels.ndim == 2:
+        at_border[[0, -1]] = at_border[:, [0, -1]] = True
+    at_edge = at_border.ravel()[order]
+    if prism is not None and len(prism.hull) >= 3:
+        at_edge = at_edge | (prism.distance_to_edge(flat[order]) < _EDGE_M)
+    ends = np.cumsum(counts)
+    objects = []
+    for label, (start, end) in enumerate(zip(ends - counts, ends, strict=True), start=1):
+        indices, near_edge = order[start:end], at_edge[start:end]
+        mine = flat[indices].astype(np.float64)
+        objects.append(
+            SegmentedObject(
+                label,
+                indices,
+                mine.mean(axis=0),
+                np.stack([mine.min(axis=0), mine.max(axis=0)]),
+                bool(near_edge.mean() > _BORDER_SHARE),
+            )
+        )
+    return tuple(objects)
+
+
+def _is_grazing(points: NDArray[np.floating[Any]], plane: Plane, prism: Prism) -> bool:
+    with np.errstate(invalid="ignore"):
+        near = np.abs(prism.heights.ravel()[::7]) < _ON_PLANE_M
+    middle = points.reshape(-1, 3)[::7][near].mean(axis=0)
+    ray = middle / max(float(np.linalg.norm(middle)), 1e-9)
+    return bool(abs(float(plane.normal @ ray)) < _GRAZING_COS)
+
+
+def warm_up() -> None:
+    """Compile the kernels; they stay on disk for the next process."""
+    rng = np.random.default_rng(0)
+    table = np.column_stack([rng.uniform(-0.3, 0.3, (4000, 2)), np.full(4000, 0.5)])
+    cube = rng.uniform(-0.02, 0.02, (2000, 3)) + np.array([0, 0, 0.46])
+    cloud = np.concatenate([table, cube])
+    for dtype in (np.float32, np.float64):
+        segment_scene(cloud.astype(dtype))
