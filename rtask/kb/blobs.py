@@ -6,7 +6,9 @@ rename, fsync of the folder.
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import io
 import os
 import re
 import secrets
@@ -25,7 +27,6 @@ __all__ = ["Blob", "BlobStore", "digest_of"]
 PREFIX = "urn:sha256:"
 _IRI = re.compile(PREFIX + r"([0-9a-f]{64})")
 _CHUNK = 1 << 20
-_FULL = 28  # errno ENOSPC
 
 
 def digest_of(term: NamedNode | str) -> str | None:
@@ -102,7 +103,7 @@ class BlobStore:
         try:
             return self._put_file(self._folder, data, media_type)
         except OSError as error:
-            if error.errno == _FULL:
+            if error.errno == errno.ENOSPC:
                 raise StorageFullError(f"no room for a blob in {self._folder}") from error
             raise
 
@@ -152,8 +153,6 @@ class BlobStore:
 
     def open(self, name: NamedNode | str) -> BinaryIO:
         """Open a blob for reading."""
-        import io
-
         if self._folder is None:
             return io.BytesIO(self.read(name))
         return self.path(name).open("rb")

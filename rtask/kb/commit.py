@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 from pyoxigraph import Quad
 
-from rtask.errors import MissingBlobError, TooLargeError, VersionConflictError
+from rtask.errors import MissingBlobError, StoreError, TooLargeError, VersionConflictError
 from rtask.kb.access import Access
 from rtask.kb.apply import Writes, apply
 from rtask.kb.blobs import PREFIX, Blob, BlobStore, digest_of
@@ -120,6 +120,9 @@ class Committer:
         ``None`` where nobody reasons.
     journal
         Takes each change before it is stored.
+    interrupted
+        Ctrl-C came while a commit was being stored. Whether the store has it is not known here;
+        the journal has it, so opening again completes it.
     """
 
     store: GraphStore
@@ -131,9 +134,12 @@ class Committer:
     journal: Journal
     last_seq: int = 0
     last_time: dt.datetime = LONG_AGO
+    interrupted: bool = False
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change wholly, with what follows from it, or raise and store nothing."""
+        if self.interrupted:
+            raise StoreError("a write was interrupted; open the knowledge base again")
         self._check_version(request)
         self._check_rights(change, request)
         if change.is_empty() and not request.recount:
@@ -209,14 +215,17 @@ class Committer:
             list(change.dropped),
         )
         self.journal.append(record, everything)
+        self.interrupted = True
         try:
             apply(self.store, writes)
-        except BaseException:
+        except Exception:
             self.journal.withdraw()
+            self.interrupted = False
             raise
         if staged is not None:
             staged.apply()
         self._advance(record, notes, change)
+        self.interrupted = False
         return self._describe(change, derived, record, request)
 
     def _closure_state(

@@ -8,6 +8,7 @@ union in the default graph) are left out; replaying computes them.
 from __future__ import annotations
 
 import contextlib
+import errno
 import itertools
 import json
 import os
@@ -32,7 +33,6 @@ __all__ = ["Journal", "JournalFile", "NoJournal", "Record"]
 SEGMENT_BYTES = 64 << 20
 _KEPT_BYTES = 1 << 30
 _KEPT_S = 30 * 86_400
-_FULL = 28  # errno ENOSPC
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,11 @@ class JournalFile:
             view = memoryview(data)
             while view:
                 view = view[os.write(self._handle, view) :]
-        except OSError as error:
+        except BaseException as error:
             self.withdraw()
-            if error.errno == _FULL:
+            if not isinstance(error, OSError):
+                raise
+            if error.errno == errno.ENOSPC:
                 raise StorageFullError(f"no room for the journal in {self._folder}") from error
             raise StoreError(f"the journal in {self._folder} cannot be written: {error}") from error
         self._size += len(data)

@@ -399,7 +399,10 @@ class KnowledgeBase:
         if not self.store.is_open:
             return
         self._writer.close()
-        self._files.close(self.seq)
+        if self._writer.committer.interrupted:
+            self._files.abandon()
+        else:
+            self._files.close(self.seq)
 
     def __enter__(self) -> KnowledgeBase:
         return self

@@ -33,9 +33,9 @@ class FolderLock:
     """
 
     def __init__(self, folder: Path, shared: bool = False) -> None:
-        self._path = folder / "lock"
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
-        self._handle = os.open(self._path, flags, 0o644)
+        self._handle = os.open(folder / "lock", flags, 0o644)
+        self._shared = shared
         mode = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
         try:
             fcntl.flock(self._handle, mode | fcntl.LOCK_NB)
@@ -71,14 +71,32 @@ class FolderLock:
 
     def release(self) -> None:
         """Let others have the folder."""
-        if self._handle >= 0:
-            os.close(self._handle)
-            self._handle = -1
+        if self._handle < 0:
+            return
+        if not self._shared:
+            os.ftruncate(self._handle, 0)
+        os.close(self._handle)
+        self._handle = -1
+
+
+def _is_running(holder: dict[str, Any]) -> bool:
+    """Whether the process that a lock file names is still there, as far as can be told."""
+    if not holder:
+        return False
+    if holder.get("host") != socket.gethostname():
+        return True
+    try:
+        os.kill(int(holder["pid"]), 0)
+    except PermissionError:
+        return True
+    except (OSError, KeyError, ValueError):
+        return False
+    return True
 
 
 def _explain(folder: Path, holder: dict[str, Any]) -> str:
-    if not holder:
-        return f"{folder} is open in another process; wait until it has closed it"
+    if not _is_running(holder):
+        return f"{folder} is open for reading in another process; wait until it has closed it"
     since = str(holder.get("since", "?"))
     clock = since[11:16] if since[:10] == dt.date.today().isoformat() else since
     who = f"pid {holder.get('pid')} ({holder.get('command')}) on {holder.get('host')}"

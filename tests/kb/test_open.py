@@ -74,7 +74,7 @@ def test_readers_share_a_folder_and_cannot_write(tmp_path: Path) -> None:
         assert len(one.match("urn:a")) == len(two.match("urn:a")) == 1
         with pytest.raises(ClosedError, match="reading only"):
             one.update("INSERT DATA { <urn:a> <urn:p> 2 }")
-        with pytest.raises(StoreLockedError):
+        with pytest.raises(StoreLockedError, match="open for reading in another process"):
             _bare(tmp_path)
 
 

@@ -217,6 +217,30 @@ def test_a_store_that_fails_takes_its_record_back(
         assert len(kb.match("urn:a")) == 2
 
 
+@pytest.mark.parametrize("stored", [True, False])
+def test_an_interrupted_write_is_completed_by_opening_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: bool
+) -> None:
+    with _bare(tmp_path) as kb:
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+
+        def interrupted(*args: object) -> None:
+            if stored:
+                apply(*args)  # type: ignore[arg-type]
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("rtask.kb.commit.apply", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
+        monkeypatch.undo()
+        with pytest.raises(StoreError, match="open the knowledge base again"):
+            kb.update("INSERT DATA { <urn:a> <urn:p> 3 }")
+    with _bare(tmp_path) as kb:
+        assert kb.seq == 2
+        assert len(kb.match("urn:a")) == 2
+        assert kb.verify() == []
+
+
 def test_a_number_used_again_is_forced_to_the_disk_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
