@@ -77,9 +77,13 @@ class Inference:
         _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
         try:
             # triple terms are left out by the reasoner itself, its signature knows only the rest
-            return Closure.build(cast("Any", schema), cast("Any", data), rules=rule_texts())
+            closure = Closure.build(cast("Any", schema), cast("Any", data), rules=rule_texts())
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
+        clashes = closure.contradictions()
+        if clashes:
+            _log.warning("%d contradictions, e.g. %s", len(clashes), clashes[0].message)
+        return closure
 
     def forget(self) -> None:
         """Build the closure anew when it is needed next."""

@@ -66,13 +66,14 @@ class Writer:
 
     def finish(self, overlay: Overlay, request: Request) -> Commit:
         """Store the change, release the lock, make it durable, announce it."""
+        before = self.committer.last_seq
         try:
             change = self.committer.commit(overlay, request)
-            if not overlay.is_empty():
+            if change.commit.seq > before:
                 self._unannounced.append(change)
         finally:
             self.cancel()
-        if overlay.is_empty():
+        if change.commit.seq == before:
             return change.commit
         self.committer.journal.sync(change.commit.seq)
         self._announce(change.commit.seq)

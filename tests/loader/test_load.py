@@ -212,6 +212,32 @@ def test_a_large_file_is_streamed_and_leaves_the_same_as_a_small_one(
     assert contents[0] == contents[1]
 
 
+def test_a_large_load_is_announced_and_numbered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.loader.load.MAX_QUADS", 2)
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        heard: list[int] = []
+        kb.on_commit(lambda change: heard.append(change.commit.seq))
+        kb.load(b"<urn:a> <urn:p> 1, 2, 3 .", format="turtle", graph="urn:g")
+        kb.update("INSERT DATA { <urn:b> <urn:p> 1 }")
+        assert heard == [1, 2]
+        assert kb.catalogue.revision(iri("urn:g")) == 1
+
+
+def test_what_a_large_load_contradicts_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("rtask.loader.load.MAX_QUADS", 2)
+    with rtask.open(":memory:", ontologies=False) as kb:
+        kb.load(
+            f"<urn:A> <{_OWL}disjointWith> <urn:B> . <urn:x> a <urn:A>, <urn:B> .".encode(),
+            format="turtle",
+        )
+        assert len(kb.contradictions()) == 1
+    assert "1 contradictions, e.g." in caplog.text
+
+
 def test_dumps_come_back_the_same(tmp_path: Path, kb: KnowledgeBase) -> None:
     kb.load(
         _ontology(
