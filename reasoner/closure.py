@@ -12,6 +12,7 @@ from . import vocabulary as v
 from .checks import Contradiction, Inconsistency, describe
 from .dictionary import Dictionary, Fact, Term, Triple
 from .export import Asserted, Reading, differences, is_exported
+from .glosses import Glossary
 from .maintenance import Draft, Maintainer, Settings, State
 from .proofs import GraphsOf, Proof, Prover
 from .vocabulary import LITERAL, RDF, SAME, TYPE
@@ -238,7 +239,8 @@ class Closure:
         state = self._state
         held = next((f for f in self._forms((s, p, o)) if self._is_stored(f)), None)
         if held is None:
-            return Proof(triple, _virtual_rule(p))
+            gloss = Glossary(state.facts, self._terms).fact((s, p, o))
+            return Proof(triple, gloss, _virtual_rule(p))
         prover = Prover(
             state.facts,
             state.equality,

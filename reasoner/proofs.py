@@ -10,21 +10,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import islice, product
 from typing import Any
-
-from pyoxigraph import Literal
 
 from .dictionary import Dictionary, Fact, Triple
 from .equality import Equality
 from .export import Asserted
+from .glosses import Glossary, Shorten
 from .relations import Facts
-from .rules import Absent, Atom, Rule, bind, ground, solve
-from .strata import Program
+from .rules import Bindings, Rule, bind, ground, solve
+from .strata import Program, constants_of
 from .vocabulary import SAME
+
+Instance = tuple[tuple[Fact, ...], tuple[str, ...]]
+"""Premises of a rule's instance, and what must be absent."""
 
 GraphsOf = Callable[[Triple], Iterable[str]]
 MAX_HEIGHT = 64
+MAX_VARIANTS = 256
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class Proof:
     ----------
     triple : Triple
         What is proven.
+    gloss : str
+        The triple in short words, anonymous classes spelled out.
     rule : str
         Name in OWL 2 Profiles 4.3, `rule:<name>` of a user's rule, or `asserted`.
     premises : tuple of Proof
@@ -48,6 +53,7 @@ class Proof:
     """
 
     triple: Triple
+    gloss: str
     rule: str
     premises: tuple[Proof, ...] = ()
     schema: tuple[Triple, ...] = ()
@@ -86,36 +92,23 @@ class Proof:
         out["height"] = self.height
         return out
 
-    def render(self, shorten: Callable[[Triple], str] | None = None) -> str:
-        """Return the proof as an indented text, one line per triple."""
-        return "\n".join(self._lines(shorten or local_names, "", ""))
+    def __str__(self) -> str:
+        return self.render()
 
-    def _lines(self, shorten: Callable[[Triple], str], first: str, rest: str) -> Iterator[str]:
+    def render(self, shorten: Shorten | None = None) -> str:
+        """Return the proof as an indented text, one line per triple."""
+        return "\n".join(self._lines(shorten, "", ""))
+
+    def _lines(self, shorten: Shorten | None, first: str, rest: str) -> Iterator[str]:
         reason = self.rule
         if self.is_asserted and self.graphs:
             reason = "asserted: " + ", ".join(self.graphs)
-        yield f"{first + shorten(self.triple):<60} {reason}"
+        said = shorten(self.triple) if shorten else self.gloss
+        yield f"{first + said:<60} {reason}"
         for pattern in self.absent:
             yield f"{rest}|- absent: {pattern}"
         for premise in self.premises:
             yield from premise._lines(shorten, rest + "|- ", rest + "   ")
-
-
-def local_names(triple: Triple) -> str:
-    """Return a triple by the last parts of its IRIs.
-
-    >>> from pyoxigraph import NamedNode
-    >>> local_names((NamedNode("urn:x:mug"), NamedNode("urn:x#on"), Literal(1)))
-    'mug on "1"'
-    """
-    parts = []
-    for term in triple:
-        if isinstance(term, Literal):
-            parts.append(f'"{term.value}"')
-        else:
-            name = term.value.rstrip("/#")
-            parts.append(name[max(name.rfind(c) for c in "#/:") + 1 :])
-    return " ".join("a" if i == 1 and part == "type" else part for i, part in enumerate(parts))
 
 
 class Expanded:
@@ -175,6 +168,7 @@ class Prover:
         graphs_of: GraphsOf | None = None,
     ) -> None:
         self._view = Expanded(facts, equality) if equality else facts
+        self._glossary = Glossary(self._view, terms)
         self._equality = equality
         self._program = program
         self._asserted = asserted
@@ -216,28 +210,50 @@ class Prover:
         if goal in self._asserted:
             triple = self._terms.decode_fact(goal)
             graphs = tuple(self._graphs_of(triple)) if self._graphs_of else ()
-            return Proof(triple, "asserted", graphs=graphs)
+            return Proof(triple, self._glossary.fact(goal), "asserted", graphs=graphs)
         if goal[1] == SAME and goal[0] == goal[2]:
-            return Proof(self._terms.decode_fact(goal), "eq-ref")
+            return Proof(self._terms.decode_fact(goal), self._glossary.fact(goal), "eq-ref")
         return None
 
     def _steps(self, goal: Fact, height: int) -> Iterator[Proof]:
         """Yield the proofs whose last step derives the goal, in a fixed order."""
-        for rule in sorted(self._program.rules_for(goal), key=self._rule_order):
-            for premises in sorted(self._instances(rule, goal), key=self._order):
-                yield from self._step(goal, rule.name, premises, height, rule)
+        for rule in sorted(self._rules_for(goal), key=self._rule_order):
+            for premises, absent in sorted(self._instances(rule, goal), key=self._order):
+                yield from self._step(goal, rule.name, premises, height, rule, absent)
         if goal[1] == SAME:
             yield from self._equality_steps(goal, height)
         if any(self._equality.is_merged(x) for x in goal):
             yield from self._replacements(goal, height)
 
-    def _instances(self, rule: Rule, goal: Fact) -> set[tuple[Fact, ...]]:
+    def _rules_for(self, goal: Fact) -> Iterator[Rule]:
+        """Yield the rules that may derive a goal, as the schema was asserted.
+
+        The rules in force mention representatives; a proof must not need an equality that rests
+        on the very axiom in its original terms.
+        """
+        for rule in self._program.rules_for(self._equality.rewrite(goal)):
+            merged = sorted({c for c in constants_of([rule]) if self._equality.is_merged(c)})
+            if not merged:
+                yield rule
+                continue
+            choices = islice(product(*map(self._equality.members, merged)), MAX_VARIANTS)
+            variants = [rule.substitute(dict(zip(merged, c, strict=True))) for c in choices]
+            stated = [r for r in variants if all(map(self._is_as_asserted, r.because))]
+            yield from stated or variants
+
+    def _is_as_asserted(self, fact: Fact) -> bool:
+        """Tell whether a schema fact is asserted in this form, or derived in every form."""
+        if fact in self._asserted:
+            return True
+        return not any(form in self._asserted for form in self._equality.forms(fact))
+
+    def _instances(self, rule: Rule, goal: Fact) -> set[Instance]:
         assert rule.head is not None
         env = rule.environment()
         if not bind(rule.head, goal, self._terms, env):
             return set()
         return {
-            tuple(ground(atom, found) for atom in rule.body)
+            (tuple(ground(atom, found) for atom in rule.body), self._absent(rule, found))
             for found in solve(self._view, self._terms, rule.backward_steps, env)
             if rule.conclude(found) == goal
         }
@@ -269,6 +285,7 @@ class Prover:
         premises: tuple[Fact, ...],
         height: int,
         rule: Rule | None = None,
+        absent: tuple[str, ...] = (),
     ) -> Iterator[Proof]:
         proofs = []
         for premise in premises:
@@ -278,23 +295,20 @@ class Prover:
             proofs.append(proof)
         decode = self._terms.decode_fact
         because = tuple(map(decode, rule.because)) if rule else ()
-        absent = tuple(self._pattern(group) for group in rule.absences) if rule else ()
-        yield Proof(decode(goal), name, tuple(proofs), because, absent)
+        gloss = self._glossary.fact(goal)
+        yield Proof(decode(goal), gloss, name, tuple(proofs), because, absent)
 
-    def _pattern(self, group: Absent) -> str:
-        def part(x: int) -> str:
-            return f"?{-x}" if x < 0 else str(self._terms.decode(x))
-
-        def text(atom: Atom) -> str:
-            return " ".join(part(x) for x in atom)
-
-        return " . ".join(text(atom) for atom in group.atoms)
+    def _absent(self, rule: Rule, env: Bindings) -> tuple[str, ...]:
+        return tuple(
+            " . ".join(self._glossary.pattern(atom, env, rule.names) for atom in group.atoms)
+            for group in rule.absences
+        )
 
     def _rule_order(self, rule: Rule) -> tuple[str, list[tuple[str, ...]]]:
         return rule.name, [self._text(fact) for fact in rule.because]
 
-    def _order(self, premises: tuple[Fact, ...]) -> list[tuple[str, ...]]:
-        return [self._text(fact) for fact in premises]
+    def _order(self, instance: Instance) -> list[tuple[str, ...]]:
+        return [self._text(fact) for fact in instance[0]]
 
     def _text(self, fact: Fact) -> tuple[str, ...]:
         return tuple(map(str, self._terms.decode_fact(fact)))

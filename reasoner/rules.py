@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -186,13 +186,16 @@ class Rule:
     because : tuple of Fact
         Schema facts the rule was compiled from.
     conditions : tuple of Condition
+    names : tuple of str
+        What a user's rule calls its variables.
     """
 
     name: str
     body: tuple[Atom, ...]
     head: Atom | None
     because: tuple[Fact, ...] = ()
-    conditions: tuple[Condition, ...] = field(default=())
+    conditions: tuple[Condition, ...] = ()
+    names: tuple[str, ...] = field(default=(), compare=False)
 
     @cached_property
     def width(self) -> int:
@@ -222,6 +225,21 @@ class Rule:
     def sees_identity(self) -> bool:
         """Whether the rule may stop to hold when two terms turn out to be the same."""
         return any(getattr(c, "sees_identity", False) for c in self.conditions)
+
+    def substitute(self, other: dict[int, int]) -> Rule:
+        """Return the rule with some terms of its atoms and schema facts replaced."""
+
+        def replaced(atom: Atom) -> Atom:
+            return Atom(*(other.get(x, x) for x in atom))
+
+        return replace(
+            self,
+            body=tuple(map(replaced, self.body)),
+            head=replaced(self.head) if self.head else None,
+            because=tuple(
+                (other.get(s, s), other.get(p, p), other.get(o, o)) for s, p, o in self.because
+            ),
+        )
 
     def environment(self) -> Bindings:
         """Return bindings with every variable unbound."""

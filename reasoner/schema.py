@@ -124,6 +124,9 @@ def _restriction_rules() -> Iterator[Rule]:
     ):
         body = (*_restrictions(kind, same, _Q if extra is below_property else _P), extra)
         yield Rule(name, body, head, conditions=differ)
+    # The same with one property and one filler, which are below themselves (scm-op, scm-cls).
+    for name, kind in (("scm-hv", HAS_VALUE), ("scm-svf2", SOME), ("scm-avf2", ALL)):
+        yield Rule(name, _restrictions(kind, True, _P), up, conditions=differ)
 
 
 CLOSING_RULES: tuple[Rule, ...] = (

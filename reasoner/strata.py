@@ -164,7 +164,7 @@ class Program:
         for rule in deriving:
             assert rule.head is not None
             self.by_head[rule.head.key].append(rule)
-        self.constants = frozenset(_constants(self.rules))
+        self.constants = frozenset(constants_of(self.rules))
 
     def _level_of_key(self, key: int) -> int:
         return self._levels.get(key, self._levels.get(TYPE, 0) if key < 0 else 0)
@@ -184,10 +184,11 @@ class Program:
         yield from self.by_head.get(p, ())
 
 
-def _constants(rules: Iterable[Rule]) -> Iterator[int]:
+def constants_of(rules: Iterable[Rule]) -> Iterator[int]:
+    """Yield the terms outside the vocabulary that rules mention, schema facts included."""
     for rule in rules:
         atoms = [*rule.body, *(atom for atom, _ in _negated_atoms(rule.absences, ()))]
-        for atom in (*atoms, *((rule.head,) if rule.head else ())):
+        for atom in (*atoms, *((rule.head,) if rule.head else ()), *rule.because):
             yield from (x for x in atom if x >= RESERVED)
 
 

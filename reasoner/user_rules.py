@@ -69,16 +69,20 @@ class _Branch:
 class _Scope:
     """Numbers of variables; names unknown outside a group stay inside it."""
 
-    numbers: Iterator[int] = field(default_factory=lambda: itertools.count(-1, -1))
-    names: dict[str, int] = field(default_factory=dict)
+    all_names: list[str]
+    numbers: dict[str, int] = field(default_factory=dict)
 
     def number(self, name: str) -> int:
-        if name not in self.names:
-            self.names[name] = next(self.numbers)
-        return self.names[name]
+        if name not in self.numbers:
+            self.numbers[name] = self.another(name)
+        return self.numbers[name]
+
+    def another(self, name: str = "_") -> int:
+        self.all_names.append(name)
+        return -len(self.all_names)
 
     def inner(self) -> _Scope:
-        return _Scope(self.numbers, dict(self.names))
+        return _Scope(self.all_names, dict(self.numbers))
 
 
 def compile_rule(text: str, encode: Encode) -> list[Rule]:
@@ -126,9 +130,10 @@ class _Translator:
     def __init__(self, text: str, encode: Encode) -> None:
         self.text = text
         self.encode = encode
+        self.names: list[str] = []
 
     def rules(self, algebra: Any) -> Iterator[Rule]:
-        scope = _Scope()
+        scope = _Scope(self.names)
         branches = self.pattern(algebra.p, scope)
         template = algebra.template or []
         if not template:
@@ -140,7 +145,9 @@ class _Translator:
             if not head.variables <= known:
                 continue  # SPARQL leaves out template triples with an unbound variable
             local_name = re.split(r"[#/:]", str(o if head.p == TYPE else p))[-1]
-            rule = Rule(f"rule:{local_name}", branch.atoms, head, (), branch.conditions)
+            rule = Rule(
+                f"rule:{local_name}", branch.atoms, head, (), branch.conditions, tuple(self.names)
+            )
             self.check_termination(rule)
             yield rule
 
@@ -193,7 +200,7 @@ class _Translator:
             return [a.and_(b) for a, b in itertools.product(branches, groups)]
         if kind == "Builtin_NOTEXISTS":
             groups = self.group(part.graph, scope.inner())
-            absent = tuple(_absent(group, scope.names.values()) for group in groups)
+            absent = tuple(_absent(group, scope.numbers.values()) for group in groups)
             return [b.and_(_Branch(conditions=absent)) for b in branches]
         test = Test(self.expression(part, scope))
         return [b.and_(_Branch(conditions=(test,))) for b in branches]
@@ -207,7 +214,7 @@ class _Translator:
 
     def minus(self, node: Any, scope: _Scope) -> list[_Branch]:
         branches = self.pattern(node.p1, scope)
-        outer = set(scope.names.values())
+        outer = set(scope.numbers.values())
         groups = self.pattern(node.p2, scope.inner())
         # Without a shared variable MINUS takes nothing away (SPARQL 1.1 Query 8.3.3).
         absent = tuple(a for a in (_absent(group, outer) for group in groups) if a.outer)
@@ -230,7 +237,7 @@ class _Translator:
         if isinstance(p, paths.AlternativePath):
             return [way for arg in p.args for way in self.path(s, arg, o, scope)]
         if isinstance(p, paths.SequencePath):
-            ends = [s, *(next(scope.numbers) for _ in p.args[1:]), o]
+            ends = [s, *(scope.another() for _ in p.args[1:]), o]
             parts = [
                 self.path(a, arg, b, scope)
                 for a, arg, b in zip(ends, p.args, ends[1:], strict=False)
@@ -239,7 +246,7 @@ class _Translator:
         if isinstance(p, paths.MulPath):
             raise RuleError(
                 "paths with * + ? cannot be used in a rule; declare the property transitive",
-                self.line(r"[*+?]"),
+                self.line(r"[\w)>][*+?]"),
             )
         raise RuleError("a predicate must be an IRI or a path of IRIs", self.line("WHERE"))
 

@@ -272,9 +272,10 @@ def schema(g: Graph) -> Iterator[Triple]:
     for (c1, p1), (c2, p2) in product(on, repeat=2):
         for kind in ("hasValue", "someValuesFrom", "allValuesFrom"):
             for y1, y2 in product(g.o(c1, owl(kind)), g.o(c2, owl(kind))):
+                # Every class and property is below itself, declared or not (scm-cls, scm-op).
                 if p1 == p2 and kind != "hasValue" and (y1, y2) in below_class:
                     yield c1, SUB, c2
-                if key(y1) == key(y2) and (p1, p2) in below_property:
+                if key(y1) == key(y2) and (p1 == p2 or (p1, p2) in below_property):
                     yield (c2, SUB, c1) if kind == "allValuesFrom" else (c1, SUB, c2)
 
 

@@ -43,7 +43,7 @@ def run_script(schema, data, script, rules=()) -> None:
     asserted = {*schema, *data}
     for add, picks in script:
         ordered = sorted(asserted, key=str)
-        remove = {ordered[i % len(ordered)] for i in picks} - set(add)
+        remove = {ordered[i % len(ordered)] for i in picks if ordered} - set(add)
         before = set(closure.inferred())
         staged = closure.stage(add=add, remove=remove)
         assert set(closure.inferred()) == before

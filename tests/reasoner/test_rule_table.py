@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from turtle import triple, triples  # noqa: I001 - the one of this folder, see conftest
+from ttl import triple, triples
 
 from reasoner import Closure
 

@@ -121,7 +121,7 @@ class World:
         )
 
     @st.composite
-    def restrictions(draw, self, kinds) -> list[Triple]:  # noqa: N805 - composite passes draw first
+    def restrictions(draw, self, kinds) -> list[Triple]:
         c, p, kind = draw(self.classes), draw(self.properties), draw(st.sampled_from(kinds))
         top = st.just(owl("Thing"))
         filler = {
@@ -135,7 +135,7 @@ class World:
         return triples
 
     @st.composite
-    def denials(draw, self) -> list[Triple]:  # noqa: N805 - composite passes draw first
+    def denials(draw, self) -> list[Triple]:
         node = NamedNode(f"{NS}denial{draw(st.integers(0, 9))}")
         triples = [(node, owl("sourceIndividual"), draw(self.people))]
         if draw(st.booleans()):

@@ -1,0 +1,168 @@
+"""Stages: nothing shows before `apply`, nothing is left after `discard`, transitions are exact."""
+
+from __future__ import annotations
+
+import pyoxigraph as ox
+import pytest
+from pyoxigraph import Literal, NamedNode
+from ttl import triple, triples
+
+from reasoner import Closure, ClosureTooLargeError, Config, InconsistentError
+
+SCHEMA = ":Mug rdfs:subClassOf :Vessel . :Vessel owl:disjointWith :Pen ."
+
+
+def build(data: str = "", config: Config | None = None) -> Closure:
+    return Closure.build(triples(SCHEMA), triples(data), config=config)
+
+
+def test_nothing_shows_before_apply():
+    closure = build()
+    staged = closure.stage(add=triples(":m a :Mug ."))
+    assert staged.inferred_added == [triple(":m a :Vessel")]
+    assert not closure.contains(triple(":m a :Mug"))
+    assert closure.match(triple(":m a :Mug")[0]) == []
+    staged.apply()
+    assert closure.contains(triple(":m a :Vessel"))
+
+
+def test_discard_leaves_no_trace():
+    closure = build(":m a :Mug .")
+    before = closure.match()
+    closure.stage(
+        add=triples(":n a :Mug . :Mug rdfs:subClassOf :Thing ."), remove=before[:2]
+    ).discard()
+    assert closure.match() == before
+
+
+def test_asserting_what_was_inferred_takes_it_out_of_the_inferred_graph():
+    closure = build(":m a :Mug .")
+    staged = closure.stage(add=triples(":m a :Vessel ."))
+    assert staged.inferred_removed == [triple(":m a :Vessel")]
+    assert staged.inferred_added == []
+    staged.apply()
+    assert list(closure.inferred()) == []
+
+
+def test_retracting_what_still_follows_puts_it_into_the_inferred_graph():
+    closure = build(":m a :Mug, :Vessel .")
+    staged = closure.stage(remove=triples(":m a :Vessel ."))
+    assert staged.inferred_added == [triple(":m a :Vessel")]
+    assert staged.inferred_removed == []
+
+
+def test_adding_what_is_there_and_removing_what_is_not_changes_nothing():
+    closure = build(":m a :Mug .")
+    staged = closure.stage(add=triples(":m a :Mug ."), remove=triples(":x a :Mug ."))
+    assert (staged.inferred_added, staged.inferred_removed) == ([], [])
+
+
+def test_what_is_both_added_and_removed_is_there():
+    closure = build()
+    both = triples(":m a :Mug .")
+    closure.stage(add=both, remove=both).apply()
+    assert closure.contains(both[0])
+
+
+def test_a_stage_is_used_once():
+    closure = build()
+    staged = closure.stage(add=triples(":m a :Mug ."))
+    staged.apply()
+    with pytest.raises(RuntimeError, match="already"):
+        staged.apply()
+
+
+def test_a_stage_does_not_survive_another_one():
+    closure = build()
+    late = closure.stage(add=triples(":m a :Mug ."))
+    closure.stage(add=triples(":n a :Mug .")).apply()
+    with pytest.raises(RuntimeError, match="another change"):
+        late.apply()
+
+
+def test_a_new_class_takes_effect_at_once():
+    closure = build(":m a :Mug .")
+    staged = closure.stage(add=triples(":Espresso rdfs:subClassOf :Mug . :e a :Espresso ."))
+    assert triple(":e a :Vessel") in staged.inferred_added
+    assert triple(":Espresso rdfs:subClassOf :Vessel") in staged.inferred_added
+
+
+def test_only_new_contradictions_are_listed_with_a_stage():
+    closure = build(":m a :Mug, :Pen .")
+    assert len(closure.contradictions()) == 1
+    assert closure.stage(add=triples(":n a :Mug .")).contradictions == []
+    (clash,) = closure.stage(add=triples(":n a :Mug, :Pen .")).contradictions
+    assert clash.rule == "cax-dw"
+    assert set(clash.triples) == set(triples(":n a :Vessel, :Pen ."))
+    assert clash.axioms == (triple(":Vessel owl:disjointWith :Pen"),)
+    assert "cax-dw" in str(clash)
+
+
+def test_a_contradiction_can_be_refused_at_once():
+    closure = build(config=Config(on_contradiction="reject"))
+    with pytest.raises(InconsistentError, match="disjoint") as caught:
+        closure.stage(add=triples(":n a :Mug, :Pen ."))
+    assert len(caught.value.contradictions) == 1
+    assert not closure.contains(triple(":n a :Mug"))
+
+
+def test_nothing_is_derived_from_a_contradiction():
+    closure = build(":m a :Mug, :Pen .")
+    assert not closure.contains(triple(":m a owl:Nothing"))
+
+
+def test_ill_typed_literals_are_contradictions_or_kept():
+    bad = [(NamedNode("urn:t:a"), NamedNode("urn:t:p"), _integer("abc"))]
+    (clash,) = build().stage(add=bad).contradictions
+    assert clash.rule == "dt-not-type"
+    kept = build(config=Config(ill_typed="keep"))
+    assert kept.stage(add=bad).contradictions == []
+
+
+def _integer(text: str) -> Literal:
+    return Literal(text, datatype=NamedNode("http://www.w3.org/2001/XMLSchema#integer"))
+
+
+def test_triple_terms_and_their_reifiers_are_no_input():
+    a, p = NamedNode("urn:t:a"), NamedNode("urn:t:p")
+    reifies = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#reifies")
+    reifier = NamedNode("urn:t:r")
+    statements = [
+        (reifier, reifies, ox.Triple(a, p, a)),
+        (reifier, p, Literal(0.9)),
+        (a, p, a),
+    ]
+    closure = Closure.build(triples(":p rdfs:domain :C ."), statements)
+    assert list(closure.inferred()) == [triple(":a a :C")]
+    assert closure.stats()["skipped"] == 2
+
+
+def test_an_explosion_is_stopped_and_the_stage_gone():
+    closure = Closure.build(
+        triples(":p a owl:TransitiveProperty, owl:SymmetricProperty ."),
+        [],
+        config=Config(max_inferred=100),
+    )
+    ring = triples(" ".join(f":n{i} :p :n{i + 1} ." for i in range(80)))
+    with pytest.raises(ClosureTooLargeError, match="urn:t:p"):
+        closure.stage(add=ring)
+    assert (
+        closure.match() == triples(":p a owl:TransitiveProperty, owl:SymmetricProperty .")
+        or len(closure.match()) == 2
+    )
+
+
+def test_large_classes_of_equal_terms_are_exported_as_a_star():
+    data = " ".join(f":n{i} owl:sameAs :n{i + 1} ." for i in range(19)) + " :n5 :p :x ."
+    closure = Closure.build([], triples(data))
+    exported = list(closure.inferred())
+    assert len(exported) < 20 + 19
+    assert closure.contains(triple(":n19 :p :x"))
+    assert len(closure.same_as(NamedNode("urn:t:n7"))) == 20
+
+
+def test_configuration_is_checked():
+    with pytest.raises(ValueError, match="'report' or 'reject'"):
+        Config(on_contradiction="ignore")
+    with pytest.raises(ValueError, match="'reject' or 'keep'"):
+        Config(ill_typed="drop")
