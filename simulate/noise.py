@@ -10,10 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from features.geometry import Frame
 
 __all__ = ["SensorNoise"]
+
+Depth = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -61,39 +64,41 @@ class SensorNoise:
         >>> bool(0.001 < noisy.std() < 0.002)
         True
         """
-        exact = frame.depth_m.astype(np.float64)
+        exact = np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32)
         jump = np.maximum(
             np.abs(np.diff(exact, axis=1, prepend=exact[:, :1])),
             np.abs(np.diff(exact, axis=0, prepend=exact[:1])),
         )
         depth = self._jitter(exact, rng)
         sigma = self.axial_base_m + self.axial_square * (depth - 0.4) ** 2
-        depth = depth + rng.standard_normal(depth.shape) * sigma
+        depth = depth + _normal(rng, depth.shape) * sigma
         depth = self._quantise(depth, frame.intrinsics.fx)
-        lost = (jump > self.edge_m) & (rng.random(depth.shape) < self.dropout)
+        lost = (jump > self.edge_m) & (rng.random(depth.shape, np.float32) < self.dropout)
         depth[lost | (exact <= 0) | (depth <= 0)] = 0
         rgb = frame.rgb
         if rgb is not None:
-            grain = rng.standard_normal(rgb.shape) * self.colour
-            rgb = np.clip(np.round(rgb + grain), 0, 255).astype(np.uint8)
+            grain = _normal(rng, rgb.shape) * self.colour
+            rgb = np.clip(np.rint(rgb + grain), 0, 255).astype(np.uint8)
         return replace(frame, depth_m=depth.astype(np.float32), rgb=rgb)
 
-    def _jitter(
-        self, depth: np.ndarray[tuple[int, ...], np.dtype[np.float64]], rng: np.random.Generator
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def _jitter(self, depth: Depth, rng: np.random.Generator) -> Depth:
         """Take each depth from a pixel nearby; a missing neighbour leaves it as it was."""
         height, width = depth.shape
-        shift = np.round(rng.standard_normal((2, height, width)) * self.lateral_px).astype(np.int64)
-        rows = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1)
-        columns = np.clip(np.arange(width)[None, :] + shift[1], 0, width - 1)
-        moved = depth[rows, columns]
+        shift = np.rint(_normal(rng, (2, height, width)) * self.lateral_px).astype(np.int32)
+        rows = np.clip(np.arange(height, dtype=np.int32)[:, None] + shift[0], 0, height - 1)
+        columns = np.clip(np.arange(width, dtype=np.int32)[None, :] + shift[1], 0, width - 1)
+        moved = depth.ravel()[rows * np.int32(width) + columns]
         return np.where(moved > 0, moved, depth)
 
-    def _quantise(
-        self, depth: np.ndarray[tuple[int, ...], np.dtype[np.float64]], focal_px: float
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def _quantise(self, depth: Depth, focal_px: float) -> Depth:
         if self.disparity_px <= 0:
             return depth
-        safe = np.maximum(depth, 1e-3)
-        steps = np.maximum(np.round(focal_px * self.baseline_m / safe / self.disparity_px), 1)
-        return np.where(depth > 0, focal_px * self.baseline_m / (steps * self.disparity_px), 0.0)
+        # Disparity in steps; float32 holds whole steps exactly up to 2^24.
+        scale = np.float32(focal_px * self.baseline_m / self.disparity_px)
+        steps = np.maximum(np.rint(scale / np.maximum(depth, np.float32(1e-3))), np.float32(1))
+        return np.where(depth > 0, scale / steps, np.float32(0))
+
+
+def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Depth:
+    """Return standard normal values; single precision halves the time of a frame."""
+    return rng.standard_normal(shape, np.float32)

@@ -169,7 +169,7 @@ def _paint_areas(image: Image, look: Look, rng: np.random.Generator) -> None:
     elif look.layout == 2:
         second = v > split + 0.2 * height * np.sin(phase)
     else:
-        second = (u < width / 2) ^ (v < split)
+        second = (np.sin(phase) > 0) ^ (v < split)
     image[:] = np.where(second[..., None], look.second, look.ground)
 
 
