@@ -124,6 +124,7 @@ class Encounter:
     side: str
     position: tuple[float, float]
     size: tuple[float, float, float]
+    is_seen: bool = False
     recognised: str = ""
     label: str = ""
     confidence: float = 0.0
@@ -240,8 +241,10 @@ class Agent:
             if not todo:
                 return
             # The outermost first: the hand comes from outside, and each success clears its way.
-            handled = max(todo, key=lambda thing: thing.seen.position[1] * sign)
-            self._attempt(handled, side, view, base_from_camera, looked_s)
+            # What was out of reach behind others waits until they are gone.
+            handled = max(todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign))
+            may_wait = any(not t.waiting for t in todo if t is not handled)
+            self._attempt(handled, side, view, base_from_camera, looked_s, may_wait)
 
     def _attempt(
         self,
@@ -250,6 +253,7 @@ class Agent:
         view: Perceived,
         base_from_camera: NDArray[np.float64],
         looked_s: float,
+        may_wait: bool,
     ) -> None:
         """Ask, plan, grasp and report once."""
         encounter = self._encounter(thing, side)
@@ -270,10 +274,13 @@ class Agent:
             **({"object": thing.object_iri} if thing.object_iri else {}),
         )
         seconds["ask"] = time.perf_counter() - started
-        if not encounter.attempts:
+        if not encounter.is_seen:
             self._first_sight(encounter, thing, answer)
-        planned = self._plan(thing, side, view, answer, seconds)
+        planned = self._plan(thing, view, answer, seconds)
         if planned.plan is None or planned.grasp is None:
+            if may_wait and not thing.waiting:
+                thing.waiting = True
+                return
             self._give_up(encounter, thing, observation, answer, planned, number, seconds)
             return
         grasp = planned.grasp
@@ -290,7 +297,7 @@ class Agent:
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
         outcome = _outcome(record, number, answer, grasp, seconds, pictures)
-        self._report(encounter, thing, observation, answer, grasp, outcome)
+        self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
         attempt = Attempt(
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
@@ -326,6 +333,7 @@ class Agent:
     def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> None:
         recognition = answer["recognition"]
         matches = recognition["matches"]
+        encounter.is_seen = True
         encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
         if recognition["accepted"]:
             encounter.recognised = thing.object_iri = answer["object"]
@@ -345,7 +353,6 @@ class Agent:
     def _plan(
         self,
         thing: Thing,
-        side: str,
         view: Perceived,
         answer: dict[str, Any],
         seconds: dict[str, float],
@@ -356,7 +363,7 @@ class Agent:
         first: dict[str, Any] | None = None
         reason = "no_grasp"
         for rank, grasp in enumerate(answer["grasps"][: self.config.max_plans]):
-            request = _request(thing, grasp, view.table_height, side)
+            request = _request(thing, grasp, view.table_height)
             planned = self.body.plan(request, obstacles, seed=_seed(self.config.seed, rank))
             if not isinstance(planned, str):
                 seconds["plan"] = time.perf_counter() - started
@@ -389,7 +396,8 @@ class Agent:
                 "reason": reason,
                 "attempt_number": number,
             }
-            self._report(encounter, thing, observation, answer, grasp, outcome)
+            gripper_id = self.body.gripper_ids[encounter.side]
+            self._report(encounter, thing, observation, answer, grasp, outcome, gripper_id)
         self._tell("attempt", {"object": thing.number, **asdict(attempt), "doing": "looking on"})
 
     def _report(
@@ -400,10 +408,11 @@ class Agent:
         answer: dict[str, Any],
         grasp: dict[str, Any],
         outcome: dict[str, Any],
+        gripper_id: str,
     ) -> None:
         """Write the outcome; with it the view, unless the graph knew the object well already."""
         started = time.perf_counter()
-        common = {"gripper_id": self.body.gripper_ids[encounter.side], "task": "pick"}
+        common = {"gripper_id": gripper_id, "task": "pick"}
         well_known = encounter.recognised and encounter.confidence >= _CONFIDENT
         if thing.object_iri and well_known:
             self.server.report_outcome(
@@ -442,7 +451,7 @@ def _neighbours(thing: Thing, view: Perceived) -> list[list[float]]:
     return [[round(float(x), 4) for x in point] for point in near[::step]]
 
 
-def _request(thing: Thing, grasp: dict[str, Any], table: float, side: str) -> GraspRequest:
+def _request(thing: Thing, grasp: dict[str, Any], table: float) -> GraspRequest:
     shape = thing.seen.shape
     return GraspRequest(
         x=float(grasp["x"]),
@@ -454,7 +463,7 @@ def _request(thing: Thing, grasp: dict[str, Any], table: float, side: str) -> Gr
         height=shape.height,
         length=shape.length,
         table_height=table,
-        arm=side,
+        arm="auto",
         round=shape.is_round,
     )
 

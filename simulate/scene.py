@@ -14,11 +14,15 @@ from simulate.world import World
 
 __all__ = ["Laid", "Placement", "arrange", "lay"]
 
-# The reach of both arms with some margin, so that a table may hold an object that nobody reaches.
-_AREA_X = (0.125, 0.175)
-_AREA_ABS_Y = (0.035, 0.175)
+# About the reach of both arms; a crowded table grows away from the robot, out of reach.
+_AREA_X = (0.120, 0.180)
+_AREA_ABS_Y = (0.030, 0.180)
+_CLEAR_ABS_Y = (0.010, 0.205)
+_NEAREST_X = 0.100
+_GROWTH_M = 0.015
 _GAP_M = 0.022
-_TRIES = 4000
+_ROUNDS = 14
+_TRIES = 400
 _SETTLE_S = 0.5
 
 
@@ -60,34 +64,47 @@ def arrange(specs: Sequence[ObjectSpec], rng: np.random.Generator) -> list[Place
     ValueError
         When the table is too small for them.
     """
-    for _ in range(20):
-        found = _try_arrange(specs, rng)
+    order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
+    for grown in range(_ROUNDS):
+        sides = rng.permuted(np.resize([-1, 1], len(specs)))
+        found = _try_arrange([specs[i] for i in order], sides, grown * _GROWTH_M, rng)
         if found is not None:
             return found
     raise ValueError(f"the table has no room for {len(specs)} objects; ask for fewer")
 
 
-def _try_arrange(specs: Sequence[ObjectSpec], rng: np.random.Generator) -> list[Placement] | None:
+def _try_arrange(
+    specs: Sequence[ObjectSpec],
+    sides: NDArray[np.int64],
+    grown_m: float,
+    rng: np.random.Generator,
+) -> list[Placement] | None:
+    """Place the largest first, each where it keeps its distance from those before."""
     placed: list[Placement] = []
     outlines: list[NDArray[np.float64]] = []
-    order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
-    sides = {index: -1 if rank % 2 == 0 else 1 for rank, index in enumerate(order)}
-    for index in order:
-        spec = specs[index]
+    for spec, side in zip(specs, sides, strict=True):
         for _ in range(_TRIES):
-            x = float(rng.uniform(*_AREA_X))
-            y = sides[index] * float(rng.uniform(*_AREA_ABS_Y))
+            x = float(rng.uniform(_AREA_X[0], _AREA_X[1] + grown_m))
+            y = float(side * rng.uniform(*_AREA_ABS_Y))
             yaw = float(rng.uniform(0, 2 * np.pi))
             outline = _outline(spec, x, y, yaw)
-            if np.any(outline[:, 1] * sides[index] < 0.01) or np.any(outline[:, 0] < 0.10):
-                continue
-            if all(_gap(outline, other) >= _GAP_M for other in outlines):
+            if _is_clear(outline, side) and all(_gap(outline, o) >= _GAP_M for o in outlines):
                 placed.append(Placement(spec, x, y, yaw))
                 outlines.append(outline)
                 break
         else:
             return None
     return placed
+
+
+def _is_clear(outline: NDArray[np.float64], side: int) -> bool:
+    """Tell whether a footprint keeps to its side, off the table's edge and out of the box."""
+    across = outline[:, 1] * side
+    return bool(
+        across.min() > _CLEAR_ABS_Y[0]
+        and across.max() < _CLEAR_ABS_Y[1]
+        and outline[:, 0].min() > _NEAREST_X
+    )
 
 
 def _gap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

@@ -8,7 +8,7 @@ recognition.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
@@ -32,15 +32,22 @@ class Thing:
         Counts from 1 at each table.
     seen
         The latest look at it.
+    object_iri
+        Under which the graph knows it; empty = not yet.
+    finished
+        Nothing is left to do with it.
+    visible
+        In the latest look at its side of the table.
+    waiting
+        Out of reach while others stand in the way.
     """
 
     number: int
     seen: Seen
     object_iri: str = ""
-    attempts: int = 0
     finished: bool = False
     visible: bool = True
-    failed_grasps: list[str] = field(default_factory=list)
+    waiting: bool = False
 
 
 class Tracker:

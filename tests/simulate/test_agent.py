@@ -37,6 +37,7 @@ class _Record:
     contact_force_n: float = 3.0
     preset: str = "faithful"
     seed: int = 0
+    end_effector: str = "right_hand"
 
 
 @dataclass
@@ -46,6 +47,7 @@ class _Body:
     table: list[tuple[float, float]]
     outcomes: list[_Record] = field(default_factory=list)
     unreachable: bool = False
+    blocked: dict[tuple[float, float], int] = field(default_factory=dict)
     planned: list[Any] = field(default_factory=list)
     base_frame = "base_footprint"
     ignored = ()
@@ -58,7 +60,7 @@ class _Body:
         return Frame(np.zeros((12, 16), np.float32), _CAMERA), np.eye(4)
 
     def plan(self, request, obstacles, seed):
-        if self.unreachable:
+        if self.unreachable or len(self.table) > self.blocked.get((request.x, request.y), 99):
             return "ik"
         self.planned.append(request)
         return request
@@ -202,6 +204,15 @@ def test_an_object_out_of_reach_is_recorded_with_its_reason_and_not_touched(run)
         "success": False, "placed": False, "reason": "ik", "attempt_number": 1,
     }  # fmt: skip
     assert (met.tries, met.attempts[0].reason, met.attempts[0].physical) == (0, "ik", False)
+
+
+def test_an_object_behind_others_waits_until_they_are_gone(run) -> None:
+    outer, inner = (0.15, -0.16), (0.15, -0.05)
+    body, server = _Body([outer, inner], blocked={outer: 1}), _Server()
+    first, second = run(body, server, [outer, inner, outer])
+    assert [(m.position, m.placed) for m in (first, second)] == [(outer, True), (inner, True)]
+    assert [a.reason for a in first.attempts] == ["ok"]
+    assert len(server.inserted) == 2
 
 
 def test_held_but_dropped_on_the_way_counts_as_held_and_is_tried_again(run) -> None:
