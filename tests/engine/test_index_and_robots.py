@@ -8,6 +8,9 @@ import rtask
 from rtask.engine import Engine
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.access import Access
+from rtask.kb.terms import NamedNode
+
+NS = "https://w3id.org/rtask-kg/ns#"
 
 
 def fill(bench, engine):
@@ -76,6 +79,22 @@ def test_a_view_withdrawn_from_the_graph_leaves_the_index(bench, kb, engine):
     engine.sync_index()
     assert len(engine.index) == 0
     assert robot.recognise(bench.sight(bench.BOX))["object"] == ""
+
+
+def test_a_view_given_to_another_object_is_found_under_that(bench, kb, engine):
+    robot = fill(bench, engine)
+    box = robot.recognise(bench.sight(bench.BOX))["object"]
+    rows = kb.select(f"SELECT ?v {{ <{box}> <{NS}hasView> ?v }}")
+    with kb.transaction() as tx:
+        graph = kb.graphs.agent("nao-1")
+        copied = [q for q in kb.match(NamedNode(box), graph=graph) if "View" not in str(q)]
+        twin = NamedNode(box + "0")
+        tx.remove(box, NS + "hasView", rows[0]["v"], graph)
+        tx.add(twin, NS + "hasView", rows[0]["v"], graph)
+        for quad in copied:
+            tx.add(twin, quad.predicate, quad.object, graph)
+    engine.sync_index()
+    assert robot.recognise(bench.sight(bench.BOX))["object"] == twin.value
 
 
 def test_an_index_ahead_of_the_graph_names_no_object(bench, kb, engine):

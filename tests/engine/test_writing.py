@@ -151,7 +151,13 @@ def test_counts_in_the_graph_follow_each_robots_outcomes(bench, kb, engine, robo
     one, two = robots("nao-1"), robots("nao-2")
     _, stored = tell(bench, one)
     thing, grasp = stored["objects"][0]["object"], stored["objects"][0]["grasp"]
-    for robot, outcome in ((one, bench.missed()), (two, bench.held()), (two, bench.held())):
+    out_of_reach = bench.missed(reason="ik")
+    for robot, outcome in (
+        (one, bench.missed()),
+        (one, out_of_reach),
+        (two, bench.held()),
+        (two, bench.held()),
+    ):
         robot.call("report_outcome", object=thing, grasp=grasp, gripper_id="right_hand",
                    outcome=outcome)  # fmt: skip
     query = (

@@ -69,7 +69,7 @@ def test_order_does_not_depend_on_the_order_of_arms_and_trials():
         for _ in range(40)
     ]  # fmt: skip
     trials = [Trial(tuple(rng.normal(0, 0.02, 3)), 1.0, bool(k % 2)) for k in range(5)]
-    learner = BetaThompson(size_m=SIZE)
+    learner = BetaThompson(Policy(selection="thompson"), SIZE)
     first = [choice.index for choice in learner.rank(arms, trials, seed=7)]
     shuffle = rng.permutation(len(arms))
     again = learner.rank([arms[i] for i in shuffle], trials[::-1], seed=7)
