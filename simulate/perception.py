@@ -110,6 +110,8 @@ def perceive(
         Pose of the optical frame, from the robot's own joint angles.
     ignored
         Regions whose segments are left out.
+    params
+        Of the segmentation; None = those that suit the distance of the table.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def perceive(
     if frame.rgb is None:
         raise ValueError("perceive needs a frame with colour")
     down = base_from_camera[:3, :3].T @ np.array([0.0, 0.0, -1.0])
-    scene = segment_scene(frame.points(), frame.rgb, params=params or SegmentParams(), gravity=down)
+    scene = segment_scene(frame.points(), frame.rgb, params=params, gravity=down)
     if scene.plane is None:
         return Perceived(scene.status, float("nan"), ())
     on_plane = -scene.plane.offset * np.asarray(scene.plane.normal, dtype=np.float64)

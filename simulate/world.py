@@ -353,11 +353,9 @@ def _create_object(client: Any, spec: ObjectSpec, assets: Assets | None) -> int:
         columns["visualFrameOrientations"] = columns.pop("collisionFrameOrientations")
         visual = client.createVisualShapeArray(**columns)
     else:
+        # The print comes with the mesh's material; loaded once more it mixes up OpenGL's textures.
         visual = client.createVisualShape(client.GEOM_MESH, fileName=str(assets.obj_path))
     body = int(client.createMultiBody(spec.mass, collision, visual))
-    if assets is not None:
-        texture = client.loadTexture(str(assets.texture_path))
-        client.changeVisualShape(body, -1, textureUniqueId=texture)
     client.changeDynamics(
         body,
         -1,
