@@ -196,9 +196,15 @@ def _unchecked(step: Field, value: object) -> Term:
         raise step.refuse(value, str(error), None) from None
 
 
-def _group(plan: Plan, names: _Names) -> list[str]:
-    """Return the patterns that say which roots are meant."""
-    lines = []
+Bound = dict[tuple[str, ...], str]
+
+
+def _group(plan: Plan, names: _Names) -> tuple[list[str], Bound]:
+    """Return the patterns that say which roots are meant, and the variables of single values.
+
+    A path on which nothing can have two values has one variable, whatever binds it first.
+    """
+    lines, single = list[str](), Bound()
     for iri in class_iris(plan.model):
         if iri in ("", THING):  # everything is one, and nobody says so
             lines.append(f"?root a {names.fresh()} .")
@@ -212,17 +218,31 @@ def _group(plan: Plan, names: _Names) -> list[str]:
         for condition in together:
             scope.add(condition)
         lines += scope.lines
-    return lines
+        single.update(scope.bound)
+    return lines, single
 
 
-def _keys(plan: Plan, names: _Names) -> tuple[list[str], list[str]]:
+def _keys(plan: Plan, names: _Names, bound: Bound) -> tuple[list[str], list[str]]:
     """Return OPTIONAL patterns that bind the sort keys, and the keys' variables."""
     lines, variables = [], []
     for order in plan.orders:
+        path = tuple(step.iri for step in steps(order.path))
+        if path in bound and _is_single(order):
+            variables.append(bound[path])
+            continue
         scope = _Scope(names, plan.inferred)
         variables.append(scope.walk(steps(order.path)))
         lines.append("OPTIONAL { " + " ".join(scope.lines) + " }")
     return lines, variables
+
+
+def _is_single(order: Order) -> bool:
+    return all(step.functional for step in steps(order.path))
+
+
+def _slice(plan: Plan) -> str:
+    limit = f" LIMIT {plan.limit}" if plan.limit is not None else ""
+    return limit + (f" OFFSET {plan.offset}" if plan.offset else "")
 
 
 def _roots(plan: Plan) -> str:
@@ -231,22 +251,22 @@ def _roots(plan: Plan) -> str:
     A root with several values of a key is sorted by the least, or the greatest if descending.
     """
     names = _Names()
-    lines = _group(plan, names)
-    optional, variables = _keys(plan, names)
+    lines, bound = _group(plan, names)
+    optional, variables = _keys(plan, names, bound)
     body = "\n    ".join([*lines, *optional])
-    slice_ = (f" LIMIT {plan.limit}" if plan.limit is not None else "") + (
-        f" OFFSET {plan.offset}" if plan.offset else ""
-    )
     if not plan.orders:
-        order = " ORDER BY ?root" if slice_ else ""
-        return f"SELECT DISTINCT ?root WHERE {{\n    {body}\n  }}{order}{slice_}"
+        order = " ORDER BY ?root" if _slice(plan) else ""
+        return f"SELECT DISTINCT ?root WHERE {{\n    {body}\n  }}{order}{_slice(plan)}"
+    single = all(map(_is_single, plan.orders))
     picks, sorts = [], []
     for at, (order_by, variable) in enumerate(zip(plan.orders, variables, strict=True)):
-        picks.append(f"({'MAX' if order_by.descending else 'MIN'}({variable}) AS ?key{at})")
+        extreme = "MAX" if order_by.descending else "MIN"
+        picks.append(f"({variable if single else f'{extreme}({variable})'} AS ?key{at})")
         sorts.append(f"{'DESC' if order_by.descending else 'ASC'}(?key{at})")
+    distinct, grouped = ("DISTINCT ", "") if single else ("", " GROUP BY ?root")
     return (
-        f"SELECT ?root {' '.join(picks)} WHERE {{\n    {body}\n  }}"
-        f" GROUP BY ?root ORDER BY {' '.join(sorts)} ?root{slice_}"
+        f"SELECT {distinct}?root {' '.join(picks)} WHERE {{\n    {body}\n  }}"
+        f"{grouped} ORDER BY {' '.join(sorts)} ?root{_slice(plan)}"
     )
 
 
@@ -309,21 +329,20 @@ def _derived(start: str, own: str, bind: str, following: Iterable[Field]) -> lis
 def row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
     """Return a query for plain values; one row for each combination."""
     names = _Names()
-    lines = _group(plan, names)
+    lines, bound = _group(plan, names)
     picks = []
     for at, path in enumerate(paths):
         scope = _Scope(names, plan.inferred)
         variable = scope.walk(steps(path))
         lines.append("OPTIONAL { " + " ".join(scope.lines) + f" BIND({variable} AS ?value{at}) }}")
         picks.append(f"?value{at}")
-    optional, variables = _keys(plan, names)
+    optional, variables = _keys(plan, names, bound)
     sorts = [
         f"{'DESC' if order.descending else 'ASC'}({variable})"
         for order, variable in zip(plan.orders, variables, strict=True)
     ]
     tail = f" ORDER BY {' '.join([*sorts, '?root'])}"
-    tail += f" LIMIT {plan.limit}" if plan.limit is not None else ""
-    tail += f" OFFSET {plan.offset}" if plan.offset else ""
+    tail += _slice(plan)
     chosen = " ".join(["?root", *picks, *dict.fromkeys(variables)])
     body = "\n  ".join([*lines, *optional])
     return f"SELECT DISTINCT {chosen} WHERE {{\n  {body}\n}}{tail}"
@@ -338,20 +357,20 @@ def count_text(plan: Plan) -> str:
     """Return a query for the number of roots."""
     if plan.limit is not None or plan.offset:
         return f"SELECT (COUNT(?root) AS ?n) WHERE {{ {{ {_roots(plan)} }} }}"
-    body = "\n  ".join(_group(plan, _Names()))
+    body = "\n  ".join(_group(plan, _Names())[0])
     return f"SELECT (COUNT(DISTINCT ?root) AS ?n) WHERE {{\n  {body}\n}}"
 
 
 def ask_text(plan: Plan) -> str:
     """Return a query for whether there is a root."""
-    body = "\n  ".join(_group(plan, _Names()))
+    body = "\n  ".join(_group(plan, _Names())[0])
     return f"ASK {{\n  {body}\n}}"
 
 
 def aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: dict[str, Aggregate]) -> str:
     """Return a query for numbers about groups of roots."""
     names = _Names()
-    lines = _group(plan, names)
+    lines, _ = _group(plan, names)
     scope = _Scope(names, plan.inferred)
     by = [scope.walk(steps(path)) for path in groups]
     lines += scope.lines
