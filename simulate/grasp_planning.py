@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from simulate.grasp_rules import (
 from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
 from simulate.planning import plan_path
 from simulate.robots.description import RobotDescription
-from simulate.trajectory import Trajectory, time_path
+from simulate.trajectory import ACCELERATION, CARRYING_ACCELERATION, Trajectory, time_path
 
 __all__ = ["REASONS", "SPEED", "GraspPlanner"]
 
@@ -60,10 +60,10 @@ _RETREATS = (
 # Up and away from the shoulder, m; and whether the hand may turn about the vertical.
 _LIFTS = (
     (0.060, 0.0, False),
+    (0.060, 0.030, True),
     (0.045, 0.0, True),
-    (0.045, 0.030, True),
+    (0.045, 0.045, True),
     (0.035, 0.0, True),
-    (0.035, 0.040, True),
 )
 _MARGIN = 0.004
 _IK = IkOptions(angle_tolerance=0.4)
@@ -71,21 +71,23 @@ _PURPOSE_IK, _PURPOSE_PATH = 0, 1
 
 _ALLOWED: Mapping[tuple[str, str], float] = {
     ("trunk", "upper"): np.inf,
-    ("table", "finger"): 0.008,
     ("table", "upper"): np.inf,
 }
 _AT_OBJECT: Mapping[tuple[str, str], float] = {
     **_ALLOWED,
+    ("table", "finger"): 0.008,  # they comply
     ("target", "finger"): 0.012,
     ("target", "palm"): 0.008,
 }
 _TOUCHING: Mapping[tuple[str, str], float] = {
     **_ALLOWED,
+    ("table", "finger"): 0.008,
     ("target", "finger"): 0.002,
     ("target", "palm"): 0.0,
 }
 _LIFTING: Mapping[tuple[str, str], float] = {
     **_ALLOWED,
+    ("table", "finger"): 0.008,
     ("target", "finger"): np.inf,
     ("target", "palm"): np.inf,
 }
@@ -125,7 +127,7 @@ class Candidate:
     def cost(self, request: GraspRequest) -> float:
         """Return what makes a grasp fail, summed: lower is better."""
         return (
-            abs(self.tilt - request.preferred_tilt(self.height))
+            request.tilt_weight * abs(self.tilt - request.preferred_tilt(self.height))
             + 1.5 * self.off
             + 60.0 * self.depth
             + 0.3 * self.raised
@@ -295,13 +297,9 @@ class GraspPlanner:
         chain = self.chains[arm]
         spheres = self.spheres(arm, candidate.opening)
         at_object = spheres.slack(with_target, _AT_OBJECT)
-
-        def near(q: Floats) -> NDArray[np.bool_]:
-            return np.asarray(spheres.clearances(q, with_target, at_object) >= 0)
-
-        if not near(candidate.posture[None])[0]:
+        if spheres.clearances(candidate.posture[None], with_target, at_object)[0] < 0:
             return "grasp_collision"
-        back = self._approach(chain, candidate.posture, near)
+        back = self._approach(chain, candidate.posture, spheres, with_target)
         if isinstance(back, str):
             return back
         lift = self._lift(chain, candidate.posture, spheres, with_target)
@@ -324,7 +322,7 @@ class GraspPlanner:
             posture=candidate.posture,
             free=free,
             approach=time_path(back[::-1], SPEED["approach"] * chain.velocity),
-            lift=time_path(lift, SPEED["lift"] * chain.velocity),
+            lift=time_path(lift, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION),
             obstacles=(),
             ik_solutions=0,
             planning_s=0.0,
@@ -332,19 +330,23 @@ class GraspPlanner:
         )
 
     def _approach(
-        self, chain: Chain, posture: Floats, is_free: Callable[[Floats], NDArray[np.bool_]]
+        self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
     ) -> Floats | str:
         """Return the line (k, dof) from the grasp back to the pre-grasp, or why there is none."""
         rotation, _ = chain.tool_poses(posture[None])
+        near, far = spheres.slack(around, _AT_OBJECT), spheres.slack(around, _ALLOWED)
         reason = "approach_ik"
         for back, aside, up in _RETREATS:
             offset = rotation[0] @ np.array([0.0, aside, -back]) + np.array([0.0, 0.0, up])
             line = follow_line(chain, posture, offset)
             if line is None:
                 continue
-            if is_free(line).all():
+            if (spheres.clearances(line, around, near) < 0).any():
+                reason = max(reason, "approach_collision", key=REASONS.index)
+            elif spheres.clearances(line[-1:], around, far)[0] < 0:
+                reason = "pregrasp_collision"
+            else:
                 return line
-            reason = "approach_collision"
         return reason
 
     def _lift(
@@ -372,6 +374,7 @@ class GraspPlanner:
         goal: Floats,
         seed: int,
         speed: float = SPEED["free"],
+        acceleration: float = ACCELERATION,
         allowed: Mapping[tuple[str, str], float] = _ALLOWED,
     ) -> Trajectory | str:
         """Return a timed free path between two postures, or the reason code why there is none."""
@@ -392,7 +395,7 @@ class GraspPlanner:
         corners = plan_path(start, goal, chain.lower, chain.upper, is_free, rng)
         if isinstance(corners, str):
             return corners
-        return time_path(corners, speed * chain.velocity, is_free=is_free)
+        return time_path(corners, speed * chain.velocity, acceleration, is_free)
 
 
 def _target(request: GraspRequest) -> Obstacle:

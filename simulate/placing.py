@@ -12,7 +12,7 @@ from simulate.collision import ArmSpheres, Surroundings
 from simulate.grasp_planning import SPEED, GraspPlanner
 from simulate.grasp_rules import PlannedGrasp
 from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
-from simulate.trajectory import Trajectory, join, time_path
+from simulate.trajectory import CARRYING_ACCELERATION, Trajectory, join, time_path
 from simulate.world import PlaceBox
 
 __all__ = ["PlacePlan", "plan_place"]
@@ -20,9 +20,10 @@ __all__ = ["PlacePlan", "plan_place"]
 Floats = NDArray[np.float64]
 
 _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
-_RELEASE_HEIGHTS = (0.012, 0.025, 0.040)
-"""Bottom of the object over the ground of the box when the hand opens, m."""
-_ABOVE = 0.055
+_DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
+"""Bottom of the object over the ground of the box when the hand opens, and the straight way down
+to there, m. Low is gentle; long things may only fit over the walls."""
+_POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
 _IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
 _PURPOSE = 2
@@ -79,7 +80,7 @@ def plan_place(
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
     upright = chain.tool_poses(start[None])[0][0, 2]
-    for release in _RELEASE_HEIGHTS:
+    for release, above in _DESCENTS:
         for shift in range(len(_SPOTS)):
             dx, dy = _SPOTS[(used + shift) % len(_SPOTS)]
             x, y = box.centre
@@ -87,7 +88,7 @@ def plan_place(
             goal = Goal(np.array([x + dx, y + dy, height]))
             found = solve_ik(chain, goal, rng, _IK, warm=start[None])
             for posture in _most_upright(chain, found, upright, start):
-                line = follow_line(chain, posture, np.array([0.0, 0.0, _ABOVE]), tolerance=0.006)
+                line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
                 planned = _complete(planner, plan, loaded, around, start, line)
@@ -106,20 +107,28 @@ def _complete(
 ) -> PlacePlan | None:
     chain = planner.chains[plan.arm]
     transport = planner.path(
-        plan.arm, loaded, around, start, line[-1], plan.seed, SPEED["transport"], _CARRYING
+        plan.arm,
+        loaded,
+        around,
+        start,
+        line[-1],
+        plan.seed,
+        SPEED["transport"],
+        CARRYING_ACCELERATION,
+        _CARRYING,
     )
     if isinstance(transport, str):
         return None
     home = np.array(planner.robot.arm(plan.arm).home)
     empty = planner.spheres(plan.arm, plan.opening)
     back = planner.path(
-        plan.arm, empty, around, line[-1], home, plan.seed, SPEED["return"], _CARRYING
+        plan.arm, empty, around, line[-1], home, plan.seed, SPEED["return"], allowed=_CARRYING
     )
     if isinstance(back, str):
         return None
     return PlacePlan(
         transport,
-        time_path(line[::-1], SPEED["approach"] * chain.velocity),
+        time_path(line[::-1], SPEED["approach"] * chain.velocity, CARRYING_ACCELERATION),
         join([time_path(line, 2 * SPEED["approach"] * chain.velocity), back]),
     )
 
@@ -131,7 +140,7 @@ def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -
     tip = np.linalg.norm(chain.tool_poses(found)[0][:, 2] - upright, axis=1)
     travel = np.abs(found - start).max(axis=1)
     order = np.argsort(_TURN_WEIGHT * tip + _JOINT_WEIGHT * travel, kind="stable")
-    return found[order[:4]]
+    return found[order[:_POSTURES_TRIED]]
 
 
 def _load(plan: PlannedGrasp, chain: Chain) -> tuple[Floats, Floats]:

@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-__all__ = ["ACCELERATION", "Trajectory", "join", "time_path"]
+__all__ = ["ACCELERATION", "CARRYING_ACCELERATION", "Trajectory", "join", "time_path"]
 
 Floats = NDArray[np.float64]
 
 ACCELERATION = 12.0
 """rad/s^2, limit of every joint."""
+CARRYING_ACCELERATION = 3.0
+"""rad/s^2 with an object in the hand, which friction alone holds."""
 _SAMPLE_S = 0.010
 _GRID = 120
 

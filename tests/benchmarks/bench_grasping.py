@@ -152,7 +152,9 @@ def attempt(
     return record
 
 
-def clear(executor: Executor, bodies: list[int], args: argparse.Namespace, seed: int) -> list[Tally]:
+def clear(
+    executor: Executor, bodies: list[int], args: argparse.Namespace, seed: int
+) -> list[Tally]:
     """Grasp every object, at most three times each; objects given up stay as obstacles."""
     world, found = executor.world, []
     left = list(bodies)
@@ -169,9 +171,7 @@ def clear(executor: Executor, bodies: list[int], args: argparse.Namespace, seed:
                 points = points + world.object_pose(other).position
                 if other != body and abs(points[:, 2].min() - world.table_height) < 0.1:
                     shift = np.array([*rng.normal(0, args.sigma, 2), 0.0])
-                    others.append(
-                        Obstacle.around("neighbour", points + shift, world.table_height)
-                    )
+                    others.append(Obstacle.around("neighbour", points + shift, world.table_height))
             record = attempt(executor, body, others, tally, tried, rng, args.sigma)
             if record is None or record.held:
                 break
@@ -274,7 +274,9 @@ def report(tallies: list[Tally]) -> None:
         )
     attempts = max(sum(t.attempts for t in tallies), 1)
     print("reasons", dict(Counter(r for t in tallies for r in t.reasons if t.planned)))
-    print("never planned", dict(Counter(t.reasons[0] for t in tallies if t.reasons and not t.planned)))
+    print(
+        "never planned", dict(Counter(t.reasons[0] for t in tallies if t.reasons and not t.planned))
+    )
     print("place", dict(Counter(t.place_reason for t in tallies)))
     print(
         f"CPU s per attempt: planning {sum(t.plan_s for t in tallies) / attempts:.2f}, "
