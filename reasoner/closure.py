@@ -9,16 +9,16 @@ from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from . import vocabulary as v
-from .checks import Contradiction, Inconsistency, describe
+from .checks import Inconsistency
+from .contradictions import Contradiction, describe
 from .dictionary import Dictionary, Fact, Term, Triple
-from .export import Asserted, Reading, differences, is_exported
-from .glosses import Glossary
+from .export import Asserted, differences
 from .maintenance import Draft, Maintainer, Settings, State
-from .proofs import GraphsOf, Proof, Prover
-from .vocabulary import LITERAL, RDF, SAME, TYPE
+from .proofs import GraphsOf, Proof
+from .reading import Reading
+from .vocabulary import RDF, SAME
 
 _REIFIES = NamedNode(RDF + "reifies")
-_DATATYPES = frozenset(v.DATATYPES.values())
 LISTED_CONTRADICTIONS = 100
 
 
@@ -108,7 +108,7 @@ class Closure:
     Examples
     --------
     >>> from pyoxigraph import NamedNode as N
-    >>> below, a = N(v.IRIS[v.SUB_CLASS]), N(v.IRIS[TYPE])
+    >>> below, a = N(v.IRIS[v.SUB_CLASS]), N(v.IRIS[v.TYPE])
     >>> closure = Closure.build([(N("urn:Mug"), below, N("urn:Vessel"))], [])
     >>> staged = closure.stage(add=[(N("urn:m1"), a, N("urn:Mug"))])
     >>> [str(o) for s, p, o in staged.inferred_added]
@@ -188,37 +188,21 @@ class Closure:
 
     def contains(self, triple: Triple) -> bool:
         """Tell whether a triple is asserted, derived, or true of everything."""
-        s, p, o = map(self._terms.find_equal, triple)
-        if s is None or p is None or o is None:
+        fact = self._find(triple)
+        if fact is None:
             return triple[0] == triple[2] and triple[1] == NamedNode(v.IRIS[SAME])
-        return any(
-            self._is_stored(form) or self._is_virtual(form) for form in self._forms((s, p, o))
-        )
+        reading = self._reading()
+        return any(reading.holds(f) or reading.is_virtual(f) for f in reading.forms(fact))
 
     def match(
         self, s: Term | None = None, p: Term | None = None, o: Term | None = None
     ) -> list[Triple]:
         """Return the asserted and derived triples that match a pattern; None matches all."""
-        wanted: list[int | None] = []
-        for term in (s, p, o):
-            number = None if term is None else self._terms.find(term)
-            if term is not None and number is None:
-                return []
-            wanted.append(number)
-        reading = self._reading()
-        found = {
-            form
-            for fact in self._candidates(*wanted)
-            for form in reading.equality.expand(fact)
-            if form in reading.asserted or is_exported(form, self._terms)
-        }
-        found.update(self._equal_pairs(wanted))
-        decode = self._terms.decode_fact
-        return [
-            decode(form)
-            for form in sorted(found)
-            if all(want in (None, have) for want, have in zip(wanted, form, strict=True))
-        ]
+        wanted = tuple(None if term is None else self._terms.find(term) for term in (s, p, o))
+        if any(n is None and t is not None for n, t in zip(wanted, (s, p, o), strict=True)):
+            return []
+        a, b, c = wanted
+        return self._reading().match((a, b, c))
 
     def explain(
         self, triple: Triple, budget_ms: float = 200, graphs_of: GraphsOf | None = None
@@ -233,24 +217,10 @@ class Closure:
         graphs_of : callable, optional
             Returns the names of the graphs that assert a triple, for the leaves.
         """
-        s, p, o = map(self._terms.find_equal, triple)
-        if s is None or p is None or o is None or not self.contains(triple):
+        fact = self._find(triple)
+        if fact is None or not self.contains(triple):
             return None
-        state = self._state
-        held = next((f for f in self._forms((s, p, o)) if self._is_stored(f)), None)
-        if held is None:
-            gloss = Glossary(state.facts, self._terms).fact((s, p, o))
-            return Proof(triple, gloss, _virtual_rule(p))
-        prover = Prover(
-            state.facts,
-            state.equality,
-            state.program,
-            Asserted(state.asserted),
-            self._terms,
-            budget_ms,
-            graphs_of,
-        )
-        return prover.prove(held)
+        return self._reading().prove(fact, budget_ms, graphs_of)
 
     def inferred(self) -> Iterator[Triple]:
         """Yield every derived triple that no graph asserts: the content of the inferred graph."""
@@ -309,11 +279,16 @@ class Closure:
         self._skipped += len(batch) - len(plain)
         return self._terms.encode_all(plain)
 
+    def _find(self, triple: Triple) -> Fact | None:
+        s, p, o = map(self._terms.find_equal, triple)
+        return None if s is None or p is None or o is None else (s, p, o)
+
     def _reading(self, draft: Draft | None = None) -> Reading:
+        state, terms = self._state, self._terms
         if draft is not None:
-            return Reading(draft.layer, draft.equality, draft.asserted, self._terms)
-        state = self._state
-        return Reading(state.facts, state.equality, Asserted(state.asserted), self._terms)
+            return Reading(draft.layer, draft.equality, draft.asserted, draft.program, terms)
+        asserted = Asserted(state.asserted)
+        return Reading(state.facts, state.equality, asserted, state.program, terms)
 
     def _difference(self, draft: Draft) -> tuple[set[Fact], set[Fact]]:
         before, after = self._reading(), self._reading(draft)
@@ -322,73 +297,13 @@ class Closure:
         was, now = set(before.everything()), set(after.everything())
         return now - was, was - now
 
-    def _forms(self, fact: Fact) -> Iterator[Fact]:
-        """Yield a fact with each known literal of the same value as object."""
-        s, p, o = fact
-        return ((s, p, form) for form in (self._terms.variants(o) if o >= LITERAL else (o,)))
-
-    def _is_stored(self, fact: Fact) -> bool:
-        """Tell whether a fact is asserted or derived."""
-        state = self._state
-        if fact in state.asserted:
-            return True
-        s, p, o = state.equality.rewrite(fact)
-        return s == o if p == SAME else state.facts.has(s, p, o)
-
-    def _is_virtual(self, fact: Fact) -> bool:
-        """Tell whether a fact is true of everything, or of every class or property."""
-        has = self._state.facts.has
-        s, p, o = self._state.equality.rewrite(fact)
-        if p == TYPE and (o in (v.THING, v.RESOURCE) or (o == v.DATATYPE and s in _DATATYPES)):
-            return True
-        if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
-            is_class = s in (v.THING, v.NOTHING) or has(s, TYPE, v.CLASS)
-            return is_class and (s == o or (p == v.SUB_CLASS and (o == v.THING or s == v.NOTHING)))
-        if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) and s == o:
-            return has(s, TYPE, v.OBJECT_PROPERTY) or has(s, TYPE, v.DATATYPE_PROPERTY)
-        return False
-
-    def _candidates(self, s: int | None, p: int | None, o: int | None) -> Iterator[Fact]:
-        """Yield facts on representatives that may expand to a pattern."""
-        facts, find = self._state.facts, self._state.equality.find
-        for q in facts.predicates() if p is None else (find(p),):
-            if s is not None:
-                a = find(s)
-                yield from ((a, q, x) for x in tuple(facts.objects(q, a)))
-            elif o is not None:
-                b = find(o)
-                yield from ((x, q, b) for x in tuple(facts.subjects(q, b)))
-            else:
-                yield from ((x, q, y) for x, y in facts.pairs(q))
-
-    def _equal_pairs(self, wanted: list[int | None]) -> Iterator[Fact]:
-        equality = self._state.equality
-        s, p, o = wanted
-        if p not in (None, SAME):
-            return
-        ends = {equality.find(x) for x in (s, o) if x is not None}
-        for number in ends or {representative for representative, _ in equality.classes()}:
-            yield from equality.pairs(number)
-
     def _describe(
         self, findings: Iterable[Inconsistency], draft: Draft | None
     ) -> list[Contradiction]:
         reading = self._reading(draft)
-
-        def asserted_form(fact: Fact) -> Fact:
-            forms = [f for f in reading.equality.forms(fact) if f in reading.asserted]
-            return min(forms, key=lambda f: str(self._terms.decode_fact(f)), default=fact)
-
-        found = [describe(finding, self._terms, asserted_form) for finding in findings]
-        return sorted(found, key=lambda c: c.message)[:LISTED_CONTRADICTIONS]
+        first = sorted(findings, key=lambda finding: finding.identity[0])[:LISTED_CONTRADICTIONS]
+        return sorted((describe(f, reading) for f in first), key=lambda c: c.message)
 
 
 def _is_triple_term(term: object) -> bool:
     return isinstance(term, TripleTerm)
-
-
-def _virtual_rule(p: int) -> str:
-    """Return the rule behind a triple that is true of everything."""
-    if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
-        return "scm-cls"
-    return "scm-op" if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) else "cls-thing"

@@ -6,45 +6,17 @@ about anonymous classes, and literals as subjects.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from . import vocabulary as v
 from .dictionary import Dictionary, Fact
 from .equality import Equality
-from .relations import Facts, Layer
+from .relations import Layer
 from .vocabulary import LITERAL, SAME, TYPE
 
-
-@dataclass(frozen=True)
-class Reading:
-    """A state as exports see it: facts on representatives, equalities, asserted facts."""
-
-    facts: Facts | Layer
-    equality: Equality
-    asserted: Asserted
-    terms: Dictionary
-
-    def inferred(self, about: Iterable[Fact]) -> Iterator[Fact]:
-        """Yield the exported forms of those facts, given on representatives, that are derived."""
-        for fact in about:
-            if not self.facts.has(*fact):
-                continue
-            for form in self.equality.expand(fact):
-                if form not in self.asserted and is_exported(form, self.terms):
-                    yield form
-
-    def equalities(self, members: Iterable[int]) -> Iterator[Fact]:
-        """Yield the derived sameAs facts of the classes of terms."""
-        for member in {self.equality.find(m) for m in members}:
-            for form in self.equality.pairs(member):
-                if form not in self.asserted:
-                    yield form
-
-    def everything(self) -> Iterator[Fact]:
-        """Yield all that the inferred graph holds."""
-        yield from self.inferred(self.facts)
-        yield from self.equalities(representative for representative, _ in self.equality.classes())
+if TYPE_CHECKING:
+    from .reading import Reading
 
 
 class Asserted:

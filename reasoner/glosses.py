@@ -20,6 +20,7 @@ MAX_DEPTH = 4
 def local_name(term: Term) -> str:
     """Return the last part of an IRI, or a literal in quotes.
 
+    >>> from pyoxigraph import NamedNode
     >>> local_name(NamedNode("urn:x#mug")), local_name(Literal(1))
     ('mug', '"1"')
     """

@@ -17,7 +17,7 @@ from .dictionary import Dictionary, Fact, Triple
 from .equality import Equality
 from .export import Asserted
 from .glosses import Glossary, Shorten
-from .relations import Facts
+from .relations import Facts, Layer
 from .rules import Bindings, Rule, bind, ground, solve
 from .strata import Program, constants_of
 from .vocabulary import SAME
@@ -114,7 +114,7 @@ class Proof:
 class Expanded:
     """Facts as if no term had been rewritten: every member of a class stands for it."""
 
-    def __init__(self, facts: Facts, equality: Equality) -> None:
+    def __init__(self, facts: Facts | Layer, equality: Equality) -> None:
         self._facts = facts
         self._equality = equality
 
@@ -159,7 +159,7 @@ class Prover:
 
     def __init__(
         self,
-        facts: Facts,
+        facts: Facts | Layer,
         equality: Equality,
         program: Program,
         asserted: Asserted,

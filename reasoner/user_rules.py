@@ -324,7 +324,7 @@ class _Translator:
         if pattern is None:
             return None
         for number, line in enumerate(self.text.splitlines(), 1):
-            code = re.sub(r"<[^>]*>|#.*", "", line)
+            code = re.sub(r"#.*", "", re.sub(r"<[^>]*>", "<>", line))
             if re.search(pattern, code, re.IGNORECASE):
                 return number
         return None

@@ -1,0 +1,87 @@
+"""Contradictions: what clashes, in terms, with what was asserted that led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .checks import LISTED, Inconsistency
+from .dictionary import Triple
+from .proofs import Proof
+from .vocabulary import SAME
+
+if TYPE_CHECKING:
+    from .reading import Reading
+
+PROOF_BUDGET_MS = 50
+MESSAGES = {
+    "cax-dw": "a member of two disjoint classes",
+    "cax-adc": "a member of two classes of a disjoint list",
+    "cls-com": "a member of a class and of its complement",
+    "cls-nothing2": "a member of owl:Nothing",
+    "cls-maxc1": "a value where none is allowed",
+    "cls-maxqc1": "a value of a class where none is allowed",
+    "cls-maxqc2": "a value where none is allowed",
+    "dt-not-type": "a literal outside its datatype or outside the range of the property",
+    "eq-diff1": "one thing is said to be different from itself",
+    "eq-diff2": "two members of a list of different things are the same",
+    "eq-diff3": "two members of a list of different things are the same",
+    "prp-adp": "two properties of a disjoint list between the same two things",
+    "prp-asyp": "an asymmetric property both ways",
+    "prp-fp": "a functional property with two values that cannot be the same",
+    "prp-irp": "an irreflexive property between a thing and itself",
+    "prp-npa1": "a statement that is denied",
+    "prp-npa2": "a statement that is denied",
+    "prp-pdw": "two disjoint properties between the same two things",
+    "cls-maxc2": "two values that cannot be the same where one is allowed",
+    "cls-maxqc3": "two values that cannot be the same where one is allowed",
+    "cls-maxqc4": "two values that cannot be the same where one is allowed",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """Statements that cannot all be true.
+
+    Attributes
+    ----------
+    rule : str
+        Name of the check in OWL 2 Profiles 4.3.
+    triples : tuple of Triple
+        The instance statements that clash.
+    axioms : tuple of Triple
+        The schema statements that forbid it.
+    proofs : tuple of Proof
+        Of the triples, as far as they were found in time.
+    message : str
+    """
+
+    rule: str
+    triples: tuple[Triple, ...]
+    axioms: tuple[Triple, ...]
+    proofs: tuple[Proof, ...]
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+    def culprits(self) -> Iterator[Triple]:
+        """Yield each asserted statement behind the clash once; one of them must be wrong."""
+        yield from dict.fromkeys(leaf for proof in self.proofs for leaf in proof.leaves())
+
+
+def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
+    """Turn a finding into terms, each premise in a form that was asserted if there is one."""
+    facts = [reading.asserted_form(fact) for fact in finding.premises]
+    if finding.rule in LISTED:
+        facts = [(facts[0][2], SAME, facts[1][2])]
+    decode = reading.terms.decode_fact
+    facts.sort(key=lambda fact: str(decode(fact)))
+    found = [reading.prove(fact, PROOF_BUDGET_MS) for fact in facts]
+    proofs = tuple(proof for proof in found if proof is not None)
+    triples = tuple(map(decode, facts))
+    axioms = tuple(decode(reading.asserted_form(fact)) for fact in finding.because)
+    said = "; ".join(" ".join(map(str, triple)) for triple in triples)
+    message = f"{MESSAGES.get(finding.rule, 'a clash')} ({finding.rule}): {said}"
+    return Contradiction(finding.rule, triples, axioms, proofs, message)

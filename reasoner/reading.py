@@ -1,0 +1,153 @@
+"""One state of a closure as readers see it: in original terms, equal ones in each other's place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from . import vocabulary as v
+from .dictionary import Dictionary, Fact, Triple
+from .equality import Equality
+from .export import Asserted, is_exported
+from .glosses import Glossary
+from .proofs import GraphsOf, Proof, Prover
+from .relations import Facts, Layer
+from .strata import Program
+from .vocabulary import LITERAL, SAME, TYPE
+
+_DATATYPES = frozenset(v.DATATYPES.values())
+Pattern = tuple[int | None, int | None, int | None]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A state, in force or staged.
+
+    Attributes
+    ----------
+    facts : Facts or Layer
+        On representatives.
+    equality : Equality
+    asserted : Asserted
+        In original terms.
+    program : Program
+    terms : Dictionary
+    """
+
+    facts: Facts | Layer
+    equality: Equality
+    asserted: Asserted
+    program: Program
+    terms: Dictionary
+
+    # Single facts, in original terms.
+
+    def forms(self, fact: Fact) -> Iterator[Fact]:
+        """Yield a fact with each known literal of the same value as object."""
+        s, p, o = fact
+        return ((s, p, form) for form in (self.terms.variants(o) if o >= LITERAL else (o,)))
+
+    def holds(self, fact: Fact) -> bool:
+        """Tell whether a fact is asserted or derived."""
+        if fact in self.asserted:
+            return True
+        s, p, o = self.equality.rewrite(fact)
+        return s == o if p == SAME else self.facts.has(s, p, o)
+
+    def is_virtual(self, fact: Fact) -> bool:
+        """Tell whether a fact is true of everything, or of every class or property."""
+        has = self.facts.has
+        s, p, o = self.equality.rewrite(fact)
+        if p == TYPE and (o in (v.THING, v.RESOURCE) or (o == v.DATATYPE and s in _DATATYPES)):
+            return True
+        if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
+            is_class = s in (v.THING, v.NOTHING) or has(s, TYPE, v.CLASS)
+            return is_class and (s == o or (p == v.SUB_CLASS and (o == v.THING or s == v.NOTHING)))
+        if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) and s == o:
+            return has(s, TYPE, v.OBJECT_PROPERTY) or has(s, TYPE, v.DATATYPE_PROPERTY)
+        return False
+
+    def asserted_form(self, fact: Fact) -> Fact:
+        """Return the form of a fact that somebody asserted, the fact itself if nobody did."""
+        forms = [form for form in self.equality.forms(fact) if form in self.asserted]
+        return min(forms, key=lambda f: str(self.terms.decode_fact(f)), default=fact)
+
+    def prove(
+        self, fact: Fact, budget_ms: float, graphs_of: GraphsOf | None = None
+    ) -> Proof | None:
+        """Return a proof of least height; of a virtual fact its rule alone."""
+        held = next(filter(self.holds, self.forms(fact)), None)
+        if held is None:
+            gloss = Glossary(self.facts, self.terms).fact(fact)
+            return Proof(self.terms.decode_fact(fact), gloss, _virtual_rule(fact[1]))
+        return Prover(
+            self.facts,
+            self.equality,
+            self.program,
+            self.asserted,
+            self.terms,
+            budget_ms,
+            graphs_of,
+        ).prove(held)
+
+    # Sets of facts.
+
+    def match(self, pattern: Pattern) -> list[Triple]:
+        """Return asserted and derived triples that match ids, in the order of their ids."""
+        s, p, o = pattern
+        found = {
+            form
+            for fact in self._candidates(s, p, o)
+            for form in self.equality.expand(fact)
+            if form in self.asserted or is_exported(form, self.terms)
+        }
+        if p in (None, SAME):
+            ends = [x for x in (s, o) if x is not None]
+            classes = ends or [representative for representative, _ in self.equality.classes()]
+            found.update(self._pairs(classes))
+        return [
+            self.terms.decode_fact(form)
+            for form in sorted(found)
+            if all(want in (None, have) for want, have in zip(pattern, form, strict=True))
+        ]
+
+    def _candidates(self, s: int | None, p: int | None, o: int | None) -> Iterator[Fact]:
+        """Yield facts on representatives that may expand to a pattern."""
+        facts, find = self.facts, self.equality.find
+        for q in facts.predicates() if p is None else (find(p),):
+            if s is not None:
+                a = find(s)
+                yield from ((a, q, x) for x in tuple(facts.objects(q, a)))
+            elif o is not None:
+                b = find(o)
+                yield from ((x, q, b) for x in tuple(facts.subjects(q, b)))
+            else:
+                yield from ((x, q, y) for x, y in facts.pairs(q))
+
+    def inferred(self, about: Iterable[Fact]) -> Iterator[Fact]:
+        """Yield the exported forms of those facts, given on representatives, that are derived."""
+        for fact in about:
+            if self.facts.has(*fact):
+                for form in self.equality.expand(fact):
+                    if form not in self.asserted and is_exported(form, self.terms):
+                        yield form
+
+    def equalities(self, members: Iterable[int]) -> Iterator[Fact]:
+        """Yield the derived sameAs facts of the classes of terms."""
+        return (form for form in self._pairs(members) if form not in self.asserted)
+
+    def everything(self) -> Iterator[Fact]:
+        """Yield all that the inferred graph holds."""
+        yield from self.inferred(self.facts)
+        yield from self.equalities(representative for representative, _ in self.equality.classes())
+
+    def _pairs(self, members: Iterable[int]) -> Iterator[Fact]:
+        for representative in {self.equality.find(member) for member in members}:
+            yield from self.equality.pairs(representative)
+
+
+def _virtual_rule(p: int) -> str:
+    """Return the rule behind a triple that is true of everything."""
+    if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
+        return "scm-cls"
+    return "scm-op" if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) else "cls-thing"
