@@ -6,19 +6,25 @@ about the scene reaches it nowhere; :mod:`simulate.scoring` uses that afterwards
 
 from __future__ import annotations
 
-import base64
 import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from features.codec import encode_frame, to_wire
 from features.geometry import FloatArray, Frame
+from simulate.agent_messages import (
+    grasp_request,
+    mix_seed,
+    neighbour_points,
+    outcome_message,
+    pose_message,
+)
+from simulate.encounter import Attempt, Encounter
 from simulate.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.perception import Ignored, Perceived, Seen, perceive
 from simulate.tracking import Thing, Tracker
@@ -27,7 +33,6 @@ __all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
 
 log = logging.getLogger(__name__)
 
-_MAX_NEIGHBOUR_POINTS = 400
 _CONFIDENT = 0.9
 
 
@@ -88,83 +93,6 @@ class Server(Protocol):
     def insert_object(self, **request: Any) -> dict[str, Any]: ...
 
     def report_outcome(self, **request: Any) -> dict[str, Any]: ...
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """One try: the grasp, where it came from, what became of it."""
-
-    number: int
-    source: str
-    grasp: str
-    reason: str
-    held: bool
-    placed: bool
-    physical: bool
-    mean: float
-    seconds: Mapping[str, float]
-    pictures: tuple[str, ...] = ()
-
-
-@dataclass
-class Encounter:
-    """Everything that happened between one robot and one object.
-
-    Parameters
-    ----------
-    recognised
-        IRI that the server was sure of at first sight; empty = the object was new to it.
-    confidence
-        Of the best match at first sight, whether accepted or not.
-    object_iri
-        IRI under which the graph knows it in the end.
-    """
-
-    number: int
-    side: str
-    position: tuple[float, float]
-    size: tuple[float, float, float]
-    is_seen: bool = False
-    recognised: str = ""
-    label: str = ""
-    confidence: float = 0.0
-    object_iri: str = ""
-    attempts: list[Attempt] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def tries(self) -> int:
-        """Physical attempts so far."""
-        return sum(attempt.physical for attempt in self.attempts)
-
-    @property
-    def held(self) -> bool:
-        """Whether some attempt held the object."""
-        return any(attempt.held for attempt in self.attempts)
-
-    @property
-    def tries_to_success(self) -> int | None:
-        """Physical attempts up to the first that held; None when none did."""
-        for tried, attempt in enumerate((a for a in self.attempts if a.physical), start=1):
-            if attempt.held:
-                return tried
-        return None
-
-    @property
-    def placed(self) -> bool:
-        """Whether the object reached the box."""
-        return any(attempt.placed for attempt in self.attempts)
-
-    def summary(self) -> dict[str, Any]:
-        """Return the encounter as JSON data."""
-        data = asdict(self)
-        data.update(
-            tries=self.tries,
-            tries_to_success=self.tries_to_success,
-            held=self.held,
-            placed=self.placed,
-        )
-        return data
 
 
 @dataclass(frozen=True)
@@ -268,8 +196,8 @@ class Agent:
             gripper_id=self.body.gripper_ids[side],
             propose=True,
             max_grasps=50,
-            seed=_seed(self.config.seed, thing.number, number),
-            neighbours=_neighbours(thing, view),
+            seed=mix_seed(self.config.seed, thing.number, number),
+            neighbours=neighbour_points(thing, view),
             **observation,
             **({"object": thing.object_iri} if thing.object_iri else {}),
         )
@@ -296,7 +224,7 @@ class Agent:
         started = time.perf_counter()
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
-        outcome = _outcome(record, number, answer, grasp, seconds, pictures)
+        outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
         self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
         attempt = Attempt(
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
@@ -325,7 +253,7 @@ class Agent:
     ) -> dict[str, Any]:
         return {
             "data": to_wire(encode_frame(thing.seen.crop)),
-            "sensor_pose": _pose_message(base_from_camera),
+            "sensor_pose": pose_message(base_from_camera),
             "frame_id": self.body.base_frame,
             "support_height": view.table_height,
         }
@@ -363,8 +291,8 @@ class Agent:
         first: dict[str, Any] | None = None
         reason = "no_grasp"
         for rank, grasp in enumerate(answer["grasps"][: self.config.max_plans]):
-            request = _request(thing, grasp, view.table_height)
-            planned = self.body.plan(request, obstacles, seed=_seed(self.config.seed, rank))
+            request = grasp_request(thing, grasp, view.table_height)
+            planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
             if not isinstance(planned, str):
                 seconds["plan"] = time.perf_counter() - started
                 return _Planning(planned, {**grasp, "rank": rank + 1}, "ok")
@@ -433,80 +361,3 @@ class Agent:
         encounter.seconds["report"] = (
             encounter.seconds.get("report", 0.0) + time.perf_counter() - started
         )
-
-
-def _seed(*parts: int) -> int:
-    """Mix numbers into one seed below 2^31, the same on every machine."""
-    return int(np.random.SeedSequence(parts).generate_state(1)[0] >> 1)
-
-
-def _neighbours(thing: Thing, view: Perceived) -> list[list[float]]:
-    """Return points of the other objects near the thing, m, base frame."""
-    others = [seen.points for seen in view.objects if seen is not thing.seen]
-    if not others:
-        return []
-    points = np.concatenate(others)
-    near = points[np.linalg.norm(points[:, :2] - thing.seen.position, axis=1) < 0.12]
-    step = max(1, -(-len(near) // _MAX_NEIGHBOUR_POINTS))
-    return [[round(float(x), 4) for x in point] for point in near[::step]]
-
-
-def _request(thing: Thing, grasp: dict[str, Any], table: float) -> GraspRequest:
-    shape = thing.seen.shape
-    return GraspRequest(
-        x=float(grasp["x"]),
-        y=float(grasp["y"]),
-        z=float(grasp["z"]),
-        theta=float(grasp["theta"]),
-        width=float(grasp["width"]),
-        opening=float(grasp["opening"]),
-        height=shape.height,
-        length=shape.length,
-        table_height=table,
-        arm="auto",
-        round=shape.is_round,
-    )
-
-
-def _pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, float]]:
-    """Return a (4, 4) pose as geometry_msgs/Pose."""
-    x, y, z = (float(v) for v in base_from_camera[:3, 3])
-    q = [float(v) for v in Rotation.from_matrix(base_from_camera[:3, :3]).as_quat()]
-    return {
-        "position": {"x": x, "y": y, "z": z},
-        "orientation": {"x": q[0], "y": q[1], "z": q[2], "w": q[3]},
-    }
-
-
-def _outcome(
-    record: GraspRecord,
-    number: int,
-    answer: dict[str, Any],
-    grasp: dict[str, Any],
-    seconds: dict[str, float],
-    pictures: list[tuple[str, bytes]],
-) -> dict[str, Any]:
-    """Return what a physical attempt is reported with."""
-    return {
-        "success": record.held,
-        "placed": record.placed,
-        "reason": record.reason,
-        "lifted_m": record.lifted_m,
-        "slip": record.slip_m,
-        "duration_s": record.duration_s,
-        "links_touching": record.links_touching,
-        "contact_force": record.contact_force_n,
-        "preset": record.preset,
-        "seed": record.seed,
-        "attempt_number": number,
-        "candidate_count": len(answer["grasps"]),
-        "candidate_rank": grasp["rank"],
-        "times": {
-            "planning_s": seconds.get("plan", 0.0),
-            "execution_s": record.duration_s,
-            "transfer_s": seconds["ask"] - answer["times"].get("total_s", 0.0),
-        },
-        "images": [
-            {"phase": phase, "data": base64.b64encode(png).decode()} for phase, png in pictures
-        ],
-    }

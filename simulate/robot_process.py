@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 import rtask
 from features.geometry import FloatArray, Frame
 from rtask.errors import RtaskError
-from simulate.agent import Agent, AgentConfig, Encounter
+from simulate.agent import Agent, AgentConfig
 from simulate.camera import Camera, Lighting
+from simulate.encounter import Encounter
 from simulate.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
 from simulate.job import Job
 from simulate.noise import SensorNoise

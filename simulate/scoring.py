@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simulate.agent import Encounter
+from simulate.encounter import Encounter
 from simulate.executor import GraspRequest
 from simulate.perception import Seen
 

@@ -1,0 +1,86 @@
+"""What happened between a robot and the objects on its table, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+__all__ = ["Attempt", "Encounter"]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One try: the grasp, where it came from, what became of it."""
+
+    number: int
+    source: str
+    grasp: str
+    reason: str
+    held: bool
+    placed: bool
+    physical: bool
+    mean: float
+    seconds: Mapping[str, float]
+    pictures: tuple[str, ...] = ()
+
+
+@dataclass
+class Encounter:
+    """Everything that happened between one robot and one object.
+
+    Parameters
+    ----------
+    recognised
+        IRI that the server was sure of at first sight; empty = the object was new to it.
+    confidence
+        Of the best match at first sight, whether accepted or not.
+    object_iri
+        IRI under which the graph knows it in the end.
+    """
+
+    number: int
+    side: str
+    position: tuple[float, float]
+    size: tuple[float, float, float]
+    is_seen: bool = False
+    recognised: str = ""
+    label: str = ""
+    confidence: float = 0.0
+    object_iri: str = ""
+    attempts: list[Attempt] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def tries(self) -> int:
+        """Physical attempts so far."""
+        return sum(attempt.physical for attempt in self.attempts)
+
+    @property
+    def held(self) -> bool:
+        """Whether some attempt held the object."""
+        return any(attempt.held for attempt in self.attempts)
+
+    @property
+    def tries_to_success(self) -> int | None:
+        """Physical attempts up to the first that held; None when none did."""
+        for tried, attempt in enumerate((a for a in self.attempts if a.physical), start=1):
+            if attempt.held:
+                return tried
+        return None
+
+    @property
+    def placed(self) -> bool:
+        """Whether the object reached the box."""
+        return any(attempt.placed for attempt in self.attempts)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the encounter as JSON data."""
+        data = asdict(self)
+        data.update(
+            tries=self.tries,
+            tries_to_success=self.tries_to_success,
+            held=self.held,
+            placed=self.placed,
+        )
+        return data
