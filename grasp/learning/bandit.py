@@ -64,7 +64,7 @@ class Policy:
     bandwidth: float = 0.2
     selection: Selection = "auto"
     top_k: int = 5
-    proven_weight: float = 0.5
+    proven_weight: float = 0.8
     proven_share: float = 0.6
     proven_mean: float = 0.5
     stop_below: float = 0.1

@@ -18,17 +18,35 @@ from rtask.engine.recall import KnownObject, Memory
 
 if TYPE_CHECKING:
     from features.recognition.index import RecognitionIndex
-    from features.recognition.recogniser import Recognition
+    from features.recognition.recogniser import Recogniser, Recognition
 
-__all__ = ["has_rivals", "is_plausible", "settle"]
+__all__ = ["has_rivals", "is_plausible", "recognise", "settle"]
+
+
+def recognise(
+    recogniser: Recogniser,
+    seen: Observation,
+    policy: Policy,
+    max_results: int,
+    min_confidence: float | None = None,
+) -> Recognition:
+    """Compare a view with the index, and doubt the answer where there was one object to compare.
+
+    Rivals are counted first: an object that another robot inserts meanwhile took no part.
+    """
+    with_rivals = has_rivals(recogniser.index)
+    found = recogniser.recognise(
+        seen.features, min_confidence=min_confidence, max_results=max_results
+    )
+    if with_rivals or not found.accepted or found.matches[0].inliers >= policy.inliers_when_alone:
+        return found
+    first = found.matches[0]
+    doubted = replace(first, confidence=min(first.confidence, policy.suggestion))
+    return replace(found, accepted=False, matches=(doubted, *found.matches[1:]))
 
 
 def settle(
-    recognition: Recognition,
-    memory: Memory,
-    seen: Observation,
-    index: RecognitionIndex,
-    policy: Policy,
+    recognition: Recognition, memory: Memory, seen: Observation, policy: Policy
 ) -> Recognition:
     """Return the recognition without what the graph contradicts.
 
@@ -42,11 +60,7 @@ def settle(
         and is_plausible(memory.objects[match.object_iri], seen, policy)
     )
     is_first = bool(kept) and kept[0] is recognition.matches[0]
-    accepted = recognition.accepted and is_first
-    if accepted and kept[0].inliers < policy.inliers_when_alone and not has_rivals(index):
-        accepted = False
-        kept = (replace(kept[0], confidence=min(kept[0].confidence, policy.suggestion)),)
-    return replace(recognition, accepted=accepted, matches=kept)
+    return replace(recognition, accepted=recognition.accepted and is_first, matches=kept)
 
 
 def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:

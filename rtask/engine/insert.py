@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.facts import Facts
-from rtask.engine.identity import settle
+from rtask.engine.identity import recognise, settle
 from rtask.engine.messages import Field, read
 from rtask.engine.names import slug, tail
 from rtask.engine.objects import NewObject, Sight, guess_class, state_object, state_view
@@ -45,6 +45,7 @@ __all__ = ["INSERT_OBJECT", "ITEM", "insert_object", "wrapped"]
 log = logging.getLogger(__name__)
 
 _UNKNOWN_GRIPPER = "unknown"
+_MOST_MATCHES = 5
 _PLACE = ("X", "Y", "Z", "rad")
 
 ITEM = (
@@ -134,13 +135,13 @@ def _prepare(
         return _Repeated(item["task_id"], before, gripper)
     seen = engine.observations.observe(item, where)
     kinds = _exact(engine, item["class_description"])
-    recognition = engine.recogniser.recognise(seen.features, max_results=5)
+    recognition = recognise(engine.recogniser, seen, engine.policy, _MOST_MATCHES)
     question = question_for(
         engine, seen, recognition, item["object"], gripper,
         () if item["object"] else tuple(kind.value for kind in kinds),
     )  # fmt: skip
     memory = recall(engine.kb, question)
-    recognition = settle(recognition, memory, seen, engine.index, engine.policy)
+    recognition = settle(recognition, memory, seen, engine.policy)
     known = None
     if item["object"]:
         known = memory.objects.get(item["object"])

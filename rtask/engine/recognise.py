@@ -15,7 +15,7 @@ import numpy as np
 
 from grasp.messages import empty_grasp_message, grasp_message
 from rtask.engine.choose import Option, Scene, choose, options
-from rtask.engine.identity import settle
+from rtask.engine.identity import recognise, settle
 from rtask.engine.messages import Field
 from rtask.engine.objects import guess_class
 from rtask.engine.observation import Observation
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["RECOGNISE_FOR_GRASP", "SIGHT", "Clock", "locate", "question_for", "recognise_for_grasp"]
 
 _MOST_CANDIDATES = 50
+_MOST_MATCHES = 10
 
 SIGHT = (
     Field("data", "bytes", "base64 of one object's compressed cloud", required=True,
@@ -109,13 +110,13 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     seen = engine.observations.observe(request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
-    recognition = engine.recogniser.recognise(
-        seen.features, min_confidence=request["min_confidence"], max_results=10
+    recognition = recognise(
+        engine.recogniser, seen, engine.policy, _MOST_MATCHES, request["min_confidence"]
     )
     clock.lap("matching_s")
     question = question_for(engine, seen, recognition, request["object"], gripper)
     memory = recall(engine.kb, question)
-    recognition = settle(recognition, memory, seen, engine.index, engine.policy)
+    recognition = settle(recognition, memory, seen, engine.policy)
     clock.lap("query_s")
     known = _known(request["object"], recognition, memory)
     placement = locate(seen, recognition, known, memory)

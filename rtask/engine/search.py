@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.identity import settle
+from rtask.engine.identity import recognise, settle
 from rtask.engine.observation import Observation
 from rtask.engine.placement import place
 from rtask.engine.recall import Memory, Remembered, recall
@@ -26,10 +26,8 @@ def search_object(engine: Engine, request: dict[str, Any], access: Access) -> di
     from rtask.engine.recognise import question_for
 
     seen = engine.observations.observe(request)
-    recognition = engine.recogniser.recognise(
-        seen.features,
-        min_confidence=request["min_confidence"],
-        max_results=request["max_results"],
+    recognition = recognise(
+        engine.recogniser, seen, engine.policy, request["max_results"], request["min_confidence"]
     )
     description = request["class_description"]
     kinds = engine.classes.find(description) if description else []
@@ -39,7 +37,7 @@ def search_object(engine: Engine, request: dict[str, Any], access: Access) -> di
         return answer
     only = tuple(kind.iri.value for kind in kinds)
     memory = recall(engine.kb, question_for(engine, seen, recognition, None, None, only))
-    recognition = settle(recognition, memory, seen, engine.index, engine.policy)
+    recognition = settle(recognition, memory, seen, engine.policy)
     least = request["min_confidence"] or 0.0
     similar = similar_objects(seen, recognition, memory)
     answer["similar_objects"] = [entry for entry in similar if entry["confidence"] >= least]

@@ -47,6 +47,7 @@ def test_the_defaults_on_the_page_about_learning_are_those_of_the_policy():
         f"1 / {policy.other_gripper:g} where the width fits",
         f"1 / {policy.fast_physics:g} |",
         f"a factor of {policy.size_tolerance:g}",
+        f"at least {policy.bandit.proven_weight:g} of a success",
         f"When no mean reaches {policy.bandit.stop_below:g}",
     ):
         assert words in text, words

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import pytest
 
@@ -119,6 +120,38 @@ def test_the_same_outcome_told_at_once_from_many_threads_stores_once(bench, kb, 
     for thread in threads:
         thread.join()
     assert sorted(results) == [0, 0, 0, 0, 0, 1]
+
+
+def test_robots_that_ask_and_tell_at_once_do_not_disturb_each_other(bench, kb, robots):
+    names = ("nao-1", "nao-2", "nao-3")
+    all_robots = [robots(name) for name in names]
+    things = [
+        replace(bench.BOX, texture_seed=40 + k, size=(0.03 + 0.004 * k, 0.025, 0.04 + 0.01 * k))
+        for k in range(3)
+    ]
+    seen = [bench.sight(thing) for thing in things]
+    failures = []
+
+    def work(robot, own) -> None:
+        try:
+            for k in range(4):
+                answer = robot.recognise(seen[(own + k) % 3])
+                if k == 0:
+                    robot.insert(seen[own], grasp=answer["grasps"][0], outcome=bench.held(),
+                                 task_id=answer["task_id"])  # fmt: skip
+        except Exception as error:  # noqa: BLE001 - a thread's failure is this test's
+            failures.append(error)
+
+    threads = [threading.Thread(target=work, args=(r, k)) for k, r in enumerate(all_robots)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failures == []
+    rows = kb.select(
+        PREFIX + "SELECT ?o ?id { ?o rt:objectId ?id ; rt:hasGrasp/^rt:executesGrasp ?a }"
+    )
+    assert len({row.value("id") for row in rows}) == len({row.value("o") for row in rows}) == 3
 
 
 def test_two_robots_may_use_the_same_task_id_of_their_own_making(bench, robots):
