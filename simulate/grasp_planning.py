@@ -71,7 +71,6 @@ _PURPOSE_IK, _PURPOSE_PATH = 0, 1
 
 _ALLOWED: Mapping[tuple[str, str], float] = {
     ("trunk", "upper"): np.inf,
-    ("table", "upper"): np.inf,
 }
 _AT_OBJECT: Mapping[tuple[str, str], float] = {
     **_ALLOWED,

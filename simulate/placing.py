@@ -30,7 +30,6 @@ _PURPOSE = 2
 
 _CARRYING: Mapping[tuple[str, str], float] = {
     ("trunk", "upper"): np.inf,
-    ("table", "upper"): np.inf,
     ("table", "finger"): 0.006,
     ("box", "finger"): 0.002,
     ("neighbour", "load"): 0.004,

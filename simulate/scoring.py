@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Judge"]
 
 _ANGLES = np.deg2rad(np.arange(0, 180, 15))
+_SPARE_M = 0.004  # a hand needs some room to go round an object whose place it knows to 2 mm
 _UPRIGHT_AND_ROUND = frozenset({"can", "ball", "bottle"})
 
 
@@ -34,7 +35,7 @@ class Judge:
         return best if best in self._products else -1
 
     def in_reach(self) -> dict[int, bool]:
-        """Tell for every body whether some grasp of its true shape can be planned, alone."""
+        """Tell for every body whether some grasp of its true shape fits and can be planned."""
         return {laid.body: self._reachable(laid.body) for laid in self._body.laid}
 
     def _reachable(self, body: int) -> bool:
@@ -42,7 +43,10 @@ class Judge:
         spec = next(laid.placement.spec for laid in self._body.laid if laid.body == body)
         pose = world.object_pose(body)
         along_x, along_y, height = spec.extent
+        mouth = min(arm.mouth for arm in self._body.robot.arms.values())
         for turn in _ANGLES if spec.kind in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
+            if (along_y if turn else along_x) > mouth - _SPARE_M:
+                continue
             request = GraspRequest(
                 x=pose.x,
                 y=pose.y,

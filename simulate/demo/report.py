@@ -48,10 +48,11 @@ def _total(met: Mapping[str, Any], key: str) -> float:
 def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | None:
     """Return the mean number of physical attempts up to the first success.
 
-    Objects in reach only; an object never held counts ``cap`` + 1 (learning: failures are capped).
-    None when nothing was in reach.
+    Over the objects in reach that were tried; one never held counts ``cap`` + 1. None when nothing
+    was tried.
     """
-    counts = [met["tries_to_success"] or cap + 1 for met in encounters if met["in_reach"]]
+    tried = [met for met in encounters if met["in_reach"] and met["tries"]]
+    counts = [met["tries_to_success"] or cap + 1 for met in tried]
     return sum(counts) / len(counts) if counts else None
 
 

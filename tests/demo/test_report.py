@@ -44,12 +44,15 @@ def _robot(*met: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def test_attempts_average_over_objects_in_reach_and_failures_count_one_more_than_the_cap() -> None:
+def test_attempts_average_over_what_was_tried_in_reach_failures_count_one_more_than_the_cap() -> (
+    None
+):
     met = [
         _met(tries_to_success=1),
         _met(tries_to_success=3),
         _met(tries_to_success=None, tries=4, held=False),
-        _met(tries_to_success=None, tries=0, in_reach=False),
+        _met(tries_to_success=None, tries=4, held=False, in_reach=False),
+        _met(tries_to_success=None, tries=0, held=False),
     ]
     assert mean_attempts(met, cap=4) == (1 + 3 + 5) / 3
 
