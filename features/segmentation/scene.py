@@ -15,9 +15,11 @@ from features.segmentation.segment import (
     Clock,
     SegmentParams,
     check_cloud,
+    number_by_size,
     segment_cloud,
     usable_points,
 )
+from features.segmentation.standing import join_standing_parts
 
 __all__ = ["Scene", "SegmentedObject", "segment_scene", "warm_up"]
 
@@ -122,7 +124,10 @@ def segment_scene(
     clock.lap("prism")
     found = segment_cloud(clean, colours, prism.mask, params)
     clock.lap("segment")
-    labels = _give_bases(clean, found.labels, prism, params)
+    labels = found.labels
+    if params.join_standing:
+        labels = _join_standing(clean, labels, prism)
+    labels = _give_bases(clean, labels, prism, params)
     clock.lap("bases")
     objects = _objects(clean, labels, prism)
     clock.lap("objects")
@@ -130,6 +135,21 @@ def segment_scene(
     if _is_grazing(clean, plane, prism):
         status = "grazing"
     return Scene(status, plane, prism, labels, objects, {**found.timings_ms, **clock.laps})
+
+
+def _join_standing(
+    points: NDArray[np.floating[Any]], labels: NDArray[np.int32], prism: Prism
+) -> NDArray[np.int32]:
+    taken = np.flatnonzero(labels)
+    if not len(taken):
+        return labels
+    flat = points.reshape(-1, 3)[taken].astype(np.float64)
+    heights = prism.heights.ravel()[taken]
+    joined = labels.copy()
+    joined.reshape(-1)[taken] = join_standing_parts(
+        flat @ prism.basis.T, heights, labels.ravel()[taken]
+    )
+    return number_by_size(joined.ravel(), 1)[0].reshape(labels.shape)
 
 
 def _give_bases(

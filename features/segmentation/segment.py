@@ -20,6 +20,7 @@ __all__ = [
     "SegmentParams",
     "Segmentation",
     "check_cloud",
+    "number_by_size",
     "segment_cloud",
     "usable_points",
 ]
@@ -58,6 +59,8 @@ class SegmentParams:
         Of space, normal and colour in growing supervoxels.
     common_neighbours
         Extended convexity of ``components``.
+    join_standing
+        Join what floats and stands wholly on something larger, such as a neck on its bottle.
     remove_table
         False segments the whole cloud when there is no table.
     """
@@ -76,6 +79,7 @@ class SegmentParams:
     colour_weight: float = 0.4
     weights: tuple[float, float, float] = (1.0, 4.0, 0.0)
     common_neighbours: int = 0
+    join_standing: bool = False
     remove_table: bool = True
 
     def __post_init__(self) -> None:
@@ -90,15 +94,9 @@ class SegmentParams:
     def near(cls) -> SegmentParams:
         """Return settings for a camera 0.2 to 0.5 m above small objects.
 
-        Finer voxels, as points lie closer; more concavity joins, so that a bottle keeps its neck.
+        Finer voxels, as points lie closer; a bottle keeps its neck.
         """
-        return cls(
-            voxel_m=0.004,
-            seed_m=0.014,
-            min_points=120,
-            tolerance_deg=30.0,
-            colour_weight=0.3,
-        )
+        return cls(voxel_m=0.004, seed_m=0.016, min_points=120, join_standing=True)
 
     @classmethod
     def for_distance(cls, distance_m: float) -> SegmentParams:
@@ -165,7 +163,7 @@ def segment_cloud(
         of_voxel, patch_of_voxel = _objects_of_voxels(voxels, params, clock)
         labels[chosen] = of_voxel[voxels.of_point] + 1
         patches[chosen] = patch_of_voxel[voxels.of_point]
-    labels, counts = _by_size(labels, params.min_points)
+    labels, counts = number_by_size(labels, params.min_points)
     clock.lap("labels")
     return Segmentation(labels.reshape(shape), patches.reshape(shape), counts, clock.laps)
 
@@ -251,7 +249,7 @@ def _usable(flat):  # type: ignore[no-untyped-def]
     return usable, finite, far
 
 
-def _by_size(
+def number_by_size(
     labels: NDArray[np.int32], min_points: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Number the labels by falling size and drop the small ones."""
