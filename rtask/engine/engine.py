@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.messages import nearest, read
 from rtask.engine.names import Names
@@ -132,15 +132,17 @@ class Engine:
         if scope not in SCOPES[access.role]:
             raise ForbiddenError(f"needs scope {scope}; the role {access.role} lacks it")
 
-    def author(self, access: Access, fallback: str | None) -> Access:
+    def author(
+        self, access: Access, fallback: str | None, role: Literal["robot", "teacher"] = "robot"
+    ) -> Access:
         """Return under whose name something is written.
 
         Callers without a name of their own (a server without tokens, the owner of the store)
-        write for the robot or person that the message names.
+        write for the robot or person that the message names, with no more rights than that one.
         """
         if access.agent or not fallback:
             return access
-        return Access(fallback, access.role)
+        return Access(fallback, role)
 
     def agent_iri(self, author: Access) -> NamedNode:
         """Return the individual that stands for an author."""

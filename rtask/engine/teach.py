@@ -72,7 +72,7 @@ def _teach(engine: Engine, request: dict[str, Any], access: Access) -> dict[str,
     item: dict[str, Any] = {field.name: field.default for field in ITEM}
     for field in (*SIGHT, *(f for f in ITEM if f.name in ("class_description", "name"))):
         item[field.name] = request.get(field.name)
-    author = engine.author(access, request["operator"])
+    author = engine.author(access, request["operator"], "teacher")
     stored = insert_object(engine, {"objects": [item]}, author)
     return {"similar_objects": [], "suggestions": [], **stored}
 
@@ -85,7 +85,7 @@ def _judge(engine: Engine, request: dict[str, Any], access: Access, held: bool) 
         facts = Facts()
         now = dt.datetime.now(dt.UTC)
         state_verdict(engine, facts, outcome, held, operator, now, request["comment"])
-        author = engine.author(access, operator)
+        author = engine.author(access, operator, "teacher")
         with engine.kb.transaction(access=author, note="a person's verdict") as tx:
             facts.write(tx)
     return {

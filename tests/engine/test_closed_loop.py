@@ -47,6 +47,21 @@ def test_an_unknown_object_gets_candidates_only_when_they_are_asked_for(bench, f
     assert quiet["grasp_pose"]["pose"]["orientation"]["w"] == 1.0
 
 
+def test_an_answer_is_strict_json_with_every_field_whatever_is_known(bench, first):
+    import json
+
+    cut_off = bench.sight(bench.BOX, bench.Eye(target=(*bench.BOX.position, bench.TABLE)))
+    for more in ({"propose": True}, {"propose": False}, {"support_height": 0.9}):
+        answer = first.recognise({**cut_off, **more})
+        json.dumps(answer, allow_nan=False)
+        assert set(answer["times"]) == {
+            "decode_s", "extraction_s", "matching_s", "query_s", "generation_s", "choice_s",
+            "total_s",
+        }  # fmt: skip
+        for name in ("pre_grasp_posture", "grasp_pose", "post_grasp_retreat", "statistics"):
+            assert answer[name] is not None
+
+
 def test_asking_writes_nothing(bench, kb, first):
     before = kb.seq
     first.recognise(bench.sight(bench.BOX))

@@ -148,3 +148,8 @@ def test_a_plain_store_has_no_engine():
 def test_clients_without_names_write_for_the_robot_that_they_register(bench, kb, engine):
     engine.call("register_robot", bench.registration("nao-1", "hand"), Access(None, "anonymous"))
     assert kb.match(graph=kb.graphs.agent("nao-1"))
+    writers = kb.select(
+        "SELECT DISTINCT ?who { ?w <http://www.w3.org/ns/prov#wasAssociatedWith> ?who ; "
+        f"<{NS}commitNumber> {kb.seq} }}"
+    )
+    assert [row.value("who") for row in writers] == ["https://example.org/kb/robot/nao-1"]
