@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.messages import Field, nearest
-from rtask.engine.recall import Question, recall
+from rtask.engine.question import Question
+from rtask.engine.recall import recall
 from rtask.engine.statistics import lower_95, summary
 from rtask.engine.vocabulary import PREFIXES
 from rtask.errors import UnknownTermError

@@ -18,7 +18,8 @@ from rtask.engine.names import slug, tail
 from rtask.engine.objects import NewObject, Sight, guess_class, state_object, state_view
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement
-from rtask.engine.recall import KnownObject, Question, recall
+from rtask.engine.question import Question
+from rtask.engine.recall import KnownObject, recall
 from rtask.engine.received import OUTCOME, Outcome, Received, received
 from rtask.engine.recognise import SIGHT, locate, question_for
 from rtask.engine.record import (

@@ -1,7 +1,7 @@
-"""Ask the graph once: everything a decision needs, in one SPARQL query (Gatto 2016, 3.2.4).
+"""Ask the graph once and read the answer: objects, their grasps, outcomes of every robot.
 
-What recognition found goes in as ``VALUES``; out come the objects, their grasps with every
-outcome of every robot, what this robot just tried, and where stored views were taken from.
+What recognition found goes in; out come the objects, their grasps with every outcome of every
+robot, what this robot just tried, and where stored views were taken from.
 """
 
 from __future__ import annotations
@@ -15,76 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import matrix_from_pose
-from rtask.engine.vocabulary import PREFIXES, RT, local_name, reason, values
+from rtask.engine.question import Question, query_text
+from rtask.engine.vocabulary import RT, local_name
 
 if TYPE_CHECKING:
     from rtask.kb.knowledge_base import KnowledgeBase
     from rtask.kb.results import Row, Solutions
 
-__all__ = [
-    "UNJUDGED",
-    "KnownObject",
-    "Memory",
-    "Question",
-    "Remembered",
-    "Tally",
-    "Trial",
-    "recall",
-]
-
-UNJUDGED = (
-    "timed_out", "stopped_by_human", "hardware",
-    "no_match", "low_recognition", "wrong_object", "pose_unknown", "low_pose",
-    "no_grasp", "low_grasp",
-    "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
-    "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "tracking",
-)  # fmt: skip
-"""Reasons that say something about the robot, the place or the day, not about the grasp.
-
-Such attempts are stored like all others and count in no statistics: that one arm could not reach
-an object where it stood teaches nothing about taking hold of it elsewhere."""
-
-_NOBODY = "urn:rtask:nobody"
-_JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
-    ?outcome rt:hasReason ?reason ; rt:success ?decided
-    BIND(IF(?decided, !EXISTS {{ ?outcome rt:judgedSuccess false }},
-      EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
-    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))"""
-"""Pattern of a judged attempt of ``?grasp``; a person's verdict wins over what was decided."""
+__all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial", "recall"]
 
 _NUMBERS = ("x", "y", "z", "theta", "opening", "quality", "length", "width", "height")
-
-
-@dataclass(frozen=True)
-class Question:
-    """What a decision wants to know.
-
-    Parameters
-    ----------
-    objects
-        IRIs that recognition or tracking gave.
-    classes
-        IRIs of kinds of objects whose members may teach something.
-    size
-        (length, width, height), m, of the object in question.
-    tracked
-        The object that the robot is in the middle of handling, if any.
-    robot
-        Who asks, for its own attempts on ``tracked``.
-    views
-        Stored views whose viewpoints are needed.
-    only
-        Classes to one of which an object must belong; empty = any.
-    """
-
-    objects: tuple[str, ...] = ()
-    classes: tuple[str, ...] = ()
-    size: tuple[float, float, float] | None = None
-    size_tolerance: float = 1.5
-    tracked: str | None = None
-    robot: str | None = None
-    views: tuple[str, ...] = ()
-    only: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -182,100 +122,6 @@ def recall(kb: KnowledgeBase, question: Question) -> Memory:
     if not (question.objects or question.classes or question.views):
         return Memory()
     return _memory(kb.select(query_text(question)), question)
-
-
-def query_text(question: Question) -> str:
-    """Return the query of a decision.
-
-    Each part leaves the other parts' variables unbound; ``?part`` tells the rows apart. The store
-    reads only what is asked for as long as every pattern stands in one group with the ``VALUES``
-    that begins it: so attempts are a part of their own and not optional to grasps, verdicts are
-    looked up by ``EXISTS``, and a ``BIND`` comes last.
-    """
-    of = [(f"VALUES ?object {{ {values(question.objects)} }}", "false")]
-    if question.classes and question.size is not None:
-        of.append((_members(question), "true"))
-    parts = [
-        _object_part(question),
-        *(_grasp_part(which, of_class) for which, of_class in of),
-        *(_tally_part(which, of_class, fast) for which, of_class in of for fast in (False, True)),
-        *([_trial_part(question.tracked, question.robot)] if question.tracked else []),
-        _view_part(question.views),
-    ]
-    union = "\n  UNION\n".join(f"  {{ {part} }}" for part in parts)
-    return f"{PREFIXES}\nSELECT * WHERE {{\n{union}\n}}"
-
-
-def _object_part(question: Question) -> str:
-    """Return the pattern of what is said about the objects themselves."""
-    only = ""
-    if question.only:
-        wanted = f"VALUES ?wanted {{ {values(question.only)} }}"
-        only = f"FILTER EXISTS {{ {wanted} ?object a ?wanted }}"
-    return f"""VALUES ?object {{ {values(question.objects)} }}
-    ?object a rt:ManipulableObject {only}
-    OPTIONAL {{ ?object rt:name ?name }}
-    OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
-    OPTIONAL {{ ?object rt:hasSymmetry/rt:symmetryOrder ?order }}
-    OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
-      FILTER(?class != rt:ManipulableObject && isIRI(?class))
-      OPTIONAL {{ ?class rdfs:label ?label }} OPTIONAL {{ ?class rt:shortId ?short }}
-      OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
-        FILTER(?above != ?class && isIRI(?above)) }} }}
-    BIND("object" AS ?part)"""
-
-
-def _members(question: Question) -> str:
-    """Return the pattern of other objects of the classes that are about as large."""
-    assert question.size is not None
-    bounds = " && ".join(
-        f"?{name} > {size / question.size_tolerance:.6f} && "
-        f"?{name} < {size * question.size_tolerance:.6f}"
-        for name, size in zip(("l", "w", "h"), question.size, strict=True)
-    )
-    known = ", ".join(values([iri]) for iri in sorted(question.objects)) or f"<{_NOBODY}>"
-    return f"""VALUES ?kind {{ {values(question.classes)} }}
-    ?object a ?kind ; rt:extentX ?l ; rt:extentY ?w ; rt:extentZ ?h
-    FILTER({bounds} && ?object NOT IN ({known}))"""
-
-
-def _grasp_part(which: str, of_class: str) -> str:
-    """Return the pattern of the grasps of some objects."""
-    return f"""{which}
-    ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
-    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
-    ?owner rt:bodyFrame ?frame
-    OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
-    OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
-    BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
-
-
-def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
-    """Return the pattern that counts judged attempts: all, or those in the coarse physics."""
-    fast = '?outcome rt:hasFeedback ?feedback . ?feedback rt:preset "fast" .' if only_fast else ""
-    name = "fast" if only_fast else "tally"
-    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held
-      (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {_JUDGED} }}
-    GROUP BY ?object ?grasp ?held"""
-
-
-def _trial_part(tracked: str, robot: str | None) -> str:
-    """Return the pattern of one robot's attempts on one object."""
-    return f"""VALUES ?object {{ {values([tracked])} }}
-    ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
-    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
-    ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
-    {_JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
-    BIND("trial" AS ?part)"""
-
-
-def _view_part(views: Iterable[str]) -> str:
-    """Return the pattern of where stored views were taken from."""
-    return f"""VALUES ?view {{ {values(views)} }}
-    ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
-      rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
-    BIND("view" AS ?part)"""
 
 
 def _memory(rows: Solutions, question: Question) -> Memory:

@@ -20,7 +20,8 @@ from rtask.engine.messages import Field
 from rtask.engine.objects import guess_class
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement, footprint_of, place
-from rtask.engine.recall import KnownObject, Memory, Question, recall
+from rtask.engine.question import Question
+from rtask.engine.recall import KnownObject, Memory, recall
 from rtask.engine.robots import KnownGripper
 from rtask.engine.search import match_message, similar_objects
 from rtask.engine.statistics import summary

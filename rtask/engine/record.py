@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rtask.engine.attempts import Try, find_grasp, state_grasp, state_try
 from rtask.engine.facts import Facts
 from rtask.engine.objects import state_frame, state_recognition
-from rtask.engine.recall import UNJUDGED
+from rtask.engine.question import UNJUDGED
 from rtask.engine.received import Outcome, Received
 from rtask.engine.robots import KnownGripper
 from rtask.engine.statistics import count

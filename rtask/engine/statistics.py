@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.facts import Facts
 from rtask.engine.names import tail
-from rtask.engine.recall import UNJUDGED
+from rtask.engine.question import UNJUDGED
 from rtask.engine.vocabulary import PREFIXES, PROV, RT, reason
 from rtask.kb.terms import NamedNode, object_term, python_value
 

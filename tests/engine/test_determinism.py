@@ -7,7 +7,8 @@ import pytest
 
 import rtask
 from rtask.engine import Engine
-from rtask.engine.recall import Question, query_text, recall
+from rtask.engine.question import Question, query_text
+from rtask.engine.recall import recall
 
 
 def choice(answer):
