@@ -17,6 +17,9 @@ from features.segmentation import (
     segment_scene,
     table_prism,
 )
+from features.segmentation.convexity import patch_graph
+from features.segmentation.supervoxels import Supervoxels, grow_supervoxels
+from features.segmentation.voxels import VoxelGrid, build_voxels
 
 CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
 _TILT = 0.9  # rad, camera looks down at the table
@@ -296,3 +299,53 @@ def test_pixels_of_unknown_truth_do_not_count() -> None:
     assert known.f == 1
     with pytest.raises(ValueError, match="differ in shape"):
         score_labels(found, truth[:3])
+
+
+def test_what_stands_beside_the_table_is_not_on_it() -> None:
+    rng = np.random.default_rng(0)
+    table = np.column_stack([rng.uniform(-0.3, 0.3, (9000, 2)), np.full(9000, 0.6)])
+    over, beside = (
+        rng.uniform(-0.03, 0.03, (2000, 3)) + np.array([x, 0, 0.55]) for x in (0.1, 0.45)
+    )
+    cloud = np.concatenate([table, over, beside])
+    plane = find_table_plane(cloud)
+    assert plane is not None
+    prism = table_prism(cloud, plane)
+    assert prism.mask[9_000:11_000].all()
+    assert not prism.mask[11_000:].any()
+
+
+def test_every_part_keeps_a_patch_however_near_the_next_one_is() -> None:
+    """Seeds 6 mm apart are thinned out, but not to the loss of a part that touches nothing."""
+    grid = np.stack(np.meshgrid([0.0, 0.002], [0.0, 0.002], [0.5]), -1).reshape(-1, 3)
+    voxels = build_voxels(
+        np.concatenate([grid, grid + np.array([0.008, 0, 0])]) + 0.0005, None, 0.002
+    )
+    patches = grow_supervoxels(voxels, 0.002, 0.02)
+    assert (patches.of_voxel >= 0).all()
+    assert len(patches) == 2
+
+
+@pytest.mark.parametrize(("apart", "sane"), [((0.02, 0.0, 0.0), True), ((0.0, 0.02, 0.0), False)])
+def test_patches_side_by_side_along_their_crease_say_nothing_about_convexity(
+    apart: tuple[float, float, float], sane: bool
+) -> None:
+    """Normals 60 deg apart about the y axis: a crease along y can only part what lies across it."""
+    tilt = np.radians(30)
+    normals = np.array([[np.sin(tilt), 0, -np.cos(tilt)], [-np.sin(tilt), 0, -np.cos(tilt)]])
+    centroids = np.array([apart, (0.0, 0.0, 0.0)])
+    voxels = VoxelGrid(
+        of_point=np.array([0, 1], np.int32),
+        neighbours=np.array([[1] + [-1] * 25, [0] + [-1] * 25], np.int32),
+        degrees=np.ones(2, np.int32),
+        centroids=centroids,
+        colours=np.zeros((2, 3)),
+        counts=np.ones(2),
+        normals=normals,
+    )
+    patches = Supervoxels(np.array([0, 1], np.int32), centroids, normals, np.zeros((2, 3)))
+    graph = patch_graph(voxels, patches, 0.02, 0.1, 0.005)
+    assert graph.pairs.tolist() == [[0, 1]]
+    assert graph.sane.tolist() == [sane]
+    if sane:
+        assert graph.angle_deg[0] == pytest.approx(60)  # the right one looks to the right: convex
