@@ -22,7 +22,6 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     table = []
     for robot in robots:
         for met in robot["encounters"]:
-            last = met["attempts"][-1]
             table.append(
                 (
                     robot["name"],
@@ -30,15 +29,20 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
                     met["label"] or ("known" if met["recognised"] else "new"),
                     f"{met['confidence']:.2f}",
                     {True: "yes", False: "NO", None: "-"}[met["right"]],
-                    met["attempts"][0]["source"],
+                    _first_source(met),
                     str(met["tries"]),
                     "yes" if met["held"] else "no",
                     "yes" if met["placed"] else "no",
-                    last["reason"],
+                    met["attempts"][-1]["reason"] if met["attempts"] else "gone",
                     *(f"{_total(met, key):.2f}" for key in ("look", "ask", "plan", "move")),
                 )
             )
     return table
+
+
+def _first_source(met: Mapping[str, Any]) -> str:
+    """Return where the first grasp came from; ``-`` when the object went before one was tried."""
+    return str(met["attempts"][0]["source"]) if met["attempts"] else "-"
 
 
 def _total(met: Mapping[str, Any], key: str) -> float:
@@ -69,7 +73,7 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
         "false_identities": sum(met["right"] is False for met in robot["encounters"]),
         "held": sum(met["held"] for met in reach),
         "placed": sum(met["placed"] for met in reach),
-        "from_memory": sum(met["attempts"][0]["source"] == "memory" for met in reach),
+        "from_memory": sum(_first_source(met) == "memory" for met in reach),
         "mean_attempts_to_first_success": mean_attempts(robot["encounters"], cap),
         "seconds": round(robot["seconds"], 2),
     }

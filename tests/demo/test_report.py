@@ -77,6 +77,13 @@ def test_the_table_has_a_cell_for_every_column() -> None:
     assert {len(row) for row in rows([_robot(_met(), _met(held=False))])} == {len(COLUMNS)}
 
 
+def test_an_object_that_went_before_it_was_tried_has_a_row_too() -> None:
+    robot = _robot(_met(attempts=[], tries=0, held=False, tries_to_success=None))
+    (row,) = rows([robot])
+    assert (row[COLUMNS.index("grasp from")], row[COLUMNS.index("reason")]) == ("-", "gone")
+    assert robot_totals(robot, cap=4)["from_memory"] == 0
+
+
 def _demo(tmp_path: Path) -> Demo:
     return Demo(Settings(tmp_path / "demo"), Console(results=False))
 
