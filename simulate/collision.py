@@ -28,6 +28,7 @@ __all__ = ["ArmSpheres", "Obstacle", "Surroundings", "body_obstacles", "link_pos
 
 Floats = NDArray[np.float64]
 
+_BALL = 0.2
 _BOX_SPHERE = 0.0125
 _PRISM_ANGLES = np.deg2rad(np.arange(0, 90, 5))
 
@@ -46,6 +47,8 @@ class Obstacle:
     rotation : (3, 3) float
     radius
         Rounding, m.
+    is_cylinder
+        Round about its z axis, ``half[0]`` being the radius: a can has a sharp rim.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Obstacle:
     half: Floats
     rotation: Floats
     radius: float = 0.0
+    is_cylinder: bool = False
 
     @classmethod
     def box(
@@ -100,11 +104,16 @@ class Obstacle:
     def upright(
         cls, name: str, x: float, y: float, floor: float, size: Sequence[float]
     ) -> Obstacle:
-        """Return an upright round thing of (diameter, height) m standing at (x, y) on a floor."""
+        """Return an upright round thing of (diameter, height) m standing at (x, y) on a floor.
+
+        One as high as it is wide is a ball, anything else a cylinder.
+        """
         diameter, height = size
-        radius = min(diameter, height) / 2
-        half = np.array([diameter / 2 - radius, diameter / 2 - radius, height / 2 - radius])
-        return cls(name, np.array([x, y, floor + height / 2]), half, np.eye(3), radius)
+        centre = np.array([x, y, floor + height / 2])
+        if abs(height - diameter) < _BALL * diameter:
+            return cls(name, centre, np.zeros(3), np.eye(3), diameter / 2)
+        half = np.array([diameter / 2, diameter / 2, height / 2])
+        return cls(name, centre, half, np.eye(3), is_cylinder=True)
 
 
 @dataclass(frozen=True)
@@ -123,7 +132,12 @@ class Surroundings:
         local = (inverse @ points.T).reshape(len(self.obstacles), 3, len(points))
         centres = np.stack([o.rotation.T @ o.centre for o in self.obstacles])
         halves = np.stack([o.half for o in self.obstacles])
-        outside = np.abs(local - centres[:, :, None]) - halves[:, :, None]
+        local = local - centres[:, :, None]
+        outside = np.abs(local) - halves[:, :, None]
+        for row, obstacle in enumerate(self.obstacles):
+            if obstacle.is_cylinder:
+                outside[row, 0] = np.hypot(local[row, 0], local[row, 1]) - obstacle.half[0]
+                outside[row, 1] = -np.inf
         positive = np.maximum(outside, 0.0)
         away = np.sqrt(np.einsum("mdn,mdn->mn", positive, positive))
         radii = np.array([o.radius for o in self.obstacles])[:, None]

@@ -47,16 +47,23 @@ SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "retur
 
 _LARGEST_TILT = 1.35
 _POSTURES_TRIED = 12
-# Back along the approach, aside along the open mouth, and up, m. The mouth is open on three sides.
-_RETREATS = (
-    (0.055, 0.0, 0.0),
-    (0.033, 0.0, 0.0),
-    (0.020, 0.0, 0.050),
-    (0.030, 0.030, 0.0),
-    (0.030, -0.030, 0.0),
-    (0.0, 0.050, 0.005),
-    (0.0, -0.050, 0.005),
-)
+
+
+@dataclass(frozen=True)
+class _Retreats:
+    """Ways out from the object: back along the approach, aside along the open mouth, up, m."""
+
+    offsets: tuple[tuple[float, float, float], ...]
+    touch: float
+    """How deep the fingers may run into the object on the way, m."""
+
+
+# The mouth is open on three sides, but what comes from the side sweeps the object away when it
+# stands a little elsewhere; so that comes second, and with a touch last.
+_ASIDE = ((0.030, 0.030, 0.0), (0.030, -0.030, 0.0), (0.0, 0.050, 0.005), (0.0, -0.050, 0.005))
+_BACKWARDS = _Retreats(((0.055, 0.0, 0.0), (0.033, 0.0, 0.0), (0.020, 0.0, 0.050)), 0.012)
+_SIDEWAYS = _Retreats(_ASIDE, 0.002)
+_SWEEPING = _Retreats(_ASIDE, 0.010)
 # Up and away from the shoulder, m; and whether the hand may turn about the vertical.
 _LIFTS = (
     (0.060, 0.0, False),
@@ -223,12 +230,14 @@ class GraspPlanner:
         around = self.surroundings(arm, request.table_height, obstacles)
         with_target = around.with_obstacles([_target(request)])
         candidates = self.candidates(arm, request, with_target, seed)
+        best = sorted(candidates, key=lambda c: c.cost(request))[:_POSTURES_TRIED]
         reason = "ik"
-        for candidate in sorted(candidates, key=lambda c: c.cost(request))[:_POSTURES_TRIED]:
-            planned = self._complete(arm, request, with_target, candidate, seed)
-            if not isinstance(planned, str):
-                return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
-            reason = max(reason, planned, key=REASONS.index)
+        for retreats in (_BACKWARDS, _SIDEWAYS, _SWEEPING):
+            for candidate in best:
+                planned = self._complete(arm, request, with_target, candidate, retreats, seed)
+                if not isinstance(planned, str):
+                    return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
+                reason = max(reason, planned, key=REASONS.index)
         return reason
 
     def candidates(
@@ -288,6 +297,7 @@ class GraspPlanner:
         request: GraspRequest,
         with_target: Surroundings,
         candidate: Candidate,
+        retreats: _Retreats,
         seed: int,
     ) -> PlannedGrasp | str:
         """Find the lines and the free path of one posture, or say what fails."""
@@ -298,7 +308,7 @@ class GraspPlanner:
         at_object = spheres.slack(with_target, _AT_OBJECT)
         if spheres.clearances(candidate.posture[None], with_target, at_object)[0] < 0:
             return "grasp_collision"
-        back = self._approach(chain, candidate.posture, spheres, with_target)
+        back = self._approach(chain, candidate.posture, retreats, spheres, with_target)
         if isinstance(back, str):
             return back
         lift = self._lift(chain, candidate.posture, spheres, with_target)
@@ -329,13 +339,19 @@ class GraspPlanner:
         )
 
     def _approach(
-        self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
+        self,
+        chain: Chain,
+        posture: Floats,
+        retreats: _Retreats,
+        spheres: ArmSpheres,
+        around: Surroundings,
     ) -> Floats | str:
         """Return the line (k, dof) from the grasp back to the pre-grasp, or why there is none."""
         rotation, _ = chain.tool_poses(posture[None])
-        near, far = spheres.slack(around, _AT_OBJECT), spheres.slack(around, _ALLOWED)
+        near = spheres.slack(around, {**_AT_OBJECT, ("target", "finger"): retreats.touch})
+        far = spheres.slack(around, _ALLOWED)
         reason = "approach_ik"
-        for back, aside, up in _RETREATS:
+        for back, aside, up in retreats.offsets:
             offset = rotation[0] @ np.array([0.0, aside, -back]) + np.array([0.0, 0.0, up])
             line = follow_line(chain, posture, offset)
             if line is None:
@@ -374,18 +390,34 @@ class GraspPlanner:
         seed: int,
         speed: float = SPEED["free"],
         acceleration: float = ACCELERATION,
+        tolerance: float = 0.0,
         allowed: Mapping[tuple[str, str], float] = _ALLOWED,
     ) -> Trajectory | str:
-        """Return a timed free path between two postures, or the reason code why there is none."""
+        """Return a timed free path between two postures, or the reason code why there is none.
+
+        Parameters
+        ----------
+        arm, spheres, around
+            What moves among what.
+        start, goal : (dof,) float, rad
+        seed
+            Of the samples.
+        speed, acceleration
+            Share of the velocity limits; rad/s^2.
+        tolerance
+            Collision (m) that the start may have: something held hangs where it hangs.
+        allowed
+            Penetration (m) by obstacle name and sphere group.
+        """
         chain = self.chains[arm]
         slack = spheres.slack(around, allowed)
         # The margin fades towards the ends: a pre-grasp may stand closer to its object than that.
         ends = spheres.clearances(np.stack([start, goal]), around, slack)
-        if ends[0] < 0:
+        if ends[0] < -tolerance:
             return "rrt_start"
         if ends[1] < 0:
             return "rrt_goal"
-        margin = min(_MARGIN, float(ends.min()))
+        margin = min(_MARGIN, float(ends.min()) - 1e-9)
 
         def is_free(q: Floats) -> NDArray[np.bool_]:
             return np.asarray(spheres.clearances(q, around, slack) >= margin)

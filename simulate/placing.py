@@ -25,6 +25,8 @@ _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.
 to there, m. Low is gentle; long things may only fit over the walls."""
 _POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
+_LOAD_TOLERANCE = 0.012
+_LARGE = 0.08
 _IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
 _PURPOSE = 2
 
@@ -79,10 +81,12 @@ def plan_place(
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
     upright = chain.tool_poses(start[None])[0][0, 2]
+    # Something large goes to the middle, whatever lies there, for it would not clear the walls.
+    first = 0 if max(request.height, request.length) > _LARGE else used
+    x, y = box.centre
     for release, above in _DESCENTS:
         for shift in range(len(_SPOTS)):
-            dx, dy = _SPOTS[(used + shift) % len(_SPOTS)]
-            x, y = box.centre
+            dx, dy = _SPOTS[(first + shift) % len(_SPOTS)]
             height = box.floor + plan.tool_height + release
             goal = Goal(np.array([x + dx, y + dy, height]))
             found = solve_ik(chain, goal, rng, _IK, warm=start[None])
@@ -114,6 +118,7 @@ def _complete(
         plan.seed,
         SPEED["transport"],
         CARRYING_ACCELERATION,
+        _LOAD_TOLERANCE,
         _CARRYING,
     )
     if isinstance(transport, str):

@@ -157,7 +157,6 @@ def clear(
 ) -> list[Tally]:
     """Grasp every object, at most three times each; objects given up stay as obstacles."""
     world, found = executor.world, []
-    left = list(bodies)
     for body in bodies:
         pose = world.object_pose(body)
         tally = Tally(world.objects[body].kind, "right" if pose.y < 0 else "left")
@@ -166,20 +165,23 @@ def clear(
         for number in range(MAX_GRASPS):
             rng = np.random.default_rng((seed, body, number))
             others = []
-            for other in left:
+            for other in bodies:
+                if other == body or other not in world.objects:
+                    continue
                 points = surface(world.objects[other]) @ world.object_pose(other).rotation.T
                 points = points + world.object_pose(other).position
-                if other != body and abs(points[:, 2].min() - world.table_height) < 0.1:
+                inside = any(
+                    b.y_range[0] < points[:, 1].mean() < b.y_range[1]
+                    for b in world.place_boxes.values()
+                )
+                if not inside and abs(points[:, 2].min() - world.table_height) < 0.1:
                     shift = np.array([*rng.normal(0, args.sigma, 2), 0.0])
                     others.append(Obstacle.around("neighbour", points + shift, world.table_height))
             record = attempt(executor, body, others, tally, tried, rng, args.sigma)
             if record is None or record.held:
                 break
-        if tally.held:
-            left.remove(body)
-        if args.single and body in world.objects:
+        if args.single:
             world.remove(body)
-            left = [b for b in left if b != body]
     return found
 
 
