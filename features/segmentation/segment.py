@@ -29,6 +29,7 @@ _MAX_DEPTH_M = 10.0
 _UNIT_DEPTH_M = 50.0
 _MAX_SUPERVOXELS = 20_000
 _NEAR_M = 0.5
+_FEATURES = ("normals", "39d")
 _METHODS = ("gaec", "components", "euclidean")
 
 
@@ -57,6 +58,9 @@ class SegmentParams:
         See :func:`features.segmentation.merge.edge_weights`.
     weights
         Of space, normal and colour in growing supervoxels.
+    features
+        What supervoxels grow by: ``normals``, or ``39d`` (position, CIELab, FPFH; Gatto 2016,
+        2.5.1), which is slower and no better.
     common_neighbours
         Extended convexity of ``components``.
     join_standing
@@ -78,6 +82,7 @@ class SegmentParams:
     bad_smooth: float = -0.2
     colour_weight: float = 0.4
     weights: tuple[float, float, float] = (1.0, 4.0, 0.0)
+    features: str = "normals"
     common_neighbours: int = 0
     join_standing: bool = False
     remove_table: bool = True
@@ -85,6 +90,8 @@ class SegmentParams:
     def __post_init__(self) -> None:
         if self.method not in _METHODS:
             raise ValueError(f"unknown method {self.method!r}: expected one of {_METHODS}")
+        if self.features not in _FEATURES:
+            raise ValueError(f"unknown features {self.features!r}: expected one of {_FEATURES}")
         if not 0 < self.voxel_m <= self.seed_m:
             raise ValueError(
                 f"need 0 < voxel_m <= seed_m, got {self.voxel_m} m and {self.seed_m} m"
@@ -175,7 +182,9 @@ def _objects_of_voxels(
     if params.method == "euclidean":
         parts = np.asarray(components(voxels.neighbours, voxels.degrees))
         return parts, parts.astype(np.int32)
-    patches = grow_supervoxels(voxels, params.voxel_m, params.seed_m, params.weights)
+    patches = grow_supervoxels(
+        voxels, params.voxel_m, params.seed_m, params.weights, params.features
+    )
     if len(patches) > _MAX_SUPERVOXELS:
         raise ValueError(
             f"{len(patches)} supervoxels, at most {_MAX_SUPERVOXELS}: use a larger voxel or crop"

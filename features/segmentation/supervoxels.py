@@ -1,23 +1,29 @@
 """Supervoxels: patches of voxels that grow from a grid of seeds without crossing boundaries.
 
 Voxel cloud connectivity segmentation (VCCS, Papon et al. 2013): seeds in a coarse grid, growth
-along voxel adjacency, distance in space, normal and colour (Gatto 2016, 2.5.1).
+along voxel adjacency, distance in space, normal and colour, or in the 39 numbers of the thesis
+(Gatto 2016, 2.5.1).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from features.segmentation.fpfh import fpfh
 from features.segmentation.voxels import VoxelGrid
 
 __all__ = ["Supervoxels", "components", "grow_supervoxels"]
 
 _SEED_SPACING = 0.5
 _ROUNDS_PER_CELL = 1.8
+_NO_DIRECTION = 1e-9
+# Weights of the 39 numbers, and the CIELab distance that counts as one seed size in space.
+_OF_COLOUR, _OF_SPACE, _OF_SHAPE, _COLOUR_SCALE = 0.2, 0.4, 0.3, 20.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,7 @@ def grow_supervoxels(
     voxel_m: float,
     seed_m: float,
     weights: tuple[float, float, float] = (1.0, 4.0, 0.0),
+    features: str = "normals",
 ) -> Supervoxels:
     """Partition the voxels.
 
@@ -57,12 +64,14 @@ def grow_supervoxels(
         Edge of a voxel and of a seed cell.
     weights
         Of distance in space (per seed size), in normal and in colour.
+    features
+        ``normals``, or ``39d``: position, CIELab and FPFH with fixed weights (Gatto 2016, 2.5.1).
     """
     seeds = _seeds(voxels, seed_m)
-    of_voxel, means = _grow(
-        voxels.centroids,
-        voxels.normals,
-        voxels.colours,
+    plain = np.hstack([voxels.centroids, voxels.normals, voxels.colours])
+    rich = features == "39d"
+    of_voxel = _grow(
+        np.hstack([voxels.centroids, _lab(voxels.colours), fpfh(voxels)]) if rich else plain,
         voxels.counts,
         voxels.neighbours,
         voxels.degrees,
@@ -70,8 +79,20 @@ def grow_supervoxels(
         seed_m,
         np.array(weights),
         int(_ROUNDS_PER_CELL * seed_m / voxel_m),
+        rich,
     )
-    return Supervoxels(of_voxel, means[:, :3], means[:, 3:6], means[:, 6:9])
+    means = _means(plain, voxels.counts, of_voxel, len(seeds))
+    lengths = np.linalg.norm(means[:, 3:6], axis=1, keepdims=True)
+    normals = np.divide(
+        means[:, 3:6], lengths, out=np.zeros((len(seeds), 3)), where=lengths > _NO_DIRECTION
+    )
+    return Supervoxels(of_voxel, means[:, :3], normals, means[:, 6:9])
+
+
+def _lab(colours: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return CIELab (v, 3) of RGB (v, 3) in 0..1; L in 0..100."""
+    lab = cv2.cvtColor(colours[None].astype(np.float32), cv2.COLOR_RGB2LAB)
+    return np.asarray(lab[0], dtype=np.float64)
 
 
 def _seeds(voxels: VoxelGrid, seed_m: float) -> NDArray[np.int64]:
@@ -144,12 +165,15 @@ def components(neighbours, degrees):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _distance(a, b, seed_m, weights):  # type: ignore[no-untyped-def]
-    """Return the distance of a voxel's and a supervoxel's nine numbers."""
-    space = tint = dot = 0.0
+    """Return the distance of a voxel's and a supervoxel's position, normal and colour."""
+    space = tint = dot = length = 0.0
     for k in range(3):
         space += (a[k] - b[k]) ** 2
         dot += a[3 + k] * b[3 + k]
+        length += b[3 + k] ** 2
         tint += (a[6 + k] - b[6 + k]) ** 2
+    # The mean of unit normals is shorter than 1.
+    dot = dot / np.sqrt(length) if length > _NO_DIRECTION**2 else 0.0
     return (
         weights[0] * np.sqrt(space) / seed_m
         + weights[1] * (1 - abs(dot))
@@ -158,36 +182,49 @@ def _distance(a, b, seed_m, weights):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+def _distance_39(a, b, seed_m):  # type: ignore[no-untyped-def]
+    """Return the distance of position, CIELab and histogram (Gatto 2016, 2.5.1)."""
+    space = tint = 0.0
+    for k in range(3):
+        space += (a[k] - b[k]) ** 2
+        tint += (a[3 + k] - b[3 + k]) ** 2
+    common = 0.0
+    for k in range(6, a.shape[0]):
+        common += min(a[k], b[k])
+    return np.sqrt(
+        _OF_COLOUR * tint / _COLOUR_SCALE**2
+        + _OF_SPACE * space / (3 * seed_m * seed_m)
+        + _OF_SHAPE * (1 - common) ** 2
+    )
+
+
+@numba.njit(cache=True, nogil=True)
 def _means(features, counts, labels, number):  # type: ignore[no-untyped-def]
-    """Return the mean (s, 9) of each supervoxel, normals to unit length."""
-    sums = np.zeros((number, 9))
+    """Return the mean features (s, k) of each supervoxel, weighted by points."""
+    width = features.shape[1]
+    sums = np.zeros((number, width))
     weight = np.zeros(number)
     for voxel in range(labels.shape[0]):
         label = labels[voxel]
         if label >= 0:
             weight[label] += counts[voxel]
-            for k in range(9):
+            for k in range(width):
                 sums[label, k] += counts[voxel] * features[voxel, k]
     for label in range(number):
-        for k in range(9):
+        for k in range(width):
             sums[label, k] /= max(weight[label], 1e-12)
-        length = np.sqrt(sums[label, 3] ** 2 + sums[label, 4] ** 2 + sums[label, 5] ** 2)
-        for k in range(3, 6):
-            sums[label, k] = sums[label, k] / length if length > 1e-9 else 0.0
     return sums
 
 
 @numba.njit(cache=True, nogil=True)
 def _grow(  # type: ignore[no-untyped-def]
-    centroids, normals, colours, counts, neighbours, degrees, seeds, seed_m, weights, rounds
+    features, counts, neighbours, degrees, seeds, seed_m, weights, rounds, rich
 ):
     """Relabel voxels along adjacency until nothing changes; distances are never forgotten."""
-    n = centroids.shape[0]
-    features = np.empty((n, 9))
-    features[:, :3], features[:, 3:6], features[:, 6:] = centroids, normals, colours
+    n = features.shape[0]
     labels = np.full(n, -1, np.int32)
     best = np.full(n, np.inf)
-    means = np.empty((seeds.shape[0], 9))
+    means = np.empty((seeds.shape[0], features.shape[1]))
     for label in range(seeds.shape[0]):
         labels[seeds[label]] = label
         best[seeds[label]] = 0.0
@@ -203,7 +240,10 @@ def _grow(  # type: ignore[no-untyped-def]
                 other = neighbours[voxel, k]
                 if labels[other] == label or (sweep >= rounds and labels[other] >= 0):
                     continue
-                d = _distance(features[other], means[label], seed_m, weights)
+                if rich:
+                    d = _distance_39(features[other], means[label], seed_m)
+                else:
+                    d = _distance(features[other], means[label], seed_m, weights)
                 if d < best[other]:
                     best[other] = d
                     labels[other] = label
@@ -211,4 +251,4 @@ def _grow(  # type: ignore[no-untyped-def]
         means = _means(features, counts, labels, seeds.shape[0])
         if not changed:
             break
-    return labels, means
+    return labels

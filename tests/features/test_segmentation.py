@@ -18,6 +18,7 @@ from features.segmentation import (
     table_prism,
 )
 from features.segmentation.convexity import patch_graph
+from features.segmentation.fpfh import fpfh
 from features.segmentation.supervoxels import Supervoxels, grow_supervoxels
 from features.segmentation.voxels import VoxelGrid, build_voxels
 
@@ -175,6 +176,7 @@ def test_infinite_and_negative_points_are_missing() -> None:
         (lambda: segment_cloud(np.zeros((9, 3)), None, np.zeros(8, bool)), "expected a mask"),
         (lambda: segment_cloud(np.full((99, 3), 900.0)), "wrong units"),
         (lambda: SegmentParams(method="magic"), "unknown method"),
+        (lambda: SegmentParams(features="magic"), "unknown features"),
         (lambda: SegmentParams(voxel_m=0.1), "voxel_m <= seed_m"),
     ],
 )
@@ -349,3 +351,53 @@ def test_patches_side_by_side_along_their_crease_say_nothing_about_convexity(
     assert graph.sane.tolist() == [sane]
     if sane:
         assert graph.angle_deg[0] == pytest.approx(60)  # the right one looks to the right: convex
+
+
+def _surface(height) -> VoxelGrid:
+    x, y = np.meshgrid(np.arange(-0.05, 0.05, 0.001), np.arange(-0.05, 0.05, 0.001))
+    cloud = np.stack([x, y, 0.5 + height(x, y)], axis=-1).reshape(-1, 3)
+    return build_voxels(cloud, None, 0.005)
+
+
+def test_histograms_of_normals_tell_flat_from_bent_and_sum_to_one() -> None:
+    flat, tilted, bent = (
+        _surface(height)
+        for height in (lambda x, y: 0 * x, lambda x, y: 0.3 * x, lambda x, y: (x**2 + y**2) / 0.06)
+    )
+    means = [fpfh(grid).mean(axis=0) for grid in (flat, tilted, bent)]
+    for grid in (flat, tilted, bent):
+        np.testing.assert_allclose(fpfh(grid).sum(axis=1), 1)
+    # Turning a plane shifts voxel borders, bending it shifts the angles themselves.
+    assert np.abs(means[0] - means[1]).sum() < 0.5 * np.abs(means[0] - means[2]).sum()
+
+
+def test_growing_by_39_numbers_finds_the_same_three_things() -> None:
+    cloud = _scene(*THREE, noise=0.001)
+    colours = np.full(cloud.shape, 128, np.uint8)
+    rich = segment_scene(cloud, colours, SegmentParams(features="39d"))
+    score = score_labels(rich.labels, segment_scene(cloud, colours).labels)
+    assert len(rich.objects) == 3
+    assert score is not None
+    assert score.f > 0.98
+
+
+def test_a_cloud_without_a_table_is_cut_up_whole_when_asked_for() -> None:
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(20_000, 3))
+    ball *= 0.25 / np.linalg.norm(ball, axis=1, keepdims=True)
+    # A slab of 16 mm holds 3 % of a ball of half a metre: no plane holds a tenth of three.
+    middles = np.array([[0, 0, 0.6], [0.8, 0, 1.0], [0, 0.8, 1.6]])
+    cloud = (ball[:, None] + middles).reshape(-1, 3)
+    assert segment_scene(cloud).status == "no_table"
+    # By distance: no camera sees the backs of balls, whose normals would point inwards.
+    coarse = SegmentParams(
+        method="euclidean", voxel_m=0.02, seed_m=0.08, min_points=1000, remove_table=False
+    )
+    whole = segment_scene(cloud, params=coarse)
+    assert (whole.status, len(whole.objects)) == ("no_table", 3)
+
+
+def test_one_voxel_is_an_object_when_it_holds_enough_points() -> None:
+    points = np.tile([[0.001, 0.001, 0.501]], (100, 1))
+    assert segment_cloud(points).counts.tolist() == [100]
+    assert segment_cloud(points[:99]).counts.tolist() == []
