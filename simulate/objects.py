@@ -308,6 +308,7 @@ def _mass_height(spec: ObjectSpec) -> float:
 
 
 def collision_of(spec: ObjectSpec) -> tuple[Primitive, ...]:
+    """Return the convex shapes of a product in its body frame."""
     if spec.kind == "box":
         return (Primitive("box", spec.extent),)
     if spec.kind == "ball":
