@@ -29,6 +29,13 @@ FAR = 2**31 - 1
 KEPT_CANDIDATES = 10
 """Candidates measured exactly for each query descriptor; all ties of the last one come along."""
 
+KEPT_RIVALS = 5
+"""Candidates of other objects that are measured too: an object that is stored from many views
+would fill the first ten places alone, and pass the ratio rule for want of a rival."""
+
+_RIVAL_REACH = 8  # bits beyond the last of the ten within which rivals are looked for first
+_REMOVED = 999
+
 
 @intrinsic
 def _popcount(typing_context: Any, word: Any) -> Any:
@@ -90,6 +97,28 @@ def _squared_distance(a: UInt8Array, b: UInt8Array) -> Any:
 
 
 @nb.njit(cache=True, nogil=True)
+def _distance_reached(histogram: Rows, wanted: int, last: int) -> int:
+    """Return the least Hamming distance, at most ``last``, within which ``wanted`` rows lie."""
+    reached = 0
+    for h in range(last):
+        reached += histogram[h]
+        if reached >= wanted:
+            return h
+    return last
+
+
+@nb.njit(cache=True, nogil=True)
+def _shortlist(hamming: NDArray[np.int16], count: int, most: int, short: Rows) -> int:
+    """Write the candidates with a Hamming distance of at most ``most`` to ``short``."""
+    kept = 0
+    for c in range(count):
+        if hamming[c] <= most:
+            short[kept] = c
+            kept += 1
+    return kept
+
+
+@nb.njit(cache=True, nogil=True)
 def _two_nearest(
     query: UInt8Array,
     stored: UInt8Array,
@@ -99,28 +128,41 @@ def _two_nearest(
     hamming: NDArray[np.int16],
     count: int,
     histogram: Rows,
+    short: Rows,
 ) -> tuple[int, int, int]:
-    """Measure the candidates of least Hamming distance: best row, its distance, the rival's."""
-    reached, limit = 0, 0
-    for h in range(129):
-        reached += histogram[h]
-        limit = h
-        if reached >= KEPT_CANDIDATES:
+    """Measure the candidates of least Hamming distance: best row, its distance, the rival's.
+
+    ``histogram`` of the Hamming distances is used up; ``short`` is scratch of ``count`` rows.
+    """
+    limit = _distance_reached(histogram, KEPT_CANDIDATES, 128)
+    kept = _shortlist(hamming, count, min(limit + _RIVAL_REACH, 128), short)
+    best, nearest = -1, FAR
+    for k in range(kept):
+        row = candidates[short[k]]
+        if hamming[short[k]] <= limit:
+            distance = _squared_distance(query, stored[row])
+            if distance < nearest or (distance == nearest and row < best):
+                best, nearest = row, distance
+    if best < 0:
+        return -1, FAR, FAR
+    own = labels[views[best]]
+    for _ in range(2):
+        histogram[:] = 0
+        others = 0
+        for k in range(kept):
+            if labels[views[candidates[short[k]]]] != own:
+                histogram[hamming[short[k]]] += 1
+                others += 1
+        if others >= KEPT_RIVALS or kept == count:
             break
-    best, nearest, rival = -1, FAR, FAR
-    best_label = -1
-    for c in range(count):
-        if hamming[c] > limit:
-            continue
-        row = candidates[c]
-        label = labels[views[row]]
-        distance = _squared_distance(query, stored[row])
-        if distance < nearest or (distance == nearest and row < best):
-            if label != best_label:
-                rival = nearest
-            best, nearest, best_label = row, distance, label
-        elif label != best_label and distance < rival:
-            rival = distance
+        # Many views of one object crowd the list: look at all candidates, which is rarely needed.
+        kept = _shortlist(hamming, count, 128, short)
+    limit = max(limit, _distance_reached(histogram, KEPT_RIVALS, 128))
+    rival = FAR
+    for k in range(kept):
+        row = candidates[short[k]]
+        if hamming[short[k]] <= limit and labels[views[row]] != own:
+            rival = min(rival, _squared_distance(query, stored[row]))
     return best, nearest, rival
 
 
@@ -170,6 +212,7 @@ def match_tables(
     room = 4096
     candidates = np.empty(room, np.int32)
     hamming = np.empty(room, np.int16)
+    short = np.empty(room, np.int32)
     for i in range(n):
         count = 0
         stamp = first_stamp + i
@@ -185,6 +228,7 @@ def match_tables(
                     room *= 2
                     candidates = np.append(candidates, np.empty(count, np.int32))
                     hamming = np.append(hamming, np.empty(count, np.int16))
+                    short = np.empty(room, np.int32)
                 h = _hamming(query_codes, i, codes, row)
                 candidates[count] = row
                 hamming[count] = h
@@ -192,7 +236,7 @@ def match_tables(
                 count += 1
         if count:
             best[i], nearest[i], rival[i] = _two_nearest(
-                query[i], stored, labels, views, candidates, hamming, count, histogram
+                query[i], stored, labels, views, candidates, hamming, count, histogram, short
             )
     return best, nearest, rival
 
@@ -218,6 +262,7 @@ def match_flat(
     histogram = np.zeros(129, np.int32)
     candidates = np.arange(rows).astype(np.int32)
     hamming = np.empty(rows, np.int16)
+    short = np.empty(rows, np.int32)
     for i in range(n):
         histogram[:] = 0
         for row in range(rows):
@@ -226,9 +271,9 @@ def match_flat(
                 hamming[row] = h
                 histogram[h] += 1
             else:
-                hamming[row] = 999
+                hamming[row] = _REMOVED
         best[i], nearest[i], rival[i] = _two_nearest(
-            query[i], stored, labels, views, candidates, hamming, rows, histogram
+            query[i], stored, labels, views, candidates, hamming, rows, histogram, short
         )
     return best, nearest, rival
 

@@ -10,6 +10,7 @@ import fcntl
 import json
 import os
 import shutil
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -144,7 +145,7 @@ class IndexFolder:
         try:
             with np.load(self.path / _HEADER, allow_pickle=False) as arrays:
                 return Hasher(**{name: arrays[name].astype(np.int16) for name in arrays.files})
-        except (OSError, ValueError, TypeError, EOFError) as error:
+        except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise IndexCorruptError(self.path / _HEADER, f"unreadable ({error})") from error
 
     def write_header(self, hasher: Hasher) -> None:

@@ -31,7 +31,9 @@ class RecogniserParams:
     Parameters
     ----------
     distance_cap
-        Squared distance of RootSIFT beyond which nothing matches: (0.7 * 512)**2.
+        Squared distance of RootSIFT beyond which nothing matches: (0.5 * 512)**2. It also stands
+        in for a rival that is farther: among few objects nothing else is near, and the ratio rule
+        alone would let everything through.
     ratio
         Lowe's ratio, on squared distances.
     least_votes, most_views
@@ -44,7 +46,7 @@ class RecogniserParams:
         Constants of the two steps that follow.
     """
 
-    distance_cap: int = 128450
+    distance_cap: int = 65536
     ratio: float = 0.72
     least_votes: int = 4
     most_views: int = 8

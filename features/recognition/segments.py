@@ -206,7 +206,7 @@ def load_block(folder: Path) -> Block:
         rows = _mapped(folder / _TABLE_FILES["rows"], "<i4", (TABLES, counts["row"]))
         lines = (folder / _NAMES).read_text(encoding="utf-8").splitlines()
         names = tuple(ViewName(*json.loads(line)) for line in lines)
-    except (KeyError, json.JSONDecodeError) as error:
+    except (KeyError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise IndexCorruptError(folder / "meta.json", f"unreadable ({error})") from error
     if len(names) != counts["view"]:
         raise IndexCorruptError(folder / _NAMES, f"{len(names)} names for {counts['view']} views")

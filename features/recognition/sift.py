@@ -30,8 +30,6 @@ class SiftParams:
         objects carry most of their print in the finest octaves, large ones cost time.
     margin_px
         Context around the mask's box, px of the given image.
-    rim_px
-        Keypoints this far outside the mask still count, px of the resized crop.
     """
 
     contrast: float = 0.02
@@ -39,7 +37,6 @@ class SiftParams:
     least_side_px: int = 240
     most_side_px: int = 640
     margin_px: int = 12
-    rim_px: int = 5
 
 
 def root_sift(descriptors: NDArray[np.float32]) -> UInt8Array:
@@ -94,8 +91,9 @@ def detect_keypoints(
         int(columns.max()) + params.margin_px + 1,
     )
     crop = grey[top:bottom, left:right]
-    crop_mask = mask[top:bottom, left:right].astype(np.uint8)
+    crop_mask: UInt8Array = mask[top:bottom, left:right].astype(np.uint8)
 
+    crop = continue_outwards(crop, crop_mask)
     side = max(int(np.ptp(rows)), int(np.ptp(columns))) + 1
     scale = float(np.clip(side, params.least_side_px, params.most_side_px)) / side
     if scale != 1.0:
@@ -103,9 +101,6 @@ def detect_keypoints(
         way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
         crop = np.asarray(cv2.resize(crop, size, interpolation=way), dtype=np.uint8)
         crop_mask = np.asarray(cv2.resize(crop_mask, size, interpolation=cv2.INTER_NEAREST))
-    rim = np.ones((2 * params.rim_px + 1,) * 2, np.uint8)
-    crop_mask = np.asarray(cv2.dilate(crop_mask, rim), dtype=np.uint8) * np.uint8(255)
-
     found, raw = cv2.SIFT.create(contrastThreshold=params.contrast).detectAndCompute(
         crop, crop_mask
     )
@@ -119,3 +114,26 @@ def detect_keypoints(
     keypoints[:, :2] = (keypoints[:, :2] + 0.5) / scale - 0.5 + (left, top)
     keypoints[:, 2] /= scale
     return keypoints, root_sift(np.asarray(raw, dtype=np.float32)[order])
+
+
+def continue_outwards(grey: UInt8Array, mask: NDArray[np.uint8]) -> UInt8Array:
+    """Give every pixel outside the object the grey value of the nearest one well inside.
+
+    A descriptor looks far beyond its keypoint. Without this, what stands behind or beside an
+    object is described with it, and found again beside another.
+
+    Parameters
+    ----------
+    grey : (h, w) uint8
+    mask : (h, w) uint8, 1 = object
+    """
+    inside = np.asarray(cv2.erode(mask, np.ones((3, 3), np.uint8)))
+    if not inside.any():
+        return grey
+    _, nearest = cv2.distanceTransformWithLabels(
+        1 - inside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    value = np.zeros(int(nearest.max()) + 1, np.uint8)
+    value[nearest[inside > 0]] = grey[inside > 0]
+    filled: UInt8Array = np.where(inside > 0, grey, value[nearest])
+    return filled

@@ -1,0 +1,280 @@
+"""How well and how fast stored objects are recognised.
+
+    python tests/benchmarks/bench_recognition.py tables             # open set, through the robot's eyes
+    python tests/benchmarks/bench_recognition.py tables --tables 60 --products 60
+    python tests/benchmarks/bench_recognition.py speed              # time of every step
+    python tests/benchmarks/bench_recognition.py turntable          # 78 YCB objects, Kehoe 2014, 4.6
+
+``tables`` lays products on simulated tables, each with its own light, turns the head to both
+sides, and describes what perception cut out, sent through the wire format: what robots really
+exchange. Half of the products are stored from some of their views, the other half is unknown;
+then every view that was not stored is asked. ``turntable`` needs the YCB models in
+``$RTASK_SHARED_DATA/ycb``. Without a command: ``tables`` and ``speed``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from features.codec import decode, encode_frame
+from features.geometry import Frame
+from features.recognition import (
+    RecognitionIndex,
+    Recogniser,
+    Recognition,
+    ViewFeatures,
+    describe_frame,
+    describe_view,
+    warm_up,
+)
+from features.recognition.metrics import expected_calibration_error, score_open_set
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One view of one product, as one robot saw it."""
+
+    product: str
+    kind: str
+    crop: Frame | None
+    features: ViewFeatures
+
+
+# ---- open set ---------------------------------------------------------------------------------
+
+
+def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iterator[View]:
+    """Yield a view of every object that perception finds on tables of six products each."""
+    from simulate.camera import Camera, Lighting
+    from simulate.noise import SensorNoise
+    from simulate.objects import sample_objects
+    from simulate.perception import Ignored, perceive
+    from simulate.robots.nao import Nao
+    from simulate.scene import lay
+    from simulate.world import World
+
+    rng = np.random.default_rng(seed)
+    pool = sample_objects(rng, products)
+    deck: list[int] = []
+    for _ in range(tables):
+        if len(deck) < 6:
+            deck.extend(rng.permutation(products).tolist())
+        chosen, deck = [pool[i] for i in dict.fromkeys(deck[:6])], deck[6:]
+        with World() as world:
+            camera, robot = Camera(world.client), Nao(world)
+            world.add_table()
+            boxes = [world.add_place_box(side) for side in ("right", "left")]
+            ignored = tuple(Ignored(box.x_range, box.y_range) for box in boxes)
+            laid = {x.body: x.placement.spec for x in lay(world, _arranged(chosen, rng), folder)}
+            light = Lighting.sample(rng)
+            for side in ("right", "left"):
+                pose = robot.look(side)
+                exact, bodies = camera.capture(pose, light)
+                seen = perceive(SensorNoise().apply(exact, rng), pose, ignored)
+                for found in seen.objects:
+                    shown = np.bincount(bodies[found.mask] + 1).argmax() - 1
+                    if int(shown) in laid:
+                        crop = decode(encode_frame(found.crop))
+                        assert isinstance(crop, Frame)
+                        spec = laid[int(shown)]
+                        yield View(spec.name, spec.kind, crop, describe_frame(crop))
+
+
+def _arranged(products: list, rng: np.random.Generator) -> list:
+    """Place as many of the products as the table has room for: two long pens fill one side."""
+    from simulate.scene import arrange
+
+    try:
+        return arrange(products, rng)
+    except ValueError:
+        return _arranged(products[:-1], rng)
+
+
+def open_set(
+    views: list[View], stored: int, seed: int
+) -> list[tuple[View, str | None, Recognition]]:
+    """Store ``stored`` views of every other product, ask all that is left."""
+    rng = np.random.default_rng(seed)
+    names = rng.permutation(sorted({view.product for view in views})).tolist()
+    known = set(names[: len(names) // 2])
+    index, kept = RecognitionIndex(), set()
+    for name in sorted(known):
+        mine = [k for k, view in enumerate(views) if view.product == name]
+        for k in rng.permutation(mine)[:stored].tolist():
+            index.add(f"view:{k}", name, f"class:{views[k].kind}", views[k].features)
+            kept.add(k)
+    index.save()
+    recogniser, answers = Recogniser(index), []
+    for k, view in enumerate(views):
+        if k not in kept:
+            truth = view.product if view.product in known else None
+            answers.append((view, truth, recogniser.recognise(view.features)))
+    return answers
+
+
+def report(title: str, answers: list[tuple[View, str | None, Recognition]]) -> None:
+    scored = [(truth, answer) for _, truth, answer in answers]
+    score = score_open_set(scored)
+    by_kind = []
+    for kind in sorted({view.kind for view, _, _ in answers}):
+        mine = score_open_set([(t, a) for view, t, a in answers if view.kind == kind])
+        by_kind.append(f"{kind} {mine.recall:.2f}")
+    best = [(a.matches[0].confidence, a.matches[0].object_iri == t) for t, a in scored if a.matches]
+    confidence, right = np.array([c for c, _ in best]), np.array([r for _, r in best])
+    error = expected_calibration_error(confidence, right)
+    print(
+        f"{title:28s} recall {score.recall:.3f} of {score.known:4d}, false {score.false_known} known"
+        f" + {score.false_unknown} of {score.unknown} unknown, calibration error {error:.3f}; "
+        + ", ".join(by_kind)
+    )
+
+
+def run_tables(args: argparse.Namespace) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        views = list(views_of_tables(args.tables, args.products, args.seed, Path(folder)))
+    sides = [view.features.side_px for view in views]
+    print(
+        f"{len(views)} views of {len({v.product for v in views})} products on {args.tables} tables,"
+        f" longer side {np.percentile(sides, 5):.0f} to {np.percentile(sides, 95):.0f} px, "
+        f"{np.mean([len(v.features) for v in views]):.0f} keypoints ({time.perf_counter() - start:.0f} s)"
+    )
+    for stored in (1, 2, 3):
+        answers = []
+        for draw in range(args.draws):
+            answers += open_set(views, stored, args.seed + 100 * draw + stored)
+        report(f"{stored} stored views, {args.draws} draws", answers)
+
+
+# ---- Kehoe's turntable ------------------------------------------------------------------------
+
+
+def run_turntable(args: argparse.Namespace) -> None:
+    """Random 35 % of 148 views stored, the rest asked; size carries no information."""
+    folder = Path(os.environ.get("RTASK_SHARED_DATA", "shared/data")) / "ycb"
+    if not folder.is_dir():
+        print(f"skipped: {folder} not found (78 textured objects); set RTASK_SHARED_DATA")
+        return
+    rng = np.random.default_rng(args.seed)
+    names = sorted(p.stem for p in folder.glob("*.urdf"))[:: args.every]
+    views = [view for name in names for view in _turntable_views(folder, name, rng, args.step)]
+    print(f"{len(views)} views of {len(names)} objects")
+    for unknown in (0, len(names) // 3):
+        absent = set(rng.permutation(names)[:unknown].tolist())
+        index, asked = RecognitionIndex(), []
+        for k, view in enumerate(views):
+            if rng.random() < 0.35 and view.product not in absent:
+                index.add(f"view:{k}", view.product, "class:ycb", view.features)
+            else:
+                asked.append(view)
+        index.save()
+        recogniser, answers = Recogniser(index), []
+        for k in rng.permutation(len(asked))[: args.queries].tolist():
+            view = asked[k]
+            truth = None if view.product in absent else view.product
+            answers.append((view, truth, recogniser.recognise(view.features)))
+        report(f"{unknown} of {len(names)} unknown", answers)
+
+
+def _turntable_views(folder: Path, name: str, rng: np.random.Generator, step: int) -> list[View]:
+    from simulate.world import World
+
+    with World() as world:
+        client = world.client
+        client.setAdditionalSearchPath(str(folder))
+        body = client.loadURDF(f"{name}.urdf")
+        low, high = (np.array(corner) for corner in client.getAABB(body))
+        centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+        projection = client.computeProjectionMatrixFOV(45, 1, 0.1 * radius, 20 * radius)
+        poses = [(math_azimuth, e) for e in (0.25, 0.6) for math_azimuth in range(0, 360, step)]
+        found = []
+        for azimuth, elevation in [*poses, *((a, 1.35) for a in range(0, 360, 90))]:
+            a = np.deg2rad(azimuth)
+            towards = np.array(
+                [np.cos(a) * np.cos(elevation), np.sin(a) * np.cos(elevation), np.sin(elevation)]
+            )
+            look = client.computeViewMatrix(
+                (centre + 3.6 * radius * towards).tolist(), centre.tolist(), [0, 0, 1]
+            )
+            _, _, rgba, _, bodies = client.getCameraImage(
+                320, 320, look, projection, renderer=client.ER_TINY_RENDERER
+            )
+            image = np.asarray(rgba, np.uint8).reshape(320, 320, 4)[..., :3].astype(np.float64)
+            mask = np.asarray(bodies).reshape(320, 320) == body
+            if not mask.any():
+                continue
+            noisy = np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+            data = cv2.imencode(".jpg", noisy[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
+            sent = np.ascontiguousarray(np.asarray(cv2.imdecode(data, 1))[..., ::-1])
+            found.append(View(name, "ycb", None, describe_view(sent, mask)))
+        return found
+
+
+# ---- speed ------------------------------------------------------------------------------------
+
+
+def run_speed(args: argparse.Namespace) -> None:
+    """Time describing, adding and recognising, on products seen through the robot's eyes."""
+    with tempfile.TemporaryDirectory() as folder:
+        views = list(views_of_tables(args.tables // 2, 50, args.seed, Path(folder)))
+        warm_up()
+        crops = [view.crop for view in views if view.crop is not None]
+        print(
+            f"describe a view       {_milliseconds([lambda c=c: describe_frame(c) for c in crops])}"
+        )
+        with RecognitionIndex(Path(folder) / "index") as index:
+            for goal in (100, 1000):
+                steps = []
+                for k in range(len(index), goal):
+                    view = views[k % len(views)]
+                    steps.append(lambda k=k, v=view: index.add(f"v:{k}", f"o:{k}", "c", v.features))
+                print(f"add up to {goal:5d} views  {_milliseconds(steps)}")
+                index.save()
+                recogniser = Recogniser(index)
+                asked = [lambda v=v: recogniser.recognise(v.features) for v in views]
+                print(f"recognise among {goal:5d} {_milliseconds(asked)}")
+
+
+def _milliseconds(steps: list) -> str:
+    wall, cpu = [], []
+    for step in steps:
+        w, c = time.perf_counter(), time.thread_time()
+        step()
+        wall.append(1e3 * (time.perf_counter() - w))
+        cpu.append(1e3 * (time.thread_time() - c))
+    return (
+        f"median {np.median(wall):6.1f} ms, 95 % {np.percentile(wall, 95):6.1f} ms, "
+        f"own thread {np.median(cpu):6.1f} ms CPU ({len(steps)} times)"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("command", nargs="?", choices=("tables", "speed", "turntable"))
+    parser.add_argument("--tables", type=int, default=24, help="tables of six products")
+    parser.add_argument("--products", type=int, default=30, help="in the pool of tables")
+    parser.add_argument("--draws", type=int, default=4, help="of what is known and stored")
+    parser.add_argument("--seed", type=int, default=5)
+    parser.add_argument("--every", type=int, default=4, help="turntable: every so many objects")
+    parser.add_argument("--step", type=int, default=15, help="turntable: degrees between views")
+    parser.add_argument("--queries", type=int, default=400, help="turntable: views asked")
+    args = parser.parse_args()
+    if args.command in (None, "tables"):
+        run_tables(args)
+    if args.command in (None, "speed"):
+        run_speed(args)
+    if args.command == "turntable":
+        run_turntable(args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+"""The matching kernels against the exhaustive truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from features.recognition import RecognitionIndex
+from features.recognition.cascade import FAR, build_tables, match_exact, match_flat, match_tables
+from features.recognition.exact import ExactMatcher
+from features.recognition.hashing import Hasher, used_table_bits
+from features.recognition.snapshot import EXACT_BELOW
+
+
+@pytest.fixture(scope="module")
+def stored(card_views):
+    """Return real descriptors of twelve cards, one view each, with codes."""
+    views = [card_views(card, 1)[0] for card in range(12)]
+    descriptors = np.concatenate([v.descriptors for v in views])
+    view = np.repeat(np.arange(12), [len(v) for v in views]).astype(np.int32)
+    codes, buckets = Hasher.seeded().encode(descriptors)
+    assert len(descriptors) > 3000
+    return descriptors, view, codes, buckets
+
+
+def noisy(descriptors: np.ndarray, sigma: float = 6.0) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    moved = descriptors + rng.normal(0, sigma, descriptors.shape)
+    return np.clip(np.rint(moved), 0, 255).astype(np.uint8)
+
+
+def by_tables(query, stored, alive=None, bits=9, labels=None):
+    descriptors, view, codes, buckets = stored
+    hasher = Hasher.seeded()
+    query_codes, query_buckets = hasher.encode(query)
+    offsets, rows = build_tables(buckets, bits)
+    labels = np.arange(view.max() + 1, dtype=np.int32) if labels is None else labels
+    alive = np.ones(len(descriptors), np.uint8) if alive is None else alive
+    stamps = np.zeros(len(descriptors), np.int64)
+    return match_tables(
+        *(query, query_codes, query_buckets, descriptors, codes, offsets, rows),
+        *(labels, view, alive, stamps, 1),
+    )
+
+
+def by_codes(query, stored, alive=None):
+    descriptors, view, codes, _ = stored
+    query_codes, _ = Hasher.seeded().encode(query)
+    labels = np.arange(view.max() + 1, dtype=np.int32)
+    alive = np.ones(len(descriptors), np.uint8) if alive is None else alive
+    return match_flat(query, query_codes, descriptors, codes, labels, view, alive)
+
+
+def test_the_full_product_is_the_exhaustive_search(stored) -> None:
+    descriptors, view, _, _ = stored
+    query = noisy(descriptors[::7])
+    _, nearest, rival = match_exact(query, descriptors, view)
+    best, true_nearest, true_rival = ExactMatcher(descriptors, view).match(query)
+    assert np.array_equal(nearest, true_nearest)
+    assert np.array_equal(rival, true_rival)
+    assert (view[best] >= 0).all()
+
+
+@pytest.mark.parametrize(("matcher", "least"), [(by_codes, 0.99), (by_tables, 0.97)])
+def test_hashing_finds_what_the_exhaustive_search_finds(stored, matcher, least) -> None:
+    descriptors, view, _, _ = stored
+    query = noisy(descriptors[::5])
+    truth, _, true_rival = ExactMatcher(descriptors, view).match(query)
+    best, nearest, rival = matcher(query, stored)
+    assert (best == truth).mean() > least
+    assert (nearest[best == truth] < FAR).all()
+    # A rival that was missed can only seem farther than it is.
+    assert (rival[best == truth] >= true_rival[best == truth]).all()
+
+
+def test_removed_rows_are_never_found(stored) -> None:
+    descriptors, view, _, _ = stored
+    alive = (view != 4).astype(np.uint8)
+    query = noisy(descriptors[view == 4])
+    for matcher in (by_codes, by_tables):
+        best, _, _ = matcher(query, stored, alive=alive)
+        assert not (view[best[best >= 0]] == 4).any()
+
+
+def test_other_views_of_the_same_object_are_no_rivals(stored) -> None:
+    descriptors, view, _, _ = stored
+    query = noisy(descriptors[view == 0])
+    alone = by_tables(query, stored)
+    same = np.arange(12, dtype=np.int32)
+    same[1:] = 0
+    together = by_tables(query, stored, labels=same)
+    assert np.array_equal(alone[0], together[0])
+    assert (together[2] == FAR).all()
+
+
+def test_too_many_table_bits_leave_matches_without_a_rival(stored) -> None:
+    """A missing rival passes the ratio rule: why the bits follow the number of rows."""
+    descriptors, view, codes, buckets = stored
+    few = tuple(a[view < 2] for a in (descriptors, view, codes, buckets))
+    query = noisy(few[0])
+
+    def without_rival(bits: int) -> float:
+        best, _, rival = by_tables(query, few, bits=bits)
+        return float((rival[best >= 0] == FAR).mean())
+
+    assert without_rival(used_table_bits(len(few[0]))) < 0.05
+    assert without_rival(18) > 0.3
+
+
+def test_an_object_of_many_views_still_meets_its_rivals(stored) -> None:
+    """Fourteen near-identical views fill the ten nearest places alone."""
+    descriptors, view, _, _ = stored
+    copies = [noisy(descriptors[view == 0], sigma=2.0) for _ in range(14)]
+    crowd = np.concatenate([*copies, descriptors[view == 1]])
+    crowd_view = np.repeat(np.arange(15), [*[len(c) for c in copies], (view == 1).sum()])
+    codes, buckets = Hasher.seeded().encode(crowd)
+    labels = np.array([0] * 14 + [1], np.int32)
+    query, packed = copies[0], (crowd, crowd_view.astype(np.int32), codes, buckets)
+    _, _, truth = ExactMatcher(crowd, labels[crowd_view]).match(query)
+    for best, _, rival in (
+        by_tables(query, packed, labels=labels),
+        match_flat(
+            *(query, Hasher.seeded().encode(query)[0], crowd, codes, labels),
+            *(packed[1], np.ones(len(crowd), np.uint8)),
+        ),
+    ):
+        assert (labels[crowd_view[best]] == 0).all()
+        assert (rival < FAR).mean() > 0.95
+        # Five of 300 are measured: about the nearest one, never nearer than it.
+        assert (rival >= truth).all()
+        assert np.median(rival) < 1.25 * np.median(truth)
+
+
+def test_the_index_finds_the_best_over_all_its_parts(card_views) -> None:
+    """Sealed with tables, growing by codes, or growing by the full product: the same answer."""
+    views = [card_views(card, 1)[0] for card in range(12)]
+    query = noisy(views[5].descriptors)
+    answers = []
+    for seal_rows in (10**9, 700, 1):
+        with RecognitionIndex(seal_rows=seal_rows) as index:
+            for k, view in enumerate(views):
+                index.add(f"view:{k}", f"object:{k}", "class:card", view)
+            answers.append(index.snapshot().match(query))
+    sizes = [len(view) for view in views]
+    assert sum(sizes) > EXACT_BELOW
+    for answer in answers:
+        assert (answer.view == 5).mean() > 0.97
+        same = (answer.view == 5) & (answers[0].view == 5)
+        assert np.array_equal(answer.nearest[same], answers[0].nearest[same])
+
+
+def test_the_rival_comes_from_another_object_in_any_part(card_views) -> None:
+    """The same object stored in two segments must not stand in its own way."""
+    first, second = card_views(0, 2)
+    with RecognitionIndex(seal_rows=1) as index:
+        index.add("view:a", "object:0", "class:card", first)
+        index.add("view:b", "object:0", "class:card", second)
+        index.add("view:c", "object:1", "class:card", card_views(1, 1)[0])
+        whole = index.snapshot().match(first.descriptors)
+    truth = match_exact(
+        first.descriptors,
+        np.concatenate([first.descriptors, second.descriptors, card_views(1, 1)[0].descriptors]),
+        np.repeat([0, 0, 1], [len(first), len(second), len(card_views(1, 1)[0])]).astype(np.int32),
+    )
+    assert (whole.nearest == 0).all()
+    assert (whole.rival >= truth[2]).all()
+    assert np.median(whole.rival[whole.rival < FAR]) == pytest.approx(np.median(truth[2]), rel=0.2)
+
+
+def test_rivals_can_be_asked_by_class(card_views) -> None:
+    with RecognitionIndex() as index:
+        for card in range(3):
+            index.add(f"view:{card}", f"object:{card}", "class:card", card_views(card, 1)[0])
+        matches = index.snapshot().match(card_views(0, 1)[0].descriptors, by_class=True)
+    assert (matches.rival == FAR).all()
+
+
+def test_nothing_stored_and_nothing_asked() -> None:
+    snapshot = RecognitionIndex().snapshot()
+    assert len(snapshot.match(np.empty((0, 128), np.uint8)).view) == 0
+    matches = snapshot.match(np.zeros((2, 128), np.uint8))
+    assert matches.view.tolist() == [-1, -1]
+    assert matches.nearest.tolist() == [FAR, FAR]
