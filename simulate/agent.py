@@ -203,7 +203,8 @@ class Agent:
         )
         seconds["ask"] = time.perf_counter() - started
         if not encounter.is_seen:
-            self._first_sight(encounter, thing, answer)
+            encounter = self._first_sight(encounter, thing, answer)
+            number = encounter.tries + 1
         planned = self._plan(thing, view, answer, seconds)
         if planned.plan is None or planned.grasp is None:
             if may_wait and not thing.waiting:
@@ -258,8 +259,14 @@ class Agent:
             "support_height": view.table_height,
         }
 
-    def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> None:
+    def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> Encounter:
+        """Note what the server made of a new thing; one that was lost before is met again."""
         recognition = answer["recognition"]
+        lost = self._tracker.lost(answer["object"]) if recognition["accepted"] else None
+        if lost is not None:
+            del self.encounters[thing.number]
+            self._tracker.join(lost, thing)
+            return self.encounters[thing.number]
         matches = recognition["matches"]
         encounter.is_seen = True
         encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
@@ -277,6 +284,7 @@ class Agent:
                 "doing": f"planning a grasp of object {thing.number}",
             },
         )
+        return encounter
 
     def _plan(
         self,

@@ -259,8 +259,8 @@ def _equations(chain: Chain, q: Floats, goal: Goal, closing_weight: float) -> tu
 def _damped_step(rows: Floats, residual: Floats, damping: float) -> Floats:
     transposed = rows.transpose(0, 2, 1)
     normal = transposed @ rows + damping * np.eye(rows.shape[2])
-    step: Floats = np.linalg.solve(normal, transposed @ residual[:, :, None])[..., 0]
-    return step
+    solved = np.linalg.solve(normal, transposed @ residual[:, :, None])
+    return np.asarray(solved[..., 0], dtype=np.float64)
 
 
 def _errors(chain: Chain, q: Floats, goal: Goal) -> tuple[Floats, Floats]:

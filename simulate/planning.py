@@ -97,7 +97,8 @@ class _Tree:
         return int(np.argmin(np.einsum("nd,nd->n", difference, difference)))
 
     def node(self, index: int) -> Floats:
-        return self._nodes[index].copy()
+        node: Floats = self._nodes[index].copy()
+        return node
 
     def branch(self, index: int) -> list[Floats]:
         """Return the postures from a node to the root."""

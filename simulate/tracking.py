@@ -89,7 +89,8 @@ class Tracker:
                 if cost[row, column] < 1.0:
                     matched[column] = known[row]
         strangers = [column for column, match in enumerate(matched) if match is None]
-        if handled in known and handled not in matched and len(strangers) == 1:
+        astray = handled in known and handled not in matched and not handled.finished
+        if astray and len(strangers) == 1:
             matched[strangers[0]] = handled
         for seen, match in zip(objects, matched, strict=True):
             if match is None:
@@ -97,6 +98,18 @@ class Tracker:
             else:
                 match.seen, match.visible = seen, True
         return [thing for thing in self.things if thing.visible]
+
+    def lost(self, object_iri: str) -> Thing | None:
+        """Return the thing of that identity that went out of sight unfinished, if there is one."""
+        for thing in self.things:
+            if thing.object_iri == object_iri and not thing.visible and not thing.finished:
+                return thing
+        return None
+
+    def join(self, lost: Thing, found: Thing) -> None:
+        """Let a thing that turned up elsewhere be one that was lost."""
+        self.things.remove(lost)
+        found.number, found.object_iri = lost.number, lost.object_iri
 
     @staticmethod
     def _distance(thing: Thing, seen: Seen, handled: Thing | None) -> float:

@@ -158,7 +158,7 @@ class World:
     Examples
     --------
     >>> with World() as world:
-    ...     world.add_table()
+    ...     table = world.add_table()
     ...     world.step(0.1)
     ...     round(world.time, 3)
     0.1

@@ -215,6 +215,36 @@ def test_an_object_behind_others_waits_until_they_are_gone(run) -> None:
     assert len(server.inserted) == 2
 
 
+def test_an_object_that_turns_up_elsewhere_goes_on_where_it_was_left(run) -> None:
+    """It vanishes for a look, and is recognised where nobody put it."""
+    spot, other, far = (0.15, -0.16), (0.15, -0.05), (0.30, -0.10)
+    body = _Body([spot, other], [_Record("missed", held=False, placed=False)])
+    server = _Server(knows=0.95)
+    execute = body.execute
+
+    def knocks_away(plan):
+        result = execute(plan)
+        if (plan.x, plan.y) == spot:
+            body.table.remove(spot)
+        elif (plan.x, plan.y) == other:
+            body.table.append(far)
+        return result
+
+    body.execute = knocks_away
+    asked = server.recognise_for_grasp
+
+    def names(**request):
+        answer = asked(**request)
+        answer["object"] = "o:8" if len(server.asked) == 2 else "o:7"
+        return answer
+
+    server.recognise_for_grasp = names
+    first, second = run(body, server, [spot, other, far])
+    assert [a.reason for a in first.attempts] == ["missed", "ok"]
+    assert first.tries_to_success == 2
+    assert second.tries_to_success == 1
+
+
 def test_held_but_dropped_on_the_way_counts_as_held_and_is_tried_again(run) -> None:
     spot = (0.15, -0.1)
     dropped = replace(_Record(), placed=False)

@@ -61,5 +61,19 @@ def test_a_look_at_one_side_leaves_the_other_side_alone() -> None:
     assert _numbers(both) == [1, 2]
 
 
+def test_a_lost_thing_is_met_again_by_its_identity() -> None:
+    tracker = Tracker()
+    (thing,) = tracker.update([_Seen(0.15, -0.05)])
+    thing.object_iri = "urn:o:1"
+    assert tracker.lost("urn:o:1") is None, "it is in sight"
+    tracker.update([])
+    (found,) = tracker.update([_Seen(0.30, -0.15)])
+    lost = tracker.lost("urn:o:1")
+    assert lost is thing
+    tracker.join(lost, found)
+    assert [(t.number, t.object_iri) for t in tracker.things] == [(1, "urn:o:1")]
+    assert tracker.lost("urn:o:2") is None
+
+
 def test_an_empty_look_is_fine() -> None:
     assert Tracker().update([]) == []
