@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from .dictionary import Dictionary, Fact
 from .equality import Equality
-from .relations import Layer
+from .layer import Layer
 from .rules import Clash, Rule, View, ground, keys_of, solve
 from .strata import Program
 from .vocabulary import LITERAL, TYPE
@@ -39,9 +39,9 @@ class Inconsistency:
         return self.rule, frozenset(self.premises), self.because
 
 
-def find_all(view: View, terms: Dictionary, program: Program) -> Iterator[Inconsistency]:
-    """Yield what every check finds in a view."""
-    for rule in program.checks.rules:
+def find_all(view: View, terms: Dictionary, checks: Iterable[Rule]) -> Iterator[Inconsistency]:
+    """Yield all that checks find in a view."""
+    for rule in checks:
         yield from _instances(rule, view, terms)
 
 

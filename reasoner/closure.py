@@ -43,11 +43,14 @@ class Config:
         Whether `"abc"^^xsd:integer` is a contradiction or an opaque value.
     max_inferred : int
         Bound on derived facts, above 50 per asserted one.
+    bulk_from : int
+        Number of asserted triples from which all is derived by joins of whole relations.
     """
 
     on_contradiction: str = "report"
     ill_typed: str = "reject"
     max_inferred: int = 1_000_000
+    bulk_from: int = 2_000
 
     def __post_init__(self) -> None:
         if self.on_contradiction not in ("report", "reject"):
@@ -260,6 +263,7 @@ class Closure:
     def _maintainer(self, size: int) -> Maintainer:
         settings = Settings(
             max_facts=51 * size + self._config.max_inferred,
+            bulk_from=self._config.bulk_from,
             keep_ill_typed=self._config.ill_typed == "keep",
             user_rules=self._rules,
         )

@@ -52,6 +52,11 @@ def compile_schema(view: View, terms: Dictionary) -> CompiledSchema:
     return _Compiler(view, terms).run()
 
 
+def compile_lists(view: View, terms: Dictionary) -> list[Rule]:
+    """Compile what lists of classes state outright (scm-int, scm-uni): it closes the schema."""
+    return [rule for rule in _Compiler(view, terms).lists_of_classes() if not rule.body]
+
+
 class _Compiler:
     def __init__(self, view: View, terms: Dictionary) -> None:
         self.view = view
@@ -124,8 +129,8 @@ class _Compiler:
     def _is_implied(self, side: int, p: int, c: int) -> bool:
         has = self.view.has
         return any(
-            b != c and has(p, side, b) and not has(c, v.SUB_CLASS, b)
-            for b in self.view.subjects(v.SUB_CLASS, c)
+            b != c and has(b, v.SUB_CLASS, c) and not has(c, v.SUB_CLASS, b)
+            for b in self.view.objects(side, p)
         ) or any(
             q != p and has(q, side, c) and not has(q, v.SUB_PROPERTY, p)
             for q in self.view.objects(v.SUB_PROPERTY, p)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from .dictionary import Dictionary, Fact
 from .equality import Equality
-from .relations import Layer
+from .layer import Layer
 from .rules import Bindings, Rule, bind, keys_of, solve
 from .strata import AbsenceTrigger, Program, Stratum
 from .vocabulary import LITERAL, SAME, is_schema

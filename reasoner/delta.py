@@ -9,9 +9,9 @@ import logging
 from collections.abc import Callable, Iterable
 
 from .dictionary import Dictionary, Fact
-from .equality import Equality, Merge, ranking
-from .relations import Layer
-from .rules import Rule, ground, keys_of, solve
+from .equality import Equality, ranking
+from .layer import Layer
+from .rules import Rule, keys_of, solve
 from .strata import Program, Stratum
 from .vocabulary import LITERAL, REFLEXIVE_PREDICATES, RESERVED, SAME, is_schema
 
@@ -62,7 +62,7 @@ class Derivation:
         if s >= LITERAL:
             return  # valid RDF only: a literal is no subject
         if p == SAME:
-            self._merge(s, o, Merge(s, o, "asserted", (), ()))
+            self._merge(s, o)
             return
         if self.equality:
             s, p, o = self.equality.rewrite(fact)
@@ -79,12 +79,9 @@ class Derivation:
             if rule.head is None:
                 continue
             env = rule.environment()
-            found = [
-                (rule.conclude(env), _premises(rule, env))
-                for _ in solve(self.layer, self.terms, rule.steps, env)
-            ]
-            for head, premises in found:
-                self._conclude(rule, head, premises)
+            solutions = solve(self.layer, self.terms, rule.steps, env)
+            for head in [rule.conclude(env) for _ in solutions]:
+                self.insert(head)
 
     def trigger(self, stratum: Stratum, facts: Iterable[Fact]) -> None:
         """Fire a stratum's rules on facts of lower strata that were added."""
@@ -124,21 +121,11 @@ class Derivation:
                         self.schema_changed = True
             for trigger in stratum.triggers.get(key, ()):
                 rule = trigger.rule
-                found = [
-                    (rule.conclude(env), _premises(rule, env))
-                    for env in trigger.fire(layer, self.terms, fact)
-                ]
-                for head, premises in found:
-                    self._conclude(rule, head, premises)
+                instances = trigger.fire(layer, self.terms, fact)
+                for head in [rule.conclude(env) for env in instances]:
+                    self.insert(head)
 
-    def _conclude(self, rule: Rule, head: Fact, premises: tuple[Fact, ...]) -> None:
-        s, p, o = head
-        if p == SAME:
-            self._merge(s, o, Merge(s, o, rule.name, rule.because, premises))
-        else:
-            self.insert(head)
-
-    def _merge(self, left: int, right: int, merge: Merge) -> None:
+    def _merge(self, left: int, right: int) -> None:
         """Make two terms one: rewrite the facts of the losing representative."""
         if left >= LITERAL or right >= LITERAL:
             return  # equal literals are equal already; others are found by the checks
@@ -150,7 +137,7 @@ class Derivation:
             return
         assert self._program is not None
         winner, loser = sorted((a, b), key=lambda x: ranking(x, self.terms))
-        self.equality.union(winner, loser, merge)
+        self.equality.union(winner, loser)
         if loser in self._program.constants:
             log.info("%s is now %s: recompiling", self.terms.iri(loser), self.terms.iri(winner))
             self.schema_changed = True
@@ -159,9 +146,3 @@ class Derivation:
             # Facts of higher strata rest on absences that the merge may fill: derive them anew.
             if self._program.level(fact) == 0 or self._is_asserted(fact):
                 self.insert(fact)
-
-
-def _premises(rule: Rule, env: list[int | None]) -> tuple[Fact, ...]:
-    if rule.head is None or rule.head.p != SAME:
-        return ()
-    return tuple(ground(atom, env) for atom in rule.body)

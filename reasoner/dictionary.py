@@ -130,6 +130,11 @@ class Dictionary:
         """Return the ids of all known literals with the value of this one, itself included."""
         return self._variants.get(number, (number,))
 
+    @property
+    def has_variants(self) -> bool:
+        """Whether some value was seen in more than one literal."""
+        return bool(self._variants)
+
     def is_same(self, left: int, right: int) -> bool:
         """Tell whether two ids are one term or two literals of one value."""
         return left == right or right in self._variants.get(left, ())

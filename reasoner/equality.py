@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from .dictionary import Dictionary, Fact
 from .vocabulary import RESERVED, SAME
@@ -20,44 +19,36 @@ EXPANDED_COMBINATIONS = 1_000
 """A fact with more combinations of members is exported on representatives only."""
 
 
-@dataclass(frozen=True, slots=True)
-class Merge:
-    """Why two terms became one."""
-
-    left: int
-    right: int
-    rule: str
-    because: tuple[Fact, ...]
-    premises: tuple[Fact, ...]
-
-
 class Equality:
     """Classes of terms that denote the same thing.
 
     Examples
     --------
     >>> same = Equality()
-    >>> same.union(300, 301, Merge(300, 301, "asserted", (), ()))
+    >>> same.union(300, 301)
     >>> same.find(301), same.members(300)
     (300, (300, 301))
     """
 
-    __slots__ = ("_members", "_representative", "merges")
+    __slots__ = ("_members", "_representative")
 
     def __init__(self) -> None:
         self._representative: dict[int, int] = {}
         self._members: dict[int, tuple[int, ...]] = {}
-        self.merges: tuple[Merge, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self._representative)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Equality) and self._members == other._members
+
+    __hash__ = None  # type: ignore[assignment]
 
     def copy(self) -> Equality:
         """Return an independent copy."""
         other = Equality()
         other._representative = dict(self._representative)
         other._members = dict(self._members)
-        other.merges = self.merges
         return other
 
     def find(self, number: int) -> int:
@@ -82,22 +73,19 @@ class Equality:
         """Iterate over representatives and members of the classes of two or more."""
         return iter(tuple(self._members.items()))
 
-    def union(self, winner: int, loser: int, merge: Merge) -> None:
+    def union(self, winner: int, loser: int) -> None:
         """Join two classes, given by their representatives."""
         joined = tuple(sorted((*self.members(winner), *self.members(loser))))
         self._members.pop(loser, None)
         self._members[winner] = joined
         for member in joined:
             self._representative[member] = winner
-        self.merges = (*self.merges, merge)
 
     def dissolve(self, number: int) -> tuple[int, ...]:
         """Take a class apart; return its former members."""
         members = self._members.pop(self.find(number), ())
         for member in members:
             del self._representative[member]
-        gone = set(members)
-        self.merges = tuple(m for m in self.merges if m.left not in gone and m.right not in gone)
         return members
 
     def expand(self, fact: Fact) -> Iterator[Fact]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from . import vocabulary as v
 from .dictionary import Dictionary, Fact
 from .equality import Equality
-from .relations import Layer
+from .layer import Layer
 from .vocabulary import LITERAL, SAME, TYPE
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def differences(before: Reading, after: Reading, changed: Asserted) -> tuple[set
 
 
 def _changed_classes(before: Equality, after: Equality) -> set[int]:
-    if before.merges is after.merges:
+    if before == after:
         return set()
     members = {m for e in (before, after) for _, ms in e.classes() for m in ms}
     return {m for m in members if before.members(m) != after.members(m)}

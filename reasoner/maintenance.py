@@ -6,14 +6,16 @@ import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from .bulk import Bulk
 from .checks import LISTED, Inconsistency, find_all, find_equal, find_ill_typed, find_new
-from .compile import compile_schema
+from .compile import compile_lists, compile_schema
 from .deletion import CannotRetractError, Retraction, candidates
 from .delta import Derivation
 from .dictionary import Dictionary, Fact
 from .equality import Equality
 from .export import Asserted
-from .relations import Facts, Layer
+from .layer import Layer
+from .relations import Facts
 from .rules import Rule, solve
 from .schema import CLOSING_RULES, SchemaProblem
 from .strata import Program
@@ -31,6 +33,7 @@ class Settings:
     """What maintenance needs to know from the configuration."""
 
     max_facts: int
+    bulk_from: int
     keep_ill_typed: bool
     user_rules: tuple[str, ...]
 
@@ -100,21 +103,52 @@ class Maintainer:
         derivation = self._derivation(layer, equality, asserted)
         program = Program(CLOSING_RULES)
         derivation.use(program)
-        for fact in asserted:
-            derivation.insert(fact)
-        derivation.run(program.strata[0])
         draft = Draft(asserted, layer, equality, program, (), is_rebuilt=True)
-        self.grow(draft, derivation)
+        facts = tuple(asserted)
+        bulk = None
+        if len(facts) >= self.settings.bulk_from:
+            bulk = self._derive_in_bulk(draft, derivation, facts)
+        else:
+            for fact in facts:
+                derivation.insert(fact)
+            derivation.run(program.strata[0])
+            self.grow(draft, derivation)
         for stratum in draft.program.strata[1:]:
             derivation.evaluate(stratum.rules)
             derivation.run(stratum)
+        checks = list(draft.program.checks.rules)
+        if bulk is not None:
+            checks = bulk.suspects(checks, draft.program)
         findings = [
-            *find_all(layer, self.terms, draft.program),
+            *find_all(layer, self.terms, checks),
             *find_equal(draft.program, equality),
-            *self.ill_typed(asserted),
+            *self.ill_typed(facts),
         ]
         draft.clashes = {finding.identity: finding for finding in findings}
         return draft
+
+    def _derive_in_bulk(
+        self, draft: Draft, derivation: Derivation, facts: tuple[Fact, ...]
+    ) -> Bulk:
+        """Derive the lowest stratum: the schema by worklist, the bulk by joining columns."""
+        for fact in facts:
+            if fact[1] == SAME or is_schema(fact[1], fact[2]):
+                derivation.insert(fact)
+        derivation.evaluate(compile_lists(draft.layer, self.terms))
+        derivation.run(draft.program.strata[0])
+        draft.program, draft.problems = self.compile(draft.layer, draft.equality)
+        derivation.use(draft.program)
+        derivation.schema_changed = False
+        bulk = Bulk(self.terms, draft.equality, self.settings.max_facts)
+        bulk.load((*facts, *draft.layer.added))
+        stratum = draft.program.strata[0]
+        left = bulk.run(stratum.rules, draft.program.constants)
+        draft.layer.added = Facts.of(bulk.columns)
+        derivation.evaluate(left)
+        derivation.run(stratum)
+        if bulk.touched_schema or derivation.schema_changed:
+            self.grow(draft, derivation)
+        return bulk
 
     def grow(self, draft: Draft, derivation: Derivation) -> frozenset[Rule]:
         """Recompile until the schema is quiet, deriving the lowest stratum on the way.
@@ -227,15 +261,14 @@ class _Revision:
     def check(self, new_rules: frozenset[Rule]) -> None:
         """Find new clashes, and keep the old ones whose premises still hold."""
         program, terms = self.draft.program, self.terms
-        fresh = Program(rule for rule in new_rules if rule.head is None)
         findings = [
             *find_new(self.layer, terms, program),
-            *find_all(self.layer, terms, fresh),
+            *find_all(self.layer, terms, (rule for rule in new_rules if rule.head is None)),
             *find_equal(program, self.equality),
             *self.maintainer.ill_typed(self.asserted.added),
         ]
         for old in self.state.clashes.values():
-            premises = tuple(map(self.equality.rewrite, old.premises))
+            premises = tuple(dict.fromkeys(map(self.equality.rewrite, old.premises)))
             if old.rule not in LISTED and all(self.stands(old, fact) for fact in premises):
                 findings.append(Inconsistency(old.rule, premises, old.because))
         self.draft.clashes = {finding.identity: finding for finding in findings}

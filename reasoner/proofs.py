@@ -17,7 +17,8 @@ from .dictionary import Dictionary, Fact, Triple
 from .equality import Equality
 from .export import Asserted
 from .glosses import Glossary, Shorten
-from .relations import Facts, Layer
+from .layer import Layer
+from .relations import Facts
 from .rules import Bindings, Rule, bind, ground, solve
 from .strata import Program, constants_of
 from .vocabulary import SAME

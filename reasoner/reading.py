@@ -10,8 +10,9 @@ from .dictionary import Dictionary, Fact, Triple
 from .equality import Equality
 from .export import Asserted, is_exported
 from .glosses import Glossary
+from .layer import Layer
 from .proofs import GraphsOf, Proof, Prover
-from .relations import Facts, Layer
+from .relations import Facts
 from .strata import Program
 from .vocabulary import LITERAL, SAME, TYPE
 

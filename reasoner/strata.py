@@ -176,6 +176,10 @@ class Program:
         _, p, o = fact
         return self._level_of_key(~o if p == TYPE else p)
 
+    def level_of(self, atom: Atom) -> int:
+        """Return the layer in which facts that match an atom are derived."""
+        return self._level_of_key(atom.key)
+
     def rules_for(self, fact: Fact) -> Iterator[Rule]:
         """Yield the rules whose head may be this fact."""
         _, p, o = fact

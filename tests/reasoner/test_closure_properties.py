@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from naive import consequences
 from worlds import NARROW, WIDE
 
-from reasoner import Closure
+from reasoner import Closure, Config
 
 MANY = settings(
     max_examples=150,
@@ -26,15 +26,22 @@ def check_names(closure: Closure) -> set[str]:
     return {short(c.rule) for c in closure.contradictions()}
 
 
-@MANY
-@given(st.one_of(WIDE.worlds(), NARROW.worlds(15)))
-def test_closure_is_that_of_the_rules_as_printed(world):
-    schema, data = world
-    closure = Closure.build(schema, data)
-    expected, bad = consequences([*schema, *data])
-    asserted = {*schema, *data}
-    assert set(closure.match()) - asserted == expected - asserted
-    assert check_names(closure) == bad
+ONE_BY_ONE, IN_BULK = Config(bulk_from=10**9), Config(bulk_from=0)
+
+
+@pytest.mark.parametrize("config", [ONE_BY_ONE, IN_BULK], ids=["one by one", "in bulk"])
+def test_closure_is_that_of_the_rules_as_printed(config):
+    @MANY
+    @given(st.one_of(WIDE.worlds(), NARROW.worlds(15)))
+    def check(world):
+        schema, data = world
+        closure = Closure.build(schema, data, config=config)
+        expected, bad = consequences([*schema, *data])
+        asserted = {*schema, *data}
+        assert set(closure.match()) - asserted == expected - asserted
+        assert check_names(closure) == bad
+
+    check()
 
 
 def run_script(schema, data, script, rules=()) -> None:
@@ -48,7 +55,7 @@ def run_script(schema, data, script, rules=()) -> None:
         staged = closure.stage(add=add, remove=remove)
         assert set(closure.inferred()) == before
         asserted = (asserted - remove) | set(add)
-        fresh = Closure.build(asserted, [], rules)
+        fresh = Closure.build(asserted, [], rules, IN_BULK)
         staged.apply()
         after = set(closure.inferred())
         assert after == set(fresh.inferred())

@@ -1,0 +1,156 @@
+"""Relations as sorted arrays: joins of whole sets at once.
+
+A pair of ids is one 64-bit key, subject in the upper half. Sorted keys give the objects of a
+subject as a slice; the same pairs the other way round give the subjects of an object
+(vertical partitioning; Subercaze et al. 2016, "Inferray").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+Keys = NDArray[np.uint64]
+"""(n,) pairs, ascending and distinct unless said otherwise."""
+Ids = NDArray[np.uint64]
+"""(n,) ids of terms."""
+
+HALF = np.uint64(32)
+LOW = np.uint64(0xFFFFFFFF)
+NO_KEYS: Keys = np.empty(0, np.uint64)
+
+
+def pack(high: Ids, low: Ids) -> Keys:
+    """Return pairs as keys, in the order given.
+
+    >>> pack(np.uint64([1]), np.uint64([2])).tolist() == [(1 << 32) + 2]
+    True
+    """
+    return (high << HALF) | low
+
+
+def upper(keys: Keys) -> Ids:
+    """Return the upper halves."""
+    return keys >> HALF
+
+
+def lower(keys: Keys) -> Ids:
+    """Return the lower halves."""
+    return keys & LOW
+
+
+def distinct(keys: Keys) -> Keys:
+    """Return keys sorted, each once."""
+    if len(keys) < 2:
+        return keys
+    keys = np.sort(keys)
+    keep = np.empty(len(keys), bool)
+    keep[0] = True
+    np.not_equal(keys[1:], keys[:-1], out=keep[1:])
+    return keys[keep]
+
+
+def is_in(keys: Keys, among: Keys) -> NDArray[np.bool_]:
+    """Tell for each key whether it is in a sorted array."""
+    if len(among) == 0:
+        return np.zeros(len(keys), bool)
+    place = np.searchsorted(among, keys)
+    place[place == len(among)] = 0
+    found: NDArray[np.bool_] = among[place] == keys
+    return found
+
+
+def merge(old: Keys, new: Keys) -> Keys:
+    """Join two sorted arrays without common keys."""
+    if len(old) == 0 or len(new) == 0:
+        return new if len(old) == 0 else old
+    if len(new) * 8 < len(old):
+        return np.insert(old, np.searchsorted(old, new), new)
+    both = np.concatenate((old, new))
+    both.sort(kind="stable")  # two ascending runs: one pass
+    return both
+
+
+class Column:
+    """The pairs of one property, immutable.
+
+    Examples
+    --------
+    >>> column = Column.of([1, 1, 2], [5, 6, 5])
+    >>> column.objects(1).tolist(), column.subjects(5).tolist()
+    ([5, 6], [1, 2])
+    """
+
+    __slots__ = ("_inverse", "keys")
+
+    def __init__(self, keys: Keys) -> None:
+        self.keys = keys
+        self._inverse: Keys | None = None
+
+    @classmethod
+    def of(cls, subjects: list[int], objects: list[int]) -> Column:
+        """Make a column from two lists of ids of the same length."""
+        high, low = np.array(subjects, np.uint64), np.array(objects, np.uint64)
+        return cls(distinct(pack(high, low)))
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        return zip(upper(self.keys).tolist(), lower(self.keys).tolist(), strict=True)
+
+    @property
+    def inverse(self) -> Keys:
+        """The pairs with the object in the upper half, ascending; made when first asked for."""
+        if self._inverse is None:
+            self._inverse = np.sort(pack(lower(self.keys), upper(self.keys)))
+        return self._inverse
+
+    def has(self, s: int, o: int) -> bool:
+        """Tell whether a pair is in the column."""
+        key = np.uint64(s << 32 | o)
+        place = int(self.keys.searchsorted(key))
+        return place < len(self.keys) and bool(self.keys[place] == key)
+
+    def objects(self, s: int) -> Ids:
+        """Return the objects of a subject, ascending."""
+        return _slice(self.keys, s)
+
+    def subjects(self, o: int) -> Ids:
+        """Return the subjects of an object, ascending."""
+        return _slice(self.inverse, o)
+
+
+def _slice(keys: Keys, high: int) -> Ids:
+    ends = np.array([high << 32, high << 32 | 0xFFFFFFFF], np.uint64)
+    start = int(keys.searchsorted(ends[0]))
+    end = int(keys.searchsorted(ends[1], side="right"))
+    return lower(keys[start:end])
+
+
+def expand(keys: Keys, highs: Ids) -> tuple[NDArray[np.intp], Ids]:
+    """Join ids with the upper halves of sorted keys.
+
+    Returns
+    -------
+    index : (m,) int
+        Which of the ids each match belongs to.
+    lows : (m,) uint64
+        Lower half of each match.
+
+    Examples
+    --------
+    >>> keys = Column.of([1, 1, 2], [5, 6, 7]).keys
+    >>> index, lows = expand(keys, np.uint64([2, 1]))
+    >>> index.tolist(), lows.tolist()
+    ([0, 1, 1], [7, 5, 6])
+    """
+    first = highs << HALF
+    start = np.searchsorted(keys, first)
+    counts = np.searchsorted(keys, first | LOW, side="right") - start
+    index = np.repeat(np.arange(len(highs)), counts)
+    total = int(counts.sum())
+    offset = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)
+    return index, lower(keys[np.repeat(start, counts) + offset])
