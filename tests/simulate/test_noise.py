@@ -65,6 +65,10 @@ def test_missing_depth_stays_missing_and_depth_never_appears() -> None:
     assert not noisy[100:200, 100:200].any()
     assert noisy[300, 300] == 0
     assert np.isfinite(noisy).all()
+    # A pixel whose neighbour is missing keeps its own depth: holes do not grow.
+    jitter = SensorNoise(2.0, 0, 0, disparity_px=0, dropout=0, colour=0)
+    moved = jitter.apply(Frame(depth, CAMERA), np.random.default_rng(0)).depth_m
+    assert np.count_nonzero(moved == 0) == 100 * 100 + 1
 
 
 def test_the_same_seed_gives_the_same_frame_and_another_one_another() -> None:

@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from rtask.errors import UsageError
-from simulate.objects import KINDS, ObjectSpec, product, sample_objects, write_assets
+from simulate.objects import (
+    KINDS,
+    ObjectSpec,
+    Primitive,
+    inertia_of,
+    product,
+    sample_objects,
+    write_assets,
+)
 
 
 def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -82,6 +90,10 @@ def test_inertia_is_that_of_the_solid(tmp_path: Path) -> None:
     along, across, _ = write_assets(pen, tmp_path).inertia
     assert along == pytest.approx(0.5 * 0.012 * 0.01**2)
     assert across == pytest.approx(0.012 / 12 * (3 * 0.01**2 + 0.1**2))
+    dumb_bell = tuple(Primitive("sphere", (0.01,), (0.0, 0.0, z)) for z in (-0.03, 0.03))
+    about_x, _, about_z = inertia_of(dumb_bell, 0.02)
+    assert about_x == pytest.approx(0.02 * (0.4 * 0.01**2 + 0.03**2))
+    assert about_z == pytest.approx(0.02 * 0.4 * 0.01**2)
     bottle = product("bottle", 0)
     ix, iy, iz = write_assets(bottle, tmp_path).inertia
     assert ix == pytest.approx(iy)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -59,6 +61,8 @@ def test_same_seed_same_print_and_other_surface_other_print() -> None:
     np.testing.assert_array_equal(first, paint_panel(make_look(3), "side", 0.03, 0.03))
     assert (first != paint_panel(make_look(3), "lid", 0.03, 0.03)).mean() > 0.2
     assert (first != paint_panel(make_look(4), "side", 0.03, 0.03)).mean() > 0.2
+    same_colours = replace(make_look(3), seed=4)
+    assert (first != paint_panel(same_colours, "side", 0.03, 0.03)).mean() > 0.2
 
 
 def test_a_panel_without_size_is_refused() -> None:
