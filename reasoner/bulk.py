@@ -276,8 +276,8 @@ class Bulk:
         def replaced(ids: Ids) -> Ids:
             place = np.searchsorted(self._merged, ids)
             place[place == len(self._merged)] = 0
-            out = ids.copy()
-            known = self._merged[place] == ids
+            out: Ids = np.array(ids)
+            known = np.equal(self._merged[place], ids)
             out[known] = self._representatives[place][known]
             return out
 
@@ -314,7 +314,7 @@ class Bulk:
 def _proper(p: int, keys: Keys) -> Keys:
     """Leave out what is true of every class and property."""
     if p in REFLEXIVE_PREDICATES:
-        return keys[arrays.upper(keys) != arrays.lower(keys)]
+        return keys[np.not_equal(arrays.upper(keys), arrays.lower(keys))]
     return keys
 
 
