@@ -33,7 +33,7 @@ _BOX_SPHERE = 0.0125
 _PRISM_ANGLES = np.deg2rad(np.arange(0, 90, 5))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Obstacle:
     """A box with rounded edges in the base frame.
 

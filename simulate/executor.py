@@ -7,15 +7,17 @@ code in the record, never an exception.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simulate.arm_space import SPEED, ArmSpace
 from simulate.collision import Obstacle
-from simulate.grasp_planning import SPEED, GraspPlanner
+from simulate.grasp_planning import GraspPlanner
+from simulate.grasp_record import GraspRecord
 from simulate.grasp_rules import GraspRequest, PlannedGrasp
 from simulate.placing import PlacePlan, plan_place
 from simulate.success import MIN_LINKS, ObjectState, held_reason, is_placed
@@ -35,71 +37,11 @@ _CONTROL_S = 0.010
 _SETTLE_S = 0.08
 _CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.5, 2.0, 1.0
 _TRACKING_RAD = 0.05
-_PUSHED_M = 0.015
 _CONTACT_CHECK_S = 0.05
 # More torque than this does not hold better: the V of the mouth squeezes the object out. Slip from
 # closing to the end of the hold, 18 grasps each: 4 mm at .06, 5 mm at .10, 10 mm at .16 N m.
 _CLOSE_TORQUE, _OPEN_TORQUE = 0.06, 0.10
 _NEAR_M = 0.06
-
-
-@dataclass(frozen=True)
-class GraspRecord:
-    """What became of one attempt.
-
-    Parameters
-    ----------
-    grasp
-        The plan that was carried out.
-    reason
-        ``ok`` exactly when the object was held, else the code of the phase that failed.
-    held, placed
-        Lifted and kept for 2 s; arrived in the box.
-    place_reason
-        ``ok``, ``slip_transport``, ``place_plan`` or ``drop_outside``; empty when not held.
-    pushed_m
-        How far the hand moved the object before it closed; more than 15 mm is a touch.
-    links_touching, contact_force_n
-        At the last moment at which the hand should have had the object before transport.
-    links, forces
-        The same by phase.
-    lifted_m
-        Rise of the object at the end of the hold, m.
-    slip_m
-        Movement of the object in the hand from the closing to the end of the hold, m.
-    place_offset_m
-        From the middle of the box, m; nan when not placed.
-    duration_s, times
-        Simulated seconds, in all and by phase.
-    """
-
-    grasp: PlannedGrasp
-    arm: str
-    end_effector: str
-    preset: str
-    seed: int
-    reason: str
-    held: bool
-    placed: bool
-    place_reason: str
-    pushed_m: float
-    links_touching: int
-    contact_force_n: float
-    lifted_m: float
-    slip_m: float
-    place_offset_m: float
-    duration_s: float
-    planning_s: float
-    tilt: float
-    ik_solutions: int
-    times: Mapping[str, float] = field(default_factory=dict)
-    links: Mapping[str, int] = field(default_factory=dict)
-    forces: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def touched(self) -> bool:
-        """Whether the hand pushed the object away while it approached."""
-        return self.pushed_m > _PUSHED_M
 
 
 class Executor:
@@ -124,7 +66,8 @@ class Executor:
             for box in world.place_boxes.values()
             for centre, size in box.walls()
         ]
-        self.planner = GraspPlanner(robot.description, walls)
+        self.space = ArmSpace(robot.description, walls)
+        self.planner = GraspPlanner(self.space)
         self._placed_before = dict.fromkeys(world.place_boxes, 0)
 
     def plan(
@@ -245,7 +188,7 @@ class _Attempt:
             return "place_plan", float("nan")
         used = self.executor.next_spot(side)
         start = self.plan.lift.positions[-1]
-        way = plan_place(self.executor.planner, self.plan, start, box, used)
+        way = plan_place(self.executor.space, self.plan, start, box, used)
         if isinstance(way, str):
             self._put_back()
             return way, float("nan")

@@ -8,7 +8,7 @@ name of a kind.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,7 +94,7 @@ class GraspRequest:
         return 0.6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlannedGrasp:
     """A grasp with the way points that carry it out.
 
@@ -138,7 +138,6 @@ class PlannedGrasp:
     ik_solutions: int
     planning_s: float
     seed: int
-    clearance: Mapping[str, float] = field(default_factory=dict)
 
 
 def grasp_heights(request: GraspRequest) -> Iterator[float]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simulate.arm_space import ALLOWED, SPEED, ArmSpace
 from simulate.collision import ArmSpheres, Surroundings
-from simulate.grasp_planning import SPEED, GraspPlanner
 from simulate.grasp_rules import PlannedGrasp
 from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
 from simulate.trajectory import CARRYING_ACCELERATION, Trajectory, join, time_path
@@ -31,7 +31,7 @@ _IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
 _PURPOSE = 2
 
 _CARRYING: Mapping[tuple[str, str], float] = {
-    ("trunk", "upper"): np.inf,
+    **ALLOWED,
     ("table", "finger"): 0.006,
     ("box", "finger"): 0.002,
     ("neighbour", "load"): 0.004,
@@ -48,7 +48,7 @@ class PlacePlan:
 
 
 def plan_place(
-    planner: GraspPlanner,
+    space: ArmSpace,
     plan: PlannedGrasp,
     start: Floats,
     box: PlaceBox,
@@ -58,7 +58,7 @@ def plan_place(
 
     Parameters
     ----------
-    planner
+    space
         Of the robot.
     plan
         The grasp that holds the object.
@@ -74,10 +74,10 @@ def plan_place(
     PlacePlan or str
         ``place_plan`` when there is no way.
     """
-    chain, request = planner.chains[plan.arm], plan.request
-    empty = planner.spheres(plan.arm, plan.opening)
+    chain, request = space.chains[plan.arm], plan.request
+    empty = space.spheres(plan.arm, plan.opening)
     loaded = empty.carrying(*_load(plan, chain))
-    around = planner.surroundings(plan.arm, request.table_height, plan.obstacles)
+    around = space.surroundings(plan.arm, request.table_height, plan.obstacles)
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
     upright = chain.tool_poses(start[None])[0][0, 2]
@@ -94,22 +94,22 @@ def plan_place(
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
-                planned = _complete(planner, plan, loaded, around, start, line)
+                planned = _complete(space, plan, loaded, around, start, line)
                 if planned is not None:
                     return planned
     return "place_plan"
 
 
 def _complete(
-    planner: GraspPlanner,
+    space: ArmSpace,
     plan: PlannedGrasp,
     loaded: ArmSpheres,
     around: Surroundings,
     start: Floats,
     line: Floats,
 ) -> PlacePlan | None:
-    chain = planner.chains[plan.arm]
-    transport = planner.path(
+    chain = space.chains[plan.arm]
+    transport = space.path(
         plan.arm,
         loaded,
         around,
@@ -123,9 +123,9 @@ def _complete(
     )
     if isinstance(transport, str):
         return None
-    home = np.array(planner.robot.arm(plan.arm).home)
-    empty = planner.spheres(plan.arm, plan.opening)
-    back = planner.path(
+    home = np.array(space.robot.arm(plan.arm).home)
+    empty = space.spheres(plan.arm, plan.opening)
+    back = space.path(
         plan.arm, empty, around, line[-1], home, plan.seed, SPEED["return"], allowed=_CARRYING
     )
     if isinstance(back, str):

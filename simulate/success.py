@@ -19,7 +19,7 @@ MIN_LINKS = 2
 _PLACED_BELOW_M = 0.09
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObjectState:
     """What is known of an object at one moment.
 

@@ -27,7 +27,7 @@ _SAMPLE_S = 0.010
 _GRID = 120
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """Way points.
 
@@ -169,7 +169,7 @@ def _speed_profile(
         squared[k + 1] = min(squared[k + 1], gain(k, k + 1))
     for k in range(len(s) - 1, 0, -1):
         squared[k - 1] = min(squared[k - 1], gain(k, k - 1))
-    return np.sqrt(squared)
+    return np.asarray(np.sqrt(squared), dtype=np.float64)
 
 
 def _sample(curve: Callable[..., Floats], s: Floats, speeds: Floats) -> Trajectory:

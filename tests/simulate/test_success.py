@@ -1,0 +1,53 @@
+"""Held and placed, on states made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simulate.success import ObjectState, held_reason, is_placed
+from simulate.world import PlaceBox
+
+START = ObjectState(np.array([0.15, -0.1, 0.30]), links=3, force_n=8.0, on_table=True)
+UP = ObjectState(np.array([0.15, -0.1, 0.35]), links=3, force_n=8.0)
+BOX = PlaceBox("right", (0.08, 0.22), (-0.36, -0.22), 0.27, 0.30)
+
+
+def at(state, z):
+    return replace(state, position=np.array([0.15, -0.1, z]))
+
+
+@pytest.mark.parametrize(
+    ("lifted", "held", "reason"),
+    [
+        (UP, UP, "ok"),
+        (at(UP, 0.3201), at(UP, 0.3201), "ok"),
+        (at(UP, 0.3199), UP, "slip_lift"),
+        (replace(UP, links=1), UP, "slip_lift"),
+        (replace(UP, on_table=True), UP, "slip_lift"),
+        (UP, at(UP, 0.31), "slip_hold"),
+        (UP, replace(UP, links=1), "slip_hold"),
+        (UP, replace(UP, on_table=True), "slip_hold"),
+        (at(UP, np.nan), UP, "not_judged"),
+        (UP, at(UP, 1e9), "not_judged"),
+    ],
+)
+def test_held(lifted, held, reason):
+    assert held_reason(START, lifted, held) == reason
+
+
+@pytest.mark.parametrize(
+    ("position", "placed"),
+    [
+        ((0.15, -0.29, 0.30), True),
+        ((0.081, -0.221, 0.35), True),
+        ((0.15, -0.29, 0.361), False),
+        ((0.15, -0.21, 0.30), False),
+        ((0.23, -0.29, 0.30), False),
+        ((0.15, -0.29, 0.02), False),
+    ],
+)
+def test_placed(position, placed):
+    assert is_placed(ObjectState(np.array(position)), BOX) is placed
