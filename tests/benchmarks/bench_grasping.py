@@ -217,7 +217,7 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
         rng = np.random.default_rng((args.seed, trial))
         world, executor = make_world(args.preset)
         places: list[tuple[float, float]] = []
-        for number in range(200):
+        for _number in range(200):
             if len(places) == args.objects:
                 break
             side = -1 if len(places) % 2 == 0 else 1
@@ -246,7 +246,7 @@ def place(spec: ObjectSpec, side: int, rng: np.random.Generator) -> tuple[float,
         x, y, yaw = rng.uniform(*AREA_X), side * rng.uniform(*AREA_Y), rng.uniform(0, 2 * np.pi)
         cos, sin = abs(np.cos(yaw)), abs(np.sin(yaw))
         reach = half if spec.is_round and spec.kind != "pen" else half @ [[cos, sin], [sin, cos]]
-        if x - reach[0] > 0.092 and 0 < abs(y) - reach[1] and abs(y) + reach[1] < 0.212:
+        if x - reach[0] > 0.092 and abs(y) - reach[1] > 0 and abs(y) + reach[1] < 0.212:
             return float(x), float(y), float(yaw)
 
 

@@ -1,9 +1,9 @@
 """How well and how fast stored objects are recognised.
 
-    python tests/benchmarks/bench_recognition.py tables             # open set, through the robot's eyes
+    python tests/benchmarks/bench_recognition.py tables          # open set, as the robot sees
     python tests/benchmarks/bench_recognition.py tables --tables 60 --products 60
-    python tests/benchmarks/bench_recognition.py speed              # time of every step
-    python tests/benchmarks/bench_recognition.py turntable          # 78 YCB objects, Kehoe 2014, 4.6
+    python tests/benchmarks/bench_recognition.py speed           # time of every step
+    python tests/benchmarks/bench_recognition.py turntable       # 78 YCB objects, Kehoe 4.6
 
 ``tables`` lays products on simulated tables, each with its own light, turns the head to both
 sides, and describes what perception cut out, sent through the wire format: what robots really
@@ -28,9 +28,9 @@ import numpy as np
 from features.codec import decode, encode_frame
 from features.geometry import Frame
 from features.recognition import (
-    RecognitionIndex,
     Recogniser,
     Recognition,
+    RecognitionIndex,
     ViewFeatures,
     describe_frame,
     describe_view,
@@ -132,8 +132,8 @@ def report(title: str, answers: list[tuple[View, str | None, Recognition]]) -> N
     confidence, right = np.array([c for c, _ in best]), np.array([r for _, r in best])
     error = expected_calibration_error(confidence, right)
     print(
-        f"{title:28s} recall {score.recall:.3f} of {score.known:4d}, false {score.false_known} known"
-        f" + {score.false_unknown} of {score.unknown} unknown, calibration error {error:.3f}; "
+        f"{title:28s} recall {score.recall:.3f} of {score.known:4d}, "
+        f"false {score.false_known} known + {score.false_unknown} of {score.unknown} unknown, calibration error {error:.3f}; "
         + ", ".join(by_kind)
     )
 
@@ -146,7 +146,8 @@ def run_tables(args: argparse.Namespace) -> None:
     print(
         f"{len(views)} views of {len({v.product for v in views})} products on {args.tables} tables,"
         f" longer side {np.percentile(sides, 5):.0f} to {np.percentile(sides, 95):.0f} px, "
-        f"{np.mean([len(v.features) for v in views]):.0f} keypoints ({time.perf_counter() - start:.0f} s)"
+        f"{np.mean([len(v.features) for v in views]):.0f} keypoints "
+        f"({time.perf_counter() - start:.0f} s)"
     )
     for stored in (1, 2, 3):
         answers = []
@@ -240,7 +241,7 @@ def run_speed(args: argparse.Namespace) -> None:
                 print(f"add up to {goal:5d} views  {_milliseconds(steps)}")
                 index.save()
                 recogniser = Recogniser(index)
-                asked = [lambda v=v: recogniser.recognise(v.features) for v in views]
+                asked = [lambda r=recogniser, v=v: r.recognise(v.features) for v in views]
                 print(f"recognise among {goal:5d} {_milliseconds(asked)}")
 
 

@@ -161,6 +161,29 @@ def test_large_classes_of_equal_terms_are_exported_as_a_star():
     assert len(closure.same_as(NamedNode("urn:t:n7"))) == 20
 
 
+def test_a_large_change_is_derived_in_one_go_with_the_same_result():
+    rows = " ".join(f":m{i} a :Mug ." for i in range(60))
+    small, large = build(), build(config=Config(bulk_from=50))
+    changes = [c.stage(add=triples(rows)) for c in (small, large)]
+    assert set(changes[0].inferred_added) == set(changes[1].inferred_added)
+    for change in changes:
+        change.apply()
+    back = [c.stage(remove=triples(rows)) for c in (small, large)]
+    assert set(back[0].inferred_removed) == set(back[1].inferred_removed)
+    assert len(back[0].inferred_removed) == 60
+
+
+def test_the_digest_follows_the_inferred_graph():
+    closure = build()
+    empty = closure.digest()
+    staged = closure.stage(add=triples(":m a :Mug ."))
+    kept = build(":m a :Mug .").digest()
+    staged.apply()
+    assert closure.digest() == kept != empty
+    empty.add(staged.inferred_added)
+    assert empty == kept
+
+
 def test_configuration_is_checked():
     with pytest.raises(ValueError, match="'report' or 'reject'"):
         Config(on_contradiction="ignore")

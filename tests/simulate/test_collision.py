@@ -111,9 +111,7 @@ def test_home_is_free_of_body_and_table(arm_and_world):
 
 def test_folding_the_arm_into_the_chest_is_a_collision(arm_and_world):
     spheres, robot, _ = arm_and_world
-    around = Surroundings(
-        body_obstacles(robot.description, robot.description.arm("right_arm"), {})
-    )
+    around = Surroundings(body_obstacles(robot.description, robot.description.arm("right_arm"), {}))
     slack = spheres.slack(around, {("trunk", "upper"): np.inf})
     folded = np.array([1.4, 0.3, 0.6, 1.54, 0.0])
     assert spheres.clearances(folded[None], around, slack)[0] < 0

@@ -101,7 +101,11 @@ LID = Obstacle.box("neighbour", (0.15, -0.10, 0.385), (0.30, 0.34, 0.01))
         (replace(CAN, width=0.08, length=0.08), [], {"too_wide"}),
         (replace(CAN, mass=0.5), [], {"too_heavy"}),
         (CAN, [WALL_THROUGH], {"grasp_collision"}),
-        (replace(PEN, y=-0.12), [LID], {"approach_collision", "pregrasp_collision", "grasp_collision"}),
+        (
+            replace(PEN, y=-0.12),
+            [LID],
+            {"approach_collision", "pregrasp_collision", "grasp_collision"},
+        ),
         (CAN, [Obstacle.box("neighbour", (0.12, -0.24, 0.40), (0.06,) * 3)], {"rrt_start"}),
     ],
 )  # fmt: skip
@@ -112,7 +116,7 @@ def test_every_failure_has_its_reason(planner, request_, obstacles, reasons):
 def test_a_wall_close_before_the_object_blocks_the_approach(planner):
     """Just clear of the open hand at the object, in the way of every path to it."""
     free = planner.plan(CAN, [], seed=0)
-    _, tool = planner.space.chains[free.arm].tool_poses(free.posture[None])
+    _, _tool = planner.space.chains[free.arm].tool_poses(free.posture[None])
     rings = [
         Obstacle.box("neighbour", (0.15, -0.10 + dy, 0.42), (0.26, 0.02, 0.02))
         for dy in np.linspace(-0.12, 0.12, 13)

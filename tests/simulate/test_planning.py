@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -39,7 +41,7 @@ def test_a_wall_is_gone_around(seed):
     path = solve(wall, seed=seed)
     assert not isinstance(path, str)
     np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in itertools.pairwise(path):
         assert edge_is_free(a, b, core_of_wall, 0.01)
     assert path[:, 1].max() > 1.0
 
