@@ -288,7 +288,7 @@ def report(tallies: list[Tally]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("mode", choices=("single", "table"))
+    parser.add_argument("mode", nargs="?", default="single", choices=("single", "table"))
     parser.add_argument("-n", type=int, default=20)
     parser.add_argument("--start", type=int, default=0)
     parser.add_argument("--objects", type=int, default=7)

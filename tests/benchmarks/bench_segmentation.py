@@ -181,7 +181,7 @@ def kinect(folder: Path) -> Iterator[View]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("data_set", choices=["tables", "kinect"])
+    parser.add_argument("data_set", nargs="?", default="tables", choices=["tables", "kinect"])
     parser.add_argument("--seeds", default="20:34")
     parser.add_argument("--touching", action="store_true")
     parser.add_argument("--data", type=Path)
