@@ -12,6 +12,7 @@ from . import vocabulary as v
 from .checks import Inconsistency
 from .contradictions import Contradiction, describe
 from .dictionary import Dictionary, Fact, Term, Triple
+from .digest import Digest, digest_of
 from .export import Asserted, differences
 from .maintenance import Draft, Maintainer, Settings, State
 from .proofs import GraphsOf, Proof
@@ -230,6 +231,10 @@ class Closure:
         decode = self._terms.decode_fact
         for fact in self._reading().everything():
             yield decode(fact)
+
+    def digest(self) -> Digest:
+        """Return the digest of the inferred graph: its number of triples and their hash."""
+        return digest_of(self._reading().everything(), self._terms)
 
     def same_as(self, term: Term) -> list[Term]:
         """Return all terms known to denote the same thing, the term itself included."""

@@ -1,7 +1,9 @@
 """Retraction by over-deletion and re-derivation (DRed; Gupta, Mumick and Subrahmanian 1993).
 
 First everything that has a derivation through a retracted fact goes, then what has another
-derivation comes back. Strata above the lowest also lose what rests on a filled absence.
+derivation comes back. Strata above the lowest also lose what rests on a filled absence. A class of
+equal terms that may have lost a reason is taken apart, all that is known of its members goes, and
+what was asserted of each comes back under its own name.
 """
 
 from __future__ import annotations
@@ -15,9 +17,12 @@ from .rules import Bindings, Rule, bind, keys_of, solve
 from .strata import AbsenceTrigger, Program, Stratum
 from .vocabulary import LITERAL, SAME, is_schema
 
+REBUILD_RATIO, REBUILD_FROM = 10, 20_000
+"""Deleting more than so many facts, and one in ten, costs more than deriving all anew."""
+
 
 class CannotRetractError(Exception):
-    """The retraction reaches equalities or the schema; the closure has to be rebuilt."""
+    """The closure has to be rebuilt: the retraction reaches the schema, or too far."""
 
 
 class Retraction:
@@ -31,6 +36,13 @@ class Retraction:
         Classes of equal terms before the stage.
     is_asserted : callable
         Whether a fact on representatives is still asserted after the stage.
+    may_split : bool
+        Whether equalities are derived in the strata at hand; above them they are settled.
+
+    Attributes
+    ----------
+    split : dict of int to None
+        Representatives of the classes to be taken apart.
     """
 
     def __init__(
@@ -40,12 +52,15 @@ class Retraction:
         terms: Dictionary,
         program: Program,
         is_asserted: Callable[[Fact], bool],
+        may_split: bool,
     ) -> None:
         self._layer = layer
         self._equality = equality
         self._terms = terms
         self._program = program
         self._is_asserted = is_asserted
+        self._may_split = may_split
+        self.split: dict[int, None] = {}
         self._gone: dict[Fact, None] = {}
         self._queue: list[Fact] = []
 
@@ -60,17 +75,23 @@ class Retraction:
         Raises
         ------
         CannotRetractError
-            If an equality or a schema fact is among it.
+            If a schema fact or too much is among it.
         """
         for fact in retracted:
-            self._delete(fact)
+            if fact[1] == SAME:
+                self._split(fact[0])
+            else:
+                self._delete(fact)
         for fact in tuple(self._layer.removed):
             self._follow(stratum, fact)
         for env, rule in candidates(stratum, self._layer, self._terms):
             for found in solve(self._layer.base, self._terms, rule.steps, env):
                 self._delete(rule.conclude(found))
+        limit = max(REBUILD_FROM, len(self._layer.base) // REBUILD_RATIO)
         while self._queue:
             self._follow(stratum, self._queue.pop())
+            if len(self._gone) > limit:
+                raise CannotRetractError(f"more than {limit} facts may be gone")
         for fact in self._gone:
             self._layer.discard(*fact)
         return list(self._gone)
@@ -79,15 +100,27 @@ class Retraction:
         s, p, o = fact
         if fact in self._gone or not self._layer.base.has(s, p, o):
             return
-        # Equal terms may owe their equality to this very form of the fact, even if another is kept.
-        if any(self._equality.is_merged(x) for x in fact):
-            raise CannotRetractError("a fact about merged terms is retracted")
-        if self._is_asserted(fact):
+        merged = [x for x in fact if self._equality.is_merged(x)] if self._may_split else []
+        if not merged and self._is_asserted(fact):
             return
         if is_schema(p, o):
             raise CannotRetractError("a schema fact is retracted")
         self._gone[fact] = None
         self._queue.append(fact)
+        # Equal terms may owe their equality to this very form of the fact, even if another is kept.
+        for term in merged:
+            self._split(term)
+
+    def _split(self, term: int) -> None:
+        """Take a class apart: all facts about it go."""
+        representative = self._equality.find(term)
+        if representative in self.split or not self._equality.is_merged(term):
+            return
+        self.split[representative] = None
+        if not self._program.constants.isdisjoint(self._equality.members(term)):
+            raise CannotRetractError("a term of the schema may lose an equal one")
+        for fact in self._layer.base.about(representative):
+            self._delete(fact)
 
     def _follow(self, stratum: Stratum, fact: Fact) -> None:
         """Delete the heads of all rule instances that used a fact before the stage."""
@@ -103,16 +136,12 @@ class Retraction:
                 rule = trigger.rule
                 assert rule.head is not None
                 if rule.head.p == SAME:
-                    self._guard_equality(trigger.unconditional(base, self._terms, fact), rule)
+                    # On representatives the two are one already, so conditions tell nothing.
+                    for env in trigger.unconditional(base, self._terms, fact):
+                        self._split(rule.conclude(env)[0])
                     continue
                 for env in trigger.fire(base, self._terms, fact):
                     self._delete(rule.conclude(env))
-
-    def _guard_equality(self, instances: Iterable[Bindings], rule: Rule) -> None:
-        if self._equality and any(
-            self._equality.is_merged(rule.conclude(env)[0]) for env in instances
-        ):
-            raise CannotRetractError("a premise of an equality is retracted")
 
     def is_derivable(self, fact: Fact) -> bool:
         """Tell whether a rule derives a fact in one step from what the layer holds now."""

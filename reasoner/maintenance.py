@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -26,6 +27,9 @@ log = logging.getLogger(__name__)
 
 REDUCED = frozenset({"cax-sco", "prp-spo1", "prp-dom", "prp-rng"})
 """Rules that may vanish when the schema grows, because others then imply them."""
+
+BULK_RATIO = 8
+"""A change of more than one part in so many is quicker derived from nothing, by whole relations."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +92,12 @@ class Maintainer:
 
     def draft(self, state: State, asserted: Asserted) -> Draft:
         """Return the state after a change of what is asserted; the state itself stays."""
+        size = len(asserted.added) + len(asserted.removed)
+        if size >= self.settings.bulk_from and size * BULK_RATIO > len(state.asserted):
+            return self.rebuild(asserted)
         try:
-            if any(is_schema(p, o) or p == SAME for _, p, o in asserted.removed):
-                raise CannotRetractError("schema or equality is retracted")
+            if any(is_schema(p, o) for _, p, o in asserted.removed):
+                raise CannotRetractError("schema is retracted")
             return _Revision(self, state, asserted).run()
         except CannotRetractError as reason:
             log.info("deriving all anew: %s", reason)
@@ -210,6 +217,8 @@ class _Revision:
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
         self.derivation = maintainer._derivation(self.layer, self.equality, asserted)
         self.derivation.use(state.program)
+        self.come_back: dict[int, list[Fact]] = defaultdict(list)
+        self.was_split = False
 
     def run(self) -> Draft:
         level, new_rules = 0, frozenset[Rule]()
@@ -229,11 +238,33 @@ class _Revision:
         gone = [fact for fact in gone if program.level(fact) == level]
         if not (gone or level):
             return
-        retraction = Retraction(self.layer, before, self.terms, program, self.is_still_asserted)
+        retraction = Retraction(
+            self.layer, before, self.terms, program, self.is_still_asserted, level == 0
+        )
         deleted = retraction.over_delete(program.strata[level], gone)
+        if retraction.split:
+            self.take_apart(retraction.split)
         for fact in deleted:
-            if retraction.is_derivable(fact):
+            self.come_back[program.level(fact)].append(fact)
+        for fact in self.come_back.pop(level, ()):
+            for form in before.forms(fact) if self.was_split else (fact,):
+                form = self.equality.rewrite(form)
+                if not self.layer.has(*form) and retraction.is_derivable(form):
+                    self.derivation.insert(form)
+
+    def take_apart(self, representatives: Iterable[int]) -> None:
+        """Dissolve classes and bring back what is asserted of each member."""
+        self.was_split = True
+        members = {m for r in representatives for m in self.equality.dissolve(r)}
+        for fact in self.asserted:
+            if not members.isdisjoint(fact):
                 self.derivation.insert(fact)
+        # A rule that names the terms it merges needs no fact about them.
+        self.derivation.evaluate(
+            rule
+            for rule in self.draft.program.by_head.get(SAME, ())
+            if rule.head is not None and max(rule.head.s, rule.head.o) >= 0
+        )
 
     def insert(self, level: int, new_rules: frozenset[Rule]) -> None:
         program = self.draft.program
