@@ -8,5 +8,6 @@ from pathlib import Path
 
 from hypothesis.configuration import set_hypothesis_home_dir
 
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "benchmarks")]
 set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "rtask-hypothesis")
