@@ -19,6 +19,14 @@ Ids = NDArray[np.uint64]
 
 HALF = np.uint64(32)
 LOW = np.uint64(0xFFFFFFFF)
+MOST_ROWS = 20_000_000
+"""A join with more rows is done in parts."""
+
+
+class TooManyRowsError(Exception):
+    """A join has more rows than are made at once."""
+
+
 NO_KEYS: Keys = np.empty(0, np.uint64)
 
 
@@ -146,11 +154,18 @@ def expand(keys: Keys, highs: Ids) -> tuple[NDArray[np.intp], Ids]:
     >>> index, lows = expand(keys, np.uint64([2, 1]))
     >>> index.tolist(), lows.tolist()
     ([0, 1, 1], [7, 5, 6])
+
+    Raises
+    ------
+    TooManyRowsError
+        If there are more matches than fit into memory with ease.
     """
     first = highs << HALF
     start = np.searchsorted(keys, first)
     counts = np.searchsorted(keys, first | LOW, side="right") - start
-    index = np.repeat(np.arange(len(highs)), counts)
     total = int(counts.sum())
+    if total > MOST_ROWS:
+        raise TooManyRowsError
+    index = np.repeat(np.arange(len(highs)), counts)
     offset = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)
     return index, lower(keys[np.repeat(start, counts) + offset])

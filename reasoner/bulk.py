@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import arrays
-from .arrays import NO_KEYS, Column, Ids, Keys
+from .arrays import NO_KEYS, Column, Ids, Keys, TooManyRowsError
 from .delta import ClosureTooLargeError
 from .dictionary import Dictionary, Fact
 from .equality import Equality, ranking
@@ -136,7 +136,8 @@ class Bulk:
         for rule in rules:
             if all(self._size(atom) for atom in rule.body):
                 start = min(rule.body, key=self._size)
-                yield rule, self._solve(rule, start, self._pairs(start))
+                for table in self._solutions(rule, start, self._pairs(start)):
+                    yield rule, table
 
     def _changed(
         self, rules: Iterable[Rule], delta: dict[int, Column]
@@ -147,8 +148,8 @@ class Bulk:
                 new = delta.get(atom.p)
                 if new is not None and all(self._size(other) for other in rule.body):
                     pairs = self._pairs(atom, new)
-                    if len(pairs[0]):
-                        yield rule, self._solve(rule, atom, pairs)
+                    for table in self._solutions(rule, atom, pairs):
+                        yield rule, table
 
     def _size(self, atom: Atom) -> int:
         column = self.columns.get(atom.p)
@@ -170,6 +171,22 @@ class Bulk:
         if atom.s == atom.o:
             keep &= subjects == objects
         return subjects[keep], objects[keep]
+
+    def _solutions(self, rule: Rule, start: Atom, pairs: tuple[Ids, Ids]) -> Iterator[Table]:
+        """Yield the solutions that start from pairs, in parts if they are too many."""
+        subjects, objects = pairs
+        if not len(subjects):
+            return
+        try:
+            yield self._solve(rule, start, pairs)
+        except TooManyRowsError:
+            half = len(subjects) // 2
+            if not half:
+                raise ClosureTooLargeError(
+                    f"one fact gives too many joins in {rule.name}"
+                ) from None
+            yield from self._solutions(rule, start, (subjects[:half], objects[:half]))
+            yield from self._solutions(rule, start, (subjects[half:], objects[half:]))
 
     def _solve(self, rule: Rule, start: Atom, pairs: tuple[Ids, Ids]) -> Table:
         table: Table = {v: ids for v, ids in zip((start.s, start.o), pairs, strict=True) if v < 0}
@@ -333,7 +350,9 @@ class _Hierarchy:
             if edge is not None:
                 self._rules.add(rule)
                 edges[edge[0]].add(edge[1])
-        pairs = [(c, d) for c in tuple(edges) for d in _climb(edges, c) if d != c]
+        above = {c: _climb(edges, c) - {c} for c in tuple(edges)}
+        self._deepest = max(map(len, above.values()), default=0)
+        pairs = [(c, d) for c, classes in above.items() for d in classes]
         self._above = Column.of([c for c, _ in pairs], [d for _, d in pairs]).keys
 
     def covers(self, rule: Rule) -> bool:
@@ -342,8 +361,11 @@ class _Hierarchy:
 
     def above(self, types: Keys) -> Keys:
         """Return the types that follow from types."""
-        index, classes = arrays.expand(self._above, arrays.lower(types))
-        return arrays.pack(arrays.upper(types)[index], classes)
+        out = []
+        for part in np.array_split(types, 1 + len(types) * self._deepest // arrays.MOST_ROWS):
+            index, classes = arrays.expand(self._above, arrays.lower(part))
+            out.append(arrays.distinct(arrays.pack(arrays.upper(part)[index], classes)))
+        return np.concatenate(out)
 
 
 def _class_edge(rule: Rule) -> tuple[int, int] | None:

@@ -178,7 +178,8 @@ class Closure:
         InconsistentError
             If the change contradicts what is known and `Config.on_contradiction` is "reject".
         """
-        plus, minus = set(self._encode(add)), set(self._encode(remove))
+        plus = set(self._encode(add))
+        minus = set(self._terms.encode_all(t for t in remove if not _is_triple_term(t[2])))
         asserted = self._state.asserted
         changed = Asserted(
             asserted, frozenset(plus - asserted), frozenset((minus - plus) & asserted)

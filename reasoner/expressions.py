@@ -21,10 +21,6 @@ Number = int | float | Fraction
 Real = TypeVar("Real", float, Fraction)
 
 COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
-ARITHMETIC = frozenset({"+", "-", "*"})
-OPERATORS = (
-    COMPARISONS | ARITHMETIC | {"&&", "||", "!", "IN", "NOT IN", "STR", "DATATYPE", "ABS", "IF"}
-)
 
 
 class EvaluationError(Exception):

@@ -18,7 +18,7 @@ from pyoxigraph import Literal, NamedNode
 from .dictionary import Term
 from .expressions import Assign, Constant, Expression, Operation, Test, Variable
 from .rules import Absent, Atom, Condition, Rule
-from .vocabulary import SAME, TYPE
+from .vocabulary import TYPE
 
 Encode = Callable[[Term], int]
 
@@ -355,8 +355,3 @@ def _term(node: Any) -> Term:
             return Literal(str(node), datatype=NamedNode(str(node.datatype)))
         return Literal(str(node))
     return NamedNode(str(node))
-
-
-def derives_equality(rules: Iterable[Rule]) -> bool:
-    """Tell whether a rule merges individuals."""
-    return any(rule.head is not None and rule.head.p == SAME for rule in rules)

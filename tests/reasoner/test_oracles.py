@@ -10,7 +10,7 @@ from naive import consequences
 from pyoxigraph import BlankNode, Literal, NamedNode
 from ttl import triples
 
-from reasoner import Closure
+from reasoner import Closure, arrays, relations
 from reasoner.vocabulary import OWL, RDF, RDFS
 
 
@@ -18,6 +18,23 @@ def test_the_size_of_the_closure_is_known():
     data = facts(10_000)
     closure = Closure.build(schema(), data)
     assert size_of_closure(data, list(closure.inferred())) == CLOSURE_SIZES[10_000]
+
+
+def test_joins_in_parts_give_the_same(monkeypatch):
+    data = facts(2_500)
+    whole = set(Closure.build(schema(), data).inferred())
+    monkeypatch.setattr(arrays, "MOST_ROWS", 100)
+    assert set(Closure.build(schema(), data).inferred()) == whole
+
+
+def test_large_relations_stay_in_arrays_with_the_same_answers(monkeypatch):
+    data, more = facts(2_500), facts(2_600)[2_500:]
+    monkeypatch.setattr(relations, "LARGE", 10)
+    closure = Closure.build(schema(), data)
+    fresh = Closure.build(schema(), [*data, *more])
+    closure.stage(add=more, remove=data[:200]).apply()
+    closure.stage(add=data[:200]).apply()
+    assert set(closure.inferred()) == set(fresh.inferred())
 
 
 def test_the_closure_of_kitchens_is_that_of_the_rules_as_printed():
