@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import pyoxigraph as ox
 import pytest
 from pyoxigraph import Literal, NamedNode
@@ -182,6 +184,32 @@ def test_the_digest_follows_the_inferred_graph():
     assert closure.digest() == kept != empty
     empty.add(staged.inferred_added)
     assert empty == kept
+
+
+def test_readers_need_no_lock():
+    closure = build(" ".join(f":m{i} a :Mug ." for i in range(200)))
+    vessels = triple(":m1 a :Vessel")
+    failures: list[BaseException] = []
+    done = threading.Event()
+
+    def read() -> None:
+        try:
+            while not done.is_set():
+                assert closure.contains(vessels)
+                assert len(closure.match(None, *vessels[1:])) >= 200
+                assert closure.explain(vessels) is not None
+        except BaseException as error:  # noqa: BLE001 - whatever it was, the test fails with it
+            failures.append(error)
+
+    readers = [threading.Thread(target=read) for _ in range(2)]
+    for reader in readers:
+        reader.start()
+    for i in range(60):
+        closure.stage(add=triples(f":new{i} a :Mug ; :near :m{i} .")).apply()
+    done.set()
+    for reader in readers:
+        reader.join()
+    assert not failures
 
 
 def test_configuration_is_checked():
