@@ -17,7 +17,7 @@ __all__ = ["demo", "simulate"]
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
-    """Treat SIGTERM as Ctrl-C, so that the children are ended in both cases."""
+    """Stop as on Ctrl-C: for SIGTERM, and where the shell started us with SIGINT ignored."""
     raise KeyboardInterrupt
 
 
@@ -62,7 +62,8 @@ def demo(
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
     settings = Settings(data, seed, objects, robots, attempts, keep, gui, port)
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
     result = Demo(settings, Console(results=not as_json)).run(stay)
     if as_json:
         click.echo(json.dumps(result))

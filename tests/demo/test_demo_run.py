@@ -130,7 +130,7 @@ def _serving(store: Path) -> Iterator[str]:
         yield line.split()[1].rstrip("/")
     finally:
         process.terminate()
-        process.wait(30)
+        process.communicate(timeout=30)
 
 
 def test_outcomes_and_their_provenance_are_read_from_the_kept_store(finished: Any) -> None:
