@@ -201,6 +201,7 @@ class _Attempt:
         self._open(1.0)
         self._end("place")
         self._follow(way.retreat)
+        self.robot.rest_hand(self.arm)
         self._steps(_REST_S - (self.world.time - self._phase_started))
         state = self._end("home")
         offset = float(np.linalg.norm(state.position[:2] - box.centre))
@@ -224,7 +225,7 @@ class _Attempt:
     def _go_home(self) -> None:
         self._follow(_reverse(self.plan.free, 1.0))
         self._start_at_home()
-        self.robot.move_fingers(self.arm, 1.0, _OPEN_TORQUE)
+        self.robot.rest_hand(self.arm)
         self._end("home")
 
     def _start_at_home(self) -> None:
