@@ -12,7 +12,7 @@ from typing import Any
 from pyoxigraph import NamedNode, Quad, Store
 
 from rtask.errors import ClosedError
-from rtask.kb.terms import Graph, Subject, Term
+from rtask.kb.terms import Graph, Subject, Term, stored
 
 __all__ = ["GraphStore"]
 
@@ -67,7 +67,10 @@ class GraphStore:
         graph: Graph | None = None,
     ) -> Iterator[Quad]:
         """Yield the quads that fit; consume them in this thread."""
-        return self.raw.quads_for_pattern(subject, predicate, value, graph)
+        found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+        if _is_named(value) and _is_named(subject):
+            return found
+        return _fitting(found, subject, value)
 
     def named_graphs(self) -> Iterator[Graph]:
         """Yield the names of the named graphs, empty ones included."""
@@ -92,3 +95,22 @@ class GraphStore:
     def flush(self) -> None:
         """Force everything to disk."""
         self.raw.flush()
+
+
+def _is_named(term: Subject | Term | None) -> bool:
+    return term is None or isinstance(term, NamedNode)
+
+
+def _fitting(found: Iterable[Quad], subject: Subject | None, value: Term | None) -> Iterator[Quad]:
+    """Leave out what does not fit.
+
+    On disk the store reads past a number whose last byte is 255: the pattern of 255 yields 256 to
+    510, too. Terms that are stored by their hash are not affected, nor is SPARQL.
+    """
+    wanted = None if value is None else stored(value)
+    for quad in found:
+        if wanted is not None and quad.object != wanted:
+            continue
+        if subject is not None and quad.subject != subject:
+            continue
+        yield quad

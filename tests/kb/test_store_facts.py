@@ -8,6 +8,8 @@ from pathlib import Path
 import pyoxigraph as ox
 import pytest
 
+from rtask.kb.store import GraphStore
+
 _XSD = "http://www.w3.org/2001/XMLSchema#"
 
 
@@ -119,3 +121,21 @@ def test_triple_terms_pass_through_n_quads() -> None:
     quad = ox.Quad(ox.NamedNode("urn:s"), ox.NamedNode("urn:p"), inner, ox.NamedNode("urn:g"))
     text = ox.serialize([quad], format=ox.RdfFormat.N_QUADS)
     assert list(ox.parse(text, format=ox.RdfFormat.N_QUADS)) == [quad]
+
+
+def _numbers(store: ox.Store | GraphStore, number: int) -> list[int]:
+    pattern = (ox.NamedNode("urn:s"), ox.NamedNode("urn:p"), ox.Literal(number))
+    return sorted(int(quad.object.value) for quad in store.quads_for_pattern(*pattern))
+
+
+def test_a_pattern_with_a_number_yields_that_number_only(tmp_path: Path) -> None:
+    """The store on disk reads past numbers whose last byte is 255; ours does not."""
+    store = ox.Store(tmp_path)
+    store.extend(_quad(number) for number in range(250, 520))
+    assert _numbers(store, 255) == list(range(255, 511))
+    ours = GraphStore(store)
+    for number in (250, 255, 256, 511):
+        assert _numbers(ours, number) == [number]
+    written_otherwise = ox.Literal("0255", datatype=ox.NamedNode(_XSD + "integer"))
+    [quad] = ours.quads_for_pattern(None, None, written_otherwise)
+    assert quad.object == ox.Literal(255)
