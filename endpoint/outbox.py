@@ -10,7 +10,7 @@ MAX_BYTES = 64 << 20
 
 
 class Outbox:
-    """Texts for one websocket; one task takes them out.
+    """Frames for one websocket, texts or bytes; one task takes them out.
 
     Answers are never dropped; of topic messages the oldest of the same topic goes first when the
     robot reads too slowly. While the box is full the session's reads stop, so a robot that does
@@ -24,7 +24,7 @@ class Outbox:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
-        self._entries: deque[tuple[str, str]] = deque()
+        self._entries: deque[tuple[str | bytes, str]] = deque()
         self._bytes = 0
         self._filled = asyncio.Event()
         self._drained = asyncio.Event()
@@ -32,13 +32,13 @@ class Outbox:
         self._closed = False
         self.dropped = 0
 
-    def put(self, text: str, topic: str = "") -> None:
+    def put(self, text: str | bytes, topic: str = "") -> None:
         """Add a text; may be called from any thread, and never waits."""
         if self._closed or self._loop.is_closed():
             return
         self._loop.call_soon_threadsafe(self._put, text, topic)
 
-    def _put(self, text: str, topic: str) -> None:
+    def _put(self, text: str | bytes, topic: str) -> None:
         if self._closed:
             return
         if topic and self._is_full():
@@ -63,7 +63,7 @@ class Outbox:
                 self.dropped += 1
                 return
 
-    async def take(self) -> str:
+    async def take(self) -> str | bytes:
         """Wait for the next text."""
         while not self._entries:
             self._filled.clear()

@@ -139,7 +139,8 @@ class Connection:
             while True:
                 text = await self._outbox.take()
                 async with asyncio.timeout(STALL_S):
-                    await self._transmit({"type": "websocket.send", "text": text})
+                    kind = "text" if isinstance(text, str) else "bytes"
+                    await self._transmit({"type": "websocket.send", kind: text})
         except TimeoutError:
             await self.close(TRY_LATER, "nothing read for too long")
         except (RuntimeError, OSError):

@@ -12,7 +12,8 @@ import math
 from typing import Any
 
 from endpoint.auth import require_scope
-from endpoint.rosbridge.services import Engine, JsonObject
+from endpoint.rosbridge.messages import JsonObject
+from endpoint.rosbridge.services import Engine
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.access import Access
 

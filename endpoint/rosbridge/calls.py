@@ -89,3 +89,18 @@ class CallQueue:
     def close(self) -> None:
         """Let running calls end; what waits is dropped."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class Once:
+    """Lets the first of several answers of a call through."""
+
+    __slots__ = ("_done", "_lock")
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._done = False
+
+    def __call__(self) -> bool:
+        with self._lock:
+            first, self._done = not self._done, True
+        return first

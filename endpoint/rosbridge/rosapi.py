@@ -1,68 +1,215 @@
-"""The part of `/rosapi` that clients ask for: which time, topics and services there are."""
+"""`/rosapi`: which time, topics, services, nodes, actions and parameters there are.
+
+Clients wait three seconds for these answers, so they are given by the reader at once, from the
+tables as they are.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
-from endpoint.rosbridge.services import JsonObject, Service, ServiceTable
+from endpoint.rosbridge.actions import Actions
+from endpoint.rosbridge.messages import JsonObject
+from endpoint.rosbridge.parameters import Parameters
+from endpoint.rosbridge.providers import Peer, Providers
+from endpoint.rosbridge.services import Engine, Service, ServiceTable
 from endpoint.rosbridge.topics import Topics
-from rtask.errors import UsageError
+from endpoint.rosbridge.typedefs import full_text, request_typedefs
+from rtask.errors import RtaskError, UsageError
+from rtask.kb.access import Access
+
+SERVER_NODE = "/rtask"
+Answer = Callable[[JsonObject], JsonObject]
 
 
-def rosapi_services(table: ServiceTable, topics: Topics) -> list[Service]:
-    """Return the services; they read the tables as they are when they are called."""
+@dataclass(frozen=True)
+class Graph:
+    """What `/rosapi` describes: ROS calls it the computation graph."""
 
-    def list_topics(args: JsonObject) -> JsonObject:
-        listed = topics.listing()
-        return {"topics": [name for name, _ in listed], "types": [type_ for _, type_ in listed]}
+    engine: Engine
+    table: ServiceTable
+    topics: Topics
+    providers: Providers
+    actions: Actions
+    parameters: Parameters
+    sessions: Callable[[], Iterable[Peer]]
 
-    def list_services(args: JsonObject) -> JsonObject:
-        return {"services": [service.name for service in table]}
+    def nodes(self) -> dict[str, Peer | None]:
+        """Return the server and one node for each connected robot."""
+        found: dict[str, Peer | None] = {SERVER_NODE: None}
+        for peer in self.sessions():
+            name = f"/{peer.identity}"
+            found[f"{name}_{peer.number}" if name in found else name] = peer
+        return found
 
-    def topic_type(args: JsonObject) -> JsonObject:
-        wanted = "/" + _text(args, "topic").lstrip("/")
-        return {"type": dict(topics.listing()).get(wanted, "")}
+    def services(self) -> list[tuple[str, str]]:
+        """Return names and types of all services, sorted."""
+        own = [(service.name, service.type) for service in self.table]
+        return sorted([*own, *((one.name, one.type) for one in self.providers.listing())])
 
-    def topics_for_type(args: JsonObject) -> JsonObject:
-        wanted = _text(args, "type")
-        return {"topics": [name for name, type_ in topics.listing() if type_ == wanted]}
+    def node_of(self, number: int) -> str:
+        """Return the node of a session."""
+        found = (n for n, peer in self.nodes().items() if peer and peer.number == number)
+        return next(found, "")
 
-    def service_type(args: JsonObject) -> JsonObject:
-        wanted = "/" + _text(args, "service").lstrip("/")
-        return {"type": next((s.type for s in table if s.name == wanted), "")}
+    def server_topics(self) -> list[str]:
+        """Return the topics that the server itself publishes."""
+        return [name for name, _ in self.topics.listing() if name.startswith("/rtask/")]
 
-    def services_for_type(args: JsonObject) -> JsonObject:
-        wanted = _text(args, "type")
-        return {"services": [s.name for s in table if s.type == wanted]}
 
-    answers = {
-        "get_time": _get_time,
-        "topics": list_topics,
-        "services": list_services,
-        "topic_type": topic_type,
-        "topics_for_type": topics_for_type,
-        "service_type": service_type,
-        "services_for_type": services_for_type,
-        "nodes": lambda args: {"nodes": ["/rtask"]},
-        "action_servers": lambda args: {"action_servers": []},
-        "get_param_names": lambda args: {"names": []},
-    }
-    types = {"action_servers": "rosapi/GetActionServers"}
+def rosapi_services(graph: Graph) -> list[Service]:
+    """Return the services of `/rosapi`."""
+    read = {**_listings(graph), **_nodes(graph), **_types(graph), **_parameters(graph)}
+    write = _parameter_changes(graph)
     return [
-        Service(
-            f"/rosapi/{name}",
-            types.get(name, "rosapi/" + "".join(part.title() for part in name.split("_"))),
-            "read",
-            _without_access(answer),
-            inline=True,
-        )
-        for name, answer in answers.items()
+        *(_service(name, "read", answer) for name, answer in read.items()),
+        *(_service(name, "write", answer) for name, answer in write.items()),
     ]
 
 
-def _without_access(answer: Any) -> Any:
-    return lambda args, access: answer(args)
+def _service(name: str, scope: str, answer: Answer) -> Service:
+    def handler(args: JsonObject, access: Access) -> JsonObject:
+        return answer(args)
+
+    camel = "".join(part.title() for part in name.split("_"))
+    type_ = "rosapi/GetActionServers" if name == "action_servers" else f"rosapi/{camel}"
+    return Service(f"/rosapi/{name}", type_, scope, handler, inline=True)
+
+
+def _listings(graph: Graph) -> dict[str, Answer]:
+    def topics(args: JsonObject) -> JsonObject:
+        listed = graph.topics.listing()
+        return {"topics": [name for name, _ in listed], "types": [type_ for _, type_ in listed]}
+
+    def raw(args: JsonObject) -> JsonObject:
+        listed = topics(args)
+        return {**listed, "typedefs_full_text": ["" for _ in listed["topics"]]}
+
+    return {
+        "get_time": _get_time,
+        "topics": topics,
+        "topics_and_raw_types": raw,
+        "services": lambda args: {"services": [name for name, _ in graph.services()]},
+        "action_servers": lambda args: {"action_servers": graph.actions.names()},
+        "topic_type": lambda args: {
+            "type": dict(graph.topics.listing()).get(_name(args, "topic"), "")
+        },
+        "topics_for_type": lambda args: {
+            "topics": [n for n, type_ in graph.topics.listing() if type_ == _text(args, "type")]
+        },
+        "service_type": lambda args: {
+            "type": dict(graph.services()).get(_name(args, "service"), "")
+        },
+        "services_for_type": lambda args: {
+            "services": [n for n, type_ in graph.services() if type_ == _text(args, "type")]
+        },
+    }
+
+
+def _nodes(graph: Graph) -> dict[str, Answer]:
+    def details(args: JsonObject) -> JsonObject:
+        wanted = _name(args, "node")
+        nodes = graph.nodes()
+        if wanted not in nodes:
+            return {"subscribing": [], "publishing": [], "services": []}
+        peer = nodes[wanted]
+        if peer is None:
+            own = [service.name for service in graph.table]
+            return {"subscribing": [], "publishing": graph.server_topics(), "services": own}
+        publishing, subscribing = graph.topics.of(peer.number)
+        provided = [one.name for one in graph.providers.listing() if one.peer is peer]
+        return {"subscribing": subscribing, "publishing": publishing, "services": provided}
+
+    def publishers(args: JsonObject) -> JsonObject:
+        name = _name(args, "topic")
+        own = [SERVER_NODE] if name in graph.server_topics() else []
+        advertisers, _ = graph.topics.sessions(name)
+        return {"publishers": own + sorted(map(graph.node_of, advertisers))}
+
+    def subscribers(args: JsonObject) -> JsonObject:
+        _, found = graph.topics.sessions(_name(args, "topic"))
+        return {"subscribers": sorted(map(graph.node_of, found))}
+
+    def service_node(args: JsonObject) -> JsonObject:
+        name = _name(args, "service")
+        provider = graph.providers.find(name)
+        if provider is not None:
+            return {"node": graph.node_of(provider.peer.number)}
+        return {"node": SERVER_NODE if name in dict(graph.services()) else ""}
+
+    def service_providers(args: JsonObject) -> JsonObject:
+        node = service_node(args)["node"]
+        return {"providers": [node] if node else []}
+
+    return {
+        "nodes": lambda args: {"nodes": list(graph.nodes())},
+        "node_details": details,
+        "publishers": publishers,
+        "subscribers": subscribers,
+        "service_node": service_node,
+        "service_providers": service_providers,
+    }
+
+
+def _types(graph: Graph) -> dict[str, Answer]:
+    def request_details(args: JsonObject) -> JsonObject:
+        wanted = _text(args, "type")
+        for service in graph.table:
+            if service.type == wanted and service.name.startswith("/rtask/"):
+                operation = graph.engine.operations[service.name.removeprefix("/rtask/")]
+                return {"typedefs": request_typedefs(wanted, getattr(operation, "fields", ()))}
+        return {"typedefs": [_empty(f"{wanted}Request")]}
+
+    return {
+        "message_details": lambda args: {"typedefs": [_empty(_text(args, "type"))]},
+        "service_request_details": request_details,
+        "service_response_details": lambda args: {
+            "typedefs": [_empty(f"{_text(args, 'type')}Response")]
+        },
+        "service_request_text": lambda args: {
+            "text": full_text(request_details(args)["typedefs"][0])
+        },
+    }
+
+
+def _parameters(graph: Graph) -> dict[str, Answer]:
+    def get(args: JsonObject) -> JsonObject:
+        name = _name(args, "name")
+        found = graph.parameters.get(name)
+        if found is not None:
+            return {"value": found, "successful": True, "reason": ""}
+        default = args.get("default") or args.get("default_value")
+        if isinstance(default, str):
+            return {"value": default, "successful": True, "reason": ""}
+        reason = f"parameter {name} does not exist"
+        return {"value": "null", "successful": False, "reason": reason}
+
+    return {
+        "get_param": get,
+        "get_param_names": lambda args: {"names": graph.parameters.names()},
+        "has_param": lambda args: {"exists": graph.parameters.get(_name(args, "name")) is not None},
+    }
+
+
+def _parameter_changes(graph: Graph) -> dict[str, Answer]:
+    def change(args: JsonObject) -> JsonObject:
+        try:
+            graph.parameters.set(_name(args, "name"), _text(args, "value"))
+        except RtaskError as error:
+            return {"successful": False, "reason": str(error)}
+        return {"successful": True, "reason": ""}
+
+    def delete(args: JsonObject) -> JsonObject:
+        name = _name(args, "name")
+        done = graph.parameters.delete(name)
+        return {
+            "successful": done, "reason": "" if done else f"parameter {name} does not exist",
+        }  # fmt: skip
+
+    return {"set_param": change, "delete_param": delete}
 
 
 def _get_time(args: JsonObject) -> JsonObject:
@@ -78,8 +225,17 @@ def _get_time(args: JsonObject) -> JsonObject:
     }
 
 
+def _empty(type_: str) -> JsonObject:
+    names = ("fieldnames", "fieldtypes", "fieldarraylen", "examples", "constnames", "constvalues")
+    return {"type": type_, **{name: [] for name in names}}
+
+
 def _text(args: JsonObject, name: str) -> str:
-    value = args.get(name)
+    value: Any = args.get(name)
     if not isinstance(value, str):
         raise UsageError(f"{name}: a string is wanted")
     return value
+
+
+def _name(args: JsonObject, name: str) -> str:
+    return "/" + _text(args, name).lstrip("/")

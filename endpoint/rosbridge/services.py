@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.access import Access
 
-JsonObject = dict[str, Any]
 Handler = Callable[[JsonObject, Access], JsonObject]
 
 
@@ -64,6 +64,8 @@ class Service:
         Takes the arguments and the caller's rights, returns the answer.
     inline
         Answered by the reader at once: short, and never behind a queue.
+    parameters
+        Names of the arguments in order, for callers that send a list.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Service:
     scope: str
     handler: Handler
     inline: bool = False
+    parameters: tuple[str, ...] = ()
 
 
 class ServiceTable:
@@ -93,8 +96,13 @@ class ServiceTable:
         """Add a service."""
         self._services[service.name] = service
 
-    def find(self, name: str) -> Service:
+    def find(self, name: str, others: Sequence[str] = ()) -> Service:
         """Return a service by its name, with or without the leading slash.
+
+        Parameters
+        ----------
+        others
+            Names that may have been meant besides.
 
         Raises
         ------
@@ -104,7 +112,7 @@ class ServiceTable:
         wanted = "/" + name.lstrip("/")
         if wanted in self._services:
             return self._services[wanted]
-        near = difflib.get_close_matches(wanted, self._services, n=1)
+        near = difflib.get_close_matches(wanted, [*self._services, *others], n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise UnknownTermError(f"Service {wanted} does not exist{hint}")
 
@@ -133,6 +141,12 @@ def engine_services(engine: Engine) -> list[Service]:
         return lambda args, access: engine.call(operation, args, access)
 
     return [
-        Service(f"/rtask/{name}", ros_type(name), operation.scope, handler(name))
+        Service(
+            f"/rtask/{name}",
+            ros_type(name),
+            operation.scope,
+            handler(name),
+            parameters=tuple(field.name for field in getattr(operation, "fields", ())),
+        )
         for name, operation in engine.operations.items()
     ]

@@ -1,41 +1,60 @@
-"""One robot's conversation, free of sockets: text into `feed`, text out by `send`."""
+"""One robot's conversation, free of sockets: text into `feed`, frames out by `send`."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol
 
 from endpoint.auth import require_scope
 from endpoint.rosbridge import aliases
-from endpoint.rosbridge.calls import RUNNING_PER_SESSION, WAITING_PER_SESSION, CallQueue
-from endpoint.rosbridge.rosapi import rosapi_services
-from endpoint.rosbridge.services import Engine, JsonObject, Service, ServiceTable, engine_services
+from endpoint.rosbridge.actions import Actions
+from endpoint.rosbridge.calls import RUNNING_PER_SESSION, WAITING_PER_SESSION, CallQueue, Once
+from endpoint.rosbridge.deadlines import Deadlines
+from endpoint.rosbridge.fragments import Fragments
+from endpoint.rosbridge.messages import (
+    JsonObject,
+    arguments,
+    encode,
+    failure_text,
+    name_of,
+    parse,
+    service_response,
+    text_of,
+    with_id,
+)
+from endpoint.rosbridge.packing import Frame, Packing
+from endpoint.rosbridge.parameters import Parameters
+from endpoint.rosbridge.planning import plan_grasps_action
+from endpoint.rosbridge.providers import Providers, timeout_of
+from endpoint.rosbridge.rosapi import Graph, rosapi_services
+from endpoint.rosbridge.services import Engine, Service, ServiceTable, engine_services
 from endpoint.rosbridge.topics import Topics
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.access import Access
 
 _log = logging.getLogger(__name__)
 
-MAX_DEPTH = 64
-MAX_FAILURE_TEXT = 500
 MAX_ANSWER_BYTES = 64 << 20
+CALL_S = 60.0
 LEVELS = ("none", "error", "warning", "info")
+ACTIVITY = "/rtask/activity"
+_CANCEL_ALL = "/_action/cancel_goal"
 _numbers = itertools.count(1)
 
 
 class Send(Protocol):
-    """Takes a text for the robot; `topic` is empty for answers, which are never dropped."""
+    """Takes a frame for the robot; `topic` is empty for answers, which are never dropped."""
 
-    def __call__(self, text: str, topic: str = "") -> None:
-        """Queue the text; must not wait."""
+    def __call__(self, text: Frame, topic: str = "") -> None:
+        """Queue the frame; must not wait."""
 
 
 class Bridge:
-    """What all sessions share: services, topics, the threads that carry out calls.
+    """What all sessions share: services, topics, actions, the threads that carry out calls.
 
     Parameters
     ----------
@@ -43,18 +62,30 @@ class Bridge:
         Its operations are the services below ``/rtask/``.
     threads
         How many calls run at the same time.
+    call_s
+        Longest time for a call whose caller names none, s.
     """
 
-    def __init__(self, engine: Engine, threads: int = 32) -> None:
+    def __init__(self, engine: Engine, threads: int = 32, call_s: float = CALL_S) -> None:
         self.engine = engine
-        self.topics = Topics()
+        self.call_s = call_s
+        self.deadlines = Deadlines()
+        self.topics = Topics(self.deadlines)
         self.calls = CallQueue(threads)
+        self.providers = Providers(self.deadlines)
+        self.actions = Actions(plan_grasps_action(engine), self.calls, self.deadlines)
         self.services = ServiceTable(engine_services(engine))
-        for service in rosapi_services(self.services, self.topics):
+        self.sessions: dict[int, Session] = {}
+        graph = Graph(
+            engine, self.services, self.topics, self.providers, self.actions, Parameters(),
+            lambda: list(self.sessions.values()),
+        )  # fmt: skip
+        for service in rosapi_services(graph):
             self.services.add(service)
 
     def close(self) -> None:
         """Let running calls end."""
+        self.deadlines.close()
         self.calls.close()
 
 
@@ -66,7 +97,7 @@ class Session:
     bridge
         What it shares with the others.
     send
-        Where texts for the robot go; may be called from any thread.
+        Where frames for the robot go; may be called from any thread.
     access
         What the robot may do.
     """
@@ -78,6 +109,8 @@ class Session:
         self._send = send
         self._level = "error"
         self._closed = False
+        self._fragments = Fragments()
+        self._packings: dict[str, Packing] = {}
         self._ops: dict[str, Callable[[JsonObject], None]] = {
             "call_service": self._call_service,
             "advertise": self._advertise,
@@ -85,17 +118,33 @@ class Session:
             "publish": self._publish,
             "subscribe": self._subscribe,
             "unsubscribe": self._unsubscribe,
+            "advertise_service": self._advertise_service,
+            "unadvertise_service": self._unadvertise_service,
+            "service_response": lambda m: bridge.providers.answer(self, m),
+            "advertise_action": self._advertise_action,
+            "unadvertise_action": self._unadvertise_action,
+            "send_action_goal": self._send_action_goal,
+            "cancel_action_goal": self._cancel_action_goal,
+            "action_feedback": lambda m: bridge.actions.relay(self, m),
+            "action_result": lambda m: bridge.actions.relay(self, m),
+            "fragment": self._fragment,
             "set_level": self._set_level,
             "auth": self._auth,
             "search_object": self._thesis_op,
             "send_new_object": self._thesis_op,
         }
+        bridge.sessions[self.number] = self
+
+    @property
+    def identity(self) -> str:
+        """Name of the robot; all robots without a token are one."""
+        return self.access.agent or "anonymous"
 
     def feed(self, text: str) -> None:
         """Take one message; whatever is wrong with it becomes a `status`, never an exception."""
         message: Any = None
         try:
-            message = _parse(text)
+            message = parse(text)
             op = message.get("op")
             handler = self._ops.get(op) if isinstance(op, str) else None
             if handler is None:
@@ -109,19 +158,24 @@ class Session:
             self._status("error", "an unexpected error; the server's log has it", message)
 
     def close(self) -> None:
-        """End the session: its subscriptions, announcements and waiting calls go with it."""
+        """End the session: all it announced, asked for and still waits for goes with it."""
         self._closed = True
-        self.bridge.calls.forget(self.number)
-        self.bridge.topics.leave(self.number)
+        bridge = self.bridge
+        bridge.sessions.pop(self.number, None)
+        bridge.calls.forget(self.number)
+        bridge.topics.leave(self.number)
+        bridge.actions.leave(self)
+        bridge.providers.leave(self)
 
-    def _emit(self, message: JsonObject, topic: str = "") -> None:
+    def emit(self, message: JsonObject, topic: str = "") -> None:
+        """Queue a message for the robot; never waits."""
         if not self._closed:
             self._send(encode(message), topic)
 
     def _status(self, level: str, text: str, message: Any) -> None:
         if LEVELS.index(level) > LEVELS.index(self._level):
             return
-        self._emit(_with_id({"op": "status", "level": level, "msg": text}, message))
+        self.emit(with_id({"op": "status", "level": level, "msg": text}, message))
 
     def _set_level(self, message: JsonObject) -> None:
         if message.get("level") in LEVELS:
@@ -130,57 +184,158 @@ class Session:
     def _auth(self, message: JsonObject) -> None:
         _log.info("session %d sent the old `auth` op; tokens decide instead", self.number)
 
+    def _fragment(self, message: JsonObject) -> None:
+        whole = self._fragments.add(message)
+        if whole is not None:
+            if parse(whole).get("op") == "fragment":
+                raise UsageError("fragment: a piece of a piece is not taken")
+            self.feed(whole)
+
+    # Calls
+
     def _call_service(self, message: JsonObject) -> None:
+        once = Once()
         name = message.get("service")
         try:
             if not isinstance(name, str):
                 raise UsageError("service: a string is wanted")
-            service = self.bridge.services.find(name)
-            args = _arguments(message.get("args"))
+            if message.get("id") is None and name.endswith(_CANCEL_ALL):
+                # roslib cancels all goals this way, and logs an error for each answer to it.
+                self.bridge.actions.cancel(self, "/" + name.removesuffix(_CANCEL_ALL).lstrip("/"))
+                return
+            packing = Packing.wanted(message)
+            provider = self.bridge.providers.find("/" + name.lstrip("/"))
+            if provider is not None:
+                args = arguments(message.get("args"))
+                require_scope(self.access, "call")
+                self.bridge.providers.call(
+                    provider, args, self.number, timeout_of(message),
+                    lambda result, values: self._finish(message, packing, result, values, once),
+                )  # fmt: skip
+                return
+            service = self.bridge.services.find(
+                name, [one.name for one in self.bridge.providers.listing()]
+            )
+            args = arguments(message.get("args"), service.parameters)
             require_scope(self.access, service.scope)
         except RtaskError as error:
-            self._answer(message, False, str(error))
+            self._finish(message, Packing(), False, failure_text(error), once)
             return
+        self._carry_out(message, packing, service, args, once)
+
+    def _carry_out(
+        self, message: JsonObject, packing: Packing, service: Service, args: JsonObject,
+        once: Once,
+    ) -> None:  # fmt: skip
+        """Answer at once, or when a thread has worked on it, or when its time is up."""
         if service.inline:
-            self._run(message, service, args)
-        elif not self._queue(lambda: self._run(message, service, args)):
-            self._answer(message, False, _BUSY)
+            self._run(message, packing, service, args, once)
+            return
+        seconds = timeout_of(message, self.bridge.call_s)
+        late = self.bridge.deadlines.after(
+            seconds,
+            lambda: self._finish(message, packing, False, f"no answer within {seconds:g} s", once),
+        )
 
-    def _queue(self, job: Callable[[], None]) -> bool:
-        return self.bridge.calls.submit(self.number, job)
+        def job() -> None:
+            self._run(message, packing, service, args, once)
+            late.cancel()
 
-    def _run(self, message: JsonObject, service: Service, args: JsonObject) -> None:
+        if not self.bridge.calls.submit(self.number, job):
+            late.cancel()
+            self._finish(message, packing, False, _BUSY, once)
+
+    def _run(
+        self, message: JsonObject, packing: Packing, service: Service, args: JsonObject,
+        once: Once,
+    ) -> None:  # fmt: skip
         try:
             values = service.handler(args, self.access)
-            text = encode(_with_id(_service_response(message, True, values), message))
+            text = encode(service_response(message, True, values))
             if len(text) > MAX_ANSWER_BYTES:
                 raise UsageError(f"answer of {len(text) >> 20} MB is too large: use HTTP")
         except Exception as error:  # noqa: BLE001 - a failed call is an answer
-            self._answer(message, False, failure_text(error))
+            self._finish(message, packing, False, failure_text(error), once)
             return
-        if not self._closed:
-            self._send(text)
+        if once():
+            self._put(text, packing)
+        self._tell_activity(service.name)
 
-    def _answer(self, message: JsonObject, result: bool, values: Any) -> None:
-        self._emit(_with_id(_service_response(message, result, values), message))
+    def _finish(
+        self, message: JsonObject, packing: Packing, result: bool, values: Any, once: Once
+    ) -> None:
+        if once():
+            self._put(encode(service_response(message, result, values)), packing)
+
+    def _put(self, text: str, packing: Packing) -> None:
+        if self._closed:
+            return
+        if packing.is_plain:
+            self._send(text)
+            return
+        for frame in packing.frames(text):
+            self._send(frame)
+
+    def _tell_activity(self, service: str) -> None:
+        """Tell those who listen that somebody called something."""
+        topics = self.bridge.topics
+        if not service.startswith("/rosapi/") and topics.is_heard(ACTIVITY):
+            topics.announce(
+                ACTIVITY, "rtask/Activity", {"robot": self.identity, "service": service}
+            )
 
     def _thesis_op(self, message: JsonObject) -> None:
         """Carry out an op of Gatto 2016, 3.2.4 that is not of rosbridge."""
 
         def job() -> None:
-            self._emit(_with_id(aliases.answer(message, self.bridge.engine, self.access), message))
+            self.emit(with_id(aliases.answer(message, self.bridge.engine, self.access), message))
 
-        if not self._queue(job):
-            self._emit(_with_id(aliases.refusal(message, _BUSY), message))
+        if not self.bridge.calls.submit(self.number, job):
+            self.emit(with_id(aliases.refusal(message, _BUSY), message))
+
+    # Services and actions of robots
+
+    def _advertise_service(self, message: JsonObject) -> None:
+        name, type_ = name_of(message, "service"), message.get("type") or ""
+        require_scope(self.access, "call")
+        if self.bridge.topics.advertised(self.number, name):
+            # roslibpy keeps both in one table of events and would mix them up.
+            raise UsageError(f"{name} is a topic of this robot; give the service another name")
+        self.bridge.providers.advertise(self, name, type_ if isinstance(type_, str) else "")
+
+    def _unadvertise_service(self, message: JsonObject) -> None:
+        name = name_of(message, "service")
+        if not self.bridge.providers.unadvertise(self, name):
+            self._status("warning", f"{name} was not advertised here", message)
+
+    def _advertise_action(self, message: JsonObject) -> None:
+        require_scope(self.access, "call")
+        type_ = text_of(message, "type")
+        self.bridge.actions.providers.advertise(self, name_of(message, "action"), type_)
+
+    def _unadvertise_action(self, message: JsonObject) -> None:
+        name = name_of(message, "action")
+        if not self.bridge.actions.providers.unadvertise(self, name):
+            self._status("warning", f"{name} was not advertised here", message)
+
+    def _send_action_goal(self, message: JsonObject) -> None:
+        self.bridge.actions.send(self, self.access, message, name_of(message, "action"))
+
+    def _cancel_action_goal(self, message: JsonObject) -> None:
+        if message.get("id") is not None:
+            self.bridge.actions.cancel(self, name_of(message, "action"), message["id"])
+
+    # Topics
 
     def _advertise(self, message: JsonObject) -> None:
-        type_ = message.get("type")
-        if not isinstance(type_, str):
-            raise UsageError("type: a string is wanted")
-        self.bridge.topics.advertise(self.number, _topic(message), type_)
+        name, type_ = name_of(message, "topic"), text_of(message, "type")
+        found = self.bridge.providers.find(name)
+        if found is not None and found.peer.number == self.number:
+            raise UsageError(f"{name} is a service of this robot; give the topic another name")
+        self.bridge.topics.advertise(self.number, name, type_)
 
     def _unadvertise(self, message: JsonObject) -> None:
-        name = _topic(message)
+        name = name_of(message, "topic")
         if not self.bridge.topics.unadvertise(self.number, name):
             self._status("warning", f"{name} was not advertised here", message)
 
@@ -188,20 +343,44 @@ class Session:
         latch = message.get("latch") is True
         content = message.get("msg", {})
         try:
-            self.bridge.topics.publish(self.number, _topic(message), content, latch=latch)
+            self.bridge.topics.publish(self.number, name_of(message, "topic"), content, latch=latch)
         except ValueError as error:
             raise UsageError(f"msg: {error}; JSON has no NaN or infinity") from None
 
     def _subscribe(self, message: JsonObject) -> None:
-        throttle = message.get("throttle_rate") or 0
-        if not isinstance(throttle, int | float) or not math.isfinite(throttle):
-            raise UsageError("throttle_rate: a number of milliseconds is wanted")
+        throttle, queue = (message.get(name) or 0 for name in ("throttle_rate", "queue_length"))
+        for name, value in (("throttle_rate", throttle), ("queue_length", queue)):
+            if not isinstance(value, int | float) or not math.isfinite(value):
+                raise UsageError(f"{name}: a number is wanted")
+        name, packing = name_of(message, "topic"), Packing.wanted(message)
+        packing = self._smallest(name, packing)
+        deliver = self._deliver if packing.is_plain else self._packed(packing)
         self.bridge.topics.subscribe(
-            self.number, _topic(message), message.get("id"), throttle, self._deliver
+            self.number, name, message.get("id"), throttle, deliver, int(queue)
         )
 
+    def _smallest(self, name: str, packing: Packing) -> Packing:
+        """Return how a topic is packed when this session asked before: smallest pieces win."""
+        before = self._packings.get(name)
+        if before is not None:
+            sizes = [p.fragment_size for p in (before, packing) if p.fragment_size]
+            packing = replace(packing, fragment_size=min(sizes, default=0))
+        self._packings[name] = packing
+        return packing
+
+    def _packed(self, packing: Packing) -> Callable[[str, str], None]:
+        def deliver(text: str, topic: str) -> None:
+            if not self._closed:
+                for frame in packing.frames(text):
+                    self._send(frame, topic)
+
+        return deliver
+
     def _unsubscribe(self, message: JsonObject) -> None:
-        self.bridge.topics.unsubscribe(self.number, _topic(message), message.get("id"))
+        name = name_of(message, "topic")
+        if message.get("id") is None:
+            self._packings.pop(name, None)
+        self.bridge.topics.unsubscribe(self.number, name, message.get("id"))
 
     def _deliver(self, text: str, topic: str) -> None:
         if not self._closed:
@@ -209,86 +388,3 @@ class Session:
 
 
 _BUSY = f"busy: {RUNNING_PER_SESSION} calls running, {WAITING_PER_SESSION} waiting"
-
-
-def encode(message: JsonObject) -> str:
-    """Write strict JSON; NaN in an answer would break every browser that reads it.
-
-    Raises
-    ------
-    ValueError
-        A number is not finite.
-    """
-    return json.dumps(message, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-
-
-def failure_text(error: Exception) -> str:
-    """Return one line that says what went wrong; nothing of the inside where it was unforeseen."""
-    if isinstance(error, RtaskError):
-        return " ".join(str(error).split())[:MAX_FAILURE_TEXT]
-    _log.error("a call failed", exc_info=error)
-    return "an unexpected error; the server's log has it"
-
-
-def _parse(text: str) -> JsonObject:
-    try:
-        message = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise UsageError(
-            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
-        ) from (None)
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"not JSON that can be read: {str(error)[:100]}") from None
-    if text.count("[") + text.count("{") > MAX_DEPTH and _is_deeper(message, MAX_DEPTH):
-        raise UsageError(f"JSON nested deeper than {MAX_DEPTH}")
-    if not isinstance(message, dict):
-        raise UsageError("a message is a JSON object with a field `op`")
-    return message
-
-
-def _is_deeper(value: Any, allowed: int) -> bool:
-    level = [value]
-    for _ in range(allowed + 1):
-        level = [
-            child
-            for node in level
-            if isinstance(node, dict | list)
-            for child in (node.values() if isinstance(node, dict) else node)
-        ]
-        if not level:
-            return False
-    return True
-
-
-def _arguments(args: Any) -> JsonObject:
-    """Return the arguments as an object: sent so, as a list holding one, or not at all."""
-    if args is None or args == []:
-        return {}
-    if isinstance(args, list) and len(args) == 1:
-        args = args[0]
-    if not isinstance(args, dict):
-        raise UsageError("args: an object is wanted, or a list holding one")
-    return args
-
-
-def _topic(message: JsonObject) -> str:
-    name = message.get("topic")
-    if not isinstance(name, str) or not name.strip("/"):
-        raise UsageError("topic: a name is wanted")
-    return "/" + name.lstrip("/")
-
-
-def _service_response(message: JsonObject, result: bool, values: Any) -> JsonObject:
-    return {
-        "op": "service_response",
-        "service": message.get("service"),
-        "values": values,
-        "result": result,
-    }
-
-
-def _with_id(answer: JsonObject, message: Any) -> JsonObject:
-    """Echo the caller's id exactly; leave it out if none was given."""
-    if isinstance(message, dict) and message.get("id") is not None:
-        return {**answer, "id": message["id"]}
-    return answer

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from endpoint.rosbridge.deadlines import Deadlines
+from endpoint.rosbridge.messages import encode
 from rtask.errors import UsageError
 
 RESERVED = ("/rtask/", "/rosapi/", "/services/")
@@ -16,6 +18,7 @@ MAX_SUBSCRIPTIONS = 500
 MAX_TOPICS_PER_SESSION = 200
 MAX_LATCHED = 1_000
 MAX_LATCHED_BYTES = 1 << 20
+MAX_HELD = 1_000
 
 Deliver = Callable[[str, str], None]
 
@@ -30,20 +33,43 @@ class Subscriber:
         Takes the text of a message and the topic it belongs to.
     throttles_ms
         Wanted pause between messages, by subscription id; the shortest wins.
+    queues
+        Messages kept while throttled, by subscription id; the longest wins, the newest is always
+        kept.
     last_sent
         Monotonic time of the last message, s.
+    held
+        Messages that wait for the pause to end.
     """
 
     deliver: Deliver
     throttles_ms: dict[Any, float] = field(default_factory=dict)
+    queues: dict[Any, int] = field(default_factory=dict)
     last_sent: float = float("-inf")
+    held: deque[str] = field(default_factory=deque)
+
+    @property
+    def pause_s(self) -> float:
+        """Wanted time between two messages, s."""
+        return min(self.throttles_ms.values(), default=0.0) / 1_000
 
     def is_due(self, now: float) -> bool:
         """Tell whether a message may go out now, and take note of it."""
-        if (now - self.last_sent) * 1_000 < min(self.throttles_ms.values(), default=0.0):
+        if now - self.last_sent < self.pause_s:
             return False
         self.last_sent = now
         return True
+
+    def hold(self, text: str) -> bool:
+        """Keep a message for later, the oldest make room; tell whether it is the only one."""
+        room = min(max(1, *self.queues.values()) if self.queues else 1, MAX_HELD)
+        while len(self.held) >= room:
+            self.held.popleft()
+            if not self.held:
+                self.held.append(text)
+                return False
+        self.held.append(text)
+        return len(self.held) == 1
 
 
 @dataclass
@@ -64,6 +90,11 @@ class Topic:
 class Topics:
     """All topics of a server. Sessions are known by a number; texts go out without the lock held.
 
+    Parameters
+    ----------
+    deadlines
+        Sends what a throttled subscriber still has to get; without one it is left out.
+
     Examples
     --------
     >>> topics, heard = Topics(), []
@@ -73,8 +104,9 @@ class Topics:
     ['{"op":"publish","topic":"/battery","msg":{"percent":80}}']
     """
 
-    def __init__(self) -> None:
+    def __init__(self, deadlines: Deadlines | None = None) -> None:
         self._lock = threading.Lock()
+        self._deadlines = deadlines
         self._topics: dict[str, Topic] = {}
 
     def advertise(self, session: int, name: str, type_: str) -> None:
@@ -107,7 +139,13 @@ class Topics:
             return True
 
     def subscribe(
-        self, session: int, name: str, id_: Any, throttle_ms: float, deliver: Deliver
+        self,
+        session: int,
+        name: str,
+        id_: Any,
+        throttle_ms: float,
+        deliver: Deliver,
+        queue_length: int = 0,
     ) -> None:
         """Ask for the messages of a topic, which need not exist yet.
 
@@ -123,6 +161,8 @@ class Topics:
                 raise UsageError(f"more than {MAX_SUBSCRIPTIONS} subscriptions")
             subscriber = topic.subscribers.setdefault(session, Subscriber(deliver))
             subscriber.throttles_ms[id_] = throttle_ms
+            subscriber.queues[id_] = queue_length
+            subscriber.deliver = deliver
             latched = topic.latched
         if latched:
             deliver(latched, name)
@@ -136,6 +176,7 @@ class Topics:
                 return
             if id_ is not None:
                 subscriber.throttles_ms.pop(id_, None)
+                subscriber.queues.pop(id_, None)
             if id_ is None or not subscriber.throttles_ms:
                 del topic.subscribers[session]
             self._tidy(name)
@@ -152,21 +193,44 @@ class Topics:
         self._send(name, message, latch=False)
 
     def _send(self, name: str, message: Any, latch: bool) -> None:
-        text = json.dumps(
-            {"op": "publish", "topic": name, "msg": message},
-            allow_nan=False,
-            ensure_ascii=False,
-            separators=(",", ":"),
-        )
+        text = encode({"op": "publish", "topic": name, "msg": message})
         now = time.monotonic()
+        late: list[tuple[int, Subscriber]] = []
         with self._lock:
             topic = self._topics.setdefault(name, Topic())
             if latch and len(text) <= MAX_LATCHED_BYTES:
                 self._latch(topic, text)
-            due = [s for s in topic.subscribers.values() if s.is_due(now)]
+            due = []
+            for session, subscriber in topic.subscribers.items():
+                if not subscriber.held and subscriber.is_due(now):
+                    due.append(subscriber)
+                elif self._deadlines is not None and subscriber.hold(text):
+                    late.append((session, subscriber))
             self._tidy(name)
         for subscriber in due:
             subscriber.deliver(text, name)
+        for session, subscriber in late:
+            self._flush_later(session, name, subscriber, now)
+
+    def _flush_later(self, session: int, name: str, subscriber: Subscriber, now: float) -> None:
+        assert self._deadlines is not None
+        wait_s = max(subscriber.last_sent + subscriber.pause_s - now, 0.0)
+        self._deadlines.after(wait_s, lambda: self._flush(session, name))
+
+    def _flush(self, session: int, name: str) -> None:
+        """Send the oldest message that a subscriber's throttle held back."""
+        now = time.monotonic()
+        with self._lock:
+            topic = self._topics.get(name)
+            subscriber = topic.subscribers.get(session) if topic else None
+            if subscriber is None or not subscriber.held:
+                return
+            text = subscriber.held.popleft()
+            subscriber.last_sent = now
+            more = bool(subscriber.held)
+        subscriber.deliver(text, name)
+        if more:
+            self._flush_later(session, name, subscriber, now)
 
     def _latch(self, topic: Topic, text: str) -> None:
         topic.latched = text
@@ -187,6 +251,32 @@ class Topics:
         """Return names and types, sorted."""
         with self._lock:
             return sorted((name, topic.type) for name, topic in self._topics.items())
+
+    def advertised(self, session: int, name: str) -> bool:
+        """Tell whether a session announced a topic."""
+        with self._lock:
+            topic = self._topics.get(name)
+            return topic is not None and session in topic.advertisers
+
+    def is_heard(self, name: str) -> bool:
+        """Tell whether anybody subscribes to a topic."""
+        topic = self._topics.get(name)
+        return topic is not None and bool(topic.subscribers)
+
+    def sessions(self, name: str) -> tuple[set[int], set[int]]:
+        """Return who advertises and who subscribes to a topic."""
+        with self._lock:
+            topic = self._topics.get(name)
+            return (set(topic.advertisers), set(topic.subscribers)) if topic else (set(), set())
+
+    def of(self, session: int) -> tuple[list[str], list[str]]:
+        """Return the topics that a session advertises and those it subscribes to, sorted."""
+        with self._lock:
+            items = sorted(self._topics.items())
+            return (
+                [name for name, topic in items if session in topic.advertisers],
+                [name for name, topic in items if session in topic.subscribers],
+            )
 
     def _tidy(self, name: str) -> None:
         if self._topics[name].is_unused and not name.startswith(RESERVED):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -83,3 +84,27 @@ def test_the_server_announces_on_its_own_topics(bridge: Bridge, connect: Connect
     bridge.topics.announce("/rtask/changes", "rtask/Change", {"commit": 3})
     assert robot.heard == [{"op": "publish", "topic": "/rtask/changes", "msg": {"commit": 3}}]
     assert ("/rtask/changes", "rtask/Change") in bridge.topics.listing()
+
+
+def test_the_newest_message_of_a_pause_comes_when_it_ends(connect: Connect) -> None:
+    """rosbridge protocol 2, 3.3.2: `queue_length` 0 keeps only the newest while throttled."""
+    robot = connect()
+    robot.say({"op": "subscribe", "topic": "/t", "throttle_rate": 50})
+    for number in range(5):
+        robot.say({"op": "publish", "topic": "/t", "msg": {"n": number}})
+    assert [message["msg"]["n"] for message in robot.heard] == [0]
+    deadline = time.monotonic() + 10
+    while len(robot.heard) < 2 and time.monotonic() < deadline:
+        time.sleep(0.001)
+    assert [message["msg"]["n"] for message in robot.heard] == [0, 4]
+
+
+def test_a_queue_keeps_as_many_as_were_asked_for(connect: Connect) -> None:
+    robot = connect()
+    robot.say({"op": "subscribe", "topic": "/t", "throttle_rate": 20, "queue_length": 2})
+    for number in range(5):
+        robot.say({"op": "publish", "topic": "/t", "msg": {"n": number}})
+    deadline = time.monotonic() + 10
+    while len(robot.heard) < 3 and time.monotonic() < deadline:
+        time.sleep(0.001)
+    assert [message["msg"]["n"] for message in robot.heard] == [0, 3, 4]

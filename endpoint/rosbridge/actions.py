@@ -1,0 +1,255 @@
+"""Long work with feedback: goals for the server's actions and for those that robots provide.
+
+Each goal has one result, always with a top-level ``status`` of actionlib_msgs/GoalStatus; feedback
+comes strictly before it, at most ten times a second, the newest first.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from endpoint.auth import require_scope
+from endpoint.rosbridge.calls import CallQueue
+from endpoint.rosbridge.deadlines import Deadlines
+from endpoint.rosbridge.messages import JsonObject, encode, failure_text
+from endpoint.rosbridge.providers import Peer, Provider, Providers
+from rtask.errors import RtaskError, UnknownTermError, UsageError
+from rtask.kb.access import Access
+
+SUCCEEDED, CANCELLED, ABORTED = 4, 5, 6
+MAX_GOALS_PER_SESSION = 16
+FEEDBACK_EVERY_S = 0.1
+GOAL_S = 600.0
+
+
+class Progress:
+    """What the handler of an action says and asks while it works.
+
+    Parameters
+    ----------
+    tell
+        Takes feedback.
+    """
+
+    def __init__(self, tell: Callable[[JsonObject], None]) -> None:
+        self._tell = tell
+        self._furthest = 0.0
+        self._cancelled = threading.Event()
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether nobody waits for the result any more."""
+        return self._cancelled.is_set()
+
+    def report(self, progress: float, phase: str, **members: Any) -> None:
+        """Tell how far the work is, 0 to 1; it never goes back."""
+        self._furthest = max(self._furthest, min(progress, 1.0))
+        self._tell({"progress": self._furthest, "phase": phase, **members})
+
+    def cancel(self) -> None:
+        """Ask the handler to end."""
+        self._cancelled.set()
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action of the server."""
+
+    name: str
+    type: str
+    scope: str
+    handler: Callable[[JsonObject, Access, Progress], JsonObject]
+
+
+@dataclass
+class Goal:
+    """One goal on its way."""
+
+    id: Any
+    action: str
+    peer: Peer
+    wants_feedback: bool
+    provider: Provider | None = None
+    progress: Progress | None = None
+    last_feedback: float = float("-inf")
+    done: bool = False
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def feedback(self, values: Any) -> None:
+        """Send feedback, unless it was not wanted, comes too fast or after the result."""
+        with self.lock:
+            now = time.monotonic()
+            if self.done or not self.wants_feedback or now - self.last_feedback < FEEDBACK_EVERY_S:
+                return
+            self.last_feedback = now
+            self._emit("action_feedback", values=values)
+
+    def end(self, status: int, values: Any) -> None:
+        """Send the result, the first time."""
+        with self.lock:
+            if self.done:
+                return
+            self.done = True
+            self._emit("action_result", values=values, status=status, result=status != ABORTED)
+        if self.progress is not None:
+            self.progress.cancel()
+
+    def _emit(self, op: str, **members: Any) -> None:
+        self.peer.emit({"op": op, "id": self.id, "action": self.action, **members})
+
+
+class Actions:
+    """All actions of a server, and all goals.
+
+    Parameters
+    ----------
+    offered
+        The server's own.
+    calls
+        Threads that work on them.
+    deadlines
+        Ends goals that nobody answers.
+    """
+
+    def __init__(self, offered: list[Action], calls: CallQueue, deadlines: Deadlines) -> None:
+        self._offered = {action.name: action for action in offered}
+        self._calls = calls
+        self._deadlines = deadlines
+        self.providers = Providers(deadlines)
+        self._lock = threading.Lock()
+        self._goals: dict[str, Goal] = {}
+        self._numbers = itertools.count(1)
+
+    def names(self) -> list[str]:
+        """Return the names of all actions, sorted."""
+        return sorted({*self._offered, *(one.name for one in self.providers.listing())})
+
+    def send(self, peer: Peer, access: Access, message: JsonObject, name: str) -> None:
+        """Take a goal; whatever is wrong with it becomes its result."""
+        key = f"action_goal:{next(self._numbers)}"
+        id_ = message.get("id") if message.get("id") is not None else key
+        goal = Goal(id_, name, peer, message.get("feedback") is True)
+        try:
+            args = message.get("args")
+            args = {} if args is None else args
+            if not isinstance(args, dict):
+                raise UsageError("args: an object is wanted")
+            with self._lock:
+                held = sum(one.peer.number == peer.number for one in self._goals.values())
+                if held >= MAX_GOALS_PER_SESSION:
+                    raise UsageError(f"busy: {MAX_GOALS_PER_SESSION} goals under way")
+                self._goals[key] = goal
+            self._start(key, goal, args, access)
+        except RtaskError as error:
+            self._end(key, goal, ABORTED, failure_text(error))
+
+    def _start(self, key: str, goal: Goal, args: JsonObject, access: Access) -> None:
+        provider = self.providers.find(goal.action)
+        own = self._offered.get(goal.action)
+        if provider is None and own is None:
+            known = ", ".join(self.names()) or "none"
+            raise UnknownTermError(f"Action {goal.action} does not exist; known: {known}")
+        require_scope(access, "call" if own is None else own.scope)
+        self._deadlines.after(
+            GOAL_S, lambda: self._end(key, goal, ABORTED, f"no result after {GOAL_S:g} s")
+        )
+        if own is not None:
+            progress = goal.progress = Progress(goal.feedback)
+            action = own
+            if not self._calls.submit(
+                goal.peer.number, lambda: self._work(key, goal, action, args, access, progress)
+            ):
+                raise UsageError("busy: too many calls are waiting")
+        elif provider is not None:
+            goal.provider = provider
+            provider.peer.emit(
+                {
+                    "op": "send_action_goal",
+                    "id": key,
+                    "action": provider.name,
+                    "action_type": provider.type,
+                    "args": args,
+                    "feedback": goal.wants_feedback,
+                }
+            )
+
+    def _work(
+        self, key: str, goal: Goal, action: Action, args: JsonObject, access: Access,
+        progress: Progress,
+    ) -> None:  # fmt: skip
+        if progress.is_cancelled:
+            return
+        try:
+            values = action.handler(args, access, progress)
+            encode(values)  # numbers that JSON has no words for fail the goal, not the session
+        except Exception as error:  # noqa: BLE001 - a failed goal has a result
+            self._end(key, goal, ABORTED, failure_text(error))
+            return
+        self._end(key, goal, SUCCEEDED, values)
+
+    def cancel(self, peer: Peer, name: str, id_: Any = None) -> None:
+        """Cancel one goal of a session, or all of its goals of an action."""
+        with self._lock:
+            found = [
+                (key, goal)
+                for key, goal in self._goals.items()
+                if goal.peer is peer and goal.action == name and id_ in (None, goal.id)
+            ]
+        for key, goal in found:
+            if goal.provider is None:
+                self._end(key, goal, CANCELLED, {})
+            else:
+                goal.provider.peer.emit(
+                    {"op": "cancel_action_goal", "id": key, "action": goal.action}
+                )
+
+    def relay(self, peer: Peer, message: JsonObject) -> None:
+        """Pass a provider's feedback or result on, under the caller's id.
+
+        Raises
+        ------
+        UsageError
+            The goal was sent to another robot.
+        """
+        id_ = message.get("id")
+        with self._lock:
+            goal = self._goals.get(id_) if isinstance(id_, str) else None
+        if goal is None or not isinstance(id_, str):
+            return  # finished, or cancelled by its deadline: too late
+        if goal.provider is None or goal.provider.peer is not peer:
+            raise UsageError(f"{message.get('op')}: the goal {id_} was sent to another robot")
+        values = message.get("values")
+        if message.get("op") == "action_feedback":
+            goal.feedback(values if values is not None else message.get("feedback", {}))
+            return
+        status = message.get("status")
+        if type(status) is not int or not 0 <= status <= 6:
+            status = SUCCEEDED if message.get("result") else ABORTED
+        if not message.get("result", status == SUCCEEDED) and status == SUCCEEDED:
+            status = ABORTED
+        self._end(id_, goal, status, "" if values is None else values)
+
+    def leave(self, peer: Peer) -> None:
+        """Cancel a session's goals, and end those that were sent to it."""
+        with self._lock:
+            goals = list(self._goals.items())
+        for key, goal in goals:
+            if goal.peer is peer:
+                if goal.provider is not None:
+                    goal.provider.peer.emit(
+                        {"op": "cancel_action_goal", "id": key, "action": goal.action}
+                    )
+                self._end(key, goal, CANCELLED, {})
+            elif goal.provider is not None and goal.provider.peer is peer:
+                self._end(key, goal, ABORTED, f"{peer.identity} left before it was done")
+        self.providers.leave(peer)
+
+    def _end(self, key: str, goal: Goal, status: int, values: Any) -> None:
+        with self._lock:
+            self._goals.pop(key, None)
+        goal.end(status, values)

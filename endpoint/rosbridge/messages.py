@@ -1,0 +1,150 @@
+"""Messages as texts and as objects: reading them strictly bounded, writing them strictly."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+from rtask.errors import RtaskError, UsageError
+
+JsonObject = dict[str, Any]
+
+MAX_DEPTH = 64
+MAX_FAILURE_TEXT = 500
+_log = logging.getLogger(__name__)
+
+
+def encode(message: JsonObject) -> str:
+    """Write strict JSON; NaN in an answer would break every browser that reads it.
+
+    Raises
+    ------
+    ValueError
+        A number is not finite.
+    """
+    return json.dumps(message, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+
+
+def parse(text: str) -> JsonObject:
+    """Read one message.
+
+    Raises
+    ------
+    UsageError
+        Not JSON, nested too deeply, or not an object.
+    """
+    try:
+        message = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise UsageError(
+            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"not JSON that can be read: {str(error)[:100]}") from None
+    if text.count("[") + text.count("{") > MAX_DEPTH and _is_deeper(message, MAX_DEPTH):
+        raise UsageError(f"JSON nested deeper than {MAX_DEPTH}")
+    if not isinstance(message, dict):
+        raise UsageError("a message is a JSON object with a field `op`")
+    return message
+
+
+def _is_deeper(value: Any, allowed: int) -> bool:
+    level = [value]
+    for _ in range(allowed + 1):
+        level = [
+            child
+            for node in level
+            if isinstance(node, dict | list)
+            for child in (node.values() if isinstance(node, dict) else node)
+        ]
+        if not level:
+            return False
+    return True
+
+
+def arguments(args: Any, parameters: Sequence[str] = ()) -> JsonObject:
+    """Return the arguments of a call as an object.
+
+    Clients send an object, the protocol's text a list of positional values; a list that holds one
+    object is that object.
+
+    Parameters
+    ----------
+    parameters
+        Names that positional values stand for, in order.
+
+    Raises
+    ------
+    UsageError
+        Neither, or more values than names.
+
+    Examples
+    --------
+    >>> arguments([2, 40], ("a", "b"))
+    {'a': 2, 'b': 40}
+    """
+    if args is None or args == []:
+        return {}
+    if isinstance(args, list) and len(args) == 1 and isinstance(args[0], dict):
+        args = args[0]
+    if isinstance(args, list) and len(args) <= len(parameters):
+        return dict(zip(parameters, args, strict=False))
+    if not isinstance(args, dict):
+        raise UsageError("args: an object is wanted, or a list holding one")
+    return args
+
+
+def name_of(message: JsonObject, field: str) -> str:
+    """Return a topic, service or action with its leading slash.
+
+    Raises
+    ------
+    UsageError
+        There is none.
+    """
+    name = message.get(field)
+    if not isinstance(name, str) or not name.strip("/ "):
+        raise UsageError(f"{field}: a name is wanted")
+    return "/" + name.lstrip("/")
+
+
+def text_of(message: JsonObject, field: str) -> str:
+    """Return a field that must be a text.
+
+    Raises
+    ------
+    UsageError
+        It is none.
+    """
+    value = message.get(field)
+    if not isinstance(value, str):
+        raise UsageError(f"{field}: a string is wanted")
+    return value
+
+
+def service_response(message: JsonObject, result: bool, values: Any) -> JsonObject:
+    """Return the answer of a call, the service spelled as the caller did."""
+    answer = {
+        "op": "service_response",
+        "service": message.get("service"),
+        "values": values,
+        "result": result,
+    }
+    return with_id(answer, message)
+
+
+def with_id(answer: JsonObject, message: Any) -> JsonObject:
+    """Echo the caller's id exactly; leave it out if none was given."""
+    if isinstance(message, dict) and message.get("id") is not None:
+        return {**answer, "id": message["id"]}
+    return answer
+
+
+def failure_text(error: Exception) -> str:
+    """Return one line that says what went wrong; nothing of the inside where it was unforeseen."""
+    if isinstance(error, RtaskError):
+        return " ".join(str(error).split())[:MAX_FAILURE_TEXT]
+    _log.error("a call failed", exc_info=error)
+    return "an unexpected error; the server's log has it"

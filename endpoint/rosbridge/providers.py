@@ -1,0 +1,220 @@
+"""Services that robots provide: caller, server, provider, and back (rosbridge protocol 2, 3.4).
+
+No thread waits for a provider. A call is answered by the provider, by its deadline, or by the
+provider's leaving, whichever comes first; what comes later is dropped.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from endpoint.rosbridge.deadlines import Deadline, Deadlines
+from endpoint.rosbridge.messages import JsonObject
+from endpoint.rosbridge.topics import RESERVED
+from rtask.errors import ForbiddenError, UsageError
+
+DEFAULT_S = 30.0
+MOST_S = 600.0
+MAX_PER_SESSION = 100
+
+Done = Callable[[bool, Any], None]
+
+
+class Peer(Protocol):
+    """What is used of a session."""
+
+    @property
+    def number(self) -> int:
+        """Of the session."""
+
+    @property
+    def identity(self) -> str:
+        """Name of the robot; all robots without a token are one."""
+
+    def emit(self, message: JsonObject, topic: str = "") -> None:
+        """Queue a message; never waits."""
+
+
+@dataclass(frozen=True)
+class Provider:
+    """One announced service."""
+
+    name: str
+    type: str
+    peer: Peer
+
+
+@dataclass
+class _Call:
+    """A call that waits for its provider."""
+
+    id: str
+    provider: Provider
+    caller: int
+    done: Done
+    deadline: Deadline | None = None
+
+
+class Providers:
+    """All services that robots provide, and the calls that are under way.
+
+    Parameters
+    ----------
+    deadlines
+        Ends calls that nobody answers.
+    """
+
+    def __init__(self, deadlines: Deadlines) -> None:
+        self._deadlines = deadlines
+        self._lock = threading.Lock()
+        self._providers: dict[str, Provider] = {}
+        self._calls: dict[str, _Call] = {}
+        self._numbers = itertools.count(1)
+
+    def advertise(self, peer: Peer, name: str, type_: str) -> None:
+        """Announce a service; the newest announcement of one robot wins.
+
+        Raises
+        ------
+        UsageError
+            A reserved name, or too many.
+        ForbiddenError
+            Another robot provides it.
+        """
+        refuse_reserved(name)
+        with self._lock:
+            before = self._providers.get(name)
+            if before is not None and before.peer.identity != peer.identity:
+                raise ForbiddenError(f"{name} is provided by {before.peer.identity}")
+            held = sum(one.peer.number == peer.number for one in self._providers.values())
+            if held >= MAX_PER_SESSION and before is None:
+                raise UsageError(f"more than {MAX_PER_SESSION} services provided")
+            self._providers[name] = Provider(name, type_, peer)
+
+    def unadvertise(self, peer: Peer, name: str) -> bool:
+        """Take an announcement back; tell whether it was this session's."""
+        with self._lock:
+            found = self._providers.get(name)
+            if found is None or found.peer.number != peer.number:
+                return False
+            del self._providers[name]
+            return True
+
+    def find(self, name: str) -> Provider | None:
+        """Return who provides a service."""
+        return self._providers.get(name)
+
+    def listing(self) -> list[Provider]:
+        """Return all announcements, by name."""
+        with self._lock:
+            return [self._providers[name] for name in sorted(self._providers)]
+
+    def call(
+        self, provider: Provider, args: JsonObject, caller: int, timeout_s: float, done: Done
+    ) -> None:
+        """Pass a call on; `done` is told result and values, exactly once, from any thread."""
+        call = _Call(f"service_request:{next(self._numbers)}", provider, caller, done)
+        with self._lock:
+            self._calls[call.id] = call
+        reason = f"no answer from {provider.peer.identity} after {timeout_s:g} s"
+        call.deadline = self._deadlines.after(timeout_s, lambda: self._end(call.id, False, reason))
+        provider.peer.emit(
+            {"op": "call_service", "id": call.id, "service": provider.name, "args": args}
+        )
+        if self._providers.get(provider.name) is not provider:  # it left a moment ago
+            self._end(call.id, False, f"{provider.peer.identity} left")
+
+    def answer(self, peer: Peer, message: JsonObject) -> None:
+        """Take a provider's answer; one that comes too late is dropped.
+
+        Raises
+        ------
+        ForbiddenError
+            Another session was asked.
+        """
+        with self._lock:
+            call = self._calls.get(_key(message))
+        if call is None:
+            return
+        if call.provider.peer.number != peer.number:
+            raise ForbiddenError(f"service_response: {call.id} was asked of another robot")
+        result, values = outcome_of(message)
+        self._end(call.id, result, values)
+
+    def leave(self, peer: Peer) -> None:
+        """Forget a session: what it provides goes, and who waits for it hears so at once."""
+        with self._lock:
+            for name in [n for n, one in self._providers.items() if one.peer is peer]:
+                del self._providers[name]
+            waiting = [c.id for c in self._calls.values() if c.provider.peer is peer]
+            for call in [c for c in self._calls.values() if c.caller == peer.number]:
+                self._calls.pop(call.id)
+                if call.deadline:
+                    call.deadline.cancel()
+        for id_ in waiting:
+            self._end(id_, False, f"{peer.identity} left before it answered")
+
+    def _end(self, id_: str, result: bool, values: Any) -> None:
+        with self._lock:
+            call = self._calls.pop(id_, None)
+        if call is None:
+            return
+        if call.deadline is not None:
+            call.deadline.cancel()
+        call.done(result, values)
+
+
+def refuse_reserved(name: str) -> None:
+    """Refuse names that belong to the server.
+
+    Raises
+    ------
+    UsageError
+        Naming them.
+    """
+    if name.startswith(RESERVED):
+        raise UsageError(f"names below {', '.join(RESERVED)} belong to the server: {name}")
+
+
+def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
+    """Return how long a caller wants to wait, s.
+
+    Examples
+    --------
+    >>> timeout_of({"timeout": 5}), timeout_of({"timeout": 0}), timeout_of({"timeout": 1e9})
+    (5.0, 30.0, 600.0)
+    """
+    wanted = message.get("timeout")
+    if isinstance(wanted, bool) or not isinstance(wanted, int | float) or not wanted > 0:
+        return default_s
+    return min(float(wanted), MOST_S) if math.isfinite(wanted) else MOST_S
+
+
+def outcome_of(message: JsonObject) -> tuple[bool, Any]:
+    """Return result and values of a provider's answer.
+
+    roslibpy sends `null` as result where a handler returns nothing, roslib neither result nor
+    values: both are failures.
+
+    Examples
+    --------
+    >>> outcome_of({"values": {"sum": 3}})
+    (True, {'sum': 3})
+    >>> outcome_of({"result": None, "values": None})
+    (False, 'the provider refused')
+    """
+    values = message.get("values")
+    result = bool(message["result"]) if "result" in message else "values" in message
+    if result:
+        return True, values if isinstance(values, dict) else {}
+    return False, values if isinstance(values, str) and values else "the provider refused"
+
+
+def _key(message: JsonObject) -> str:
+    id_ = message.get("id")
+    return id_ if isinstance(id_, str) else ""
