@@ -205,9 +205,9 @@ class ArmSpheres:
         ``allowed`` maps (obstacle name, sphere group) to m; ``inf`` ignores the pair.
         """
         slack = np.zeros((len(surroundings.obstacles), len(self.radii)))
-        for row, obstacle in enumerate(surroundings.obstacles):
-            for column, group in enumerate(self.group):
-                slack[row, column] = allowed.get((obstacle.name, str(group)), 0.0)
+        names = np.array([obstacle.name for obstacle in surroundings.obstacles])
+        for (name, group), depth in allowed.items():
+            slack[np.ix_(names == name, self.group == group)] = depth
         return slack
 
     def clearances(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:

@@ -35,12 +35,12 @@ Floats = NDArray[np.float64]
 
 _CONTROL_S = 0.010
 _SETTLE_S = 0.08
-_CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.5, 2.0, 1.0
+_CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.6, 2.0, 1.0
 _TRACKING_RAD = 0.05
 _CONTACT_CHECK_S = 0.05
 # More torque than this does not hold better: the V of the mouth squeezes the object out. Slip from
 # closing to the end of the hold, 18 grasps each: 4 mm at .06, 5 mm at .10, 10 mm at .16 N m.
-_CLOSE_TORQUE, _OPEN_TORQUE = 0.06, 0.10
+_CLOSE_TORQUE, _OPEN_TORQUE = 0.06, 0.144
 _NEAR_M = 0.06
 
 
@@ -201,6 +201,7 @@ class _Attempt:
         self._open(1.0)
         self._end("place")
         self._follow(way.retreat)
+        self.robot.rest_hand(self.arm)
         self._steps(_REST_S - (self.world.time - self._phase_started))
         state = self._end("home")
         offset = float(np.linalg.norm(state.position[:2] - box.centre))
@@ -224,7 +225,7 @@ class _Attempt:
     def _go_home(self) -> None:
         self._follow(_reverse(self.plan.free, 1.0))
         self._start_at_home()
-        self.robot.move_fingers(self.arm, 1.0, _OPEN_TORQUE)
+        self.robot.rest_hand(self.arm)
         self._end("home")
 
     def _start_at_home(self) -> None:

@@ -78,7 +78,7 @@ class Candidate:
             request.tilt_weight * abs(self.tilt - request.preferred_tilt(self.height))
             + 1.5 * self.off
             + 60.0 * self.depth
-            + 0.3 * self.raised
+            + 0.2 * self.raised
             + 0.2 * self.turned
             + 0.2 * self.widened
         )

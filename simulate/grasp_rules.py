@@ -85,7 +85,7 @@ class GraspRequest:
     @property
     def tilt_weight(self) -> float:
         """How much the angle of the approach matters, against one rad of closing error's 1.5."""
-        return 3.0 if self.lies_thin else 0.5
+        return 3.0 if self.lies_thin else 0.8
 
     def preferred_tilt(self, tool_height: float) -> float:
         """Return the angle (rad) of the approach from the vertical that holds best."""

@@ -132,13 +132,22 @@ class Chain:
         rotations, positions = self.link_frames(q)
         rotation, position = self._tool(rotations, positions)
         axes = (rotations @ self._axes[None, :, :, None])[..., 0]
-        linear = np.cross(axes, position[:, None] - positions)
+        linear = _cross(axes, position[:, None] - positions)
         jacobian = np.concatenate([linear, axes], axis=2).transpose(0, 2, 1)
         return rotation, position, jacobian
 
     def _tool(self, rotations: Floats, positions: Floats) -> tuple[Floats, Floats]:
         last = rotations[:, -1]
         return last @ self.tool.rotation, positions[:, -1] + last @ self.tool.origin
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return the cross product along the last axis; numpy's own costs ten times as much here."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
 
 
 def _skew(axis: Floats) -> Floats:
@@ -245,14 +254,14 @@ def _equations(chain: Chain, q: Floats, goal: Goal, closing_weight: float) -> tu
     if goal.closing is not None:
         sign = np.where(closing @ goal.closing < 0, -1.0, 1.0)[:, None]
         rows.append(closing_weight * angular)
-        residuals.append(closing_weight * np.cross(closing, sign * goal.closing))
+        residuals.append(closing_weight * _cross(closing, sign * goal.closing))
     else:
-        vertical = np.cross(angular.transpose(0, 2, 1), closing[:, None])[:, :, 2]
+        vertical = _cross(angular.transpose(0, 2, 1), closing[:, None])[:, :, 2]
         rows.append(closing_weight * vertical[:, None])
         residuals.append(-closing_weight * closing[:, 2:3])
     if goal.approach is not None:
         rows.append(goal.approach_weight * angular)
-        residuals.append(goal.approach_weight * np.cross(rotation[:, :, 2], goal.approach))
+        residuals.append(goal.approach_weight * _cross(rotation[:, :, 2], goal.approach))
     return np.concatenate(rows, axis=1), np.concatenate(residuals, axis=1)
 
 

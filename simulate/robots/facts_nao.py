@@ -2,7 +2,7 @@
 
 Sources: Aldebaran documentation 2-4 / 2-5 (doc.aldebaran.com, family/nao_h25 and family/robots),
 pages *Joints*, *Links*, *Motors* and *Masses*; the inertia tensors of the V50 as published in the
-``nao_description`` package of ros-naoqi (BSD-3-Clause, see docs/nao.md).
+``nao_description`` package of ros-naoqi (BSD-3-Clause, see docs/licences.md).
 
 Units: m, rad, kg, s, N m. At the zero pose all joint frames are parallel: x forward, y left, z up.
 The left column is given; :func:`simulate.robots.nao.describe_nao` mirrors it.

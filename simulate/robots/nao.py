@@ -118,9 +118,7 @@ _CAMERA = CameraMount(
 )
 
 
-def _capsule(radius: float, length: float, along: str, centre: tuple[float, float, float]) -> tuple[
-    Shape, ...
-]:  # fmt: skip
+def _capsule(radius: float, length: float, along: str, centre: facts.Vector) -> tuple[Shape, ...]:
     """Return a cylinder closed by two spheres, along x, y or z."""
     axis = "xyz".index(along)
     rpy = {"x": (0.0, math.pi / 2, 0.0), "y": (math.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}[along]
