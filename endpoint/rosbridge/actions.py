@@ -1,7 +1,7 @@
 """Long work with feedback: goals for the server's actions and for those that robots provide.
 
 Each goal has one result, always with a top-level ``status`` of actionlib_msgs/GoalStatus; feedback
-comes strictly before it, at most ten times a second, the newest first.
+comes strictly before it, at most ten times a second; the newest replaces what still waits.
 """
 
 from __future__ import annotations
@@ -74,30 +74,47 @@ class Goal:
     action: str
     peer: Peer
     wants_feedback: bool
+    deadlines: Deadlines
     provider: Provider | None = None
     progress: Progress | None = None
     last_feedback: float = float("-inf")
+    held: Any = None
     done: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def feedback(self, values: Any) -> None:
-        """Send feedback, unless it was not wanted, comes too fast or after the result."""
+        """Send feedback if it was wanted; what comes too fast waits, the newest replaces it."""
         with self.lock:
-            now = time.monotonic()
-            if self.done or not self.wants_feedback or now - self.last_feedback < FEEDBACK_EVERY_S:
+            if self.done or not self.wants_feedback:
                 return
-            self.last_feedback = now
-            self._emit("action_feedback", values=values)
+            wait_s = self.last_feedback + FEEDBACK_EVERY_S - time.monotonic()
+            if wait_s <= 0:
+                self._tell(values)
+                return
+            if self.held is None:
+                self.deadlines.after(wait_s, self._tell_held)
+            self.held = values
 
     def end(self, status: int, values: Any) -> None:
-        """Send the result, the first time."""
+        """Send the result, the first time; feedback that waits goes before it."""
         with self.lock:
             if self.done:
                 return
             self.done = True
+            if self.held is not None and status == SUCCEEDED:
+                self._tell(self.held)
             self._emit("action_result", values=values, status=status, result=status != ABORTED)
         if self.progress is not None:
             self.progress.cancel()
+
+    def _tell_held(self) -> None:
+        with self.lock:
+            if not self.done and self.held is not None:
+                self._tell(self.held)
+
+    def _tell(self, values: Any) -> None:
+        self.last_feedback, self.held = time.monotonic(), None
+        self._emit("action_feedback", values=values)
 
     def _emit(self, op: str, **members: Any) -> None:
         self.peer.emit({"op": op, "id": self.id, "action": self.action, **members})
@@ -133,7 +150,7 @@ class Actions:
         """Take a goal; whatever is wrong with it becomes its result."""
         key = f"action_goal:{next(self._numbers)}"
         id_ = message.get("id") if message.get("id") is not None else key
-        goal = Goal(id_, name, peer, message.get("feedback") is True)
+        goal = Goal(id_, name, peer, message.get("feedback") is True, self._deadlines)
         try:
             args = message.get("args")
             args = {} if args is None else args

@@ -332,7 +332,7 @@ class Session:
         found = self.bridge.providers.find(name)
         if found is not None and found.peer.number == self.number:
             raise UsageError(f"{name} is a service of this robot; give the topic another name")
-        self.bridge.topics.advertise(self.number, name, type_)
+        self.bridge.topics.advertise(self.number, name, type_, latch=message.get("latch") is True)
 
     def _unadvertise(self, message: JsonObject) -> None:
         name = name_of(message, "topic")

@@ -78,6 +78,7 @@ class Topic:
 
     type: str = ""
     advertisers: set[int] = field(default_factory=set)
+    latching: set[int] = field(default_factory=set)
     subscribers: dict[int, Subscriber] = field(default_factory=dict)
     latched: str = ""
 
@@ -109,8 +110,13 @@ class Topics:
         self._deadlines = deadlines
         self._topics: dict[str, Topic] = {}
 
-    def advertise(self, session: int, name: str, type_: str) -> None:
+    def advertise(self, session: int, name: str, type_: str, *, latch: bool = False) -> None:
         """Announce messages; the first advertiser fixes the type.
+
+        Parameters
+        ----------
+        latch
+            Whether who subscribes later gets the session's last message.
 
         Raises
         ------
@@ -127,6 +133,7 @@ class Topics:
                 raise UsageError(f"more than {MAX_TOPICS_PER_SESSION} topics advertised")
             topic.type = topic.type or type_
             topic.advertisers.add(session)
+            (topic.latching.add if latch else topic.latching.discard)(session)
 
     def unadvertise(self, session: int, name: str) -> bool:
         """Take an announcement back; tell whether there was one."""
@@ -135,6 +142,7 @@ class Topics:
             if topic is None or session not in topic.advertisers:
                 return False
             topic.advertisers.discard(session)
+            topic.latching.discard(session)
             self._tidy(name)
             return True
 
@@ -184,6 +192,8 @@ class Topics:
     def publish(self, session: int, name: str, message: Any, *, latch: bool = False) -> None:
         """Send a message of a robot to all subscribers, itself included."""
         self._refuse_reserved(name)
+        topic = self._topics.get(name)
+        latch = latch or (topic is not None and session in topic.latching)
         self._send(name, message, latch)
 
     def announce(self, name: str, type_: str, message: Any) -> None:
@@ -244,6 +254,7 @@ class Topics:
             for name in list(self._topics):
                 topic = self._topics[name]
                 topic.advertisers.discard(session)
+                topic.latching.discard(session)
                 topic.subscribers.pop(session, None)
                 self._tidy(name)
 

@@ -46,6 +46,14 @@ def test_a_latched_message_goes_to_who_subscribes_later(connect: Connect) -> Non
     assert [message["msg"] for message in late.heard] == [{"n": 2}]
 
 
+def test_a_topic_that_is_advertised_as_latched_is_latched(connect: Connect) -> None:
+    sender, late = connect(), connect()
+    sender.say({"op": "advertise", "topic": "/map", "type": "a/B", "latch": True})
+    sender.say({"op": "publish", "topic": "/map", "msg": {"n": 1}})
+    late.say({"op": "subscribe", "topic": "/map"})
+    assert [message["msg"] for message in late.heard] == [{"n": 1}]
+
+
 def test_the_first_advertiser_fixes_the_type(connect: Connect) -> None:
     first, second = connect(), connect()
     first.say({"op": "advertise", "topic": "/t", "type": "std_msgs/String"})
