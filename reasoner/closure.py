@@ -233,6 +233,32 @@ class Closure:
         for fact in self._reading().everything():
             yield decode(fact)
 
+    def compare(self, found: Iterable[Triple]) -> tuple[Iterator[Triple], list[Triple]]:
+        """Compare the inferred graph with what a store holds of it.
+
+        Parameters
+        ----------
+        found : iterable of Triple
+            The content of the store's inferred graph; read once.
+
+        Returns
+        -------
+        missing : iterator of Triple
+            What should be there and is not.
+        surplus : list of Triple
+            What is there and should not be.
+        """
+        everything = set(self._reading().everything())
+        present: set[Fact] = set()
+        surplus: list[Triple] = []
+        for triple in found:
+            s, p, o = map(self._terms.find, triple)
+            if s is None or p is None or o is None or (s, p, o) not in everything:
+                surplus.append(triple)
+            else:
+                present.add((s, p, o))
+        return map(self._terms.decode_fact, everything - present), surplus
+
     def digest(self) -> Digest:
         """Return the digest of the inferred graph: its number of triples and their hash."""
         return digest_of(self._reading().everything(), self._terms)

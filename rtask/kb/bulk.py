@@ -7,6 +7,7 @@ after a crash completes it.
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -15,7 +16,7 @@ from pathlib import Path
 from pyoxigraph import Quad
 
 from rtask.kb.access import Access
-from rtask.kb.commit import Commit, Request
+from rtask.kb.commit import MAX_QUADS, Commit, Request
 from rtask.kb.folder import Files
 from rtask.kb.inference import Inference
 from rtask.kb.settings import write_durably
@@ -57,6 +58,7 @@ def bulk_add(
     if not plain:
         named = frozenset(g for g in touched if isinstance(g, NamedNode))
         finish_bulk(writer, inference, replace(request, trusted=True, recount=named))
+        _checkpoint(files, committer.last_seq)
     _unmark(files)
     return committer.catalogue.triple_count(inferred) - before
 
@@ -75,17 +77,35 @@ def _with_union(
 
 
 def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -> Commit:
-    """Derive everything anew; one commit of the difference."""
+    """Derive everything anew; one commit of the difference.
+
+    What is missing beyond the size of a commit goes into the store right away. That is as good as
+    atomic: until the commit, the catalogue says that the inferred graph is behind.
+    """
     overlay = writer.begin()
     try:
         if inference is not None:
-            difference = inference.difference()
-            overlay.removed.update(difference.removed)
-            overlay.added.update(difference.added)
+            missing, surplus = inference.difference()
+            overlay.removed.update(dict.fromkeys(surplus))
+            overlay.added.update(dict.fromkeys(itertools.islice(missing, MAX_QUADS)))
+            rest = next(missing, None)
+            if rest is not None:
+                graph = writer.committer.graphs.inferred
+                quads = itertools.chain(overlay.added, (rest,), missing)
+                overlay.store.raw.bulk_extend(_with_copies(quads))
+                overlay.added.clear()
+                request = replace(request, recount=request.recount | {graph})
     except BaseException:
         writer.cancel()
         raise
     return writer.finish(overlay, request)
+
+
+def _with_copies(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """Yield each statement, and its copy for the union; the store keeps one of equal ones."""
+    for quad in quads:
+        yield quad
+        yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
 
 
 def complete(writer: Writer, files: Files, inference: Inference | None, access: Access) -> bool:

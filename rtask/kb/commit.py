@@ -204,7 +204,9 @@ class Committer:
         union = Overlay(self.store)
         if not self.plain:
             current = self._closure_state(change, staged, request)
-            facts = GraphFacts(request.kinds, request.sources, self._sizes(request), current)
+            facts = GraphFacts(
+                request.kinds, request.sources, self._sizes(request, everything), current
+            )
             notes = self.catalogue.record(everything, record, facts)
             everything = _joined(self.store, everything, notes)
             union = union_change(self.store, everything.removed, everything.added)
@@ -237,9 +239,11 @@ class Committer:
         touched = change.touched_graphs() | request.recount
         return False if any(map(self.graphs.is_input, touched)) else None
 
-    def _sizes(self, request: Request) -> dict[Graph, int]:
+    def _sizes(self, request: Request, change: Overlay) -> dict[Graph, int]:
         return {
             graph: sum(1 for _ in self.store.quads_for_pattern(None, None, None, graph))
+            + sum(quad.graph_name == graph for quad in change.added)
+            - sum(quad.graph_name == graph for quad in change.removed)
             for graph in request.recount
         }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol, cast
 
 from pyoxigraph import NamedNode, Quad
@@ -13,7 +13,7 @@ from rtask.errors import InconsistentError, TooLargeError
 from rtask.kb.graphs import Graphs
 from rtask.kb.overlay import Overlay
 from rtask.kb.store import GraphStore
-from rtask.kb.terms import Graph, TripleKey
+from rtask.kb.terms import Graph, TripleKey, triple_key
 from rtask.kb.union import input_change
 
 __all__ = ["Inference", "Staged"]
@@ -150,21 +150,15 @@ class Inference:
         names = (quad.graph_name for quad in quads if self._graphs.is_input(quad.graph_name))
         return sorted(name.value for name in names if isinstance(name, NamedNode))
 
-    def difference(self) -> Overlay:
-        """Return what a freshly built closure would change in the inferred graph."""
+    def difference(self) -> tuple[Iterator[Quad], list[Quad]]:
+        """Build the closure anew; return what the inferred graph lacks, and holds too much."""
         self.forget()
-        wanted = {Quad(*key, self._graphs.inferred) for key in inferred_triples(self.closure())}
-        found = set(self._store.quads_for_pattern(None, None, None, self._graphs.inferred))
-        change = Overlay(self._store)
-        change.removed.update(dict.fromkeys(found - wanted))
-        change.added.update(dict.fromkeys(wanted - found))
-        return change
-
-
-def inferred_triples(closure: Any) -> Iterable[TripleKey]:
-    """Return the derived triples of a closure that nobody asserts."""
-    found: Iterable[TripleKey] = closure.inferred()
-    return found
+        closure, graph = self.closure(), self._graphs.inferred
+        found = self._store.quads_for_pattern(None, None, None, graph)
+        missing, surplus = closure.compare(map(triple_key, found))
+        return (Quad(s, p, o, graph) for s, p, o in missing), [
+            Quad(s, p, o, graph) for s, p, o in surplus
+        ]
 
 
 def _stage(closure: Any, gained: list[TripleKey], lost: list[TripleKey]) -> Staged:

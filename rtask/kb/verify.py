@@ -144,14 +144,15 @@ def _closure(
     kb: KnowledgeBase, writer: Writer, inference: Inference, repair: bool
 ) -> Iterator[Finding]:
     with writer.exclusive():
-        difference = inference.difference()
-    examples = [*difference.added, *difference.removed][:_LISTED]
+        iterator, surplus = inference.difference()
+        missing = list(iterator)
+    examples = [*missing, *surplus][:_LISTED]
     if not examples:
         return
     yield Finding(
         "error",
         "closure",
-        f"{len(difference.added)} derived statements missing, {len(difference.removed)} too many, "
+        f"{len(missing)} derived statements missing, {len(surplus)} too many, "
         f"e.g. {' '.join(map(str, triple_key(examples[0])))}",
     )
     if repair:
