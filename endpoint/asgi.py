@@ -9,23 +9,28 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, cast
 
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
 from endpoint.exchange import RefusedError, Request, Response
-from endpoint.gateway import Gateway
-from endpoint.problems import problem
+from endpoint.gateway import Gateway, Job
 from endpoint.protocol.negotiation import prefers_html
+from endpoint.protocol.plan import Plan
 from endpoint.rosbridge.session import Bridge
+from endpoint.sending import SEND_IDLE_S, Wire, send
 from endpoint.websocket import Connections, Message, Receive, Transmit
+from rtask.errors import RtaskError
 
 _log = logging.getLogger(__name__)
 SMALL_BODY = 16 << 10
 BODY_IDLE_S = 30.0
-SEND_IDLE_S = 30.0
-UNHURRIED_BYTES = 64 << 10  # fits the socket's buffers: no client can hold it up
+WATCH_AFTER_S = 0.05
+MAX_HELD_BYTES = 1 << 30
 REVOCATION_CHECK_S = 0.5
 PAGE_THREADS = 16
 
@@ -45,9 +50,21 @@ class Front:
 
     def __init__(self, gateway: Gateway, bridge: Bridge, pages: Flask) -> None:
         self._gateway = gateway
+        self._held = 0
         self.connections = Connections(bridge, gateway.auth)
+        gateway.more_gauges["rtask_robots_connected"] = lambda: len(self.connections)
+        gateway.more_gauges["rtask_upload_bytes_held"] = lambda: self._held
         # a2wsgi types the same interfaces in words of its own.
         self._pages: Any = WSGIMiddleware(cast(Any, pages.wsgi_app), workers=PAGE_THREADS)
+
+    @property
+    def drain_delay_s(self) -> float:
+        """Seconds from "not ready" to the end of listening."""
+        return self._gateway.config.drain_delay_s
+
+    def drain(self) -> None:
+        """Be ready for nothing more."""
+        self._gateway.drain()
 
     async def __call__(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
         """Serve one connection of the server."""
@@ -74,36 +91,129 @@ class Front:
             await self.connections.close_revoked()
 
     async def _http(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
+        request = self._request(scope, b"")
         try:
-            body = await _read_body(scope, receive, self._gateway.config.max_upload_bytes)
-        except RefusedError as error:
-            await _send(transmit, problem(error), scope["method"])
+            if _is_large(request):
+                await self._check_sender(request)
+            body = await self._read_body(scope, receive)
+        except RtaskError as error:
+            await self._refuse(error, request, transmit)
             return
         if body is None:  # cut off half-way: nothing may be executed
             return
-        request = self._request(scope, body)
+        request = replace(request, body=body) if body else request
         if self._gateway.serves(request.raw_path) and not _wants_page(request):
-            response = await self._answer(request)
-            await _send(transmit, response, request.method)
-            return
-        await self._pages(_with_length(scope, body), _replay(body), _impatient(transmit))
-
-    async def _answer(self, request: Request) -> Response:
-        loop = asyncio.get_running_loop()
-        gateway = self._gateway
-        if len(request.body) <= SMALL_BODY:
-            plan = gateway.plan(request)
+            await self._program(request, Wire(scope, receive, transmit))
         else:
-            plan = await loop.run_in_executor(gateway.pool, gateway.plan, request)
-        work = gateway.pool.submit(plan.run)
-        answer = asyncio.wrap_future(work)
-        if plan.timeout_s is None:
-            return await answer
+            await self._page(request, scope, transmit)
+
+    async def _program(self, request: Request, wire: Wire) -> None:
+        """Answer a program."""
+        gateway = self._gateway
+        if len(request.body) <= SMALL_BODY and "content-encoding" not in request.headers:
+            job = gateway.admit(request)
+        else:
+            loop = asyncio.get_running_loop()
+            job = await loop.run_in_executor(gateway.pool, gateway.admit, request)
         try:
-            async with asyncio.timeout(plan.timeout_s):
-                return await asyncio.shield(answer)
-        except TimeoutError:
-            return gateway.give_up(work, request, plan.timeout_s)
+            if job.plan.lane == "loop":
+                response = gateway.run(job)
+            else:
+                response = await self._work(job, wire)
+            sent, whole = await send(response, request.method, wire)
+        finally:
+            gateway.end(job)
+        gateway.report(job, response, sent, whole=whole)
+
+    async def _work(self, job: Job, wire: Wire) -> Response:
+        """Wait for a thread to do the work, for its deadline, or for the client to leave."""
+        gateway, plan = self._gateway, job.plan
+        loop = asyncio.get_running_loop()
+        answer: asyncio.Future[Response] = loop.create_future()
+        work = gateway.submit(job)
+
+        def deliver() -> None:
+            if answer.done():
+                return
+            if work.cancelled():
+                answer.cancel()
+            else:
+                answer.set_result(work.result())
+
+        def expire() -> None:
+            if not answer.done():
+                answer.set_result(gateway.give_up(work, job))
+
+        work.add_done_callback(lambda _: _call_soon(loop, deliver))
+        timers = []
+        if plan.timeout_s is not None:
+            timers.append(loop.call_later(plan.timeout_s, expire))
+        if plan.running is not None:
+            timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.running.stop))
+        try:
+            return await answer
+        finally:
+            for timer in timers:
+                timer.cancel()
+
+    async def _page(self, request: Request, scope: Message, transmit: Transmit) -> None:
+        """Let Flask answer a person; count and log it like everything else."""
+        started = time.perf_counter()
+        seen = _Seen(transmit)
+        try:
+            await self._pages(
+                _with_length(scope, request.body, request.id),
+                _replay(request.body),
+                _impatient(seen.transmit),
+            )
+        finally:
+            job = Job(request, Plan.ready(Response()), started=started)
+            self._gateway.report(job, Response(seen.status), seen.bytes)
+
+    async def _check_sender(self, request: Request) -> None:
+        """Refuse who may not send anything large before it is read."""
+        self._gateway.auth.identify(request, token_in_url=False)
+
+    async def _refuse(self, error: RtaskError, request: Request, transmit: Transmit) -> None:
+        """Answer without reading on; the connection cannot be used again."""
+        job = self._gateway.refused(error, request)
+        response = self._gateway.run(job).with_headers(("Connection", "close"))
+        sent, _ = await send(response, request.method, Wire({}, _never, transmit))
+        self._gateway.report(job, response, sent)
+
+    async def _read_body(self, scope: Message, receive: Receive) -> bytes | None:
+        """Read a body whole; none when the client left before its end.
+
+        Raises
+        ------
+        RefusedError
+            413 beyond the limit, 408 when nothing comes, 503 when too much is held already.
+        """
+        if scope["method"] in ("GET", "HEAD") and not _announces_body(scope):
+            return b""
+        allowed = self._gateway.config.max_upload_bytes
+        pieces, size = [], 0
+        try:
+            while True:
+                message = await _next_message(receive)
+                if message["type"] == "http.disconnect":
+                    return None
+                pieces.append(message.get("body", b""))
+                size += len(pieces[-1])
+                self._held += len(pieces[-1])
+                if size > allowed:
+                    raise RefusedError(413, "too-large", f"the body is above {allowed} bytes")
+                if self._held > MAX_HELD_BYTES:
+                    raise RefusedError(
+                        503,
+                        "busy",
+                        "too many uploads at once; try again",
+                        headers=(("Retry-After", "5"),),
+                    )
+                if not message.get("more_body"):
+                    return b"".join(pieces)
+        finally:
+            self._held -= size
 
     def _request(self, scope: Message, body: bytes) -> Request:
         headers: dict[str, str] = {}
@@ -133,67 +243,65 @@ def _wants_page(request: Request) -> bool:
     )
 
 
-def _send_time(response: Response) -> float:
-    """Return how long a client may take to read: 30 s, and 100 kB/s for large answers."""
-    return SEND_IDLE_S + len(response.body) / 100_000
+async def _next_message(receive: Receive) -> Message:
+    try:
+        async with asyncio.timeout(BODY_IDLE_S):
+            return await receive()
+    except TimeoutError:
+        raise RefusedError(408, "timeout", "the body did not arrive") from None
 
 
-async def _read_body(scope: Message, receive: Receive, allowed: int) -> bytes | None:
-    """Read a body whole; none when the client left before its end.
+def _is_large(request: Request) -> bool:
+    """Tell whether a large body is announced, or one of unknown size."""
+    length = request.headers.get("content-length", "")
+    if "transfer-encoding" in request.headers:
+        return True
+    return length.isdigit() and int(length) > SMALL_BODY
 
-    Raises
-    ------
-    RefusedError
-        413 beyond the limit.
-    """
-    if scope["method"] in ("GET", "HEAD") and not _announces_body(scope):
-        return b""
-    pieces, size = [], 0
-    while True:
-        try:
-            async with asyncio.timeout(BODY_IDLE_S):
-                message = await receive()
-        except TimeoutError:
-            raise RefusedError(408, "timeout", "the body did not arrive") from None
-        if message["type"] == "http.disconnect":
-            return None
-        pieces.append(message.get("body", b""))
-        size += len(pieces[-1])
-        if size > allowed:
-            raise RefusedError(413, "too-large", f"the body is above {allowed} bytes")
-        if not message.get("more_body"):
-            return b"".join(pieces)
+
+def _call_soon(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+    """Call back on the loop from a thread; the loop may be gone when work ends late."""
+    with contextlib.suppress(RuntimeError):
+        loop.call_soon_threadsafe(callback)
+
+
+async def _never() -> Message:
+    await asyncio.Event().wait()
+    raise AssertionError
 
 
 def _announces_body(scope: Message) -> bool:
     return any(name in (b"content-length", b"transfer-encoding") for name, _ in scope["headers"])
 
 
-async def _send(transmit: Transmit, response: Response, method: str) -> None:
-    headers = [
-        (name.lower().encode("latin-1"), text.encode("latin-1", "replace"))
-        for name, text in response.header_list()
-    ]
-    body = b"" if method == "HEAD" else response.body
-    if response.status not in (204, 304) and method != "HEAD":
-        headers.append((b"content-length", str(len(body)).encode()))
-    await transmit({"type": "http.response.start", "status": response.status, "headers": headers})
-    if len(body) <= UNHURRIED_BYTES:
-        await transmit({"type": "http.response.body", "body": body})
-        return
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(_send_time(response)):
-            await transmit({"type": "http.response.body", "body": body})
-
-
-def _with_length(scope: Message, body: bytes) -> Message:
-    """Say how long the body is: a chunked one would reach WSGI empty."""
+def _with_length(scope: Message, body: bytes, request_id: str) -> Message:
+    """Say how long the body is, for a chunked one would reach WSGI empty; and name the request."""
     headers = [
         (name, value)
         for name, value in scope["headers"]
-        if name not in (b"content-length", b"transfer-encoding")
+        if name not in (b"content-length", b"transfer-encoding", b"rtask-request-id")
     ]
-    return {**scope, "headers": [*headers, (b"content-length", str(len(body)).encode())]}
+    own = [
+        (b"content-length", str(len(body)).encode()),
+        (b"rtask-request-id", request_id.encode()),
+    ]
+    return {**scope, "headers": [*headers, *own]}
+
+
+class _Seen:
+    """What Flask answered, for the log."""
+
+    def __init__(self, transmit: Transmit) -> None:
+        self._transmit = transmit
+        self.status, self.bytes = 500, 0
+
+    async def transmit(self, message: Message) -> None:
+        """Pass a message on."""
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+        else:
+            self.bytes += len(message.get("body", b""))
+        await self._transmit(message)
 
 
 def _replay(body: bytes) -> Receive:

@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 from endpoint.config import Config, is_loopback
 from endpoint.exchange import Request
+from endpoint.sessions import Sessions, SignedIn, session_name
 from endpoint.tokens import Token, TokenStore
 from rtask.errors import AuthenticationError, ForbiddenError
 from rtask.kb.access import Access
@@ -28,10 +29,27 @@ class Caller:
         Rights in the knowledge base.
     token
         What was shown; none for callers without one.
+    session
+        Where a cookie stands for the token. Browsers send cookies by themselves, so such a caller
+        proves with each change that one of our own pages asks.
+    address
+        Where the request came from.
     """
 
     access: Access
     token: Token | None = None
+    session: SignedIn | None = None
+    address: str = ""
+
+    @property
+    def key(self) -> str:
+        """Who is meant when requests are counted."""
+        return self.token.id if self.token else self.address
+
+    def note(self, request: Request) -> str:
+        """Return what the provenance of a change says about its request."""
+        token = f", token {self.token.id}" if self.token else ""
+        return f"request {request.id}{token}"
 
     @property
     def name(self) -> str:
@@ -53,6 +71,7 @@ class Authenticator:
     def __init__(self, tokens: TokenStore, config: Config) -> None:
         self._tokens = tokens
         self._config = config
+        self.sessions = Sessions()
 
     def identify(self, request: Request, *, token_in_url: bool = False) -> Caller:
         """Return the caller of a request.
@@ -78,12 +97,30 @@ class Authenticator:
         text = self._token_text(request, token_in_url)
         if text is not None:
             token = self._tokens.authenticate(text)
-            return Caller(token.access, token)
+            return Caller(token.access, token, address=request.client)
+        signed_in = self._signed_in(request)
+        if signed_in is not None:
+            return signed_in
         if not self._config.on_loopback:
             raise AuthenticationError("a token is needed; send Authorization: Bearer <token>")
         if self._config.plain or not self._tokens.ever_issued():
-            return Caller(Access(None, "anonymous"))
-        return Caller(Access(None, "reader"))
+            return Caller(_ANONYMOUS, address=request.client)
+        return Caller(_READER, address=request.client)
+
+    def _signed_in(self, request: Request) -> Caller | None:
+        """Return the caller whose cookie stands for a token that is still good."""
+        cookie = request.headers.get("cookie")
+        session = self.sessions.find(session_name(cookie)) if cookie else None
+        if session is None:
+            return None
+        token = self._tokens.get(session.token_id)
+        if token is None:
+            return None
+        return Caller(token.access, token, session, request.client)
+
+    def needs_no_token(self) -> bool:
+        """Tell whether anybody on this machine may write: no token was ever made."""
+        return self._config.on_loopback and (self._config.plain or not self._tokens.ever_issued())
 
     def still_valid(self, caller: Caller) -> bool:
         """Tell whether the token of a long-lived connection was not revoked meanwhile."""
@@ -101,7 +138,8 @@ class Authenticator:
     def check_origin(self, request: Request, caller: Caller | None = None) -> None:
         """Refuse a change, or a websocket, that a foreign page asks for.
 
-        A bearer token passes: no page sends one that it does not know.
+        A bearer token passes: no page sends one that it does not know. A cookie does not: browsers
+        send it whoever asks.
 
         Raises
         ------
@@ -109,7 +147,12 @@ class Authenticator:
             The Origin is neither absent nor ours nor allowed.
         """
         origin = request.headers.get("origin")
-        if origin is None or (caller and caller.token):
+        by_cookie = caller is not None and caller.session is not None
+        if caller and caller.token and not by_cookie:
+            return
+        if origin is None:
+            if by_cookie:
+                raise ForbiddenError("a change by cookie needs an Origin; send a bearer token")
             return
         allowed = (*self._config.allowed_origins, *self._config.cors)
         if origin in allowed or _authority(origin) == request.header("host").lower():
@@ -196,6 +239,8 @@ def _authority(origin: str) -> str:
         return ""
 
 
+_ANONYMOUS = Access(None, "anonymous")
+_READER = Access(None, "reader")
 SCOPES = {
     "reader": frozenset(("read",)),
     "robot": frozenset(("read", "call", "write")),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import re
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,95 +17,213 @@ from rtask.cli.options import data_option, json_option
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
+    from endpoint.config import Config
     from endpoint.tokens import Token, TokenStore
 
 _LIFETIME = re.compile(r"(\d+)([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
+_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
-@click.command()
-@data_option
-@click.option("--temp", is_flag=True, help="Keep everything in memory; gone at the end.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option("-p", "--port", default=8765, show_default=True, help="0 takes any free port.")
-@click.option(
-    "--profile",
-    type=click.Choice(["full", "plain"]),
-    default="full",
-    show_default=True,
-    help="plain: a bare SPARQL 1.1 dataset without inference, provenance or rights.",
+_Decorator = Callable[[Callable[..., None]], Callable[..., None]]
+
+
+def _options(*options: _Decorator) -> _Decorator:
+    """Put several options on a command, in the order given."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+_WHERE = _options(
+    click.option(
+        "--config",
+        type=click.Path(path_type=Path, dir_okay=False),
+        is_eager=True,
+        expose_value=False,
+        callback=lambda *args: _use_file(*args),
+        metavar="FILE",
+        help="Settings in TOML, table [serve]; rtask.toml where it exists.",
+    ),
+    data_option,
+    click.option("--temp", is_flag=True, help="Keep everything in memory; gone at the end."),
+    click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at."),
+    click.option("-p", "--port", default=8765, show_default=True, help="0 takes any free port."),
+    click.option("--public-url", default="", metavar="URL", help="Address that clients use."),
+    click.option("--tls-cert", type=_FILE, metavar="PEM", help="Certificate; serve HTTPS."),
+    click.option("--tls-key", type=_FILE, metavar="PEM", help="Its key."),
+    click.option(
+        "--behind-proxy",
+        is_flag=True,
+        help="A proxy on this machine passes requests on; believe its X-Forwarded headers.",
+    ),
+    click.option(
+        "--profile",
+        type=click.Choice(["full", "plain"]),
+        default="full",
+        show_default=True,
+        help="plain: a bare SPARQL 1.1 dataset without inference, provenance or rights.",
+    ),
+    click.option(
+        "--flush",
+        type=click.Choice(["commit", "os"]),
+        default="commit",
+        show_default=True,
+        help="When a write is acknowledged: when it survives a power cut, or a crash only.",
+    ),
 )
-@click.option("--public-url", default="", metavar="URL", help="Address that clients use.")
-@click.option("--cors", multiple=True, metavar="ORIGIN", help="Let pages of this origin read.")
-@click.option(
-    "--allow-host",
-    multiple=True,
-    metavar="NAME",
-    envvar="RTASK_ALLOWED_HOSTS",
-    help="Another name of this server.",
+_OTHERS = _options(
+    click.option("--cors", multiple=True, metavar="ORIGIN", help="Let pages of this origin read."),
+    click.option(
+        "--allow-host",
+        multiple=True,
+        metavar="NAME",
+        envvar="RTASK_ALLOWED_HOSTS",
+        help="Another name of this server.",
+    ),
+    click.option(
+        "--allow-origin",
+        multiple=True,
+        metavar="ORIGIN",
+        envvar="RTASK_ALLOWED_ORIGINS",
+        help="Let pages of this origin connect and write.",
+    ),
+    click.option(
+        "--allow-service", multiple=True, metavar="URL", help="Let SERVICE ask below this address."
+    ),
+    click.option(
+        "--allow-load", multiple=True, metavar="URL", help="Let LOAD read below this address."
+    ),
 )
-@click.option(
-    "--allow-origin",
-    multiple=True,
-    metavar="ORIGIN",
-    envvar="RTASK_ALLOWED_ORIGINS",
-    help="Let pages of this origin connect and write.",
+_LIMITS = _options(
+    click.option("--timeout", default=30.0, show_default=True, help="Seconds for a query."),
+    click.option(
+        "--max-timeout", default=600.0, show_default=True, help="What a client may ask for."
+    ),
+    click.option(
+        "--max-upload", default=256, show_default=True, metavar="MIB", help="Largest request body."
+    ),
+    click.option(
+        "--max-rows", default=5_000_000, show_default=True, help="Rows of one answer at most."
+    ),
+    click.option(
+        "--max-queries", default=32, show_default=True, help="Queries at once; as many may wait."
+    ),
+    click.option(
+        "--rate", default=200.0, show_default=True, help="Requests a second of one token; 0: any."
+    ),
+    click.option(
+        "--write-rate", default=100.0, show_default=True, help="Changes a second of one token."
+    ),
+    click.option(
+        "--limit",
+        multiple=True,
+        metavar="NAME=N",
+        help="Bound of one text: query_bytes, update_bytes, patterns, optionals, unions, "
+        "path_steps, operations.",
+    ),
 )
-@click.option("--timeout", default=30.0, show_default=True, help="Seconds for a query.")
-@click.option("--log-level", default="warning", show_default=True, help="debug, info, warning.")
-def serve(
-    data: Path,
-    temp: bool,
-    host: str,
-    port: int,
-    profile: str,
-    public_url: str,
-    cors: tuple[str, ...],
-    allow_host: tuple[str, ...],
-    allow_origin: tuple[str, ...],
-    timeout: float,
-    log_level: str,
-) -> None:
-    """Serve a knowledge base: SPARQL, robots, pages."""
+_LOGS = _options(
+    click.option(
+        "--log-level",
+        type=click.Choice(["debug", "info", "warning", "error"]),
+        default="info",
+        show_default=True,
+        help="info: one line for each request.",
+    ),
+    click.option("--log-queries", is_flag=True, help="Log the text of every query."),
+    click.option(
+        "--drain-delay", default=0.0, show_default=True, help="Seconds from not ready to the end."
+    ),
+)
+
+
+def _use_file(context: click.Context, parameter: click.Parameter, file: Path | None) -> None:
+    from endpoint.settings import use_file
+
+    use_file(context, parameter, file)
+
+
+@click.command(context_settings={"auto_envvar_prefix": "RTASK"})
+@_WHERE
+@_OTHERS
+@_LIMITS
+@_LOGS
+def serve(data: Path, temp: bool, port: int, flush: str, log_level: str, **options: Any) -> None:
+    """Serve a knowledge base: SPARQL, robots, pages.
+
+    Each option is also an environment variable (--max-rows: RTASK_MAX_ROWS) and a line of the
+    settings file.
+    """
     import rtask
     from endpoint import server
-    from endpoint.config import Config
+    from endpoint.log import LineWriter, log_as_json
     from endpoint.rosbridge.services import NoEngine
     from endpoint.tokens import TokenStore
     from rtask.engine import Engine
 
-    logging.basicConfig(
-        level=getattr(logging, log_level.upper(), logging.WARNING),
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-    )
-    plain = profile == "plain"
+    config = _config(options)
     folder = None if temp else data
-    config = Config(
-        host=host,
-        public_url=public_url,
-        plain=plain,
-        cors=cors,
-        allowed_hosts=allow_host,
-        allowed_origins=allow_origin,
-        timeout_s=timeout,
-    )
     with ExitStack() as stack:
+        writer = stack.enter_context(closing(LineWriter()))
+        log_as_json(writer, log_level)
         # The port comes first: who starts a second server hears of it before a store is opened.
-        listener = stack.enter_context(closing(server.listen(host, port)))
-        kb = stack.enter_context(rtask.open(folder or ":memory:", plain=plain))
+        listener = stack.enter_context(closing(server.listen(config.host, port)))
+        where = folder or ":memory:"
+        kb = stack.enter_context(rtask.open(where, plain=config.plain, flush=flush))
         tokens = stack.enter_context(closing(TokenStore(folder)))
         server.check_exposure(tokens, config)
-        engine = NoEngine() if plain else stack.enter_context(Engine(kb))
+        engine = NoEngine() if config.plain else stack.enter_context(Engine(kb))
 
         def ready(url: str) -> None:
             kb.publish(url=url)
             click.echo(f"ready {url} data {folder or 'in memory'}")
 
-        ended = server.serve(server.Parts(kb, engine, tokens, config), listener, ready)
+        lines = writer if log_level in ("debug", "info") else None
+        parts = server.Parts(kb, engine, tokens, config, lines)
+        ended = server.serve(parts, listener, ready)
+        writer.close()
     if not ended:
         # Everything is stored and closed; only threads of queries that took too long are left, and
         # the interpreter would wait for them.
         os._exit(0)
+
+
+def _config(options: dict[str, Any]) -> Config:
+    """Return the settings that the options describe."""
+    from endpoint.config import MEGABYTE, Config
+    from endpoint.settings import limits_of
+
+    cert, key = options["tls_cert"], options["tls_key"]
+    if bool(cert) != bool(key):
+        raise UsageError("--tls-cert and --tls-key belong together")
+    return Config(
+        host=options["host"],
+        public_url=options["public_url"],
+        plain=options["profile"] == "plain",
+        cors=options["cors"],
+        allowed_hosts=options["allow_host"],
+        allowed_origins=options["allow_origin"],
+        timeout_s=options["timeout"],
+        max_timeout_s=max(options["timeout"], options["max_timeout"]),
+        max_upload_bytes=options["max_upload"] * MEGABYTE,
+        max_rows=options["max_rows"],
+        max_queries=options["max_queries"],
+        rate=options["rate"],
+        write_rate=options["write_rate"],
+        allow_service=options["allow_service"],
+        allow_load=options["allow_load"],
+        tls_cert=cert,
+        tls_key=key,
+        behind_proxy=options["behind_proxy"],
+        drain_delay_s=options["drain_delay"],
+        log_queries=options["log_queries"],
+        limits=limits_of(options["limit"]),
+    )
 
 
 @click.group()

@@ -6,17 +6,22 @@ under the asynchronous front and in tests.
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Mapping
+import secrets
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import parse_qsl, unquote
 
 from rtask.errors import RtaskError
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 _MAX_FIELDS = 2_000
+_REQUEST_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
+_RUN = secrets.token_hex(4)
+_NUMBERS = itertools.count(1)
 
 JSON_TYPE = "application/json"
 FORM_TYPE = "application/x-www-form-urlencoded"
@@ -133,6 +138,12 @@ class Request:
     client: str = ""
 
     @cached_property
+    def id(self) -> str:
+        """Name of this request in logs, problems and provenance; the client's own, if it is one."""
+        sent = self.headers.get("rtask-request-id", "")
+        return sent if _REQUEST_ID.fullmatch(sent) else f"{_RUN}-{next(_NUMBERS)}"
+
+    @cached_property
     def path(self) -> str:
         """The decoded path."""
         return unquote(self.raw_path)
@@ -161,6 +172,22 @@ class Request:
         return split_media_type(self.header("content-type"))
 
 
+class Chunks(Protocol):
+    """An answer that comes in pieces."""
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Return the pieces."""
+        ...
+
+    def __next__(self) -> bytes:
+        """Return the next piece; may wait for it."""
+        ...
+
+    def close(self) -> None:
+        """End what makes the pieces; may be called from any thread."""
+        ...
+
+
 @dataclass(frozen=True)
 class Response:
     """What goes back.
@@ -170,17 +197,21 @@ class Response:
     status
         Three digits.
     body
-        Whole; left out by the server for HEAD.
+        Whole, or what is there already; left out by the server for HEAD.
     media_type
         Content-Type; none for an empty body.
     headers
         Further header fields.
+    chunks
+        What follows `body`, as it comes; an error in it breaks the connection, so that no client
+        takes half an answer for a whole one. Closed by the server, also when the client has gone.
     """
 
     status: int = 200
     body: bytes = b""
     media_type: str = ""
     headers: tuple[tuple[str, str], ...] = ()
+    chunks: Chunks | None = None
 
     def with_headers(self, *headers: tuple[str, str]) -> Response:
         """Return a copy with further header fields."""

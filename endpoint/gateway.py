@@ -6,27 +6,25 @@ Flask's alone.
 
 from __future__ import annotations
 
-import difflib
-import itertools
-import json
-import re
-import secrets
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 
 from endpoint import graph_store
-from endpoint.auth import (
-    Authenticator,
-    Caller,
-    cors_headers,
-    preflight_headers,
-    require_scope,
-)
+from endpoint.audit import Audit
+from endpoint.auth import Authenticator, Caller, cors_headers, preflight_headers
+from endpoint.compression import compressed, unpacked
 from endpoint.config import Config
-from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
-from endpoint.health import health
-from endpoint.problems import problem
+from endpoint.exchange import RefusedError, Request, Response
+from endpoint.health import Health
+from endpoint.log import LineWriter
+from endpoint.metrics import Metrics
+from endpoint.operations import plan_operation
+from endpoint.operators import Operators
+from endpoint.problems import problem, slug_of
 from endpoint.protocol import run as protocol
+from endpoint.protocol.plan import Plan
 from endpoint.protocol.request import (
     METHODS,
     QUERY,
@@ -35,16 +33,16 @@ from endpoint.protocol.request import (
     UpdateRequest,
     parse_operation,
 )
-from endpoint.protocol.run import Plan
+from endpoint.queries import RunningQueries
+from endpoint.rate import Limiter
+from endpoint.report import Report
 from endpoint.resources.blobs import plan_blob
 from endpoint.rosbridge.services import Engine
 from endpoint.tokens import TokenStore
-from rtask.errors import UsageError
+from endpoint.versions import Versions
+from rtask.errors import AccessError
 from rtask.kb.knowledge_base import KnowledgeBase
 
-Route = Callable[[Request, Caller], Plan]
-
-_REQUEST_ID = re.compile(r"[A-Za-z0-9_-]{8,64}")
 _PROTOCOL = {
     "/sparql": (QUERY, UPDATE),
     "/query": (QUERY,),
@@ -52,7 +50,33 @@ _PROTOCOL = {
 }
 THREADS = 32
 MAX_ABANDONED = 16
-PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/blobs/", "/health/")
+_OPERATORS = ("/metrics", "/queries", "/api/history")
+_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS))
+PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/blobs/", "/health/", "/queries/")
+_SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
+
+
+@dataclass
+class Job:
+    """A request on its way.
+
+    Parameters
+    ----------
+    request
+        As it came in.
+    plan
+        What is to be done.
+    caller
+        Who asks; none where that was not asked, or not found out.
+    leave
+        Called when the request has ended.
+    """
+
+    request: Request
+    plan: Plan
+    caller: Caller | None = None
+    leave: list[Callable[[], None]] = field(default_factory=list)
+    started: float = field(default_factory=time.perf_counter)
 
 
 class Gateway:
@@ -68,108 +92,212 @@ class Gateway:
         Who may do what.
     config
         Settings of the server.
+    writer
+        Where request lines go; none writes no log.
     """
 
     def __init__(
-        self, kb: KnowledgeBase, engine: Engine, tokens: TokenStore, config: Config
+        self,
+        kb: KnowledgeBase,
+        engine: Engine,
+        tokens: TokenStore,
+        config: Config,
+        writer: LineWriter | None = None,
     ) -> None:
         self.kb = kb
         self.engine = engine
+        self.tokens = tokens
         self.config = config
         self.auth = Authenticator(tokens, config)
-        self._store = graph_store.GraphStore(kb, self.auth, config)
-        self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="query")
-        self._run_id = secrets.token_hex(4)
-        self._numbers = itertools.count(1)
+        self.metrics = Metrics()
+        self.audit = Audit(kb.folder)
+        self.queries = RunningQueries(config.max_queries)
+        self.health = Health(kb)
+        self.versions = Versions(kb)
+        self._report = Report(self.metrics, self.audit, config, kb, writer)
+        self._limiter = Limiter(config.rate, config.write_rate, config.max_in_flight)
+        self._store = graph_store.GraphStore(kb, self.auth, config, self.versions)
+        self._operators = Operators(self)
+        # What runs long has threads of its own, so that a write or a health check never waits
+        # behind queries.
+        self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
+        self.query_pool = ThreadPoolExecutor(config.max_queries, thread_name_prefix="query")
         self._abandoned: set[Future[Response]] = set()
+        self.more_gauges: dict[str, Callable[[], float]] = {}
+        self._stop_listening = kb.on_commit(self._report.commit)
 
     def serves(self, path: str) -> bool:
         """Tell whether an address is one of programs; the others are pages."""
         exact = path.rstrip("/") or "/"
-        return (
-            exact in _PROTOCOL
-            or exact in (graph_store.ADDRESS, "/health")
-            or path.startswith(PREFIXES)
-        )
+        return exact in _EXACT or path.startswith(PREFIXES)
 
     def handle(self, request: Request) -> Response:
         """Answer a request in the calling thread; queries are given up at their time-out."""
-        plan = self.plan(request)
-        if plan.timeout_s is None:
-            return plan.run()
-        work = self.pool.submit(plan.run)
+        job = self.admit(request)
         try:
-            return work.result(plan.timeout_s)
-        except TimeoutError:
-            return self.give_up(work, request, plan.timeout_s)
+            if job.plan.timeout_s is None:
+                response = self.run(job)
+            else:
+                work = self.submit(job)
+                try:
+                    response = work.result(job.plan.timeout_s)
+                except TimeoutError:
+                    response = self.give_up(work, job)
+        except BaseException:
+            self.end(job)
+            raise
+        if response.chunks is not None:
+            # Nobody tells when a WSGI server has sent the last piece; the answer is read here.
+            response = replace(response, body=response.body + b"".join(response.chunks))
+            response = replace(response, chunks=None)
+        self.end(job)
+        self.report(job, response, len(response.body))
+        return response
 
-    def plan(self, request: Request) -> Plan:
-        """Understand a request; the plan never raises, errors are answers."""
-        request_id = request.header("rtask-request-id")
-        if not _REQUEST_ID.fullmatch(request_id):
-            request_id = f"{self._run_id}-{next(self._numbers)}"
+    def admit(self, request: Request) -> Job:
+        """Understand a request; never raises, errors are answers."""
+        job = Job(request, Plan.ready(Response()))
         try:
-            plan = self._route(request)
+            self._route(job)
         except Exception as error:  # noqa: BLE001 - every error is an answer
-            return Plan.ready(self._finish(problem(error, request_id), request, request_id))
+            job.plan = Plan.ready(self._problem(error, job))
+        return job
 
-        def run() -> Response:
-            try:
-                response = plan.run()
-            except Exception as error:  # noqa: BLE001 - every error is an answer
-                response = problem(error, request_id)
-            return self._finish(response, request, request_id)
+    def refused(self, error: Exception, request: Request) -> Job:
+        """Return a request that is refused before it was read."""
+        job = Job(request, Plan.ready(Response()))
+        job.plan = Plan.ready(self._problem(error, job))
+        return job
 
-        return Plan(run, plan.timeout_s)
+    def submit(self, job: Job) -> Future[Response]:
+        """Start the work of a request in a thread that suits it."""
+        pool = self.query_pool if job.plan.lane == "query" else self.pool
+        return pool.submit(self.run, job)
 
-    def give_up(self, work: Future[Response], request: Request, seconds: float) -> Response:
-        """Answer for a query that took too long; its thread cannot be stopped and is counted."""
-        self._abandoned.add(work)
-        work.add_done_callback(self._abandoned.discard)
-        error = RefusedError(
-            504,
-            "query-timeout",
-            f"no answer within {seconds:g} s; ask for more with `timeout=<seconds>`, "
-            f"at most {self.config.max_timeout_s:g}, or for fewer rows with LIMIT",
-            limit=seconds,
+    def run(self, job: Job) -> Response:
+        """Do the work of a request; never raises."""
+        try:
+            response = job.plan.run()
+        except Exception as error:  # noqa: BLE001 - every error is an answer
+            response = self._problem(error, job)
+        return self._finish(compressed(response, job.request), job.request)
+
+    def give_up(self, work: Future[Response], job: Job) -> Response:
+        """Answer for work that took too long; a thread that cannot be stopped is counted."""
+        if not work.cancel():
+            self._abandoned.add(work)
+            work.add_done_callback(self._abandon)
+        self.metrics.count("rtask_query_aborted_total", reason="timeout")
+        return self._finish(
+            problem(protocol.timed_out(job.plan, self.config), job.request.id), job.request
         )
-        return self._finish(problem(error), request, "")
+
+    def _abandon(self, work: Future[Response]) -> None:
+        self._abandoned.discard(work)
+        response = None if work.cancelled() else work.result()
+        if response is not None and response.chunks is not None:
+            response.chunks.close()
+
+    def end(self, job: Job) -> None:
+        """Count a request out; harmless when repeated."""
+        while job.leave:
+            job.leave.pop()()
+
+    def report(self, job: Job, response: Response, sent: int, *, whole: bool = True) -> None:
+        """Log and count a request that has ended."""
+        self._report.request(job.request, job.plan, job.caller, response, sent, job.started, whole)
+
+    def gauges(self) -> dict[str, float]:
+        """Return what others have to say in the metrics; the front adds its connections."""
+        return {name: value() for name, value in self.more_gauges.items()}
+
+    def drain(self) -> None:
+        """Say from now on that this server is not ready."""
+        self.health.draining = True
 
     def close(self) -> bool:
         """Take no more work and wait for what runs; tell whether all of it ended.
 
         Queries that were given up are not waited for: they may run for hours.
         """
+        self.queries.stop_all()
         stuck = any(not work.done() for work in self._abandoned)
+        self.query_pool.shutdown(wait=not stuck, cancel_futures=True)
         self.pool.shutdown(wait=not stuck, cancel_futures=True)
+        self._stop_listening()
+        self.versions.close()
+        self.audit.close()
         return not stuck
 
-    def _finish(self, response: Response, request: Request, request_id: str) -> Response:
+    def _problem(self, error: Exception, job: Job) -> Response:
+        response = problem(error, job.request.id)
+        if response.status == 429:
+            self.metrics.count("rtask_rate_limited_total")
+        if isinstance(error, AccessError):
+            self._report.denied(job.request, job.caller, response.status, str(error))
+        if job.plan.lane == "query":
+            self.metrics.count("rtask_query_total", form=job.plan.form, outcome=slug_of(error))
+        return response
+
+    def _finish(self, response: Response, request: Request) -> Response:
         headers = [
-            ("Vary", "Accept, Authorization, Origin"),
-            ("RTASK-Version", f"{self.kb.settings.epoch}:{self.kb.seq}"),
+            ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
+            ("RTASK-Version", self.versions.current()),
+            ("RTASK-Request-Id", request.id),
             *cors_headers(request, self.config),
         ]
-        if request_id:
-            headers.append(("RTASK-Request-Id", request_id))
         if request.method in ("GET", "HEAD"):
-            headers.append(("Cache-Control", "no-cache"))
+            private = "authorization" in request.headers or "cookie" in request.headers
+            headers.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
         return response.with_headers(*headers)
 
-    def _route(self, request: Request) -> Plan:
+    # Addresses
+
+    def _route(self, job: Job) -> None:
+        request = job.request
         address = request.raw_path.rstrip("/") or "/"
         if request.method == "OPTIONS":
-            return self._options(request, address)
+            job.plan = self._options(request, address)
+            return
         if address == "/health" or request.raw_path.startswith("/health/"):
-            return health(self.kb, address)
-        caller = self.auth.identify(request)
+            job.plan = self.health.plan(address)
+            return
+        try:
+            job.caller = caller = self.auth.identify(request)
+        except AccessError:
+            self._count_stranger(request)
+            raise
+        encoding = request.headers.get("content-encoding")
+        if encoding and request.body:
+            allowed = self.config.max_upload_bytes
+            request = replace(request, body=unpacked(request.body, encoding, allowed))
+        self._admit(job, caller)
         if address in _PROTOCOL:
-            return self._protocol(request, caller, _PROTOCOL[address])
+            self._protocol(job, caller, _PROTOCOL[address])
+            return
+        if request.method not in _SAFE_METHODS:
+            self._admit_write(caller)
         if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
-            return self._store.plan(request, caller)
-        if address.startswith("/engine/"):
-            return self._engine(request, caller, address.removeprefix("/engine/"))
-        return plan_blob(self.kb, request, request.path.removeprefix("/api/blobs/"))
+            job.plan = self._store.plan(request, caller)
+        elif address.startswith("/engine/"):
+            job.plan = plan_operation(self.engine, self.auth, request, caller)
+        elif address.startswith(_OPERATORS):
+            job.plan = self._operators.plan(request, caller, address)
+        else:
+            job.plan = plan_blob(self.kb, request, request.path.removeprefix("/api/blobs/"))
+
+    def _admit(self, job: Job, caller: Caller) -> None:
+        """Count a request in; this machine is not limited while nobody needs a token."""
+        if caller.access.role != "anonymous":
+            job.leave.append(self._limiter.admit(caller.key))
+
+    def _admit_write(self, caller: Caller) -> None:
+        if caller.access.role != "anonymous":
+            self._limiter.admit_write(caller.key)
+
+    def _count_stranger(self, request: Request) -> None:
+        """Slow down who guesses: a caller without rights has its address's allowance."""
+        self._limiter.admit(f"stranger {request.client}")()
 
     def _options(self, request: Request, address: str) -> Plan:
         if address in _PROTOCOL:
@@ -181,65 +309,30 @@ class Gateway:
         else:
             methods = ("GET", "HEAD", "OPTIONS")
         allow = ("Allow", ", ".join(methods))
-        return Plan.ready(Response(204, headers=(allow, *preflight_headers(request, self.config))))
+        headers = (allow, *preflight_headers(request, self.config))
+        return Plan.ready(Response(204, headers=headers))
 
-    def _protocol(self, request: Request, caller: Caller, kinds: tuple[str, ...]) -> Plan:
+    def _protocol(self, job: Job, caller: Caller, kinds: tuple[str, ...]) -> None:
+        request = job.request
         operation = parse_operation(request, kinds)
         if isinstance(operation, DescriptionRequest):
-            return protocol.plan_description(self.kb, request, self.config, updates=UPDATE in kinds)
-        if isinstance(operation, UpdateRequest):
+            job.plan = protocol.plan_description(
+                self.kb, request, self.config, updates=UPDATE in kinds
+            )
+        elif isinstance(operation, UpdateRequest):
             self.auth.require_write(request, caller)
-            return protocol.plan_update(self.kb, operation, request, caller.access, self.config)
-        if len(self._abandoned) >= MAX_ABANDONED:
-            raise RefusedError(
-                503,
-                "busy",
-                f"{MAX_ABANDONED} queries that took too long still run; try again later",
-                headers=(("Retry-After", "30"),),
+            self._admit_write(caller)
+            job.plan = protocol.plan_update(self.kb, operation, request, caller, self.config)
+        else:
+            if len(self._abandoned) >= MAX_ABANDONED:
+                raise RefusedError(
+                    503,
+                    "busy",
+                    f"{MAX_ABANDONED} queries that took too long still run; try again later",
+                    headers=(("Retry-After", "30"),),
+                )
+            job.plan = plan = protocol.plan_query(
+                self.kb, operation, request, caller, self.config, self.versions
             )
-        return protocol.plan_query(self.kb, operation, request, self.config)
-
-    def _engine(self, request: Request, caller: Caller, name: str) -> Plan:
-        """Carry out an operation of the engine: the same objects as over the websocket."""
-        operation = self.engine.operations.get(name)
-        if operation is None:
-            near = difflib.get_close_matches(name, self.engine.operations, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise RefusedError(404, "not-found", f"no operation {name}{hint}")
-        if request.method != "POST":
-            raise RefusedError(
-                405, "method-not-allowed", "operations take POST", headers=(("Allow", "POST"),)
-            )
-        self.auth.check_origin(request, caller)
-        require_scope(caller.access, operation.scope)
-        args = _json_object(request)
-
-        def run() -> Response:
-            answer = self.engine.call(name, args, caller.access)
-            return Response(200, json.dumps(answer, allow_nan=False).encode(), JSON_TYPE)
-
-        return Plan(run)
-
-
-def _json_object(request: Request) -> dict[str, object]:
-    media_type, _ = request.content_type
-    if media_type != JSON_TYPE:
-        raise RefusedError(
-            415,
-            "unsupported-media-type",
-            f"send the arguments as {JSON_TYPE}",
-            headers=(("Accept-Post", JSON_TYPE),),
-        )
-    try:
-        args = json.loads(request.body or b"{}")
-    except json.JSONDecodeError as error:
-        raise UsageError(
-            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
-            line=error.lineno,
-            column=error.colno,
-        ) from None
-    except (ValueError, RecursionError):
-        raise UsageError("not JSON that can be read") from None
-    if not isinstance(args, dict):
-        raise UsageError("the arguments are one JSON object")
-    return args
+            if plan.running is not None:
+                job.leave.append(self.queries.begin(plan.running))

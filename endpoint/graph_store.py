@@ -6,7 +6,6 @@ else the caller's own graph or the shared one. What is put there is what is read
 
 from __future__ import annotations
 
-import hashlib
 import io
 import uuid
 from dataclasses import dataclass
@@ -20,8 +19,9 @@ from endpoint.auth import Authenticator, Caller
 from endpoint.config import Config
 from endpoint.exchange import RefusedError, Request, Response, split_media_type
 from endpoint.protocol import negotiation
+from endpoint.protocol.plan import Plan
 from endpoint.protocol.request import absolute_iri
-from endpoint.protocol.run import Plan
+from endpoint.versions import Versions, is_known, names
 from rtask.errors import VersionConflictError
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.terms import Graph
@@ -70,12 +70,17 @@ class GraphStore:
         Decides who writes at all.
     config
         Public address and profile.
+    versions
+        Since when a graph is as it is.
     """
 
-    def __init__(self, kb: KnowledgeBase, auth: Authenticator, config: Config) -> None:
+    def __init__(
+        self, kb: KnowledgeBase, auth: Authenticator, config: Config, versions: Versions
+    ) -> None:
         self._kb = kb
         self._auth = auth
         self._config = config
+        self._versions = versions
 
     def plan(self, request: Request, caller: Caller) -> Plan:
         """Prepare a request.
@@ -98,8 +103,8 @@ class GraphStore:
         self._auth.require_write(request, caller)
         if request.method == "DELETE":
             return Plan(lambda: self._delete(request, caller, graph))
-        parts = _parts(request)
         write = self._put if request.method == "PUT" else self._post
+        parts = _parts(request)
         return Plan(lambda: write(request, caller, graph, parts))
 
     def _target(self, request: Request, caller: Caller) -> Graph | None:
@@ -125,11 +130,11 @@ class GraphStore:
         def run() -> Response:
             if graph is not None and not self._exists(graph):
                 raise _missing(graph)
-            body = self._read(graph, media_type)
-            etag = f'"{hashlib.sha256(body).hexdigest()[:16]}"'
+            etag = self._versions.of_graph(graph, media_type)
             headers = (("ETag", etag),)
-            if request.header("if-none-match") in (etag, "*"):
+            if is_known(request, etag):
                 return Response(304, headers=headers)
+            body = self._read(graph, media_type)
             return Response(200, body, negotiation.content_type(media_type), headers)
 
         return Plan(run, self._config.timeout_s)
@@ -154,8 +159,9 @@ class GraphStore:
     ) -> Response:
         """Replace a graph, or every graph the caller may write (GSP, 5.3)."""
         existed = graph is None or self._exists(graph)
-        self._check_preconditions(request, graph, existed)
-        with self._kb.transaction(access=caller.access, note="graph store PUT") as tx:
+        version = self._check_preconditions(request, graph, existed)
+        note = f"graph store PUT, {caller.note(request)}"
+        with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
             if graph is None:
                 tx.update("DROP ALL")
             else:
@@ -174,8 +180,9 @@ class GraphStore:
             graph = NamedNode(f"{request.site}{ADDRESS}/{uuid.uuid4()}")
             headers = (("Location", graph.value),)
         existed = graph is None or self._exists(graph)
-        self._check_preconditions(request, graph, existed)
-        with self._kb.transaction(access=caller.access, note="graph store POST") as tx:
+        version = self._check_preconditions(request, graph, existed)
+        note = f"graph store POST, {caller.note(request)}"
+        with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
             if isinstance(graph, NamedNode) and not existed:
                 tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
             self._load(tx, request, graph, parts)
@@ -198,30 +205,40 @@ class GraphStore:
         existed = graph is None or self._exists(graph)
         if graph is not None and not existed:
             raise _missing(graph)
-        self._check_preconditions(request, graph, existed)
+        version = self._check_preconditions(request, graph, existed)
         if graph is None:
             text = "DROP ALL"
         elif isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
             text = f"CLEAR SILENT {_reference(graph)}"
         else:
             text = f"DROP {_reference(graph)}"
-        self._kb.update(text, access=caller.access, note="graph store DELETE")
+        note = f"graph store DELETE, {caller.note(request)}"
+        self._kb.update(text, access=caller.access, note=note, if_version=version)
         return Response(204)
 
-    def _check_preconditions(self, request: Request, graph: Graph | None, existed: bool) -> None:
-        """Compare If-Match and If-None-Match (RFC 9110, 13.1)."""
+    def _check_preconditions(
+        self, request: Request, graph: Graph | None, existed: bool
+    ) -> int | None:
+        """Compare If-Match and If-None-Match (RFC 9110, 13.1).
+
+        Returns
+        -------
+        version
+            The commit that was looked at, where the change depends on it: another commit between
+            this look and the change makes the change fail.
+        """
+        version = self._kb.seq
         if request.header("if-none-match") == "*" and existed:
             raise VersionConflictError("the graph is there already")
         wanted = request.header("if-match")
         if not wanted:
-            return
-        current = ""
-        if existed and wanted != "*":
-            types = negotiation.DATASET_TYPES if graph is None else negotiation.GRAPH_TYPES
-            tags = [hashlib.sha256(self._read(graph, t)).hexdigest()[:16] for t in types]
-            current = next((f'"{tag}"' for tag in tags if f'"{tag}"' in wanted), "")
-        if not existed or (wanted != "*" and not current):
+            return None
+        if not existed or (wanted != "*" and not names(wanted, self._etag(graph))):
             raise VersionConflictError("the graph is no longer the one that If-Match names")
+        return version
+
+    def _etag(self, graph: Graph | None) -> str:
+        return self._versions.of_graph(graph, "any")
 
 
 def _parts(request: Request) -> list[Part]:

@@ -40,7 +40,7 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
     """
     status = status_of(error)
     if isinstance(error, RtaskError):
-        slug, detail, extra = _slug(error), str(error), error.details
+        slug, detail, extra = slug_of(error), str(error), error.details
     else:
         slug, detail, extra = "internal", "an unexpected error; the server's log has it", {}
     members: dict[str, Any] = {
@@ -57,8 +57,10 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
     return members
 
 
-def _slug(error: RtaskError) -> str:
+def slug_of(error: Exception) -> str:
     """Return the last part of the problem type; rights are told apart by what was wanted."""
+    if not isinstance(error, RtaskError):
+        return "internal"
     if isinstance(error, RefusedError):
         return error.http_slug
     if isinstance(error, ForbiddenError):

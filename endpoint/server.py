@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import resource
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import FrameType
@@ -16,8 +18,10 @@ import uvicorn
 
 from endpoint.app import create_app
 from endpoint.asgi import Front
-from endpoint.config import Config, is_loopback
+from endpoint.config import Config
 from endpoint.gateway import Gateway
+from endpoint.http import GuardedProtocol
+from endpoint.log import LineWriter
 from endpoint.rosbridge.services import Engine
 from endpoint.rosbridge.session import Bridge
 from endpoint.tokens import TokenStore
@@ -27,6 +31,8 @@ from rtask.kb.knowledge_base import KnowledgeBase
 
 _log = logging.getLogger(__name__)
 GRACE_S = 15
+MAX_FILES = 16_384
+MAX_CONNECTIONS = 8_192
 THREAD_STACK_BYTES = 16 << 20
 
 
@@ -66,12 +72,13 @@ def listen(host: str, port: int) -> socket.socket:
 
 @dataclass(frozen=True)
 class Parts:
-    """What a server is made of."""
+    """What a server is made of; `writer` takes the log's lines."""
 
     kb: KnowledgeBase
     engine: Engine
     tokens: TokenStore
     config: Config
+    writer: LineWriter | None = None
 
 
 def check_exposure(tokens: TokenStore, config: Config) -> None:
@@ -82,9 +89,10 @@ def check_exposure(tokens: TokenStore, config: Config) -> None:
     UsageError
         Saying how to make a token.
     """
-    if not is_loopback(config.host) and not tokens.ever_issued():
+    if not config.on_loopback and not tokens.ever_issued():
+        where = "behind a proxy the server" if config.behind_proxy else config.host
         raise UsageError(
-            f"{config.host} is reachable from other machines and no token exists; make one first: "
+            f"{where} is reachable from other machines and no token exists; make one first: "
             "rtask token create --data DIR --role admin"
         )
 
@@ -108,28 +116,45 @@ def serve(parts: Parts, listener: socket.socket, on_ready: Callable[[str], None]
     """
     # Parsing nests on the stack; the threads that run queries get a deep one.
     threading.stack_size(THREAD_STACK_BYTES)
+    _allow_open_files()
     host, port = listener.getsockname()[:2]
-    url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
-    gateway = Gateway(parts.kb, parts.engine, parts.tokens, replace(parts.config, host=host))
+    scheme = "https" if parts.config.tls_cert else "http"
+    url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+    config = replace(parts.config, host=host)
+    gateway = Gateway(parts.kb, parts.engine, parts.tokens, config, parts.writer)
     bridge = Bridge(parts.engine)
-    pages = create_app(parts.kb, parts.engine, parts.tokens, gateway.config, gateway)
+    pages = create_app(parts.kb, parts.engine, parts.tokens, config, gateway)
     front = Front(gateway, bridge, pages)
-    settings = _settings(front, parts.config)
+    settings = _settings(front, config)
     server = uvicorn.Server(settings)
     stop_announcing = parts.kb.on_commit(lambda change: _announce(bridge, change))
+    # The closure is built now, not while the first robot waits for its first write.
+    parts.kb.warm_up()
+    gateway.audit.event("start", url=url)
     try:
         with asyncio.Runner(loop_factory=settings.get_loop_factory()) as runner:
             runner.run(_run(server, front, listener, lambda: on_ready(url)))
     finally:
         stop_announcing()
         bridge.close()
+        gateway.audit.event("stop")
         ended = gateway.close()
     return ended
+
+
+def _allow_open_files() -> None:
+    """Ask for as many connections as the system lets this process have."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def _settings(front: Front, config: Config) -> uvicorn.Config:
     return uvicorn.Config(
         front,
+        http=GuardedProtocol,
         log_config=None,
         access_log=False,
         server_header=False,
@@ -140,7 +165,12 @@ def _settings(front: Front, config: Config) -> uvicorn.Config:
         # A pong cannot overtake an upload that is under way; be patient with slow links.
         ws_ping_timeout=120.0,
         ws_per_message_deflate=False,
-        proxy_headers=False,
+        # What a proxy says about the client is believed where we were told of one, on this machine.
+        proxy_headers=config.behind_proxy,
+        forwarded_allow_ips="127.0.0.1,::1" if config.behind_proxy else "",
+        ssl_certfile=config.tls_cert,
+        ssl_keyfile=config.tls_key,
+        limit_concurrency=MAX_CONNECTIONS,
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=32 << 10,
     )
@@ -153,7 +183,7 @@ async def _run(
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
 
-    with _signals(server, loop, stopping):
+    with _signals(server, loop, stopping), _certificates(server):
         serving = asyncio.create_task(server.serve(sockets=[listener]))
         while not server.started and not serving.done():
             await asyncio.sleep(0.005)
@@ -161,10 +191,42 @@ async def _run(
             on_ready()
         waiting = asyncio.create_task(stopping.wait())
         await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
-        await front.connections.close_all()
+        await _drain(server, front)
         server.should_exit = True
         await serving
         waiting.cancel()
+
+
+async def _drain(server: uvicorn.Server, front: Front) -> None:
+    """Say that no more work is wanted, leave a balancer time to hear it, then tell the robots."""
+    front.drain()
+    deadline = time.monotonic() + front.drain_delay_s
+    while time.monotonic() < deadline and not server.force_exit:
+        await asyncio.sleep(0.05)
+    await front.connections.close_all()
+
+
+@contextlib.contextmanager
+def _certificates(server: uvicorn.Server) -> Iterator[None]:
+    """Read the certificate again on SIGHUP: new connections get the new one."""
+    settings = server.config
+    if not settings.ssl_certfile or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def reload(number: int, frame: FrameType | None) -> None:
+        try:
+            assert settings.ssl is not None and settings.ssl_certfile is not None
+            settings.ssl.load_cert_chain(settings.ssl_certfile, settings.ssl_keyfile)
+            _log.warning("certificate read again")
+        except (OSError, ValueError) as error:
+            _log.error("the certificate cannot be read; the old one stays: %s", error)
+
+    before = signal.signal(signal.SIGHUP, reload)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @contextlib.contextmanager

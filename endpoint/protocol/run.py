@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
+from endpoint.auth import Caller
 from endpoint.config import Config
-from endpoint.exchange import JSON_TYPE, Request, Response
+from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
 from endpoint.protocol import negotiation
 from endpoint.protocol.description import MAX_NAMED_GRAPHS, describe
 from endpoint.protocol.limits import Limits, checked_form
+from endpoint.protocol.plan import Plan
 from endpoint.protocol.request import QueryRequest, UpdateRequest
+from endpoint.queries import RunningQuery
+from endpoint.versions import Versions, is_known
 from rtask.errors import DataError, QuerySyntaxError
-from rtask.kb.access import Access
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.services import without_services
 
@@ -24,27 +25,6 @@ _CONTROL = bytes(code for code in range(32) if code not in (9, 10, 13))
 _XML_SAFE = bytes.maketrans(_CONTROL, b"?" * len(_CONTROL))
 _XML_TYPES = (negotiation.RESULTS_XML, negotiation.RDF_XML)
 _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A request that was understood: what is left is the work on the store.
-
-    Parameters
-    ----------
-    run
-        Does the work; may raise any error of :mod:`rtask.errors`.
-    timeout_s
-        How long it may take; none where it must not be given up half-way.
-    """
-
-    run: Callable[[], Response]
-    timeout_s: float | None = None
-
-    @staticmethod
-    def ready(response: Response) -> Plan:
-        """Return a plan without work."""
-        return Plan(lambda: response)
 
 
 @lru_cache(maxsize=512)
@@ -59,8 +39,15 @@ def _form(text: str, limits: Limits) -> str:
     return _known_form(text, limits)
 
 
-def plan_query(kb: KnowledgeBase, query: QueryRequest, request: Request, config: Config) -> Plan:
-    """Prepare a query: limits, format, dataset.
+def plan_query(
+    kb: KnowledgeBase,
+    query: QueryRequest,
+    request: Request,
+    caller: Caller,
+    config: Config,
+    versions: Versions,
+) -> Plan:
+    """Prepare a query: limits, format, dataset, and whether the client knows the answer already.
 
     Raises
     ------
@@ -78,9 +65,23 @@ def plan_query(kb: KnowledgeBase, query: QueryRequest, request: Request, config:
     offers = negotiation.SOLUTION_TYPES if form in ("SELECT", "ASK") else negotiation.GRAPH_TYPES
     media_type = negotiation.choose(request.header("accept"), offers)
     content_type = negotiation.content_type(media_type)
+    etag = versions.of_query(
+        query.text,
+        query.default_graphs,
+        query.named_graphs,
+        query.inferred,
+        query.base,
+        media_type,
+    )
+    headers: tuple[tuple[str, str], ...] = (("ETag", etag),) if etag else ()
+    timeout_s = config.effective_timeout(query.timeout_s, caller.access.role)
+    if query.timeout_s is not None and query.timeout_s > timeout_s:
+        headers = (*headers, ("RTASK-Timeout", f"{timeout_s:g}"))
+    if is_known(request, etag):
+        return Plan.ready(Response(304, headers=headers))
     if request.method == "HEAD":
-        return Plan.ready(Response(200, b"", content_type))
-    timeout_s = config.effective_timeout(query.timeout_s)
+        return Plan.ready(Response(200, b"", content_type, headers))
+    running = RunningQuery(request.id, caller, query.text, timeout_s)
 
     def run() -> Response:
         try:
@@ -97,13 +98,25 @@ def plan_query(kb: KnowledgeBase, query: QueryRequest, request: Request, config:
             raise DataError(f"the query cannot be evaluated: {error}") from error
         if media_type in _XML_TYPES:
             body = body.translate(_XML_SAFE)
-        return Response(200, body, content_type)
+        return Response(200, body, content_type, headers)
 
-    return Plan(run, timeout_s)
+    return Plan(run, timeout_s, "query", form, query.text, running)
+
+
+def timed_out(plan: Plan, config: Config) -> RefusedError:
+    """Return the refusal of work that took longer than it may."""
+    seconds = plan.timeout_s or config.timeout_s
+    return RefusedError(
+        504,
+        "query-timeout",
+        f"no answer within {seconds:g} s; ask for more with `timeout=<seconds>`, "
+        f"at most {config.max_timeout_s:g}, or for fewer rows with LIMIT",
+        limit=seconds,
+    )
 
 
 def plan_update(
-    kb: KnowledgeBase, update: UpdateRequest, request: Request, access: Access, config: Config
+    kb: KnowledgeBase, update: UpdateRequest, request: Request, caller: Caller, config: Config
 ) -> Plan:
     """Prepare an update. Rights are decided on by the knowledge base, on the exact change.
 
@@ -123,9 +136,10 @@ def plan_update(
     def run() -> Response:
         commit = kb.update(
             text,
+            note=caller.note(request),
             using=update.using,
             named=update.using_named,
-            access=access,
+            access=caller.access,
             base=update.base,
         )
         if not wants_json:
@@ -138,7 +152,7 @@ def plan_update(
         }
         return Response(200, json.dumps(counts).encode(), JSON_TYPE)
 
-    return Plan(run)
+    return Plan(run, form="UPDATE", text=update.text)
 
 
 def plan_description(kb: KnowledgeBase, request: Request, config: Config, *, updates: bool) -> Plan:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from endpoint.exchange import RefusedError, Request, Response
-from endpoint.protocol.run import Plan
+from endpoint.protocol.plan import Plan
 from rtask.errors import MissingBlobError
 from rtask.kb.knowledge_base import KnowledgeBase
 

@@ -1,0 +1,118 @@
+"""One JSON line for each request, and for everything else that is logged.
+
+Lines are written by a thread of their own: a terminal or a pipe that nobody reads must not hold up
+the server. What cannot be written in time is dropped and counted.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import logging
+import re
+import sys
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, TextIO
+
+_EVERY_S = 0.2
+_MAX_LINES = 20_000
+_SECRET = re.compile(r"(token=|rtk_[0-9a-f]{12}_|ticket=)[^&\s\"']*")
+
+
+def redacted(text: str) -> str:
+    """Return a text without the secrets of tokens.
+
+    Examples
+    --------
+    >>> redacted("GET /?token=rtk_0123456789ab_secret&x=1")
+    'GET /?token=***&x=1'
+    """
+    return _SECRET.sub(lambda match: match.group(1) + "***", text)
+
+
+class LineWriter:
+    """Writes lines to a stream from a thread of its own.
+
+    Parameters
+    ----------
+    stream
+        Where to; standard error unless given.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream
+        self._lines: deque[Mapping[str, Any]] = deque()
+        self._wake = threading.Event()
+        self._closed = False
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
+        self._thread.start()
+
+    def put(self, line: Mapping[str, Any]) -> None:
+        """Take a line; never waits."""
+        if len(self._lines) >= _MAX_LINES:
+            self.dropped += 1
+            return
+        self._lines.append(line)
+
+    def _run(self) -> None:
+        while not self._closed:
+            self._wake.wait(_EVERY_S)
+            self._flush()
+        self._flush()
+
+    def _flush(self) -> None:
+        texts = []
+        while self._lines:
+            texts.append(json.dumps(self._lines.popleft(), ensure_ascii=False, default=str))
+        if not texts:
+            return
+        stream = self._stream or sys.stderr
+        try:
+            stream.write("\n".join(texts) + "\n")
+            stream.flush()
+        except (OSError, ValueError):
+            self.dropped += len(texts)  # the reader has gone
+
+    def close(self) -> None:
+        """Write what is left, for a second at most."""
+        self._closed = True
+        self._wake.set()
+        self._thread.join(1.0)
+
+
+class JsonHandler(logging.Handler):
+    """Hands the records of :mod:`logging` to a :class:`LineWriter`."""
+
+    def __init__(self, writer: LineWriter) -> None:
+        super().__init__()
+        self._writer = writer
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
+        line: dict[str, Any] = {
+            "time": timestamp(record.created),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": redacted(record.getMessage()),
+        }
+        if record.exc_info and record.exc_info[0] is not None:
+            line["exception"] = redacted(logging.Formatter().formatException(record.exc_info))
+        self._writer.put(line)
+
+
+def timestamp(seconds: float) -> str:
+    """Write a time as ISO 8601, UTC, to the millisecond."""
+    return dt.datetime.fromtimestamp(seconds, dt.UTC).isoformat(timespec="milliseconds")
+
+
+def log_as_json(writer: LineWriter, level: str) -> None:
+    """Send all logging of this process to a writer."""
+    root = logging.getLogger()
+    root.handlers[:] = [JsonHandler(writer)]
+    root.setLevel(getattr(logging, level.upper(), logging.WARNING))
+    # Both log each request at INFO, with its whole address, which may hold a token.
+    for chatty in ("httpx", "uvicorn.access"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)

@@ -1,0 +1,98 @@
+"""The description of the HTTP interface as one page for people, without scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+JsonObject = dict[str, Any]
+
+
+def page(document: JsonObject) -> str:
+    """Return the page."""
+    info = document["info"]
+    parts = [
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{escape(info['title'])} over HTTP</title>",
+        '<link rel="stylesheet" href="/static/style.css"></head><body><main>',
+        f"<h1>{escape(info['title'])} over HTTP</h1><p>{escape(info['description'])}</p>",
+        '<p>For programs: <a href="/openapi.json">openapi.json</a> (OpenAPI 3.1).</p>',
+    ]
+    schemas = document["components"]["schemas"]
+    for path, methods in document["paths"].items():
+        for method, described in methods.items():
+            parts.append(_operation(path, method, described, schemas))
+    return "\n".join([*parts, "</main></body></html>"])
+
+
+def _operation(path: str, method: str, described: JsonObject, schemas: JsonObject) -> str:
+    parts = [
+        f'<section id="{escape(described.get("operationId", path.strip("/")))}">',
+        f"<h2><code>{method.upper()} {escape(path)}</code></h2>",
+        f"<p>{escape(described['summary'])}. {_code(described.get('description', ''))}</p>",
+    ]
+    rows = [(one["name"], one["in"], one["description"]) for one in described.get("parameters", ())]
+    if rows:
+        parts.append(_table(("parameter", "in", "meaning"), rows))
+    body = described.get("requestBody")
+    if body:
+        schema = _resolved(next(iter(body["content"].values()))["schema"], schemas)
+        parts.append(_fields(schema, schemas))
+    answers: JsonObject = next(iter(described["responses"]["200"]["content"].values()), {})
+    answer = answers.get("schema")
+    if answer:
+        parts += ["<h3>Answer</h3>", _fields(_resolved(answer, schemas), schemas)]
+    return "\n".join([*parts, "</section>"])
+
+
+def _fields(schema: JsonObject, schemas: JsonObject) -> str:
+    if "anyOf" in schema:
+        schema = _resolved(schema["anyOf"][0], schemas)
+    required = set(schema.get("required", ()))
+    rows = []
+    for name, one in schema.get("properties", {}).items():
+        words = one.get("description", "")
+        if "default" in one:
+            words += f"; default {one['default']}"
+        rows.append((name, _kind(one), words + ("; required" if name in required else "")))
+    return _table(("field", "type", "meaning"), rows) if rows else ""
+
+
+def _kind(schema: JsonObject) -> str:
+    if "$ref" in schema:
+        return str(schema["$ref"].rsplit("/", 1)[1])
+    if "enum" in schema:
+        return " or ".join(str(value) for value in schema["enum"] if value is not None)
+    if "anyOf" in schema:
+        return " or ".join(map(_kind, schema["anyOf"]))
+    kinds = schema.get("type", "any")
+    words = [kinds] if isinstance(kinds, str) else [kind for kind in kinds if kind != "null"]
+    if words[0] == "array" and "items" in schema:
+        return f"list of {_kind(schema['items'])}"
+    return " or ".join(words)
+
+
+def _resolved(schema: JsonObject, schemas: JsonObject) -> JsonObject:
+    if "$ref" in schema:
+        found: JsonObject = schemas[schema["$ref"].rsplit("/", 1)[1]]
+        return found
+    return schema
+
+
+def _table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
+    body = "".join(
+        f"<tr><td><code>{escape(row[0])}</code></td>"
+        + "".join(f"<td>{escape(str(cell))}</td>" for cell in row[1:])
+        + "</tr>"
+        for row in rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _code(text: str) -> str:
+    """Return a text with its back-quoted words as code."""
+    pieces = escape(text).split("`")
+    return "".join(f"<code>{p}</code>" if k % 2 else p for k, p in enumerate(pieces))

@@ -1,0 +1,116 @@
+"""What operators ask of a running server: its numbers, its queries, who wrote what.
+
+Open to a token of role ``admin``, and to this machine while nobody needs a token.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from typing import TYPE_CHECKING, Any
+
+from endpoint.auth import Caller, require_scope
+from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
+from endpoint.metrics import CONTENT_TYPE
+from endpoint.protocol.plan import Plan
+
+if TYPE_CHECKING:
+    from endpoint.gateway import Gateway
+
+_HISTORY = 200
+_COUNT_EVERY_S = 60.0
+
+
+class Operators:
+    """The addresses ``/metrics``, ``/queries`` and ``/api/history``.
+
+    Parameters
+    ----------
+    gateway
+        Whose numbers.
+    """
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._gateway = gateway
+        self._count, self._count_again = 0, 0.0
+
+    def plan(self, request: Request, caller: Caller, address: str) -> Plan:
+        """Prepare an answer.
+
+        Raises
+        ------
+        ForbiddenError
+            The caller is no operator.
+        RefusedError
+            404 or 405.
+        """
+        if address.startswith("/queries"):
+            return self._queries(request, caller, address)
+        _only(request, "GET", "HEAD")
+        if caller.access.role != "anonymous" and not self._is_local(caller, address):
+            require_scope(caller.access, "admin")
+        if address == "/metrics":
+            return Plan(self._metrics)
+        return Plan(lambda: _json({"events": self._gateway.audit.recent(_HISTORY)}))
+
+    def _is_local(self, caller: Caller, address: str) -> bool:
+        """Tell whether a collector on this machine reads the numbers, which hold no names."""
+        return address == "/metrics" and self._gateway.config.on_loopback and caller.token is None
+
+    def _metrics(self) -> Response:
+        gateway = self._gateway
+        folder = gateway.kb.folder
+        gauges: dict[str, float] = {
+            "rtask_store_seq": gateway.kb.seq,
+            "rtask_quads": self._quads(),
+            "rtask_queries_running": len(gateway.queries),
+            "rtask_ready": not gateway.health.draining,
+        }
+        if folder is not None:
+            journal = folder / "journal"
+            sizes = [file.stat().st_size for file in journal.glob("*") if file.is_file()]
+            gauges["rtask_journal_bytes"] = sum(sizes)
+            gauges["rtask_disk_free_bytes"] = shutil.disk_usage(folder).free
+        gauges.update(gateway.gauges())
+        return Response(200, gateway.metrics.text(gauges), CONTENT_TYPE)
+
+    def _quads(self) -> int:
+        """Count the statements; the store on disk reads all of them, so not too often."""
+        now = time.monotonic()
+        if now >= self._count_again:
+            self._count, self._count_again = len(self._gateway.kb.store), now + _COUNT_EVERY_S
+        return self._count
+
+    def _queries(self, request: Request, caller: Caller, address: str) -> Plan:
+        """List what runs, or stop one: one's own; an admin, anybody's."""
+        found = self._gateway.queries.visible_to(caller)
+        if address == "/queries":
+            _only(request, "GET", "HEAD")
+            return Plan.ready(_json({"queries": [query.facts() for query in found]}))
+        _only(request, "DELETE")
+        self._gateway.auth.check_origin(request, caller)
+        name = address.removeprefix("/queries/")
+        wanted = [query for query in found if query.id == name]
+        if not wanted:
+            raise RefusedError(404, "not-found", f"no query {name} of yours runs")
+
+        def stop() -> Response:
+            for query in wanted:
+                query.stop()
+            self._gateway.metrics.count("rtask_query_aborted_total", reason="stopped")
+            return Response(204)
+
+        return Plan(stop)
+
+
+def _only(request: Request, *methods: str) -> None:
+    if request.method not in methods:
+        allow = ", ".join(methods)
+        raise RefusedError(
+            405, "method-not-allowed", f"this address takes {allow}", headers=(("Allow", allow),)
+        )
+
+
+def _json(members: dict[str, Any]) -> Response:
+    return Response(200, json.dumps(members, ensure_ascii=False, default=str).encode(), JSON_TYPE)
