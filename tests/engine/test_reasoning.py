@@ -116,3 +116,12 @@ def test_the_view_leads_to_its_bytes_camera_and_place(bench, kb, engine, robots)
     known = kb.ask if hasattr(kb, "ask") else lambda q: kb.query(q)
     thing = stored["objects"][0]["object"]
     assert known(PREFIX + f"ASK {{ <{thing}> rt:knownBy <https://example.org/kb/robot/nao-1> }}")
+
+
+def test_after_one_lift_every_robot_with_such_a_hand_can_grasp_it(bench, kb, engine, robots):
+    """Nobody weighs anything: the payload of the hand that lifted it bounds its mass."""
+    robots("nao-2")
+    able = PREFIX + "SELECT DISTINCT ?r { ?r rt:canGrasp ?o . ?o a rt:ManipulableObject }"
+    assert len(kb.select(able)) == 0
+    tell(bench, robots("nao-1"))
+    assert {row.value(0).rsplit("/", 1)[-1] for row in kb.select(able)} == {"nao-1", "nao-2"}

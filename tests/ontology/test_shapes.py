@@ -209,6 +209,72 @@ FAULTS = [
     ("dsv", "DatasetVersion", put(":dsv rt:versionNumber", "0")),
     ("dsv", "DatasetVersion", drop(":dsv rt:contentDigest")),
     ("pr2", "AgentGraph", drop("<" + SAMPLE + "graph/agent/pr2> rt:graphOwner")),
+    ("w1", "WriteActivity", drop(":w1 rt:commitNumber")),
+    ("w1", "WriteActivity", drop(":w1 prov:endedAtTime")),
+    ("w1", "Retraction", add(":w1 a rt:Retraction")),
+    ("q", "QuarantineGraph", add(":q a rt:QuarantineGraph ; rt:quarantinedFrom :w")),
+    ("q", "QuarantineGraph", add(':q a rt:QuarantineGraph ; rt:quarantineReason "clash"')),
+    ("r", "Confidence", add(":r rt:confidence 1.5e0")),
+    ("p", "StateProjection", add(":p a rt:StateProjection")),
+    (
+        "p",
+        "StateProjection",
+        add(":p a rt:StateProjection ; rt:inputDimension 3 ; rt:outputDimension 5"),
+    ),
+    (
+        "p",
+        "StateProjection",
+        add(":p a rt:StateProjection ; rt:outputDimension 5 ; rt:explainedVariance 1.1e0"),
+    ),
+    ("l", "LearnerSnapshot", add(":l a rt:LearnerSnapshot ; rt:hasBlob :b")),
+    ("l", "LearnerSnapshot", add(':l a rt:LearnerSnapshot ; rt:algorithm "beta/1"')),
+    *(
+        ("d", "DecisionPolicy", add(f":d a rt:DecisionPolicy ; rt:{name} 1.1e0"))
+        for name in [
+            "recognitionThreshold",
+            "poseThreshold",
+            "graspThreshold",
+            "explorationRate",
+        ]
+    ),
+    ("z", "AngleSector", add(":z a rt:AngleSector ; rt:lowerAngle 2e0 ; rt:upperAngle 1e0")),
+    ("z", "AngleSector", add(":z a rt:AngleSector ; rt:lowerAngle 2e0")),
+    ("plan", "ServiceMethod", drop(":plan rt:methodName")),
+    ("m", "ServiceMethod", add(':m a rt:ServiceMethod ; rt:methodName "m"')),
+    ("m", "MethodParameter", add(':m a rt:MethodParameter ; rt:parameterName "m"')),
+    ("slot1", "DataResource", put(":slot1 rt:resourceKind", '"file"')),
+    ("slot1", "DataResource", drop(":slot1 rt:resourceName")),
+    ("call1", "ServiceCall", drop(":call1 rt:calledMethod")),
+    ("bind1", "ResourceBinding", drop(":bind1 rt:bindsDataset")),
+    ("m", "PipelineStep", add(":m a rt:PipelineStep")),
+    ("obs1", "Observation", drop(":obs1 sosa:madeBySensor")),
+    ("obs1", "Observation", drop(":obs1 sosa:resultTime")),
+    ("pr2Cam", "Camera", add(":pr2Cam rt:focalX 0.0e0")),
+    ("pr2Cam", "Camera", add(":pr2Cam rt:imageWidth 0")),
+    ("j", "Joint", add(":j a rt:Joint")),
+    ("j", "Joint", add(':j a rt:Joint ; rt:jointName "j" ; rt:jointKind "ball"')),
+    ("m", "RobotModel", add(":m a rt:RobotModel")),
+    ("f", "SIFTFeatureSet", add(":f a rt:SIFTFeatureSet ; rt:descriptorLength 64")),
+    ("f", "FPFHFeatureSet", add(":f a rt:FPFHFeatureSet ; rt:descriptorLength 125")),
+    (
+        "b",
+        "BSplineModel",
+        add(":b a rt:BSplineModel ; rt:degree 3 ; rt:controlPointCount 3"),
+    ),
+    ("b", "BSplineModel", add(":b a rt:BSplineModel ; rt:degree 3")),
+    ("y", "Symmetry", add(":y a rt:Symmetry ; rt:symmetryOrder 4")),
+    ("f1", "PhysicsFeedback", drop(":f1 rt:verdict")),
+    ("f1", "PhysicsFeedback", add(":f1 rt:holdTime -1.0e0")),
+    ("v", "JointValue", add(":v a rt:JointValue ; rt:angle 0.5e0")),
+    ("t", "GripperTranslation", add(":t a rt:GripperTranslation")),
+    (
+        "t",
+        "GripperTranslation",
+        add(
+            ":t a rt:GripperTranslation ; rt:translationDirection :d ;"
+            " rt:minDistance 0.2e0 ; rt:desiredDistance 0.1e0"
+        ),
+    ),
 ]
 
 

@@ -44,7 +44,8 @@ class Thing(Model):
     at_time
         When it held or was made, with its time zone.
     can_grasp
-        The robot's opening, payload and capability suffice for the object (rule R2).
+        The robot's opening, payload and capability suffice for the object: its mass is
+        stated, or an end effector of no greater payload has lifted it (rule R2).
     can_perform
         The robot has every capability that the task asks for (rule R3).
     centre_of_mass_sigma
@@ -86,6 +87,9 @@ class Thing(Model):
         A name for people, in a language.
     made_by_sensor
         The sensor that made the observation.
+    mass_bound
+        What the object weighs at most: the payload of an end effector that has lifted it, or
+        its product (rule R7). Several end effectors give several bounds. [KiloGM]
     member
         Is a member of.
     name
@@ -162,6 +166,7 @@ class Thing(Model):
     judged_success: One[bool] = One(_RT + "judgedSuccess", _XSD + "boolean", functional=True)
     label: Many[str] = Many(_RDFS + "label", _RDF + "langString")
     made_by_sensor: Links[Thing] = Links(_SOSA + "madeBySensor", _OWL + "Thing")
+    mass_bound: Many[float] = Many(_RT + "massBound", _XSD + "double", unit="KiloGM")
     member: Links[Thing] = Links(_SUMO + "member", _OWL + "Thing")
     name: Many[str] = Many(_RT + "name", _XSD + "string")
     note: Many[str] = Many(_RT + "note", _XSD + "string")
@@ -836,6 +841,7 @@ class DataResource(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "DataResource"
+    __required__: ClassVar[tuple[str, ...]] = ("resource_kind", "resource_name",)
 
     resource_kind: One[str] = One(_RT + "resourceKind", _XSD + "string", functional=True)
     resource_name: One[str] = One(_RT + "resourceName", _XSD + "string", functional=True)
@@ -897,10 +903,10 @@ class DecisionPolicy(InformationEntity, Plan):
 
     __iri__: ClassVar[str] = _RT + "DecisionPolicy"
 
-    exploration_rate: One[float] = One(_RT + "explorationRate", _XSD + "double", functional=True, unit="UNITLESS")
-    grasp_threshold: One[float] = One(_RT + "graspThreshold", _XSD + "double", functional=True, unit="UNITLESS")
-    pose_threshold: One[float] = One(_RT + "poseThreshold", _XSD + "double", functional=True, unit="UNITLESS")
-    recognition_threshold: One[float] = One(_RT + "recognitionThreshold", _XSD + "double", functional=True, unit="UNITLESS")
+    exploration_rate: One[float] = One(_RT + "explorationRate", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    grasp_threshold: One[float] = One(_RT + "graspThreshold", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    pose_threshold: One[float] = One(_RT + "poseThreshold", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    recognition_threshold: One[float] = One(_RT + "recognitionThreshold", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
 
 
 class Experience(InformationEntity):
@@ -1135,9 +1141,10 @@ class GripperTranslation(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "GripperTranslation"
+    __required__: ClassVar[tuple[str, ...]] = ("translation_direction",)
 
     desired_distance: One[float] = One(_RT + "desiredDistance", _XSD + "double", functional=True, unit="M")
-    min_distance: One[float] = One(_RT + "minDistance", _XSD + "double", functional=True, unit="M")
+    min_distance: One[float] = One(_RT + "minDistance", _XSD + "double", functional=True, unit="M", limits=Limits(least=0.0))
     translation_direction: Link[Direction] = Link(_RT + "translationDirection", _RT + "Direction", functional=True)
 
 
@@ -1185,6 +1192,7 @@ class JointValue(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "JointValue"
+    __required__: ClassVar[tuple[str, ...]] = ("of_joint",)
 
     angle: One[float] = One(_RT + "angle", _XSD + "double", functional=True, unit="RAD")
     angular_acceleration: One[float] = One(_RT + "angularAcceleration", _XSD + "double", functional=True, unit="RAD-PER-SEC2")
@@ -1235,6 +1243,7 @@ class LearnerSnapshot(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "LearnerSnapshot"
+    __required__: ClassVar[tuple[str, ...]] = ("algorithm", "has_blob",)
 
     algorithm: One[str] = One(_RT + "algorithm", _XSD + "string", functional=True)
     learnt_from: Links[Experience] = Links(_RT + "learntFrom", _RT + "Experience")
@@ -1311,6 +1320,7 @@ class MethodParameter(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "MethodParameter"
+    __required__: ClassVar[tuple[str, ...]] = ("parameter_name", "value_type",)
 
     parameter_index: One[int] = One(_RT + "parameterIndex", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     parameter_name: One[str] = One(_RT + "parameterName", _XSD + "string", functional=True)
@@ -1352,6 +1362,7 @@ class Observation(Process, SosaObservation, Activity):
     """
 
     __iri__: ClassVar[str] = _RT + "Observation"
+    __required__: ClassVar[tuple[str, ...]] = ("made_by_sensor", "result_time",)
 
     entropy_change: One[float] = One(_RT + "entropyChange", _XSD + "double", functional=True, unit="UNITLESS")
 
@@ -1412,6 +1423,7 @@ class PipelineStep(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "PipelineStep"
+    __required__: ClassVar[tuple[str, ...]] = ("step_method",)
 
     feeds: Links[PipelineStep] = Links(_RT + "feeds", _RT + "PipelineStep")
     step_method: Link[ServiceMethod] = Link(_RT + "stepMethod", _RT + "ServiceMethod", functional=True)
@@ -1514,6 +1526,7 @@ class ResourceBinding(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "ResourceBinding"
+    __required__: ClassVar[tuple[str, ...]] = ("binds_dataset", "binds_resource",)
 
     binds_dataset: Link[DatasetVersion] = Link(_RT + "bindsDataset", _RT + "DatasetVersion", functional=True)
     binds_resource: Link[DataResource] = Link(_RT + "bindsResource", _RT + "DataResource", functional=True)
@@ -1535,6 +1548,7 @@ class RobotModel(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "RobotModel"
+    __required__: ClassVar[tuple[str, ...]] = ("model_name",)
 
     model_name: One[str] = One(_RT + "modelName", _XSD + "string", functional=True)
     srdf: Links[Blob] = Links(_RT + "srdf", _RT + "Blob")
@@ -1581,6 +1595,7 @@ class ServiceCall(Process, Activity):
     """
 
     __iri__: ClassVar[str] = _RT + "ServiceCall"
+    __required__: ClassVar[tuple[str, ...]] = ("called_method",)
 
     call_succeeded: One[bool] = One(_RT + "callSucceeded", _XSD + "boolean", functional=True)
     called_method: Link[ServiceMethod] = Link(_RT + "calledMethod", _RT + "ServiceMethod", functional=True)
@@ -1609,6 +1624,7 @@ class ServiceMethod(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "ServiceMethod"
+    __required__: ClassVar[tuple[str, ...]] = ("method_name", "method_of",)
 
     has_input: Links[MethodParameter] = Links(_RT + "hasInput", _RT + "MethodParameter")
     has_output: Links[MethodParameter] = Links(_RT + "hasOutput", _RT + "MethodParameter")
@@ -1633,10 +1649,11 @@ class StateProjection(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "StateProjection"
+    __required__: ClassVar[tuple[str, ...]] = ("output_dimension",)
 
-    explained_variance: One[float] = One(_RT + "explainedVariance", _XSD + "double", functional=True, unit="UNITLESS")
-    input_dimension: One[int] = One(_RT + "inputDimension", _XSD + "positiveInteger", functional=True, unit="NUM")
-    output_dimension: One[int] = One(_RT + "outputDimension", _XSD + "positiveInteger", functional=True, unit="NUM")
+    explained_variance: One[float] = One(_RT + "explainedVariance", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    input_dimension: One[int] = One(_RT + "inputDimension", _XSD + "positiveInteger", functional=True, unit="NUM", limits=Limits(least=1.0))
+    output_dimension: One[int] = One(_RT + "outputDimension", _XSD + "positiveInteger", functional=True, unit="NUM", limits=Limits(least=1.0))
 
 
 class Symmetry(InformationEntity):
@@ -1653,9 +1670,10 @@ class Symmetry(InformationEntity):
     """
 
     __iri__: ClassVar[str] = _RT + "Symmetry"
+    __required__: ClassVar[tuple[str, ...]] = ("symmetry_axis", "symmetry_order",)
 
     symmetry_axis: Link[Direction] = Link(_RT + "symmetryAxis", _RT + "Direction", functional=True)
-    symmetry_order: One[int] = One(_RT + "symmetryOrder", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
+    symmetry_order: One[int] = One(_RT + "symmetryOrder", _XSD + "nonNegativeInteger", functional=True, unit="NUM", limits=Limits(least=0.0))
 
 
 class View(InformationEntity):
@@ -1713,6 +1731,7 @@ class WriteActivity(Process, Activity):
     """
 
     __iri__: ClassVar[str] = _RT + "WriteActivity"
+    __required__: ClassVar[tuple[str, ...]] = ("commit_number", "ended_at_time",)
 
     changed_graph: Links[NamedGraph] = Links(_RT + "changedGraph", _RT + "NamedGraph")
 
@@ -2107,12 +2126,13 @@ class PhysicsFeedback(Feedback):
     """
 
     __iri__: ClassVar[str] = _RT + "PhysicsFeedback"
+    __required__: ClassVar[tuple[str, ...]] = ("verdict",)
 
     contact_force: One[float] = One(_RT + "contactForce", _XSD + "double", functional=True, unit="N")
-    hold_time: One[float] = One(_RT + "holdTime", _XSD + "double", functional=True, unit="SEC")
+    hold_time: One[float] = One(_RT + "holdTime", _XSD + "double", functional=True, unit="SEC", limits=Limits(least=0.0))
     jaw_gap: One[float] = One(_RT + "jawGap", _XSD + "double", functional=True, unit="M")
     lift_height: One[float] = One(_RT + "liftHeight", _XSD + "double", functional=True, unit="M")
-    links_touching: One[int] = One(_RT + "linksTouching", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
+    links_touching: One[int] = One(_RT + "linksTouching", _XSD + "nonNegativeInteger", functional=True, unit="NUM", limits=Limits(least=0.0))
     place_offset: One[float] = One(_RT + "placeOffset", _XSD + "double", functional=True, unit="M")
     preset: One[str] = One(_RT + "preset", _XSD + "string", functional=True)
     slip_distance: One[float] = One(_RT + "slipDistance", _XSD + "double", functional=True, unit="M")
@@ -2166,6 +2186,44 @@ class ProvenanceGraph(NamedGraph):
     """
 
     __iri__: ClassVar[str] = _RT + "ProvenanceGraph"
+
+
+class QuarantineGraph(NamedGraph):
+    """A graph of statements that were set aside because they contradict what is known or violate a
+    shape; no input of the closure.
+
+    ``rt:QuarantineGraph``
+
+    Attributes
+    ----------
+    quarantine_reason
+        What was found: the contradiction or the violated shape.
+    quarantined_from
+        The graph for which the statements were meant.
+    """
+
+    __iri__: ClassVar[str] = _RT + "QuarantineGraph"
+    __required__: ClassVar[tuple[str, ...]] = ("quarantine_reason", "quarantined_from",)
+
+    quarantine_reason: Many[str] = Many(_RT + "quarantineReason", _XSD + "string")
+    quarantined_from: Links[NamedGraph] = Links(_RT + "quarantinedFrom", _RT + "NamedGraph")
+
+
+class Retraction(WriteActivity):
+    """A commit that withdraws statements because they were wrong, not because the world changed.
+
+    ``rt:Retraction``
+
+    Attributes
+    ----------
+    retraction_reason
+        Why the statements were wrong, in words.
+    """
+
+    __iri__: ClassVar[str] = _RT + "Retraction"
+    __required__: ClassVar[tuple[str, ...]] = ("retraction_reason",)
+
+    retraction_reason: Many[str] = Many(_RT + "retractionReason", _XSD + "string")
 
 
 class RobotAction(Action):
@@ -2433,8 +2491,9 @@ class AngleSector(LearningAction):
     """
 
     __iri__: ClassVar[str] = _RT + "AngleSector"
+    __required__: ClassVar[tuple[str, ...]] = ("lower_angle", "upper_angle",)
 
-    lower_angle: One[float] = One(_RT + "lowerAngle", _XSD + "double", functional=True, unit="RAD")
+    lower_angle: One[float] = One(_RT + "lowerAngle", _XSD + "double", functional=True, unit="RAD", limits=Limits(least=0.0))
     upper_angle: One[float] = One(_RT + "upperAngle", _XSD + "double", functional=True, unit="RAD")
 
 
@@ -2445,7 +2504,7 @@ class BSplineModel(ShapeModel):
     """
 
     __iri__: ClassVar[str] = _RT + "BSplineModel"
-    __required__: ClassVar[tuple[str, ...]] = ("has_blob",)
+    __required__: ClassVar[tuple[str, ...]] = ("control_point_count", "degree", "has_blob",)
 
 
 class CloudImage(Image2D):
@@ -3215,6 +3274,7 @@ class Joint(Device):
     """
 
     __iri__: ClassVar[str] = _RT + "Joint"
+    __required__: ClassVar[tuple[str, ...]] = ("joint_name",)
 
     joint_kind: One[str] = One(_RT + "jointKind", _XSD + "string", functional=True)
     joint_name: One[str] = One(_RT + "jointName", _XSD + "string", functional=True)
@@ -3321,13 +3381,13 @@ class Camera(RobotSensor):
     __iri__: ClassVar[str] = _RT + "Camera"
 
     depth_error_ratio: One[float] = One(_RT + "depthErrorRatio", _XSD + "double", unit="UNITLESS")
-    focal_x: One[float] = One(_RT + "focalX", _XSD + "double", unit="NUM")
-    focal_y: One[float] = One(_RT + "focalY", _XSD + "double", unit="NUM")
+    focal_x: One[float] = One(_RT + "focalX", _XSD + "double", unit="NUM", limits=Limits(above=0.0))
+    focal_y: One[float] = One(_RT + "focalY", _XSD + "double", unit="NUM", limits=Limits(above=0.0))
     frame_rate: One[float] = One(_RT + "frameRate", _XSD + "double", unit="HZ")
-    image_height: One[int] = One(_RT + "imageHeight", _XSD + "positiveInteger", unit="NUM")
-    image_width: One[int] = One(_RT + "imageWidth", _XSD + "positiveInteger", unit="NUM")
+    image_height: One[int] = One(_RT + "imageHeight", _XSD + "positiveInteger", unit="NUM", limits=Limits(least=1.0))
+    image_width: One[int] = One(_RT + "imageWidth", _XSD + "positiveInteger", unit="NUM", limits=Limits(least=1.0))
     max_range: One[float] = One(_RT + "maxRange", _XSD + "double", unit="M")
-    min_range: One[float] = One(_RT + "minRange", _XSD + "double", unit="M")
+    min_range: One[float] = One(_RT + "minRange", _XSD + "double", unit="M", limits=Limits(least=0.0))
     principal_x: One[float] = One(_RT + "principalX", _XSD + "double", unit="NUM")
     principal_y: One[float] = One(_RT + "principalY", _XSD + "double", unit="NUM")
 
