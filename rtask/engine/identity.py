@@ -67,9 +67,10 @@ def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:
     """Tell whether the measured size can be that of a known object.
 
     An object that has fallen over shows other sides, so the three extents are compared in order of
-    size. One that is cut off by the border of the image may look smaller than it is.
+    size. One that is cut off by the border of the image may look smaller than it is, and one of
+    which nobody said how the camera stood has no size.
     """
-    if known.size is None or seen.shape is None:
+    if known.size is None or seen.shape is None or not seen.is_posed:
         return True
     here = np.sort([seen.shape.length, seen.shape.width, seen.shape.height])
     there = np.sort(known.size)

@@ -156,6 +156,11 @@ def _prepare(
     if grasp is not None:
         grasp = grasp.placed(placement).completed(decision)
     outcome = _outcome(engine, item, grasp, where)
+    if item["outcome"] is not None and gripper is None:
+        raise UsageError(
+            f"{where}gripper_id is missing: an outcome is one of a gripper; "
+            "register_robot introduces it", field=where + "gripper_id",
+        )  # fmt: skip
     return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome)
 
 

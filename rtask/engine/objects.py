@@ -93,7 +93,7 @@ def state_frame(engine: Engine, facts: Facts, thing: NamedNode) -> None:
 
 def guess_class(observation: Observation) -> tuple[NamedNode, float] | None:
     """Return the class that the measured shape suggests, with a confidence."""
-    if observation.shape is None:
+    if observation.shape is None or not observation.is_posed:
         return None
     found = classify_shape(observation.shape, observation.points)
     return None if found is None else (getattr(RT, found[0]), found[1])
@@ -118,7 +118,7 @@ def state_object(engine: Engine, facts: Facts, new: NewObject, observation: Obse
     elif new.class_iri is not None and new.class_confidence is not None:
         reifier = engine.names.unique("statement")
         facts.with_confidence(reifier, new.iri, RDF.type, new.class_iri, new.class_confidence)
-    if shape is None:
+    if shape is None or not observation.is_posed:
         return
     facts.node(
         new.iri,

@@ -42,6 +42,8 @@ class Observation:
         Measured on its support; None when the points are too few to say.
     is_rendered
         The image was made from the cloud's own colours.
+    is_posed
+        It is known which way was up: without, ``shape`` measures in a frame of no meaning.
     seconds
         ``decode_s`` and ``extraction_s``; zeros when it was known already.
     """
@@ -55,6 +57,7 @@ class Observation:
     frame_id: str = ""
     stamp_s: float | None = None
     is_rendered: bool = False
+    is_posed: bool = True
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
 
 
@@ -131,6 +134,9 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
     finite = cloud[np.isfinite(cloud).all(axis=1)]
     points = np.asarray(transform(camera_pose, finite), dtype=np.float64)
     shape = _measure(points, request.get("support_height"))
+    # A crop of a depth image lies in the optical frame, whose z looks forward and not up.
+    frame_id = request.get("frame_id") or decoded.frame_id
+    is_upright = not isinstance(decoded, Frame) and bool(frame_id)
     return Observation(
         data=request["data"],
         frame=frame,
@@ -138,9 +144,10 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
         frame_from_camera=camera_pose,
         points=points,
         shape=shape,
-        frame_id=request.get("frame_id") or decoded.frame_id,
+        frame_id=frame_id,
         stamp_s=request.get("stamp"),
         is_rendered=is_rendered,
+        is_posed=sensor_pose is not None or is_upright,
         seconds={"decode_s": decoded_s, "extraction_s": time.perf_counter() - started},
     )
 

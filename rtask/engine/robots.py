@@ -209,7 +209,8 @@ class GripperCatalogue:
         Parameters
         ----------
         gripper_id
-            IRI or name; None = the only one of the robot that asks.
+            IRI or name; None = the only one of the robot that asks. Nobody is credited with what
+            another robot's hand did, so a robot without a gripper must name one.
         agent
             Who asks: its own grippers come first where a name is used by several robots.
 
@@ -221,9 +222,10 @@ class GripperCatalogue:
         known = self.all()
         own = [g for g in known if g.robot_name == agent]
         if gripper_id is None:
-            if len(own or known) == 1:
-                return (own or known)[0]
-            raise UnknownTermError("gripper_id is missing and there is not exactly one gripper")
+            if len(own) == 1:
+                return own[0]
+            said = f"{agent} has {len(own)} grippers" if agent else "the caller has no name"
+            raise UnknownTermError(f"gripper_id is missing, and {said}")
         for g in (*own, *known):
             if gripper_id in (g.iri.value, g.gripper.name):
                 return g

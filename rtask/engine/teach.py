@@ -29,6 +29,7 @@ SEARCH_OBJECT = (
     Field("min_confidence", "number", "least confidence of an entry", low=0.0, high=1.0),
 )
 
+_SAID = ("class_description", "name", "task_id")
 _OPTIONAL_SIGHT = tuple(Field(f.name, f.kind, f.summary, aliases=f.aliases) for f in SIGHT)
 
 TEACH_OBJECT = (
@@ -37,7 +38,7 @@ TEACH_OBJECT = (
     Field("class_description", "string", "what the person called it"),
     *_OPTIONAL_SIGHT,
     Field("name", "string", "what the person calls this one object"),
-    Field("task_id", "string", "of the attempt that is confirmed or rejected"),
+    Field("task_id", "string", "of the attempt that is judged; of what is taught, stored once"),
     Field("object", "string", "IRI of the object whose last attempt is meant"),
     Field("grasp", "string", "IRI of the grasp whose last attempt is meant"),
     Field("operator", "string", "who says so"),
@@ -70,7 +71,7 @@ def _search(engine: Engine, request: dict[str, Any], access: Access) -> dict[str
 def _teach(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
     _wanted(request, "class_description", "data")
     item: dict[str, Any] = {field.name: field.default for field in ITEM}
-    for field in (*SIGHT, *(f for f in ITEM if f.name in ("class_description", "name"))):
+    for field in (*SIGHT, *(f for f in ITEM if f.name in _SAID)):
         item[field.name] = request.get(field.name)
     author = engine.author(access, request["operator"], "teacher")
     stored = insert_object(engine, {"objects": [item]}, author)

@@ -1,0 +1,208 @@
+"""Answers: which fields an operation gives back.
+
+The engine fills them in, the typed client returns them, and the description of the HTTP interface
+is made from them. Poses, postures and translations are those of ROS messages (moveit_msgs/Grasp).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NotRequired, TypedDict
+
+__all__ = [
+    "ANSWERS",
+    "GraspStatistics",
+    "Inserted",
+    "InsertedObject",
+    "OfferedGrasp",
+    "RecalledGrasp",
+    "RecalledGrasps",
+    "Recognition",
+    "RegisteredRobot",
+    "ReportedOutcome",
+    "SimilarObject",
+    "SimilarObjects",
+    "Taught",
+]
+
+Message = dict[str, Any]
+
+
+class GraspStatistics(TypedDict):
+    """How often a grasp held, over all robots."""
+
+    attempts: int
+    successes: int
+    mean: float
+    lower_95: float
+
+
+class RegisteredRobot(TypedDict):
+    """What `register_robot` answers."""
+
+    robot: str
+    graph: str
+    commit: str
+
+
+# Functional form: `class` is a word of the language.
+SimilarObject = TypedDict(
+    "SimilarObject",
+    {
+        "class": str,
+        "class_iri": str,
+        "object": str,
+        "label": str,
+        "confidence": float,
+        "X": float | None,
+        "Y": float | None,
+        "Z": float | None,
+        "rad": float | None,
+        "grasp": str | None,
+    },
+)
+"""A known object that looks alike; position and turn of its best grasp in m and rad, or nulls."""
+
+
+class SimilarObjects(TypedDict):
+    """What `search_object` answers."""
+
+    similar_objects: list[SimilarObject]
+    suggestions: list[str]
+
+
+class OfferedGrasp(TypedDict):
+    """One grasp to try: a moveit_msgs/Grasp, and why it stands where it stands."""
+
+    id: str
+    source: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    width: float
+    opening: float
+    mean: float
+    interval90: list[float]
+    alpha: float
+    beta: float
+    statistics: GraspStatistics
+    explanation: Message
+    in_object: Message
+    pre_grasp_posture: Message
+    grasp_posture: Message
+    grasp_pose: Message
+    grasp_quality: float
+    pre_grasp_approach: Message
+    post_grasp_retreat: Message
+    max_contact_force: float
+    allowed_touch_objects: list[str]
+
+
+Recognition = TypedDict(
+    "Recognition",
+    {
+        "task_response": str,
+        "task_id": str,
+        "object": str,
+        "class": str,
+        "class_iri": str,
+        "label": str,
+        "confidence": float,
+        "statistics": GraspStatistics,
+        "pre_grasp_posture": Message,
+        "grasp_posture": Message,
+        "grasp_pose": Message,
+        "grasp_quality": float,
+        "pre_grasp_approach": Message,
+        "post_grasp_retreat": Message,
+        "max_contact_force": float,
+        "allowed_touch_objects": list[str],
+        "grasps": list[OfferedGrasp],
+        "shape": Message | None,
+        "recognition": Message,
+        "similar_objects": list[SimilarObject],
+        "times": Message,
+    },
+)
+"""What `recognise_for_grasp` answers."""
+
+
+class RecalledGrasp(TypedDict):
+    """One known grasp, in the frame of its object."""
+
+    id: str
+    gripper_type: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    opening: float | None
+    grasp_quality: float | None
+    statistics: GraspStatistics
+
+
+class RecalledGrasps(TypedDict):
+    """What `recall_grasps` answers."""
+
+    object: str
+    class_iri: str
+    label: str
+    grasps: list[RecalledGrasp]
+
+
+InsertedObject = TypedDict(
+    "InsertedObject",
+    {
+        "object": str,
+        "class": str,
+        "class_iri": str,
+        "label": str,
+        "grasp": str,
+        "view": str,
+        "new": bool,
+        "features": int,
+        "commit": str,
+    },
+)
+"""What became of one entry of `insert_object`."""
+
+
+class Inserted(TypedDict):
+    """What `insert_object` answers."""
+
+    stored: int
+    commit: str
+    objects: list[InsertedObject]
+
+
+class ReportedOutcome(TypedDict):
+    """What `report_outcome` answers."""
+
+    stored: int
+    commit: str
+    statistics: GraspStatistics
+    grasp: str
+
+
+class Taught(TypedDict):
+    """What `teach_object` answers; what is stored only where something was to be stored."""
+
+    similar_objects: list[SimilarObject]
+    suggestions: list[str]
+    stored: NotRequired[int]
+    commit: NotRequired[str]
+    objects: NotRequired[list[InsertedObject]]
+    grasp: NotRequired[str]
+    statistics: NotRequired[GraspStatistics]
+
+
+ANSWERS: dict[str, Any] = {
+    "register_robot": RegisteredRobot,
+    "recognise_for_grasp": Recognition,
+    "recall_grasps": RecalledGrasps,
+    "search_object": SimilarObjects,
+    "insert_object": Inserted,
+    "report_outcome": ReportedOutcome,
+    "teach_object": Taught,
+}
+"""Type of the answer of each operation."""
