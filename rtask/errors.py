@@ -10,12 +10,15 @@
     │   ├── StorageFullError        the disk is full
     │   ├── ClosedError             used after close()
     │   ├── MissingBlobError        a triple names bytes that are not there
-    │   └── UnsupportedError        not possible on this kind of store
+    │   ├── UnsupportedError        not possible on this kind of store
+    │   ├── BusyError               too many wait already
+    │   └── QueryTimeout            a query reached its deadline
     ├── DataError
     │   ├── ParseError              file, line, column, reason
     │   ├── QuerySyntaxError        SPARQL text that does not parse
     │   ├── ValidationError         SHACL violations, with the report
     │   ├── InconsistentError       a contradiction, with the triples that clash
+    │   ├── QueryTooExpensive       a query that its reader did not survive
     │   ├── VersionConflictError    somebody else wrote first
     │   ├── TooLargeError           beyond a stated limit
     │   └── UnknownTermError        a name or IRI that the graph does not know
@@ -39,6 +42,7 @@ from typing import Any, ClassVar
 __all__ = [
     "AccessError",
     "AuthenticationError",
+    "BusyError",
     "CallFailedError",
     "ClosedError",
     "DataError",
@@ -47,6 +51,8 @@ __all__ = [
     "MissingBlobError",
     "ParseError",
     "QuerySyntaxError",
+    "QueryTimeout",
+    "QueryTooExpensive",
     "RemoteError",
     "RemoteUnavailableError",
     "RobotError",
@@ -133,6 +139,18 @@ class UnsupportedError(StoreError):
     status, slug = 501, "unsupported"
 
 
+class BusyError(StoreError):
+    """Too many wait already; trying again later may succeed."""
+
+    status, slug = 503, "busy"
+
+
+class QueryTimeout(StoreError):
+    """A query reached its deadline and was ended; ``timeout_s`` is what it had."""
+
+    status, slug = 504, "query-timeout"
+
+
 class DataError(RtaskError):
     """The data given are not acceptable; nothing was stored."""
 
@@ -149,6 +167,12 @@ class QuerySyntaxError(DataError):
     """SPARQL text that does not parse; ``line`` and ``column`` where known."""
 
     status, slug = 400, "query-syntax"
+
+
+class QueryTooExpensive(DataError):
+    """A query needs more memory than it may have, or crashed its reader."""
+
+    status, slug = 400, "query-too-expensive"
 
 
 class ValidationError(DataError):

@@ -47,10 +47,12 @@ def apply(store: GraphStore, writes: Writes) -> None:
     """Change the store in one atomic step."""
     if writes.only_adds():
         store.extend(writes.added)
-        return
-    operations, functions = as_update(writes)
-    if operations:
-        store.update(" ;\n".join(operations), custom_functions=functions)
+    else:
+        operations, functions = as_update(writes)
+        if operations:
+            store.update(" ;\n".join(operations), custom_functions=functions)
+    for follower in store.followers:
+        follower(writes)
 
 
 def as_update(writes: Writes) -> tuple[list[str], Functions]:

@@ -40,10 +40,12 @@ class KnowledgeBase(Reading, Watching, Reasoning):
     """
 
     def warm_up(self) -> None:
-        """Build the closure now instead of at the first write."""
+        """Build the closure and start the readers now instead of at the first use."""
         if self._inference is not None:
             with self._writer.exclusive():
                 self._inference.closure()
+        if self.readers.possible:
+            self.readers.start()
 
     def stats(self) -> dict[str, Any]:
         """Return counts: distinct triples, asserted and inferred statements, graphs, commits."""
@@ -91,6 +93,7 @@ class KnowledgeBase(Reading, Watching, Reasoning):
         if not self.store.is_open:
             return
         self._writer.close()
+        self.readers.close()
         if self._writer.committer.interrupted:
             self._files.abandon()
         else:

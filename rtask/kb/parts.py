@@ -5,6 +5,7 @@ from __future__ import annotations
 from rtask.kb.catalogue import Catalogue
 from rtask.kb.folder import Files
 from rtask.kb.inference import Inference
+from rtask.kb.readers import Readers
 from rtask.kb.writer import Writer
 
 __all__ = ["Parts"]
@@ -32,6 +33,13 @@ class Parts:
         self._files = files
         self._inference = inference
         self._writer = writer
+        self.readers = Readers(
+            files.store,
+            lambda: writer.committer.last_seq,
+            files.folder,
+            frozen=files.checkpoints is None,
+        )
+        files.store.followers.append(self.readers.stored)
 
     @property
     def base(self) -> str:

@@ -16,14 +16,14 @@ from pyoxigraph import (
 
 from rtask.errors import DataError, UsageError
 from rtask.kb.graphs import Graphs
-from rtask.kb.lexer import body_start, find_block_end, guard, names_dataset, tokenise
+from rtask.kb.lexer import body_start, find_block_end, guard, names_dataset, query_form, tokenise
 from rtask.kb.results import Solutions, Triples
 from rtask.kb.services import without_services
 from rtask.kb.store import GraphStore
 from rtask.kb.syntax import syntax_error
 from rtask.kb.terms import Graph, Value, iri, is_ground, object_term, written
 
-__all__ = ["QueryDataset", "bind", "run", "serialize"]
+__all__ = ["QueryDataset", "bind", "prepare", "run", "serialize"]
 
 Bindings: TypeAlias = Mapping[str, "Value | Sequence[Value]"]
 
@@ -78,12 +78,26 @@ def _arguments(
     return {"default_graph": asserted, "named_graphs": asserted}
 
 
+def prepare(
+    store: GraphStore, graphs: Graphs, plain: bool, text: str, dataset: QueryDataset
+) -> tuple[str, dict[str, Any]]:
+    """Return a query that the store may see, and the dataset as the store's arguments.
+
+    Raises
+    ------
+    TooLargeError
+        Nested deeper than the store's parser survives.
+    ForbiddenError
+        It calls out.
+    """
+    guard(text)
+    return without_services(text), _arguments(store, graphs, plain, text, dataset)
+
+
 def _evaluate(
     store: GraphStore, graphs: Graphs, plain: bool, text: str, dataset: QueryDataset
 ) -> Any:
-    guard(text)
-    text = without_services(text)
-    arguments = _arguments(store, graphs, plain, text, dataset)
+    text, arguments = prepare(store, graphs, plain, text, dataset)
     try:
         return store.query(text, base_iri=dataset.base, **arguments)
     except SyntaxError as error:
@@ -134,6 +148,12 @@ def serialize(
     except (RuntimeError, ValueError) as error:
         raise DataError(f"the answer cannot be written as {media_type}: {error}") from error
     return written
+
+
+def default_media_type(text: str) -> str:
+    """Return the media type of an answer for which nobody asked for another."""
+    rows = query_form(text) in ("select", "ask")
+    return "application/sparql-results+json" if rows else "application/n-triples"
 
 
 def bind(text: str, bindings: Bindings) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from pyoxigraph import Quad
@@ -11,7 +12,9 @@ from rtask.errors import UnsupportedError
 from rtask.kb import query as queries
 from rtask.kb.parts import Parts
 from rtask.kb.query import Bindings, QueryDataset
-from rtask.kb.results import Solutions, Triples
+from rtask.kb.question import Question
+from rtask.kb.results import Solutions, Triples, read_answer
+from rtask.kb.streams import Stream, WholeStream
 from rtask.kb.terms import Graph, NamedNode, Subject, Value, iri, object_term, subject_term
 
 __all__ = ["Reading"]
@@ -29,6 +32,7 @@ class Reading(Parts):
         named_graphs: Iterable[NamedNode | str] | None = None,
         bindings: Bindings | None = None,
         base: str | None = None,
+        timeout_s: float | None = None,
     ) -> Solutions | bool | Triples:
         """Evaluate a SPARQL query.
 
@@ -43,14 +47,24 @@ class Reading(Parts):
             Values of variables: a term or Python value, or a list of them.
         base
             IRI against which relative IRIs are resolved.
+        timeout_s
+            Ends the query then. It is evaluated in another process, since nothing else can be
+            stopped; without it, in this thread.
 
         Raises
         ------
         QuerySyntaxError
             With line and column.
+        QueryTimeout
+            The time is over.
+        QueryTooExpensive
+            It needs more memory than it may have.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
         text = queries.bind(text, bindings or {})
+        if timeout_s is not None and self.readers.possible:
+            with self._ask(text, dataset, Question(""), timeout_s) as answer:
+                return read_answer(answer.kind, answer.read())
         return queries.run(self.store, self.graphs, self.plain, text, dataset)
 
     def select(self, text: str, **options: Any) -> Solutions:
@@ -81,6 +95,68 @@ class Reading(Parts):
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
         text = queries.bind(text, bindings or {})
         return queries.serialize(self.store, self.graphs, self.plain, text, media_type, dataset)
+
+    def stream(
+        self,
+        text: str,
+        media_type: str | None = None,
+        *,
+        timeout_s: float | None = None,
+        inferred: bool = True,
+        default_graphs: Iterable[NamedNode | str] | None = None,
+        named_graphs: Iterable[NamedNode | str] | None = None,
+        base_iri: str | None = None,
+        gzip: bool = False,
+        max_rows: int | None = None,
+        max_bytes: int | None = None,
+    ) -> Stream:
+        """Evaluate a query in a reader and return its answer in pieces, as they come.
+
+        Safe from any thread; closing the stream ends the query at once. The first piece is there
+        when this returns, so most errors are raised here.
+
+        Parameters
+        ----------
+        media_type
+            Of the answer; ``None`` for SPARQL results in JSON, or N-Triples.
+        timeout_s
+            From now until the end of the answer; a query that takes longer is ended.
+        gzip
+            Pack the answer unless it is small; :attr:`Stream.gzip` says what was done.
+        max_rows, max_bytes
+            An answer that has more is broken off.
+
+        Raises
+        ------
+        QuerySyntaxError, QueryTimeout, QueryTooExpensive, TooLargeError, BusyError
+            Here, or while reading.
+        """
+        dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
+        if not self.readers.possible:
+            form = media_type or queries.default_media_type(text)
+            data = queries.serialize(self.store, self.graphs, self.plain, text, form, dataset)
+            return WholeStream(data, form)
+        question = Question(
+            "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes
+        )
+        return self._ask(text, dataset, question, timeout_s)
+
+    def _ask(
+        self, text: str, dataset: QueryDataset, question: Question, timeout_s: float | None
+    ) -> Stream:
+        text, graphs = queries.prepare(self.store, self.graphs, self.plain, text, dataset)
+        names = [
+            None if graphs.get(key) is None else tuple(graph.value for graph in graphs[key])
+            for key in ("default_graph", "named_graphs")
+        ]
+        question = replace(
+            question,
+            text=text,
+            base=dataset.base,
+            default_graphs=names[0],
+            named_graphs=names[1],
+        )
+        return self.readers.ask(question, timeout_s)
 
     def match(
         self,

@@ -56,7 +56,10 @@ class Reasoning(Writing):
             raise UsageError(f"cannot rebuild {what!r}; one of inferred, all")
         self._reasoner()
         request = Request(self.access(), note="rebuild inferred", trusted=True)
-        return finish_bulk(self._writer, self._inference, request)
+        try:
+            return finish_bulk(self._writer, self._inference, request)
+        finally:
+            self.readers.invalidate()
 
     def complete_interrupted(self) -> bool:
         """Finish a large load that a crash interrupted; whether there was one."""

@@ -10,12 +10,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import overload
 
-from pyoxigraph import RdfFormat, Triple, serialize
+from pyoxigraph import (
+    QueryBoolean,
+    QueryResultsFormat,
+    QuerySolutions,
+    RdfFormat,
+    Triple,
+    parse,
+    parse_query_results,
+    serialize,
+)
 
 from rtask.errors import UsageError
 from rtask.kb.terms import Term, python_value
 
-__all__ = ["Row", "Solutions", "Triples"]
+__all__ = ["Row", "Solutions", "Triples", "read_answer"]
 
 
 class Row:
@@ -125,3 +134,16 @@ class Triples(Sequence[Triple]):
         written = serialize(self.triples, format=format)
         assert written is not None
         return written
+
+
+def read_answer(kind: str, data: bytes) -> Solutions | bool | Triples:
+    """Return an answer that was written as SPARQL results in JSON, or as N-Triples."""
+    if kind == "triples":
+        quads = parse(data, format=RdfFormat.N_TRIPLES)
+        return Triples(tuple(quad.triple for quad in quads))
+    answer = parse_query_results(data, format=QueryResultsFormat.JSON)
+    if isinstance(answer, QueryBoolean):
+        return bool(answer)
+    assert isinstance(answer, QuerySolutions)
+    names = [variable.value for variable in answer.variables]
+    return Solutions(names, [tuple(row) for row in answer])

@@ -22,7 +22,8 @@ def collect(kb: KnowledgeBase) -> dict[str, Any]:
     -------
     ``triples`` distinct statements of all graphs together; ``asserted`` and ``inferred``
     statements; ``shared`` = statements counted in more than one graph; ``graphs`` name to size;
-    ``commits``; ``closure`` ``current``, ``behind`` or ``off``.
+    ``commits``; ``closure`` ``current``, ``behind`` or ``off``; ``readers`` see
+    :meth:`rtask.kb.readers.Readers.stats`.
     """
     sizes = _sizes(kb)
     distinct = int(str(kb.select(_COUNT)[0].value("n")))
@@ -38,6 +39,7 @@ def collect(kb: KnowledgeBase) -> dict[str, Any]:
         "graphs": dict(sorted(sizes.items())),
         "commits": kb.seq,
         "closure": closure_state(kb),
+        "readers": kb.readers.stats(),
     }
 
 

@@ -6,10 +6,10 @@ everything else holds this, which lets go when told.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from pyoxigraph import NamedNode, Quad, Store
+from pyoxigraph import BlankNode, NamedNode, Quad, Store
 
 from rtask.errors import ClosedError
 from rtask.kb.terms import Graph, Subject, Term, stored
@@ -24,12 +24,18 @@ class GraphStore:
     ----------
     store
         The only reference to it.
+
+    Attributes
+    ----------
+    followers
+        Called with what each commit wrote, right after it, by :func:`rtask.kb.apply.apply`.
     """
 
-    __slots__ = ("_store",)
+    __slots__ = ("_store", "followers")
 
     def __init__(self, store: Store) -> None:
         self._store: Store | None = store
+        self.followers: list[Callable[[Any], None]] = []
 
     @property
     def raw(self) -> Store:
@@ -68,9 +74,9 @@ class GraphStore:
     ) -> Iterator[Quad]:
         """Yield the quads that fit; consume them in this thread."""
         found = self.raw.quads_for_pattern(subject, predicate, value, graph)
-        if _is_named(value) and _is_named(subject):
+        if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
             return found
-        return _fitting(found, subject, value)
+        return _fitting(found, subject, value, graph)
 
     def named_graphs(self) -> Iterator[Graph]:
         """Yield the names of the named graphs, empty ones included."""
@@ -101,16 +107,21 @@ def _is_named(term: Subject | Term | None) -> bool:
     return term is None or isinstance(term, NamedNode)
 
 
-def _fitting(found: Iterable[Quad], subject: Subject | None, value: Term | None) -> Iterator[Quad]:
+def _fitting(
+    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: Graph | None
+) -> Iterator[Quad]:
     """Leave out what does not fit.
 
-    On disk the store reads past a number whose last byte is 255: the pattern of 255 yields 256 to
-    510, too. Terms that are stored by their hash are not affected, nor is SPARQL.
+    On disk the store reads past a term whose last byte is 255: the pattern of the number 255 yields
+    256 to 510, too. So it is with dates, short texts and short names of blank nodes. Terms that are
+    stored by their hash are not affected, nor is SPARQL.
     """
     wanted = None if value is None else stored(value)
     for quad in found:
         if wanted is not None and quad.object != wanted:
             continue
         if subject is not None and quad.subject != subject:
+            continue
+        if graph is not None and quad.graph_name != graph:
             continue
         yield quad

@@ -113,7 +113,10 @@ class Writing(Parts):
 
         One atomic step for the statements, then a commit for what follows from them.
         """
-        return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
+        try:
+            return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
+        finally:
+            self.readers.invalidate()
 
     def session(self, agent: str | None = None) -> Session:
         """Return a unit of work over Python objects; see :mod:`rtask.model`."""
