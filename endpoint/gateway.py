@@ -18,8 +18,11 @@ from endpoint.compression import compressed, unpacked
 from endpoint.config import Config
 from endpoint.exchange import RefusedError, Request, Response
 from endpoint.health import Health
+from endpoint.idempotency import IdempotencyKeys
 from endpoint.log import LineWriter
 from endpoint.metrics import Metrics
+from endpoint.openapi import ADDRESSES as DESCRIPTIONS
+from endpoint.openapi import plan_openapi
 from endpoint.operations import plan_operation
 from endpoint.operators import Operators
 from endpoint.problems import problem, slug_of
@@ -51,7 +54,7 @@ _PROTOCOL = {
 THREADS = 32
 MAX_ABANDONED = 16
 _OPERATORS = ("/metrics", "/queries", "/api/history")
-_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS))
+_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS, *DESCRIPTIONS))
 PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/blobs/", "/health/", "/queries/")
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 
@@ -118,6 +121,7 @@ class Gateway:
         self._limiter = Limiter(config.rate, config.write_rate, config.max_in_flight)
         self._store = graph_store.GraphStore(kb, self.auth, config, self.versions)
         self._operators = Operators(self)
+        self._keys = IdempotencyKeys()
         # What runs long has threads of its own, so that a write or a health check never waits
         # behind queries.
         self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
@@ -211,6 +215,12 @@ class Gateway:
         """Return what others have to say in the metrics; the front adds its connections."""
         return {name: value() for name, value in self.more_gauges.items()}
 
+    def note_denied(
+        self, request: Request, caller: Caller | None, status: int, detail: str
+    ) -> None:
+        """Keep that somebody was not let."""
+        self._report.denied(request, caller, status, detail)
+
     def drain(self) -> None:
         """Say from now on that this server is not ready."""
         self.health.draining = True
@@ -234,7 +244,7 @@ class Gateway:
         if response.status == 429:
             self.metrics.count("rtask_rate_limited_total")
         if isinstance(error, AccessError):
-            self._report.denied(job.request, job.caller, response.status, str(error))
+            self.note_denied(job.request, job.caller, response.status, str(error))
         if job.plan.lane == "query":
             self.metrics.count("rtask_query_total", form=job.plan.form, outcome=slug_of(error))
         return response
@@ -265,7 +275,7 @@ class Gateway:
         try:
             job.caller = caller = self.auth.identify(request)
         except AccessError:
-            self._count_stranger(request)
+            self.count_stranger(request)
             raise
         encoding = request.headers.get("content-encoding")
         if encoding and request.body:
@@ -280,7 +290,9 @@ class Gateway:
         if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
             job.plan = self._store.plan(request, caller)
         elif address.startswith("/engine/"):
-            job.plan = plan_operation(self.engine, self.auth, request, caller)
+            job.plan = plan_operation(self.engine, self.auth, request, caller, self._keys)
+        elif address in DESCRIPTIONS:
+            job.plan = plan_openapi(self.engine, request)
         elif address.startswith(_OPERATORS):
             job.plan = self._operators.plan(request, caller, address)
         else:
@@ -295,7 +307,12 @@ class Gateway:
         if caller.access.role != "anonymous":
             self._limiter.admit_write(caller.key)
 
-    def _count_stranger(self, request: Request) -> None:
+    def count_page(self, caller: Caller) -> None:
+        """Count a page that somebody opens; the same allowance as for programs."""
+        if caller.access.role != "anonymous":
+            self._limiter.admit(caller.key)()
+
+    def count_stranger(self, request: Request) -> None:
         """Slow down who guesses: a caller without rights has its address's allowance."""
         self._limiter.admit(f"stranger {request.client}")()
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import difflib
 import json
+from typing import Any
 
 from endpoint.auth import Authenticator, Caller, require_scope
 from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
+from endpoint.idempotency import IdempotencyKeys
 from endpoint.protocol.plan import Plan
 from endpoint.rosbridge.services import Engine
 from rtask.errors import UsageError
@@ -14,7 +16,13 @@ from rtask.errors import UsageError
 ADDRESS = "/engine/"
 
 
-def plan_operation(engine: Engine, auth: Authenticator, request: Request, caller: Caller) -> Plan:
+def plan_operation(
+    engine: Engine,
+    auth: Authenticator,
+    request: Request,
+    caller: Caller,
+    keys: IdempotencyKeys,
+) -> Plan:
     """Prepare an operation of the engine.
 
     Raises
@@ -36,7 +44,7 @@ def plan_operation(engine: Engine, auth: Authenticator, request: Request, caller
         )
     auth.check_origin(request, caller)
     require_scope(caller.access, operation.scope)
-    args = _json_object(request)
+    args = keys.read(request, name, caller.name, _json_object(request))
 
     def run() -> Response:
         answer = engine.call(name, args, caller.access)
@@ -45,7 +53,7 @@ def plan_operation(engine: Engine, auth: Authenticator, request: Request, caller
     return Plan(run)
 
 
-def _json_object(request: Request) -> dict[str, object]:
+def _json_object(request: Request) -> dict[str, Any]:
     media_type, _ = request.content_type
     if media_type != JSON_TYPE:
         raise RefusedError(
