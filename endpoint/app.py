@@ -6,6 +6,8 @@ a program sends may as well arrive here, and gets the same answer.
 
 from __future__ import annotations
 
+from urllib.parse import urlencode
+
 import flask
 from flask import Flask
 from werkzeug.exceptions import HTTPException
@@ -15,11 +17,12 @@ from endpoint.exchange import RefusedError, Response
 from endpoint.gateway import Gateway
 from endpoint.pages import blueprint
 from endpoint.pages.render import current_request, finish_page, problem_page
+from endpoint.pages.signin import OPEN
 from endpoint.problems import problem
 from endpoint.protocol.negotiation import prefers_html
 from endpoint.rosbridge.services import Engine
 from endpoint.tokens import TokenStore
-from rtask.errors import RtaskError
+from rtask.errors import AuthenticationError, RtaskError
 from rtask.kb.knowledge_base import KnowledgeBase
 
 _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
@@ -30,6 +33,8 @@ _PROGRAMS = (
     "/store",
     "/store/<path:rest>",
     "/engine/<path:rest>",
+    "/openapi",
+    "/openapi.json",
     "/api/blobs/<path:rest>",
     "/health",
     "/health/<path:rest>",
@@ -87,9 +92,24 @@ def _admit(gateway: Gateway) -> flask.Response | None:
     wants_page = flask.request.method in ("GET", "HEAD") and prefers_html(request.header("accept"))
     if at_protocol and not wants_page:
         return to_flask(gateway.handle(request))
-    if at_protocol or _is_page():
-        gateway.auth.identify(request)
+    if _is_open():
+        gateway.auth.check_host(request)
+    elif at_protocol or _is_page():
+        try:
+            gateway.count_page(gateway.auth.identify(request))
+        except AuthenticationError:
+            gateway.count_stranger(request)
+            if not wants_page or "authorization" in request.headers:
+                raise
+            query = f"?{request.query_string}" if request.query_string else ""
+            there = urlencode({"next": request.raw_path + query})
+            return flask.redirect(f"/login?{there}", 303)  # type: ignore[return-value]
     return None
+
+
+def _is_open() -> bool:
+    """Tell whether the address is for people who have not signed in yet."""
+    return flask.request.endpoint in OPEN
 
 
 def _is_page() -> bool:

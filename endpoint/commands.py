@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import re
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +18,6 @@ if TYPE_CHECKING:
     from endpoint.config import Config
     from endpoint.tokens import Token, TokenStore
 
-_LIFETIME = re.compile(r"(\d+)([hdw])")
-_HOURS = {"h": 1, "d": 24, "w": 168}
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
@@ -252,8 +248,12 @@ def create(
     role = role or ("robot" if robot else None)
     if role is None:
         raise UsageError("say --robot NAME, or --role with one of reader, teacher, admin")
+    from endpoint.tokens import parse_lifetime
+
+    lifetime = parse_lifetime(expires) if expires else None
     with closing(_tokens(data, make=True)) as tokens:
-        text, made = tokens.create(role, agent=robot or name, lifetime=_lifetime(expires))
+        text, made = tokens.create(role, agent=robot or name, lifetime=lifetime)
+    _told(data, "token-created", made.id, role=made.role, agent=made.agent, expires=made.expires)
     if as_json:
         click.echo(json.dumps({"token": text, **_members(made)}))
         return
@@ -283,7 +283,23 @@ def revoke(token_id: str, data: Path) -> None:
     with closing(_tokens(data)) as tokens:
         if not tokens.revoke(token_id):
             raise UsageError(f"no token {token_id} to revoke; see rtask token list --data {data}")
+    _told(data, "token-revoked", token_id)
     click.echo(f"token {token_id} is revoked", err=True)
+
+
+@token.command("expire")
+@click.argument("token_id", metavar="ID")
+@click.argument("lifetime", metavar="30d")
+@data_option
+def expire(token_id: str, lifetime: str, data: Path) -> None:
+    """Let a token end after so many hours, days or weeks from now: 12h, 30d, 4w."""
+    from endpoint.tokens import parse_lifetime
+
+    with closing(_tokens(data)) as tokens:
+        if not tokens.expire(token_id, parse_lifetime(lifetime)):
+            raise UsageError(f"no token {token_id} to change; see rtask token list --data {data}")
+    _told(data, "token-expires", token_id, lifetime=lifetime)
+    click.echo(f"token {token_id} ends in {lifetime}", err=True)
 
 
 def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
@@ -297,13 +313,12 @@ def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
     return TokenStore(folder)
 
 
-def _lifetime(text: str | None) -> timedelta | None:
-    if text is None:
-        return None
-    match = _LIFETIME.fullmatch(text)
-    if not match:
-        raise UsageError(f"--expires {text}: hours, days or weeks are wanted: 12h, 30d, 4w")
-    return timedelta(hours=int(match.group(1)) * _HOURS[match.group(2)])
+def _told(folder: Path, event: str, token_id: str, **facts: Any) -> None:
+    """Write to the audit trail what was done to a token here."""
+    from endpoint.audit import Audit
+
+    with closing(Audit(folder)) as audit:
+        audit.event(event, token=token_id, by="command line", **facts)
 
 
 def _members(one: Token) -> dict[str, str | None]:

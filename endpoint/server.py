@@ -216,7 +216,8 @@ def _certificates(server: uvicorn.Server) -> Iterator[None]:
 
     def reload(number: int, frame: FrameType | None) -> None:
         try:
-            assert settings.ssl is not None and settings.ssl_certfile is not None
+            assert settings.ssl is not None
+            assert settings.ssl_certfile is not None
             settings.ssl.load_cert_chain(settings.ssl_certfile, settings.ssl_keyfile)
             _log.warning("certificate read again")
         except (OSError, ValueError) as error:

@@ -29,6 +29,8 @@ FILE_NAME = "tokens.sqlite"
 ROLES = ("reader", "robot", "teacher", "admin")
 _TOKEN = re.compile(r"rtk_([0-9a-f]{12})_([0-9a-f]{32})")
 _AGENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
+_HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
 _MAX_KNOWN = 10_000
 _SCHEMA = """
@@ -256,6 +258,15 @@ class TokenStore:
             )
         return done.rowcount > 0
 
+    def expire(self, token_id: str, lifetime: timedelta) -> bool:
+        """Let a token end after a time from now; tell whether there was one that is not revoked."""
+        until = (datetime.now(UTC) + lifetime).isoformat()
+        with self._lock, self._connection() as connection:
+            done = connection.execute(
+                "UPDATE tokens SET expires = ? WHERE id = ? AND revoked IS NULL", (until, token_id)
+            )
+        return done.rowcount > 0
+
     def close(self) -> None:
         """Let go of all connections; nothing may be asked afterwards."""
         if self._handle >= 0:
@@ -299,6 +310,25 @@ class TokenStore:
                 yield connection
         finally:
             connection.close()
+
+
+def parse_lifetime(text: str) -> timedelta:
+    """Read a lifetime in hours, days or weeks.
+
+    Examples
+    --------
+    >>> parse_lifetime("30d").days, parse_lifetime("12h").total_seconds()
+    (30, 43200.0)
+
+    Raises
+    ------
+    UsageError
+        Not of that form, or longer than a hundred years.
+    """
+    match = _LIFETIME.fullmatch(text)
+    if not match or int(match.group(1)) > 876_000:
+        raise UsageError(f"{text!r} is no lifetime: hours, days or weeks are wanted: 12h, 30d, 4w")
+    return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
 
 
 def _digest(secret: str) -> bytes:

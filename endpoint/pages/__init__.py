@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from endpoint.pages import home, objects, resource, robots, workbench
+from endpoint.pages import admin, home, objects, resource, robots, signin, workbench
 from endpoint.pages.render import blueprint
 
-__all__ = ["blueprint", "home", "objects", "resource", "robots", "workbench"]
+__all__ = [
+    "admin",
+    "blueprint",
+    "home",
+    "objects",
+    "resource",
+    "robots",
+    "signin",
+    "workbench",
+]

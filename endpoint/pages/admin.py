@@ -1,0 +1,124 @@
+"""Pages for operators: tokens, running queries, who changed what. A token of role admin opens them.
+
+Where no token exists yet there is nobody to show them to; the first one is made by whoever owns the
+data folder, with the command line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.auth import Caller, require_scope
+from endpoint.exchange import RefusedError
+from endpoint.pages.render import Model, blueprint, current_request, gateway, page
+from endpoint.pages.signin import form_secret, require_form
+from endpoint.tokens import ROLES, parse_lifetime
+from rtask.errors import AuthenticationError, UsageError
+
+_EVENTS = 200
+
+
+def _operator() -> Caller:
+    """Return the caller, who is an admin.
+
+    Raises
+    ------
+    AuthenticationError
+        Nobody has signed in.
+    ForbiddenError
+        Somebody else has.
+    """
+    caller = gateway().auth.identify(current_request())
+    if caller.token is None:
+        first = "" if gateway().tokens.ever_issued() else "; make the first token with rtask token"
+        raise AuthenticationError(f"sign in with a token of role admin{first}")
+    require_scope(caller.access, "admin")
+    return caller
+
+
+@page("/admin/tokens", "tokens.html")
+def tokens() -> Model:
+    """All tokens, without their secrets."""
+    _operator()
+    return {"tokens": [asdict(one) for one in gateway().tokens.all()], "roles": ROLES}
+
+
+@page("/admin/audit", "audit.html")
+def audit() -> Model:
+    """The last events."""
+    _operator()
+    return {"events": gateway().audit.recent(_EVENTS)}
+
+
+@page("/admin/queries", "queries.html")
+def queries() -> Model:
+    """What runs now."""
+    running = gateway().queries.visible_to(_operator())
+    return {"queries": [query.facts() for query in running]}
+
+
+@blueprint.route("/admin/tokens", methods=["POST"])
+def make_token() -> flask.Response:
+    """Make a token; the answer shows it this once."""
+    by = _operator()
+    require_form()
+    form, gate = flask.request.form, gateway()
+    lifetime = parse_lifetime(form["lifetime"]) if form.get("lifetime") else None
+    name = form.get("name", "").strip() or None
+    text, made = gate.tokens.create(form.get("role", ""), agent=name, lifetime=lifetime)
+    gate.audit.event(
+        "token-created", token=made.id, role=made.role, agent=made.agent, by=_named(by)
+    )
+    all_of_them = [asdict(one) for one in gate.tokens.all()]
+    shown = flask.render_template("tokens.html", tokens=all_of_them, roles=ROLES, made=text)
+    return flask.make_response(shown, 201)
+
+
+@blueprint.route("/admin/tokens/<token_id>/<action>", methods=["POST"])
+def change_token(token_id: str, action: str) -> WerkzeugResponse:
+    """Revoke a token, or let it end at a time."""
+    by = _operator()
+    require_form()
+    gate = gateway()
+    if action == "revoke":
+        done = gate.tokens.revoke(token_id)
+    elif action == "expire":
+        done = gate.tokens.expire(token_id, parse_lifetime(flask.request.form.get("lifetime", "")))
+    else:
+        raise UsageError("revoke or expire")
+    if not done:
+        raise RefusedError(404, "not-found", f"no token {token_id} to {action}")
+    gate.audit.event(f"token-{action}", token=token_id, by=_named(by))
+    return flask.redirect("/admin/tokens", 303)
+
+
+@blueprint.route("/admin/queries/<query_id>/stop", methods=["POST"])
+def stop_query(query_id: str) -> WerkzeugResponse:
+    """End a query."""
+    by = _operator()
+    require_form()
+    for query in gateway().queries.visible_to(by):
+        if query.id == query_id:
+            query.stop()
+    return flask.redirect("/admin/queries", 303)
+
+
+def _named(caller: Caller) -> str:
+    return caller.token.id if caller.token else caller.name
+
+
+@blueprint.app_context_processor
+def _forms() -> dict[str, object]:
+    """Let templates put the session's secret into their forms."""
+    return {"form_secret": form_secret}
+
+
+@blueprint.after_request
+def _keep_nothing(response: flask.Response) -> flask.Response:
+    """Let no cache keep what operators see, nor a token that was just made."""
+    if flask.request.path.startswith(("/admin/", "/login")):
+        response.headers["Cache-Control"] = "no-store"
+    return response

@@ -1,0 +1,87 @@
+"""Signing in with a token: people get a cookie, so that pages can be opened at all elsewhere."""
+
+from __future__ import annotations
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.pages.render import blueprint, current_request, gateway
+from endpoint.sessions import session_name, set_cookie
+from rtask.errors import AuthenticationError, ForbiddenError
+
+# Addresses for people who have not signed in.
+OPEN = ("pages.login", "pages.sign_in", "static")
+_START = "/"
+
+
+@blueprint.route("/login", methods=["GET"])
+def login() -> str:
+    """Show the form."""
+    return flask.render_template("login.html", next=_local(flask.request.args.get("next", "")))
+
+
+@blueprint.route("/login", methods=["POST"])
+def sign_in() -> WerkzeugResponse | tuple[str, int]:
+    """Begin a session with a token."""
+    request = current_request()
+    gate = gateway()
+    gate.auth.check_origin(request)
+    there = _local(flask.request.form.get("next", ""))
+    try:
+        token = gate.tokens.authenticate(flask.request.form.get("token", "").strip())
+    except AuthenticationError as error:
+        gate.count_stranger(request)
+        gate.note_denied(request, None, 401, f"sign-in: {error}")
+        return flask.render_template("login.html", next=there, problem=str(error)), 401
+    gate.audit.event("sign-in", token=token.id, agent=token.agent, client=request.client)
+    answer = flask.redirect(there, 303)
+    secure = request.site.startswith("https:")
+    answer.headers.add("Set-Cookie", set_cookie(gate.auth.sessions.begin(token.id), secure=secure))
+    return answer
+
+
+@blueprint.route("/logout", methods=["POST"])
+def sign_out() -> WerkzeugResponse:
+    """End the session."""
+    require_form()
+    request = current_request()
+    gateway().auth.sessions.end(session_name(request.header("cookie")))
+    answer = flask.redirect("/login", 303)
+    secure = request.site.startswith("https:")
+    answer.headers.add("Set-Cookie", set_cookie("", secure=secure))
+    return answer
+
+
+def require_form() -> None:
+    """Refuse a form that no page of ours made for this session.
+
+    Raises
+    ------
+    ForbiddenError
+        The Origin is foreign, or the form's secret is not the session's.
+    """
+    request = current_request()
+    auth = gateway().auth
+    caller = auth.identify(request)
+    auth.check_origin(request, caller)
+    if caller.session and not caller.session.accepts_form(flask.request.form.get("secret", "")):
+        raise ForbiddenError("this form was made for another session; open the page again")
+
+
+def form_secret() -> str:
+    """Return what forms of the current page carry; empty for callers without a session."""
+    session = gateway().auth.identify(current_request()).session
+    return session.form_secret if session else ""
+
+
+def _local(path: str) -> str:
+    """Return a path of this server; anything else becomes the start page.
+
+    Examples
+    --------
+    >>> [_local(p) for p in ("/objects?page=2", "//evil.example", "https://evil.example", "/a\\\\b")]
+    ['/objects?page=2', '/', '/', '/']
+    """
+    if not path.startswith("/") or path.startswith("//") or "\\" in path or path != path.strip():
+        return _START
+    return path if path.isprintable() else _START

@@ -1,0 +1,390 @@
+"""What a server keeps of its requests: rates, numbers, log lines, the audit trail, settings."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import stat
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import rtask
+from endpoint.audit import Audit
+from endpoint.compression import accepts_gzip, unpacked
+from endpoint.config import Config
+from endpoint.exchange import RefusedError, Request
+from endpoint.gateway import Gateway
+from endpoint.log import LineWriter, redacted
+from endpoint.metrics import Metrics
+from endpoint.rate import Buckets, InFlight, Limiter
+from endpoint.rosbridge.services import NoEngine
+from endpoint.settings import limits_of, read_settings, use_file
+from endpoint.tokens import TokenStore
+from rtask.errors import TooLargeError, UsageError
+
+FORM = {"content-type": "application/x-www-form-urlencoded", "host": "localhost"}
+
+
+@pytest.fixture
+def tokens() -> Iterator[TokenStore]:
+    with closing(TokenStore(None)) as store:
+        yield store
+
+
+def gateway(tokens: TokenStore, config: Config, **more: Any) -> Gateway:
+    return Gateway(rtask.open(":memory:", ontologies=False), NoEngine(), tokens, config, **more)
+
+
+def ask(text: str = "ASK {}", **headers: str) -> Request:
+    body = f"query={text}".replace(" ", "+").encode()
+    return Request("POST", "/sparql", "", {**FORM, **headers}, body, client="10.0.0.7")
+
+
+def bearer(text: str) -> dict[str, str]:
+    return {"authorization": f"Bearer {text}"}
+
+
+class Clock:
+    """Seconds that pass when told to."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_bucket_gives_its_rate_and_two_seconds_of_burst() -> None:
+    clock = Clock()
+    buckets = Buckets(10.0, clock)
+    assert [buckets.take("a") for _ in range(20)] == [0.0] * 20
+    assert buckets.take("a") == pytest.approx(0.1)
+    assert buckets.take("b") == 0.0  # one caller's haste is not another's
+    clock.now = 0.5
+    assert [buckets.take("a") for _ in range(6)] == [0.0] * 5 + [pytest.approx(0.1)]
+
+
+def test_a_bucket_remembers_no_more_callers_than_it_may() -> None:
+    buckets = Buckets(1.0)
+    for number in range(10_050):
+        buckets.take(str(number))
+    assert len(buckets._levels) == 10_000
+
+
+def test_requests_under_way_are_counted_in_and_out() -> None:
+    flights = InFlight(2)
+    assert [flights.enter("a") for _ in range(3)] == [True, True, False]
+    flights.leave("a")
+    assert flights.enter("a")
+
+
+def test_what_is_too_much_says_when_to_come_again() -> None:
+    limiter = Limiter(1.0, 1.0, 32)
+    limiter.admit("a")
+    limiter.admit("a")
+    with pytest.raises(RefusedError, match="more than 1 requests a second") as refused:
+        limiter.admit("a")
+    assert refused.value.http_status == 429
+    assert dict(refused.value.headers)["Retry-After"] == "1"
+
+
+def test_a_token_is_limited_and_its_neighbour_is_not(tokens: TokenStore) -> None:
+    hasty, _ = tokens.create("reader")
+    calm, _ = tokens.create("reader")
+    gate = gateway(tokens, Config(rate=2.0))
+    found = [gate.handle(ask(**bearer(hasty))).status for _ in range(6)]
+    assert found == [200] * 4 + [429] * 2
+    assert gate.handle(ask(**bearer(calm))).status == 200
+    assert gate.metrics.total("rtask_rate_limited_total") == 2
+    gate.close()
+
+
+def test_who_guesses_tokens_is_slowed_down_by_address(tokens: TokenStore) -> None:
+    good, _ = tokens.create("reader")
+    gate = gateway(tokens, Config(rate=2.0))
+    guess = bearer("rtk_0123456789ab_" + "0" * 32)
+    found = [gate.handle(ask(**guess)).status for _ in range(6)]
+    assert found == [401] * 4 + [429] * 2
+    assert gate.handle(ask(**bearer(good))).status == 200
+    gate.close()
+
+
+def test_more_requests_at_once_than_a_token_may_have_are_refused(tokens: TokenStore) -> None:
+    text, _ = tokens.create("reader")
+    gate = gateway(tokens, Config(rate=0.0, max_in_flight=2))
+    jobs = [gate.admit(ask(**bearer(text))) for _ in range(3)]
+    assert [gate.run(job).status for job in jobs] == [200, 200, 429]
+    gate.end(jobs[0])
+    assert gate.run(gate.admit(ask(**bearer(text)))).status == 200
+    gate.close()
+
+
+def test_more_queries_than_run_and_wait_are_refused_with_when_to_come_again(
+    tokens: TokenStore,
+) -> None:
+    gate = gateway(tokens, Config(max_queries=1))
+    first, second = gate.admit(ask()), gate.admit(ask())
+    third = gate.run(gate.admit(ask()))
+    assert third.status == 503
+    assert ("Retry-After", "1") in third.headers
+    gate.end(first)
+    gate.end(second)
+    assert gate.run(gate.admit(ask())).status == 200
+    gate.close()
+
+
+def test_metrics_are_what_prometheus_reads_and_hold_nothing_of_clients(tokens: TokenStore) -> None:
+    gate = gateway(tokens, Config())
+    gate.handle(ask())
+    gate.handle(Request("GET", "/store/<script>/secret", "", {"host": "localhost"}))
+    gate.handle(Request("BREW", "/query", "", {"host": "localhost"}))
+    text = gate.handle(Request("GET", "/metrics", "", {"host": "localhost"})).body.decode()
+    gate.close()
+    names: dict[str, str] = {}
+    for line in text.splitlines():
+        if line.startswith("# TYPE "):
+            _, _, name, kind = line.split()
+            assert name not in names, "a metric is introduced once"
+            names[name] = kind
+        elif not line.startswith("#"):
+            name, value = line.rpartition(" ")[::2]
+            float(value)
+            family = name.partition("{")[0]
+            stems = {family, *(family.removesuffix(s) for s in ("_bucket", "_sum", "_count"))}
+            assert stems & names.keys(), line
+    assert 'rtask_http_requests_total{route="/sparql",method="POST",status="200"} 1' in text
+    assert 'method="other"' in text
+    assert "script" not in text
+    assert names["rtask_http_request_seconds"] == "histogram"
+
+
+def test_the_buckets_of_a_time_add_up() -> None:
+    metrics = Metrics()
+    for seconds in (0.0005, 0.003, 0.003, 999.0):
+        metrics.request("/sparql", "GET", 200, seconds)
+    text = metrics.text({}).decode()
+    assert 'le="0.001"} 1' in text
+    assert 'le="0.005"} 3' in text
+    assert 'le="60"} 3' in text
+    assert 'le="+Inf"} 4' in text
+
+
+def test_metrics_are_for_this_machine_and_for_operators(tokens: TokenStore) -> None:
+    text, _ = tokens.create("robot", agent="nao-1")
+    admin, _ = tokens.create("admin")
+    request = Request("GET", "/metrics", "", {"host": "localhost"})
+    local, remote = gateway(tokens, Config()), gateway(tokens, Config(host="0.0.0.0"))
+    assert local.handle(request).status == 200
+    assert remote.handle(request).status == 401
+    for gate in (local, remote):
+        as_robot = Request("GET", "/metrics", "", {"host": "localhost", **bearer(text)})
+        as_admin = Request("GET", "/metrics", "", {"host": "localhost", **bearer(admin)})
+        assert gate.handle(as_robot).status == 403
+        assert gate.handle(as_admin).status == 200
+        gate.close()
+
+
+def test_each_request_is_one_line_that_holds_no_secret(tokens: TokenStore) -> None:
+    text, token = tokens.create("robot", agent="nao-1")
+    out = io.StringIO()
+    writer = LineWriter(out)
+    gate = gateway(tokens, Config(), writer=writer)
+    gate.handle(ask("SELECT * {}", **bearer(text), **{"rtask-request-id": "my-request-1"}))
+    gate.handle(Request("GET", f"/store/token={text}", "", {"host": "localhost", **bearer(text)}))
+    gate.close()
+    writer.close()
+    lines = [json.loads(line) for line in out.getvalue().splitlines()]
+    assert len(lines) == 2
+    assert (
+        lines[0]
+        | {
+            "id": "my-request-1",
+            "status": 200,
+            "form": "SELECT",
+            "agent": "nao-1",
+            "role": "robot",
+            "token": token.id,
+        }
+        == lines[0]
+    )
+    assert "text" not in lines[0]
+    assert text.rpartition("_")[2] not in out.getvalue()
+
+
+def test_a_log_that_nobody_reads_holds_nothing_up() -> None:
+    reading, writing = os.pipe()
+    with os.fdopen(writing, "w") as stream:
+        writer = LineWriter(stream)
+        started = time.monotonic()
+        for number in range(100_000):
+            writer.put({"number": number, "filler": "x" * 100})
+        assert time.monotonic() - started < 10.0
+        assert writer.dropped > 0
+        os.close(reading)
+        writer.close()
+        writer._stream = io.StringIO()
+
+
+@pytest.mark.parametrize(
+    ("text", "secret"),
+    [("/?token=rtk_0123456789ab_feed", "feed"), ("Bearer rtk_0123456789ab_feed", "feed")],
+)
+def test_secrets_are_left_out_of_logs(text: str, secret: str) -> None:
+    assert secret not in redacted(text)
+
+
+def test_the_audit_trail_tells_commits_and_refusals_and_is_its_owners(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", ontologies=False) as kb, closing(TokenStore(None)) as tokens:
+        text, token = tokens.create("robot", agent="nao-1")
+        gate = Gateway(kb, NoEngine(), tokens, Config())
+        form = {**FORM, **bearer(text)}
+        fine = b"update=INSERT+DATA+{<urn:s>+<urn:p>+1}"
+        foreign = b"update=INSERT+DATA+{GRAPH+<urn:other>+{<urn:s>+<urn:p>+1}}"
+        assert gate.handle(Request("POST", "/update", "", form, fine)).status == 204
+        assert gate.handle(Request("POST", "/update", "", form, foreign)).status == 403
+        gate.close()
+    file = tmp_path / "kb" / "audit.jsonl"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    commit, denied = (json.loads(line) for line in file.read_text("utf-8").splitlines())
+    assert (commit["event"], commit["agent"], commit["added"]) == ("commit", "nao-1", 1)
+    assert token.id in commit["note"]
+    assert commit["graphs"][0].endswith("graph/agent/nao-1")
+    assert (denied["event"], denied["status"], denied["token"]) == ("denied", 403, token.id)
+    assert text.rpartition("_")[2] not in file.read_text("utf-8")
+
+
+def test_a_flood_of_refusals_does_not_fill_the_disk(tmp_path: Path) -> None:
+    with closing(Audit(tmp_path)) as audit:
+        for _ in range(5_000):
+            audit.denied(401, "no")
+    assert len((tmp_path / "audit.jsonl").read_text("utf-8").splitlines()) < 1_000
+
+
+def test_the_provenance_of_a_change_names_its_request(tokens: TokenStore) -> None:
+    gate = gateway(tokens, Config())
+    form = {**FORM, "rtask-request-id": "request-of-mine"}
+    body = b"update=INSERT+DATA+{<urn:s>+<urn:p>+1}"
+    assert gate.handle(Request("POST", "/update", "", form, body)).status == 204
+    assert gate.kb.query("ASK { ?a ?p ?note FILTER(CONTAINS(STR(?note), 'request-of-mine')) }")
+    gate.close()
+
+
+# Settings
+
+
+def test_a_file_says_what_neither_option_nor_environment_does(tmp_path: Path) -> None:
+    file = tmp_path / "rtask.toml"
+    file.write_text('[serve]\nhost = "::1"\nmax-rows = 10\nlimit = ["patterns=5"]\n')
+
+    @click.command(context_settings={"auto_envvar_prefix": "RTASK"})
+    @click.option("--config", type=click.Path(path_type=Path), callback=use_file, is_eager=True)
+    @click.option("--host", default="127.0.0.1")
+    @click.option("--max-rows", default=99)
+    @click.option("--limit", multiple=True)
+    def command(config: Path, host: str, max_rows: int, limit: tuple[str, ...]) -> None:
+        click.echo(f"{host} {max_rows} {limit}")
+
+    def run(*options: str, **environment: str) -> str:
+        return CliRunner().invoke(command, options, env=environment).output.strip()
+
+    assert run("--config", str(file)) == "::1 10 ('patterns=5',)"
+    assert run("--config", str(file), RTASK_MAX_ROWS="20") == "::1 20 ('patterns=5',)"
+    assert run("--config", str(file), "--max-rows", "30", RTASK_MAX_ROWS="20").split()[1] == "30"
+    assert run(RTASK_CONFIG=str(file)).split()[1] == "10"
+
+
+def test_a_setting_that_does_not_exist_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    file = tmp_path / "rtask.toml"
+    file.write_text("[serve]\nhots = 1\n")
+    with pytest.raises(UsageError, match="did you mean host"):
+        read_settings(file, ["host", "port"])
+    file.write_text("not toml")
+    with pytest.raises(UsageError, match=r"rtask\.toml"):
+        read_settings(file, ["host"])
+
+
+@pytest.mark.parametrize("setting", ["patterns", "patterns=0", "patterns=-1", "stars=3"])
+def test_a_limit_is_a_name_and_a_number(setting: str) -> None:
+    with pytest.raises(UsageError):
+        limits_of([setting])
+
+
+# Bodies and answers in gzip
+
+
+@pytest.mark.parametrize(
+    ("header", "wanted"),
+    [("gzip", True), ("deflate, gzip;q=0.5", True), ("br", False), ("gzip;q=0.1, identity", False)],
+)
+def test_gzip_is_sent_to_who_wants_it(header: str, wanted: bool) -> None:
+    assert accepts_gzip(header) is wanted
+
+
+def test_large_answers_are_compressed_and_small_ones_are_not(tokens: TokenStore) -> None:
+    gate = gateway(tokens, Config())
+    large = ask("SELECT * { VALUES ?x {" + "1 " * 1_000 + "} }", **{"accept-encoding": "gzip"})
+    answer = gate.handle(large)
+    assert ("Content-Encoding", "gzip") in answer.headers
+    assert len(json.loads(gzip.decompress(answer.body))["results"]["bindings"]) == 1_000
+    small = gate.handle(ask(**{"accept-encoding": "gzip"}))
+    assert "Content-Encoding" not in dict(small.headers)
+    gate.close()
+
+
+def test_a_decompression_bomb_is_refused_before_it_is_held() -> None:
+    packer = zlib.compressobj(9, wbits=31)
+    bomb = b"".join(packer.compress(bytes(1 << 20)) for _ in range(64)) + packer.flush()
+    assert len(bomb) < 100_000
+    with pytest.raises(TooLargeError):
+        unpacked(bomb, "gzip", 8 << 20)
+
+
+@pytest.mark.parametrize(("body", "status"), [(b"no gzip", 400), (gzip.compress(b"x")[:-4], 400)])
+def test_a_broken_gzip_body_is_refused(body: bytes, status: int) -> None:
+    with pytest.raises(RefusedError) as refused:
+        unpacked(body, "gzip", 1_000)
+    assert refused.value.http_status == status
+
+
+def test_an_unknown_encoding_is_415() -> None:
+    with pytest.raises(RefusedError) as refused:
+        unpacked(b"", "br", 1_000)
+    assert refused.value.http_status == 415
+
+
+# Conditional requests
+
+
+def etag_of(gate: Gateway, text: str, **headers: str) -> tuple[int, str]:
+    answer = gate.handle(ask(text, **headers))
+    return answer.status, dict(answer.headers).get("ETag", "")
+
+
+def test_a_query_is_not_evaluated_again_while_nothing_was_written(tokens: TokenStore) -> None:
+    gate = gateway(tokens, Config())
+    status, etag = etag_of(gate, "SELECT * { ?s ?p 1 }")
+    assert status == 200
+    assert etag.startswith('W/"')
+    assert etag_of(gate, "SELECT * { ?s ?p 1 }", **{"if-none-match": etag}) == (304, etag)
+    assert etag_of(gate, "SELECT * { ?s ?p 2 }", **{"if-none-match": etag})[0] == 200
+    as_csv = {"if-none-match": etag, "accept": "text/csv"}
+    assert etag_of(gate, "SELECT * { ?s ?p 1 }", **as_csv)[0] == 200
+    gate.kb.update("INSERT DATA { <urn:s> <urn:p> 1 }")
+    assert etag_of(gate, "SELECT * { ?s ?p 1 }", **{"if-none-match": etag})[0] == 200
+    gate.close()
+
+
+@pytest.mark.parametrize("call", ["NOW()", "RAND()", "UUID()", "STRUUID()", "BNODE()"])
+def test_an_answer_that_changes_by_itself_has_no_tag(tokens: TokenStore, call: str) -> None:
+    gate = gateway(tokens, Config())
+    assert etag_of(gate, f"SELECT ({call} AS ?x) {{}}") == (200, "")
+    gate.close()
