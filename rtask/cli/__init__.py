@@ -27,6 +27,7 @@ _BUILT_IN = (
     "doctor",
     "explain",
     "export",
+    "grasp",
     "history",
     "load",
     "ontology",

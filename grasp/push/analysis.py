@@ -1,0 +1,380 @@
+"""The quality of grasps over perturbed parts (Kehoe 2014, 3.4, Algorithm 1)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.push.candidates import Grasps
+from grasp.push.conditions import CODES, INVALID, UNTRIED, evaluate
+from grasp.push.perturb import Tolerance, normals, part_key, perturbed, valid_outlines
+from grasp.push.polygon import FloatArray, Part
+from grasp.push.quality import IntArray, best_first, density_quality, lower_bound
+from grasp.push.shards import Executor, Serial, shard
+
+__all__ = ["Analysis", "Elimination", "PushTest", "Trials", "analyse", "running_best", "stop_at"]
+
+CodeArray = NDArray[np.int8]
+
+STOP_CHANGE, STOP_WINDOW, STOP_LEAST = 0.05, 20, 30
+"""Convergence rule of Kehoe 2014, 3.5: the best quality moved by at most 5 % over a window."""
+
+_CHUNK = 512
+_BATCH = 64
+
+
+@dataclass(frozen=True)
+class PushTest:
+    """How one grasp is judged on one part.
+
+    Parameters
+    ----------
+    jaw_width
+        Of both jaws, in the part's unit.
+    friction
+        Coefficient between jaw and part, a conservative estimate.
+    method
+        ``bound``: the conservative conditions, right for every distribution of pressure under the
+        part. ``simulation``: the quasi-static simulation with an ellipsoidal limit surface.
+    closure
+        ``strict``: a vertical line between the contacts; ``nguyen``: any line in both cones.
+    vertex_pushes, slip_pushes
+        Whether these kinds count.
+    step
+        Of the simulation, in part diameters.
+    moment_arm
+        Of the support's friction in the simulation: largest moment over largest force, in part
+        radii.
+    """
+
+    jaw_width: float
+    friction: float = 0.7
+    method: Literal["bound", "simulation"] = "bound"
+    closure: Literal["strict", "nguyen"] = "strict"
+    vertex_pushes: bool = True
+    slip_pushes: bool = True
+    step: float = 0.004
+    moment_arm: float = 0.4
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.jaw_width) and self.jaw_width > 0):
+            raise ValueError(f"jaw_width must be positive, got {self.jaw_width}")
+        if not (math.isfinite(self.friction) and self.friction >= 0):
+            raise ValueError(f"friction must be at least 0, got {self.friction}")
+        if self.method not in ("bound", "simulation"):
+            raise ValueError(f"method is bound or simulation, got {self.method!r}")
+        if self.closure not in ("strict", "nguyen"):
+            raise ValueError(f"closure is strict or nguyen, got {self.closure!r}")
+        if not 1e-4 <= self.step <= 0.05 or not self.moment_arm > 0:
+            raise ValueError("step must lie in 0.0001..0.05 and moment_arm be positive")
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What a shard needs; called with a range of trial numbers.
+
+    Parameters
+    ----------
+    ring : (n, 2), com : (2,), rows : (g, 5)
+        Part and grasps with the centroid as origin and the radius as unit.
+    width, diameter
+        Of jaw and part in radii.
+    tolerance
+        In radii.
+    """
+
+    ring: FloatArray
+    com: FloatArray
+    rows: FloatArray
+    width: float
+    diameter: float
+    tolerance: Tolerance
+    test: PushTest
+    key: int
+
+    @classmethod
+    def of(
+        cls, part: Part, grasps: Grasps, test: PushTest, tolerance: Tolerance, seed: int
+    ) -> Trials:
+        """Scale everything to the part."""
+        unit = part.radius
+        lateral, turn = tolerance.pose_std
+        scaled = Tolerance(
+            np.asarray(tolerance.vertex_std, dtype=np.float64) / unit,
+            tolerance.com_std / unit,
+            (lateral / unit, turn),
+            tolerance.com_follows,
+        )
+        return cls(
+            (part.vertices - part.centroid) / unit,
+            (part.com - part.centroid) / unit,
+            grasps.rows(part),
+            test.jaw_width / unit,
+            part.diameter / unit,
+            scaled,
+            test,
+            part_key(part, seed),
+        )
+
+    def draws(self, first: int, count: int) -> FloatArray:
+        """Return the standard normals (count, n + 3, 2) of trials."""
+        drawn: FloatArray = normals(self.key, first, count, len(self.ring) + 3)
+        return drawn
+
+    def parts(
+        self, first: int, count: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return x and y (count, n), centres of mass (count, 2) and validity of trials."""
+        draws = self.draws(first, count)
+        vx, vy, mass = perturbed(self.ring, self.com, self.tolerance, draws)
+        return vx, vy, mass, valid_outlines(vx, vy)
+
+    def __call__(self, first: int, count: int) -> CodeArray:
+        """Return the codes (g, count) of trials."""
+        out = np.empty((len(self.rows), count), np.int8)
+        for at in range(0, count, _CHUNK):
+            size = min(_CHUNK, count - at)
+            out[:, at : at + size] = self._judge(*self.parts(first + at, size))
+        return out
+
+    def nominal(self) -> CodeArray:
+        """Return the codes (g,) on the nominal part."""
+        x, y = (np.ascontiguousarray(self.ring[None, :, k]) for k in (0, 1))
+        return self._judge(x, y, self.com[None].copy(), np.ones(1, np.bool_))[:, 0]
+
+    def _judge(
+        self, vx: FloatArray, vy: FloatArray, mass: FloatArray, valid: NDArray[np.bool_]
+    ) -> CodeArray:
+        out = np.empty((len(self.rows), len(vx)), np.int8)
+        test = self.test
+        if test.method == "simulation":
+            from grasp.push.quasistatic import simulate
+
+            simulate(
+                vx, vy, mass, valid, self.rows, self.width, test.friction,
+                test.moment_arm**2, self.diameter, test.step * self.diameter, out,
+            )  # fmt: skip
+        else:
+            passes = 1 + 2 * test.vertex_pushes + 4 * test.slip_pushes
+            nguyen = test.closure == "nguyen"
+            evaluate(vx, vy, mass, valid, self.rows, self.width, test.friction, passes, nguyen, out)
+        return out
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """Adaptive removal of unpromising grasps (Kehoe 2014, 3.4).
+
+    Parameters
+    ----------
+    batches
+        Numbers of perturbations; after each but the last, grasps are removed.
+    share
+        Of the grasps that are removed, 0..1. (The thesis's text removes R |G|, its equation 3.5
+        keeps R |G|; here R is removed.)
+    """
+
+    batches: tuple[int, ...]
+    share: float
+
+    def __post_init__(self) -> None:
+        if not self.batches or any(b < 1 for b in self.batches):
+            raise ValueError(f"batches must be positive numbers, got {self.batches}")
+        if not 0 <= self.share < 1:
+            raise ValueError(f"share must lie in 0..1, without 1, got {self.share}")
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Grasps and how often they succeeded.
+
+    Parameters
+    ----------
+    codes : (g, N) int8
+        Result of every trial, `CODES`; UNTRIED after elimination.
+    quality, lower_95 : (g,)
+        Estimate of the probability of success, and its one-sided 95 % lower bound (plain mean).
+    successes, tried, eliminated_after : (g,) int
+        ``eliminated_after`` is 0 for survivors.
+    order : (g,) int
+        Best first.
+    crossed
+        Share of perturbations whose outline crossed itself; they count as failures.
+    evaluations, seconds
+        Spent.
+    """
+
+    grasps: Grasps
+    codes: CodeArray
+    quality: FloatArray
+    lower_95: FloatArray
+    successes: IntArray
+    tried: IntArray
+    eliminated_after: IntArray
+    order: IntArray
+    crossed: float
+    evaluations: int
+    seconds: float = field(compare=False)
+
+    @property
+    def best(self) -> int:
+        """Index of the best grasp."""
+        return int(self.order[0])
+
+    @property
+    def spent(self) -> float:
+        """Evaluations over those without elimination (eta hat of Kehoe 2014, 3.4)."""
+        return self.evaluations / self.codes.size
+
+    def reasons(self, index: int | None = None) -> dict[str, int]:
+        """Count the results of all grasps or of one, commonest first."""
+        codes = self.codes if index is None else self.codes[index]
+        return {CODES[int(c)]: k for c, k in Counter(codes.ravel().tolist()).most_common()}
+
+
+def analyse(
+    part: Part,
+    grasps: Grasps,
+    test: PushTest,
+    tolerance: Tolerance,
+    *,
+    samples: int = 100,
+    elimination: Elimination | None = None,
+    stop: bool = False,
+    weighting: Literal["mean", "density"] = "mean",
+    seed: int = 0,
+    executor: Executor | None = None,
+) -> Analysis:
+    """Estimate the quality of grasps.
+
+    Parameters
+    ----------
+    samples
+        Perturbations; with ``elimination`` its batches count instead.
+    stop
+        End when the best quality has settled (`stop_at`); not together with elimination.
+    """
+    if len(grasps) == 0:
+        raise ValueError("there are no grasps to analyse")
+    if samples < 1:
+        raise ValueError(f"samples must be at least 1, got {samples}")
+    if stop and elimination is not None:
+        raise ValueError("stop and elimination exclude each other")
+    if weighting not in ("mean", "density"):
+        raise ValueError(f"weighting is mean or density, got {weighting!r}")
+    began = time.perf_counter()
+    trials = Trials.of(part, grasps, test, tolerance, seed)
+    run = Serial() if executor is None else executor
+    if elimination is not None:
+        codes, gone = _adaptive(trials, elimination, seed, run)
+    elif stop:
+        codes, gone = _until_settled(trials, samples, run), np.zeros(len(grasps), np.int64)
+    else:
+        codes, gone = _all(trials, 0, samples, run), np.zeros(len(grasps), np.int64)
+    return _summed(trials, grasps, codes, gone, weighting, began)
+
+
+def _all(trials: Trials, first: int, count: int, run: Executor) -> CodeArray:
+    pieces = run.map(trials, shard(first, count, run.workers))
+    return np.concatenate(pieces, axis=1)
+
+
+def _until_settled(trials: Trials, samples: int, run: Executor) -> CodeArray:
+    codes = np.empty((len(trials.rows), 0), np.int8)
+    while codes.shape[1] < samples:
+        size = min(_BATCH, samples - codes.shape[1])
+        codes = np.hstack([codes, _all(trials, codes.shape[1], size, run)])
+        end = stop_at(running_best(codes))
+        if end:
+            return codes[:, :end]
+    return codes
+
+
+def running_best(codes: CodeArray) -> FloatArray:
+    """Return the best quality after 1, 2, .. perturbations, (N,) (Kehoe 2014, Fig. 3.11)."""
+    done = np.arange(1, codes.shape[1] + 1)
+    return np.asarray((np.cumsum(codes > 0, axis=1) / done).max(axis=0))
+
+
+def stop_at(curve: FloatArray) -> int:
+    """Return after how many perturbations the best quality had settled; 0 = not yet.
+
+    >>> stop_at(np.ones(100)), stop_at(np.linspace(1, 0, 40))
+    (30, 0)
+    """
+    for k in range(STOP_LEAST, len(curve) + 1):
+        window = curve[k - STOP_WINDOW - 1 : k] if k > STOP_WINDOW else curve[:k]
+        if np.ptp(window) <= STOP_CHANGE * max(curve[k - 1], 1e-12):
+            return k
+    return 0
+
+
+def _adaptive(
+    trials: Trials, plan: Elimination, seed: int, run: Executor
+) -> tuple[CodeArray, IntArray]:
+    count = len(trials.rows)
+    alive = np.arange(count)
+    codes = np.full((count, sum(plan.batches)), UNTRIED, np.int8)
+    gone = np.zeros(count, np.int64)
+    done = 0
+    for batch in plan.batches:
+        task = Trials(
+            trials.ring, trials.com, trials.rows[alive], trials.width, trials.diameter,
+            trials.tolerance, trials.test, trials.key,
+        )  # fmt: skip
+        codes[alive, done : done + batch] = _all(task, done, batch, run)
+        done += batch
+        if done == codes.shape[1]:
+            break
+        wins = (codes[alive, :done] > 0).sum(axis=1)
+        keep = max(1, math.floor((1 - plan.share) * len(alive) + 0.5))
+        order = np.lexsort((_lots(trials.rows[alive], seed + done), -wins))
+        gone[alive[order[keep:]]] = done
+        alive = np.sort(alive[order[:keep]])
+    return codes, gone
+
+
+def _lots(rows: FloatArray, seed: int) -> NDArray[np.uint64]:
+    """Return random numbers that belong to grasps, not to their places in the list."""
+    z = np.full(len(rows), seed % 2**32, np.uint64)
+    for column in np.round(rows, 9).T + 0.0:
+        z = (z ^ np.ascontiguousarray(column).view(np.uint64)) * np.uint64(0xBF58476D1CE4E5B9)
+        z ^= z >> np.uint64(29)
+    return z
+
+
+def _summed(
+    trials: Trials, grasps: Grasps, codes: CodeArray, gone: IntArray, weighting: str, began: float
+) -> Analysis:
+    success, done = codes > 0, codes != UNTRIED
+    wins, tried = success.sum(axis=1), done.sum(axis=1)
+    quality = wins / tried
+    if weighting == "density":
+        quality = density_quality(success, _weighing(trials, codes.shape[1]))
+        for g in np.flatnonzero(gone):
+            some = _weighing(trials, int(gone[g]))
+            quality[g] = density_quality(success[g : g + 1, : gone[g]], some)[0]
+    survivor = int(np.flatnonzero(gone == 0)[0])
+    return Analysis(
+        grasps, codes, np.asarray(quality), lower_bound(wins, tried), wins, tried, gone,
+        best_first(np.asarray(quality), grasps, gone == 0),
+        float((codes[survivor] == INVALID).mean()), int(tried.sum()), time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def _weighing(trials: Trials, count: int) -> FloatArray:
+    """Return the draws that had an effect: those of a zero deviation carry no probability."""
+    draws = trials.draws(0, count)
+    n, given = len(trials.ring), trials.tolerance
+    used = np.zeros((n + 3, 2), bool)
+    used[:n] = (np.broadcast_to(np.asarray(given.vertex_std), (n,)) > 0)[:, None]
+    used[n] = given.com_std > 0
+    used[n + 1] = given.pose_std[0] > 0
+    used[n + 2, 0] = given.pose_std[1] > 0
+    return np.where(used, draws, 0.0)

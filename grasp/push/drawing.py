@@ -1,0 +1,156 @@
+"""A plain writer of SVG drawings: a frame in the data's unit, and shapes added to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["Canvas", "chart", "heat_map"]
+
+COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2", "#17becf",
+           "#bcbd22", "#7f7f7f", "#393b79", "#637939")  # fmt: skip
+
+
+class Canvas:
+    """A drawing of ``width`` px that shows a box of the plane, y upwards.
+
+    Parameters
+    ----------
+    low, high : (2,)
+        Corners of the box.
+
+    Examples
+    --------
+    >>> canvas = Canvas((0, 0), (2, 1), width=200, margin=0)
+    >>> canvas.dot((1, 0.5), "red")
+    >>> 'cx="100.0" cy="50.0"' in canvas.svg()
+    True
+    """
+
+    def __init__(
+        self, low: ArrayLike, high: ArrayLike, width: int = 640, margin: int = 24,
+        height: int | None = None, title: str = "",
+    ) -> None:  # fmt: skip
+        self._low = np.asarray(low, dtype=np.float64)
+        span = np.maximum(np.asarray(high, dtype=np.float64) - self._low, 1e-12)
+        inner = width - 2 * margin
+        if height is None:
+            self._scale = np.full(2, inner / span[0])
+            height = round(inner * span[1] / span[0]) + 2 * margin
+        else:
+            self._scale = np.array([inner, height - 2 * margin]) / span
+        self._size = (width, height)
+        self._margin = margin
+        self._parts: list[str] = []
+        if title:
+            self._parts.append(_text(margin, margin * 0.7, title, "start", 13))
+
+    def _px(self, points: ArrayLike) -> list[tuple[float, float]]:
+        at = (np.atleast_2d(np.asarray(points, np.float64)) - self._low) * self._scale
+        return [(self._margin + x, self._size[1] - self._margin - y) for x, y in at]
+
+    def polygon(self, ring: ArrayLike, stroke: str = "#222", fill: str = "none",
+                width: float = 1.5, opacity: float = 1.0) -> None:  # fmt: skip
+        """Add a closed outline."""
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in self._px(ring))
+        self._parts.append(
+            f'<polygon points="{points}" fill="{fill}" stroke="{stroke}" '
+            f'stroke-width="{width}" opacity="{opacity}"/>'
+        )
+
+    def line(self, points: ArrayLike, stroke: str = "#222", width: float = 1.5,
+             dash: str = "") -> None:  # fmt: skip
+        """Add an open line."""
+        text = " ".join(f"{x:.1f},{y:.1f}" for x, y in self._px(points))
+        dashed = f' stroke-dasharray="{dash}"' if dash else ""
+        self._parts.append(
+            f'<polyline points="{text}" fill="none" stroke="{stroke}" '
+            f'stroke-width="{width}"{dashed}/>'
+        )
+
+    def dot(self, point: ArrayLike, fill: str = "#222", radius_px: float = 2.5) -> None:
+        """Add a dot of a size in pixels."""
+        for x, y in self._px(point):
+            self._parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius_px}" fill="{fill}"/>')
+
+    def ring(self, point: ArrayLike, radius: float, stroke: str = "#d62728") -> None:
+        """Add a circle of a radius in the data's unit."""
+        (x, y) = self._px(point)[0]
+        size = radius * float(self._scale[0])
+        self._parts.append(
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="none" stroke="{stroke}"/>'
+        )
+
+    def text(self, point: ArrayLike, words: str, anchor: str = "middle", size: int = 11) -> None:
+        """Add words at a point."""
+        (x, y) = self._px(point)[0]
+        self._parts.append(_text(x, y, words, anchor, size))
+
+    def svg(self) -> str:
+        """Return the document."""
+        width, height = self._size
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+            f'viewBox="0 0 {width} {height}">\n'
+            f'<rect width="{width}" height="{height}" fill="white"/>\n'
+            + "\n".join(self._parts)
+            + "\n</svg>\n"
+        )
+
+
+def _text(x: float, y: float, words: str, anchor: str, size: int) -> str:
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" font-family="sans-serif" font-size="{size}" '
+        f'text-anchor="{anchor}">{escape(words)}</text>'
+    )
+
+
+def chart(
+    x: ArrayLike,
+    curves: Mapping[str, ArrayLike],
+    title: str,
+    x_label: str,
+    y_range: tuple[float, float],
+) -> str:
+    """Return curves over a common x as an SVG document."""
+    at = np.asarray(x, dtype=np.float64)
+    low, high = float(at.min()), float(at.max())
+    canvas = Canvas((low, y_range[0]), (high, y_range[1]), 720, 48, 420, title)
+    for k in range(6):
+        level = y_range[0] + (y_range[1] - y_range[0]) * k / 5
+        place = low + (high - low) * k / 5
+        canvas.line([(low, level), (high, level)], "#ddd", 1)
+        canvas.text((low, level), f"{level:.2f} ", "end")
+        canvas.text((place, y_range[0] - 0.06 * (y_range[1] - y_range[0])), f"{place:.3g}")
+    canvas.text(((low + high) / 2, y_range[0] - 0.12 * (y_range[1] - y_range[0])), x_label)
+    for k, (name, values) in enumerate(curves.items()):
+        colour = COLOURS[k % len(COLOURS)]
+        ys = np.asarray(values, dtype=np.float64)
+        dash = "5,4" if name.endswith("*") else ""
+        canvas.line(np.column_stack([at, ys]), colour, 1.8, dash)
+        canvas.text((high, ys[-1]), f" {name.rstrip('*')}", "start", 10)
+    return canvas.svg()
+
+
+def heat_map(
+    values: ArrayLike, x: Sequence[float], y: Sequence[float], title: str, labels: tuple[str, str]
+) -> str:
+    """Return a table (len(y), len(x)) of numbers in 0..1 as squares, black = 1 (Fig. 3.23)."""
+    table = np.asarray(values, dtype=np.float64)
+    rows, columns = table.shape
+    canvas = Canvas((-1.2, -1.6), (columns, rows + 0.4), 720, 24, None, title)
+    for r in range(rows):
+        canvas.text((-0.1, r + 0.4), f"{y[r]:.3g}", "end")
+        for c in range(columns):
+            grey = round(255 * (1 - float(np.clip(table[r, c], 0, 1))))
+            square = [(c, r), (c + 0.96, r), (c + 0.96, r + 0.96), (c, r + 0.96)]
+            canvas.polygon(square, "#bbb", f"rgb({grey},{grey},{grey})", 0.5)
+            canvas.text((c + 0.48, r + 0.4), f"{table[r, c]:.2f}", "middle", 10)
+    for c in range(columns):
+        canvas.text((c + 0.48, -0.4), f"{x[c]:.3g}")
+    canvas.text((columns / 2, -1.1), labels[0])
+    canvas.text((-1.1, rows + 0.15), labels[1], "start")
+    return canvas.svg()

@@ -1,0 +1,191 @@
+"""Where the trials of an analysis run: here, in threads, in processes, or on a Ray cluster.
+
+The kernels release the interpreter's lock, so threads serve one machine best. Every trial is a
+function of its number, so all ways give the same results bit for bit.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import importlib
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Literal, Protocol, Self, TypeVar
+
+__all__ = ["Executor", "Pool", "Ray", "Serial", "open_executor", "shard"]
+
+T = TypeVar("T")
+Task = Callable[[int, int], T]
+Range = tuple[int, int]
+
+
+class Executor(Protocol):
+    """Runs ``task(first, count)`` over ranges of trial numbers."""
+
+    @property
+    def workers(self) -> int:
+        """How many shards run at once."""
+        ...
+
+    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
+        """Return the results in the order of the ranges."""
+        ...
+
+    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+        """Yield the number of each range and its result as they finish."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def shard(first: int, count: int, parts: int) -> list[Range]:
+    """Split ``count`` trials from ``first`` on evenly.
+
+    >>> shard(10, 7, 3)
+    [(10, 3), (13, 2), (15, 2)]
+    """
+    parts = max(1, min(parts, count))
+    size, left = divmod(count, parts)
+    out, at = [], first
+    for i in range(parts):
+        step = size + (i < left)
+        out.append((at, step))
+        at += step
+    return out
+
+
+class Serial:
+    """Runs in the calling thread."""
+
+    workers = 1
+
+    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
+        """Return the results in order."""
+        return [task(*one) for one in ranges]
+
+    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+        """Yield results in order."""
+        for i, one in enumerate(ranges):
+            yield i, task(*one)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+
+class Pool:
+    """Runs in threads or in fresh processes of this machine."""
+
+    def __init__(self, workers: int, kind: Literal["threads", "processes"] = "processes") -> None:
+        if workers < 1:
+            raise ValueError(f"workers must be at least 1, got {workers}")
+        self.workers = workers
+        self._pool: concurrent.futures.Executor
+        if kind == "threads":
+            self._pool = concurrent.futures.ThreadPoolExecutor(workers)
+        else:
+            # A fork of a process with threads may stop for ever.
+            spawn = multiprocessing.get_context("spawn")
+            self._pool = concurrent.futures.ProcessPoolExecutor(workers, mp_context=spawn)
+
+    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
+        """Return the results in the order of the ranges."""
+        return [job.result() for job in [self._pool.submit(task, *one) for one in ranges]]
+
+    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+        """Yield results as they come; what is not wanted any more is cancelled."""
+        jobs = {self._pool.submit(task, *one): i for i, one in enumerate(ranges)}
+        try:
+            for job in concurrent.futures.as_completed(jobs):
+                yield jobs[job], job.result()
+        finally:
+            for job in jobs:
+                job.cancel()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class Ray:
+    """Runs on a Ray cluster; ``ray`` is imported and started here only.
+
+    Parameters
+    ----------
+    address
+        Of a running cluster; None starts one on this machine, which listens on ports of its own
+        choice and so needs a firewall.
+    """
+
+    def __init__(self, address: str | None = None, workers: int = 0) -> None:
+        try:
+            self._ray: Any = importlib.import_module("ray")
+        except ImportError as error:
+            raise ValueError("executor 'ray' needs the package ray: pip install ray") from error
+        self._started = not self._ray.is_initialized()
+        if self._started:
+            self._ray.init(address=address, include_dashboard=False, logging_level="ERROR")
+        self.workers = workers or int(self._ray.cluster_resources().get("CPU", 1))
+
+    def _submit(self, task: Task[T], ranges: Sequence[Range]) -> list[Any]:
+        remote = self._ray.remote(_call)
+        shared = self._ray.put(task)
+        return [remote.remote(shared, *one) for one in ranges]
+
+    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
+        """Return the results in the order of the ranges."""
+        return list(self._ray.get(self._submit(task, ranges)))
+
+    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+        """Yield results as they come."""
+        jobs = self._submit(task, ranges)
+        numbers = {job: i for i, job in enumerate(jobs)}
+        waiting = list(jobs)
+        try:
+            while waiting:
+                done, waiting = self._ray.wait(waiting, num_returns=1)
+                for job in done:
+                    yield numbers[job], self._ray.get(job)
+        finally:
+            for job in waiting:
+                self._ray.cancel(job)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._started:
+            self._ray.shutdown()
+
+
+def _call(task: Task[T], first: int, count: int) -> T:
+    return task(first, count)
+
+
+def open_executor(
+    kind: Literal["serial", "threads", "processes", "ray"] = "serial",
+    workers: int = 0,
+    address: str | None = None,
+) -> Executor:
+    """Return an executor by name; a context manager.
+
+    Parameters
+    ----------
+    workers
+        0 = one for each core that this process may use.
+    """
+    import os
+
+    if kind == "serial":
+        return Serial()
+    if kind == "ray":
+        return Ray(address, workers)
+    if kind not in ("threads", "processes"):
+        raise ValueError(f"unknown executor {kind!r}; serial, threads, processes or ray")
+    return Pool(workers or len(os.sched_getaffinity(0)), kind)

@@ -1,0 +1,270 @@
+"""``rtask grasp``: plan grasps of a part, a cloud, or an object of the graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.options import data_option, json_option, print_json
+
+if TYPE_CHECKING:
+    from grasp.push import PushPlan
+
+
+@click.group()
+def grasp() -> None:
+    """Plan grasps under uncertainty."""
+
+
+@grasp.command()
+@click.argument("source")
+@click.option("--jaw-width", type=float, help="Of both jaws; default a quarter of the diameter.")
+@click.option("--friction", default=0.7, show_default=True, help="Between jaw and part.")
+@click.option("--vertex-std", type=float, help="Standard deviation of a vertex [.045 radii].")
+@click.option("--com-std", type=float, help="Of the centre of mass [.084 radii].")
+@click.option("--position-std", default=0.0, help="Of the part's lateral position before the push.")
+@click.option("--rotation-std-deg", default=0.0, help="Of the part's rotation before the push.")
+@click.option("--filter", "filter_distance", default=0.0, show_default=True, help="In radii.")
+@click.option("--density", default=1.5, show_default=True, help="Contacts on a mean edge.")
+@click.option("--angles", default=5, show_default=True, help="Directions at a contact, odd.")
+@click.option("--samples", default=100, show_default=True, help="Perturbed parts.")
+@click.option("--eliminate", metavar="FIRST,SHARE", help="After FIRST parts drop this SHARE.")
+@click.option(
+    "--method",
+    type=click.Choice(["bound", "simulation"]),
+    default="bound",
+    show_default=True,
+    help="How one grasp is judged on one part.",
+)
+@click.option(
+    "--closure",
+    type=click.Choice(["strict", "nguyen"]),
+    default="strict",
+    show_default=True,
+    help="What counts as force closure.",
+)
+@click.option("--max-opening", type=float, help="Stroke of the gripper.")
+@click.option("--seed", default=0, show_default=True, help="Of the perturbations.")
+@click.option(
+    "--executor",
+    type=click.Choice(["serial", "threads", "processes", "ray"]),
+    default="serial",
+    show_default=True,
+    help="Where the trials run.",
+)
+@click.option("--workers", default=0, help="Of the executor; 0 = one for each core.")
+@click.option("--top", default=10, show_default=True, help="Rows of the table.")
+@click.option(
+    "--plots", type=click.Path(path_type=Path, file_okay=False), help="Folder for drawings (SVG)."
+)
+@click.option("--store", is_flag=True, help="Write the best grasps to the object in the graph.")
+@click.option(
+    "--gripper-type",
+    default="parallel_jaw",
+    show_default=True,
+    help="Under which stored grasps are found again.",
+)
+@data_option
+@json_option
+def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
+    """Rank push grasps of SOURCE by a lower bound on their probability of force closure.
+
+    SOURCE is a part (.json, .svg, .dxf, or an image of it before a plain background), a segmented
+    point cloud (.pcd, .ply, .npy, .xyz; z up), or the IRI, id or name of an object of the graph.
+    Lengths are in the unit of the file; those of the graph are metres.
+    """
+    from rtask.errors import RtaskError, UsageError
+
+    try:
+        _plan(source, data, as_json, options)
+    except ValueError as error:
+        if isinstance(error, RtaskError):
+            raise
+        raise UsageError(f"{source}: {error}") from error
+
+
+def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> None:
+    import math
+
+    from grasp.push import Elimination, as_part, open_executor, plan_push_grasps
+
+    outline, thing = _outline(source, data, options["store"])
+    part = as_part(outline.polygon, outline.com)
+    elimination = None
+    if options["eliminate"]:
+        first, share = _first_and_share(options["eliminate"])
+        elimination = Elimination((first, max(options["samples"] - first, 1)), share)
+    position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
+    with open_executor(options["executor"], options["workers"]) as executor:
+        found = plan_push_grasps(
+            part.vertices,
+            part.com,
+            jaw_width=options["jaw_width"] or 0.25 * part.diameter,
+            pose_std=(position, rotation),
+            elimination=elimination,
+            executor=executor,
+            **{key: options[key] for key in _PLANNED},
+        )
+    stored = _store(data, thing, found, outline.height, options) if options["store"] else None
+    drawings = _draw(found, outline, options) if options["plots"] else []
+    if as_json:
+        print_json(_as_json(found, outline.note, options["top"], stored, drawings))
+        return
+    _print(found, outline.note, options["top"])
+    if stored is not None:
+        click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
+    for drawing in drawings:
+        click.echo(f"wrote {drawing}")
+
+
+_PLANNED = (
+    "friction", "vertex_std", "com_std", "filter_distance", "density", "angles", "samples",
+    "method", "closure", "max_opening", "seed",
+)  # fmt: skip
+
+
+def _outline(source: str, data: Path, store: bool) -> tuple[Any, str]:
+    """Return the outline and, for an object of the graph, its IRI."""
+    from grasp.push import Outline, outline_from_cloud, read_outline
+    from rtask.errors import UsageError
+
+    path = Path(source)
+    if path.is_file():
+        if store:
+            raise UsageError("--store needs an object of the graph, not a file")
+        return read_outline(path), ""
+    if path.suffix and not data.exists():
+        raise UsageError(f"{source}: no such file")
+    import rtask
+    from rtask.engine.engine import Engine
+    from rtask.engine.planned import object_cloud
+
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        thing, points = object_cloud(engine, source)
+    ring, height = outline_from_cloud(points)
+    note = f"{thing}: footprint of {len(points)} points"
+    return Outline(ring, None, len(ring), note, height), thing
+
+
+def _first_and_share(text: str) -> tuple[int, float]:
+    from rtask.errors import UsageError
+
+    first, _, share = text.partition(",")
+    try:
+        return int(first), float(share)
+    except ValueError as error:
+        raise UsageError(f"--eliminate {text}: two numbers such as 5,0.9 are wanted") from error
+
+
+def _store(
+    data: Path, thing: str, found: PushPlan, height: float, options: dict[str, Any]
+) -> dict[str, Any]:
+    import math
+
+    import numpy as np
+
+    import rtask
+    from grasp.spatial.planar import tip_heights
+    from rtask.engine.engine import Engine
+    from rtask.engine.planned import PlannedGrasp, store_planned
+
+    sigma = float(np.mean(found.tolerance.vertex_std))
+    planned = []
+    for i in found.analysis.order[: options["top"]].tolist():
+        if found.analysis.successes[i] == 0:
+            break
+        along = found.grasps.approaches[i]
+        width = float(found.openings[i])
+        middle = found.grasps.jaw(i, found.test.jaw_width).mean(axis=0) + along * width / 2
+        z = tip_heights(height, width, found.part.diameter)[0]
+        most = options["max_opening"] or math.inf
+        planned.append(
+            PlannedGrasp(
+                float(middle[0]), float(middle[1]), z, math.atan2(along[1], along[0]), width,
+                min(1.2 * width + 2 * sigma, most), float(found.analysis.quality[i]),
+                int(found.analysis.tried[i]), sigma,
+            )
+        )  # fmt: skip
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        return store_planned(engine, thing, planned, options["gripper_type"])
+
+
+def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
+    from grasp.push.album import album
+
+    folder: Path = options["plots"]
+    folder.mkdir(parents=True, exist_ok=True)
+    names = []
+    for name, drawing in album(found, outline.height, options["seed"]).items():
+        path = folder / f"{name}.svg"
+        path.write_text(drawing, "utf-8")
+        names.append(str(path))
+    return names
+
+
+def _rows(found: PushPlan, top: int) -> list[dict[str, Any]]:
+    import math
+
+    rows = []
+    for rank, i in enumerate(found.analysis.order[:top].tolist(), start=1):
+        analysis, grasps = found.analysis, found.grasps
+        rows.append(
+            {
+                "rank": rank,
+                "contact": grasps.contacts[i].tolist(),
+                "angle_deg": math.degrees(grasps.angles[i]),
+                "approach": grasps.approaches[i].tolist(),
+                "jaw": grasps.jaw(i, found.test.jaw_width).tolist(),
+                "opening": float(found.openings[i]),
+                "quality": float(analysis.quality[i]),
+                "lower_95": float(analysis.lower_95[i]),
+                "successes": int(analysis.successes[i]),
+                "samples": int(analysis.tried[i]),
+                "nominal": bool(found.nominal[i] > 0),
+            }
+        )
+    return rows
+
+
+def _print(found: PushPlan, note: str, top: int) -> None:
+    analysis = found.analysis
+    if note:
+        click.echo(note)
+    click.echo(
+        f"{len(found.part.vertices)} vertices, radius {found.part.radius:.4g}, "
+        f"jaws {found.test.jaw_width:.4g} wide, {len(found.grasps)} candidates, "
+        f"{analysis.codes.shape[1]} perturbed parts ({analysis.crossed:.0%} cross themselves), "
+        f"{found.test.method}, {found.seconds:.3f} s"
+    )
+    click.echo("rank  contact                angle    opening   quality  lower 95 %  nominal")
+    for row in _rows(found, top):
+        x, y = row["contact"]
+        click.echo(
+            f"{row['rank']:4d}  ({x:9.4g}, {y:9.4g})  {row['angle_deg']:+6.1f}  "
+            f"{row['opening']:9.4g}  {row['quality']:8.3f}  {row['lower_95']:10.3f}  "
+            f"{'closes' if row['nominal'] else 'fails'}"
+        )
+    click.echo("what happened, over all candidates:")
+    for reason, count in list(analysis.reasons().items())[:8]:
+        click.echo(f"{count / analysis.codes.size:8.1%}  {reason}")
+
+
+def _as_json(
+    found: PushPlan, note: str, top: int, stored: dict[str, Any] | None, drawings: list[str]
+) -> dict[str, Any]:
+    return {
+        "note": note,
+        "polygon": found.part.vertices.tolist(),
+        "com": found.part.com.tolist(),
+        "jaw_width": found.test.jaw_width,
+        "candidates": len(found.grasps),
+        "evaluations": found.analysis.evaluations,
+        "crossed": found.analysis.crossed,
+        "seconds": found.seconds,
+        "grasps": _rows(found, top),
+        "reasons": found.analysis.reasons(),
+        "stored": stored,
+        "drawings": drawings,
+    }
