@@ -88,6 +88,11 @@ class Derivation:
         for fact in facts:
             self._fire(stratum, fact)
 
+    def take_queue(self) -> list[Fact]:
+        """Return the facts that are queued, for somebody else to derive from."""
+        queue, self._queue = self._queue, []
+        return queue
+
     def run(self, stratum: Stratum) -> None:
         """Work the queue off: derive all that follows within a stratum."""
         queue = self._queue

@@ -41,6 +41,10 @@ class Asserted:
         yield from self.added
         yield from (fact for fact in tuple(self.facts) if fact not in self.removed)
 
+    def is_unchanged(self) -> bool:
+        """Tell whether nothing is staged."""
+        return not self.added and not self.removed
+
     def apply(self) -> None:
         """Write the changes into the set."""
         self.facts -= self.removed

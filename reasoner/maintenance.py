@@ -137,15 +137,22 @@ class Maintainer:
     def _derive_in_bulk(
         self, draft: Draft, derivation: Derivation, facts: tuple[Fact, ...]
     ) -> Bulk:
-        """Derive the lowest stratum: the schema by worklist, the bulk by joining columns."""
+        """Derive the lowest stratum by joining columns: first the schema, then all."""
         for fact in facts:
             if fact[1] == SAME or is_schema(fact[1], fact[2]):
                 derivation.insert(fact)
         derivation.evaluate(compile_lists(draft.layer, self.terms))
-        derivation.run(draft.program.strata[0])
+        self._join_columns(draft, derivation, derivation.take_queue())
         draft.program, draft.problems = self.compile(draft.layer, draft.equality)
         derivation.use(draft.program)
         derivation.schema_changed = False
+        bulk = self._join_columns(draft, derivation, facts)
+        if bulk.touched_schema or derivation.schema_changed:
+            self.grow(draft, derivation)
+        return bulk
+
+    def _join_columns(self, draft: Draft, derivation: Derivation, facts: Iterable[Fact]) -> Bulk:
+        """Derive what follows from facts and the layer within the lowest stratum."""
         bulk = Bulk(self.terms, draft.equality, self.settings.max_facts)
         bulk.load((*facts, *draft.layer.added))
         stratum = draft.program.strata[0]
@@ -153,8 +160,6 @@ class Maintainer:
         draft.layer.added = Facts.of(bulk.columns)
         derivation.evaluate(left)
         derivation.run(stratum)
-        if bulk.touched_schema or derivation.schema_changed:
-            self.grow(draft, derivation)
         return bulk
 
     def grow(self, draft: Draft, derivation: Derivation) -> frozenset[Rule]:

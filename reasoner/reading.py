@@ -139,7 +139,17 @@ class Reading:
 
     def everything(self) -> Iterator[Fact]:
         """Yield all that the inferred graph holds."""
-        yield from self.inferred(self.facts)
+        asserted = self.asserted.facts if self.asserted.is_unchanged() else self.asserted
+        for p in self.facts.predicates():
+            # What is said with any other predicate is exported as it is.
+            is_special = p == TYPE or p == SAME or p in v.SCHEMA_PREDICATES
+            for s, o in self.facts.pairs(p):
+                fact = (s, p, o)
+                for form in self.equality.expand(fact) if self.equality else (fact,):
+                    if form not in asserted and not (
+                        is_special and not is_exported(form, self.terms)
+                    ):
+                        yield form
         yield from self.equalities(representative for representative, _ in self.equality.classes())
 
     def _pairs(self, members: Iterable[int]) -> Iterator[Fact]:

@@ -11,7 +11,7 @@ from .dictionary import Fact
 Ids = set[int] | frozenset[int]
 EMPTY: frozenset[int] = frozenset()
 
-LARGE = 200_000
+LARGE = 20_000
 """Relations with more pairs stay in arrays when they are first probed; smaller become sets.
 
 A probe of a set takes 0.1 microseconds, of an array 1; a pair takes 150 bytes in sets, 16 in
