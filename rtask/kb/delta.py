@@ -7,6 +7,7 @@ Update, 3 and 4). Rights and conclusions are decided on the result.
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,8 +29,10 @@ from rtask.kb.union import union_change
 __all__ = ["UpdateDataset", "run_update"]
 
 _ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
-_RECORD = NamedNode("urn:rtask-dry:record")
-_UNBOUND = NamedNode("urn:rtask-dry:unbound")
+# no text can call these, since nobody can guess their names
+_SECRET = secrets.token_hex(8)
+_RECORD = NamedNode(f"urn:rtask-dry:{_SECRET}:record")
+_UNBOUND = NamedNode(f"urn:rtask-dry:{_SECRET}:unbound")
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
-from rtask.errors import QuerySyntaxError, TooLargeError
+from rtask.errors import QuerySyntaxError
+from rtask.kb.complexity import check_complexity, limit
 
 __all__ = ["Token", "find_block_end", "names_dataset", "query_form", "tokenise"]
 
@@ -39,6 +41,9 @@ _SEPARATORS = {"{", "}", ".", ";", ","}
 _MAX_NESTING = 128
 _MAX_OPERATORS = 1_000
 _MAX_NEGATIONS = 64
+_HARMLESS = 64
+_LONG = 1_000
+_CACHED = 16_000
 
 
 class Token(NamedTuple):
@@ -108,29 +113,32 @@ def _check_limits(tokens: list[Token]) -> None:
             operators = 0
         elif text in _OPERATORS:
             operators += 1
-        _limit("nesting", depth, _MAX_NESTING)
-        _limit("operators in one expression", operators, _MAX_OPERATORS)
-        _limit("negations in a row", negations, _MAX_NEGATIONS)
-
-
-def _limit(name: str, value: int, allowed: int) -> None:
-    if value > allowed:
-        raise TooLargeError(
-            f"too complex: {name} {value}, allowed {allowed}",
-            limit=name,
-            value=value,
-            allowed=allowed,
-        )
+        limit("nesting", depth, _MAX_NESTING)
+        limit("operators in one expression", operators, _MAX_OPERATORS)
+        limit("negations in a row", negations, _MAX_NEGATIONS)
+    check_complexity(tokens)
 
 
 def guard(text: str) -> None:
-    """Refuse text that would end the process in the store's parser.
+    """Refuse text that would end the process in the store's parser or planner.
 
-    Counting characters settles almost every text; only suspicious ones are read token by token.
+    Counting characters settles most texts; only suspicious ones are read token by token.
     """
+    if len(text) > _CACHED:
+        tokenise(text)
+    else:
+        _guard(text)
+
+
+@lru_cache(maxsize=1024)
+def _guard(text: str) -> None:
+    if len(text) < _HARMLESS:
+        return
     brackets = text.count("{") + text.count("(") + text.count("[") + text.count("<<")
     operators = sum(text.count(mark) for mark in "+-*/!=|&^<")
-    if brackets > _MAX_NESTING or operators > _MAX_NEGATIONS:
+    separators = text.count(".") + text.count(";") + text.count(",")
+    many = max(brackets, separators) > _MAX_NESTING or operators > _MAX_NEGATIONS
+    if many or len(text) > _LONG:
         tokenise(text)
 
 

@@ -102,6 +102,8 @@ def _evaluate(
         return store.query(text, base_iri=dataset.base, **arguments)
     except SyntaxError as error:
         raise syntax_error(error, "query", text) from error
+    except (RuntimeError, ValueError) as error:
+        raise DataError(f"the query cannot be evaluated: {error}") from error
 
 
 def run(

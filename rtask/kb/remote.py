@@ -46,6 +46,9 @@ _WITHOUT = {
     "on_commit": "subscribe at the server",
     "rebuild": "run `rtask rebuild` on the server",
     "session": "open a folder",
+    "stream": "use serialize()",
+    "subscribe": "subscribe at the server",
+    "subscribe_query": "subscribe at the server",
     "verify": "run `rtask verify` on the server",
 }
 
@@ -84,6 +87,7 @@ class RemoteKnowledgeBase:
         named_graphs: Iterable[NamedNode | str] | None = None,
         bindings: Bindings | None = None,
         base: str | None = None,
+        timeout_s: float | None = None,
     ) -> Solutions | bool | Triples:
         """Evaluate a SPARQL query; see :meth:`KnowledgeBase.query`.
 
@@ -93,6 +97,8 @@ class RemoteKnowledgeBase:
             Found here, before anything is sent.
         RemoteUnavailableError
             No whole answer after three tries.
+        QueryTimeout
+            No whole answer within ``timeout_s``.
         """
         text = bind(text, bindings or {})
         check_query(text, base or self.query_url)
@@ -105,6 +111,7 @@ class RemoteKnowledgeBase:
             text,
             {"Content-Type": "application/sparql-query", "Accept": _ROWS if rows else _TRIPLES},
             repeat=True,
+            timeout_s=timeout_s,
         )
         return read_rows(answer) if rows else read_triples(answer)
 

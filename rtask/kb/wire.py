@@ -7,6 +7,7 @@ the answer proves that it did not run.
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import httpx
 from pyoxigraph import (
@@ -24,6 +25,7 @@ from rtask.errors import (
     ClosedError,
     ForbiddenError,
     QuerySyntaxError,
+    QueryTimeout,
     RemoteUnavailableError,
 )
 from rtask.kb.results import Solutions, Triples
@@ -58,6 +60,7 @@ class Wire:
         text: str,
         headers: dict[str, str],
         repeat: bool,
+        timeout_s: float | None = None,
     ) -> bytes:
         """Send a text and return the answer's body.
 
@@ -65,22 +68,36 @@ class Wire:
         ----------
         repeat
             Whether sending twice does no harm.
+        timeout_s
+            For everything together; ``None`` for the connection's own, for each attempt.
 
         Raises
         ------
         RemoteUnavailableError
             No answer after three attempts.
+        QueryTimeout
+            The time is over.
         RemoteError, AccessError, QuerySyntaxError
             The server refused; its reason.
         """
         if self._http is None:
             raise ClosedError("the connection is closed")
         query = httpx.QueryParams(tuple(parameters))
+        until = None if timeout_s is None else time.monotonic() + timeout_s
         for attempt in range(_ATTEMPTS):
             last = attempt + 1 == _ATTEMPTS
+            wait: Any = httpx.USE_CLIENT_DEFAULT
+            if until is not None:
+                wait = max(0.001, until - time.monotonic())
             try:
-                answer = self._http.post(url, params=query, content=text.encode(), headers=headers)
+                answer = self._http.post(
+                    url, params=query, content=text.encode(), headers=headers, timeout=wait
+                )
             except httpx.HTTPError as error:
+                if until is not None and time.monotonic() >= until:
+                    raise QueryTimeout(
+                        f"{url}: no whole answer within {timeout_s:g} s", timeout_s=timeout_s
+                    ) from error
                 never_sent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 if last or not (repeat or never_sent):
                     reason = str(error) or type(error).__name__

@@ -157,7 +157,19 @@ def test_errors_say_where(kb: KnowledgeBase, text: str, message: str) -> None:
         "SELECT (" + "+".join(["1"] * 7_000) + " AS ?x) {}",
         "ASK { " + "<<( " * 10_000,
         "ASK { ?s <urn:p> " + "[ <urn:p> " * 5_000,
+        "ASK { " + " ".join(f"?s <urn:p{n}> ?o{n} ." for n in range(20_000)) + " }",
+        "ASK { ?s <urn:p> ?o" + " ; <urn:p> ?o" * 20_000 + " }",
+        "ASK { ?s <urn:p> ?o" + " , ?o" * 20_000 + " }",
+        "ASK { ?s <urn:p> (" + " 1" * 20_000 + ") }",
+        "ASK { ?s <urn:p>" + "/<urn:p>" * 900 + " ?o }",
+        "ASK { {?s ?p ?o}" + " UNION {?s ?p ?o}" * 20_000 + " }",
+        "ASK { " + "OPTIONAL {?s ?p ?o} " * 20_000 + " }",
+        "ASK { " + "{?s ?p ?o} " * 20_000 + " }",
+        "ASK { " + "FILTER EXISTS {?s ?p ?o} " * 20_000 + " }",
+        "ASK { " + " ".join(f"BIND(1 AS ?v{n})" for n in range(20_000)) + " }",
+        "ASK { " + "{ SELECT * { ?s ?p ?o } } " * 20_000 + " }",
     ],
+    ids=lambda text: text[:30],
 )
 def test_text_that_would_end_the_process_is_refused(kb: KnowledgeBase, text: str) -> None:
     with pytest.raises(TooLargeError, match="too complex"):
@@ -169,6 +181,15 @@ def test_text_that_would_end_the_process_is_refused(kb: KnowledgeBase, text: str
 def test_long_but_flat_text_is_fine(kb: KnowledgeBase) -> None:
     rows = " ".join(f"(<urn:{n}> {n})" for n in range(5_000))
     assert len(kb.select(f"SELECT * {{ VALUES (?a ?b) {{ {rows} }} }}")) == 5_000
+    statements = " ".join(f"<urn:{n}> <urn:flat> {n} , 1 ; <urn:q> 2 ." for n in range(5_000))
+    kb.update(f"INSERT DATA {{ {statements} }}")
+    numbers = ",".join(map(str, range(5_000)))
+    asked = f"SELECT * {{ ?s <urn:flat> ?o FILTER(?o IN ({numbers})) }}"
+    assert len(kb.select(asked)) == 9_999
+    branches = " UNION ".join(f"{{ <urn:{n}> <urn:flat> ?o }}" for n in range(200))
+    assert len(kb.select(f"SELECT * {{ {branches} }}")) == 399
+    flat = " ".join(f"?s <urn:flat> {n % 2} . ?s <urn:q> ?o ." for n in range(50))
+    assert kb.query(f"ASK {{ {flat} }}") is True
 
 
 def test_nothing_calls_out(kb: KnowledgeBase) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -17,6 +18,7 @@ from rtask.errors import (
     ClosedError,
     ForbiddenError,
     QuerySyntaxError,
+    QueryTimeout,
     RemoteUnavailableError,
     UnsupportedError,
     UsageError,
@@ -35,6 +37,8 @@ class Server(ThreadingHTTPServer):
         self.faults: list[int] = []
         self.requests: list[str] = []
         self.truncate = False
+        self.go_on = threading.Event()
+        self.go_on.set()
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -47,6 +51,7 @@ class Handler(BaseHTTPRequestHandler):
         self.server.requests.append(text)
         if self.headers.get("Authorization") != "Bearer secret":
             return self._answer(401, b'{"detail": "no token"}')
+        self.server.go_on.wait(30.0)
         if self.server.faults:
             return self._answer(self.server.faults.pop(0), b'{"detail": "not now"}')
         if self.headers["Content-Type"] == "application/sparql-update":
@@ -186,6 +191,16 @@ def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.raises(RemoteUnavailableError, match=r"127\.0\.0\.1:9"),
     ):
         kb.update("CLEAR ALL")
+
+
+def test_a_deadline_ends_the_waiting(kb: rtask.KnowledgeBase, server: Server) -> None:
+    server.go_on.clear()
+    started = time.monotonic()
+    with pytest.raises(QueryTimeout, match=r"within 0\.3 s"):
+        kb.query("ASK { ?s ?p ?o }", timeout_s=0.3)
+    assert time.monotonic() - started < 10.0
+    server.go_on.set()
+    assert kb.query("ASK { ?s ?p ?o }", timeout_s=30.0) is False
 
 
 def test_what_needs_the_embedded_store_says_so(kb: rtask.KnowledgeBase) -> None:
