@@ -1,205 +1,69 @@
 """Queries over objects to SPARQL: always one query.
 
 The class and the conditions stand once, in a sub-select in front; each branch of the union
-then fetches the statements of one kind of object (SPARQL 1.1 Query, 12 and 18.2).
+then fetches the statements of one kind of object (SPARQL 1.1 Query, 12 and 18.2). The text of a
+query is kept by its shape: the same question about another value is not compiled again.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from itertools import cycle
 from typing import Any
 
-import ontology
-from rtask.errors import UsageError
-from rtask.kb.terms import Literal, NamedNode, Term, prologue
-from rtask.model.codec import decode
-from rtask.model.expressions import (
-    Aggregate,
-    And,
-    Compare,
-    Condition,
-    In,
-    Missing,
-    Not,
-    Or,
-    Order,
-    Path,
-    Raw,
-    Text,
-    root,
-    steps,
-)
-from rtask.model.fields import Field, term
-from rtask.model.instance import Model, class_iris, family
+from rtask.kb.terms import Term
+from rtask.model.expressions import Aggregate, Order, Path, steps
+from rtask.model.fields import Field
+from rtask.model.instance import Model, class_iris, generation
+from rtask.model.patterns import MARK, Names, Scope, shape
+from rtask.model.plan import RDF_TYPE, THING, Plan, eager, finished, short
 
-__all__ = ["Plan", "aggregate_text", "ask_text", "count_text", "eager", "object_text", "row_text"]
+__all__ = [
+    "aggregate_text",
+    "ask_text",
+    "count_text",
+    "fetch_filter",
+    "id_text",
+    "object_text",
+    "row_text",
+]
 
-THING = ontology.PREFIXES["owl"] + "Thing"
-RDF_TYPE = ontology.PREFIXES["rdf"] + "type"
-_LOCAL = re.compile(r"[A-Za-z_]\w*")
+_KEPT = 512
+_cache: OrderedDict[Hashable, str] = OrderedDict()
 
 
-def short(iri: str) -> str:
-    """Return an IRI for a query, with a prefix of the ontology where one fits.
-
-    >>> short(ontology.NS + "mass"), short("urn:mug")
-    ('rt:mass', '<urn:mug>')
-    """
-    for name, namespace in ontology.PREFIXES.items():
-        if iri.startswith(namespace) and _LOCAL.fullmatch(iri[len(namespace) :]):
-            return f"{name}:{iri[len(namespace) :]}"
-    return str(NamedNode(iri))
-
-
-def finished(text: str) -> str:
-    """Return a query with the prefixes that it uses."""
-    names = [name for name in ontology.PREFIXES if re.search(rf"\b{name}:", text)]
-    return prologue({name: ontology.PREFIXES[name] for name in names}) + text
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a query asks for, before it is text.
+def _compiled(plan: Plan, extra: Hashable, write: Callable[[], str]) -> str:
+    """Return the text of a query with its prefixes, from the cache if its shape is known.
 
     Parameters
     ----------
-    model
-        The class of the roots.
-    conditions
-        One tuple for each call of ``where``: in a call, one path means one value.
-    inferred
-        Whether derived statements are seen; if not, subclasses and inverses are spelled out.
+    extra
+        What the text depends on besides the plan.
+    write
+        Makes it, with a mark for each constant of the plan's conditions, in order.
     """
-
-    model: type[Model]
-    conditions: tuple[tuple[Condition, ...], ...] = ()
-    orders: tuple[Order, ...] = ()
-    limit: int | None = None
-    offset: int = 0
-    prefetch: tuple[tuple[Field, ...], ...] = ()
-    inferred: bool = True
-
-
-@dataclass
-class _Names:
-    """Fresh variables of one query."""
-
-    used: int = 0
-
-    def fresh(self) -> str:
-        self.used += 1
-        return f"?_{self.used}"
-
-
-@dataclass
-class _Scope:
-    """One group of patterns in which equal paths share their variable."""
-
-    names: _Names
-    inferred: bool
-    lines: list[str] = field(default_factory=list)
-    bound: dict[tuple[str, ...], str] = field(default_factory=dict)
-
-    def walk(self, along: Sequence[Field]) -> str:
-        """Return the variable at the end of a path, with patterns that lead there."""
-        subject, done = "?root", tuple[str, ...]()
-        for step in along:
-            done = (*done, step.iri)
-            if done not in self.bound:
-                self.bound[done] = self.names.fresh()
-                self.lines.append(f"{subject} {self.property(step)} {self.bound[done]} .")
-            subject = self.bound[done]
-        return subject
-
-    def property(self, step: Field) -> str:
-        """Return the property, or what stands for it where nothing is derived."""
-        if self.inferred or step.stored or step.inverse is None:
-            return short(step.iri)
-        return f"({short(step.iri)}|^{short(step.inverse)})"
-
-    def inside(self, condition: Condition) -> str:
-        """Return a condition as a group of its own, which shares only ``?root``."""
-        scope = _Scope(self.names, self.inferred)
-        scope.add(condition)
-        return "{ " + " ".join(scope.lines) + " }"
-
-    def add(self, condition: Condition) -> None:
-        """Write the patterns and filters of a condition."""
-        match condition:
-            case And(conditions):
-                for part in conditions:
-                    self.add(part)
-            case Or(conditions):
-                self.lines.append(" UNION ".join(map(self.inside, conditions)))
-            case Not(inner):
-                self.lines.append(f"FILTER NOT EXISTS {self.inside(inner)}")
-            case Missing(path):
-                scope = _Scope(self.names, self.inferred)
-                scope.walk(steps(path))
-                self.lines.append("FILTER NOT EXISTS { " + " ".join(scope.lines) + " }")
-            case Raw(pattern):
-                self.lines.append(pattern.rstrip(" .\n") + "\n.")
-            case Compare(path, operator, value):
-                self._compare(steps(path), operator, value)
-            case In(path, values):
-                listed = ", ".join(str(self._constant(steps(path)[-1], v)) for v in values)
-                self.lines.append(f"FILTER({self.walk(steps(path))} IN ({listed}))")
-            case Text(path, function, text, ignore_case):
-                self._text(self.walk(steps(path)), function, text, ignore_case)
-            case _:
-                raise UsageError(f"not a condition: {condition!r}; use == < > in_ & | ~")
-
-    def _compare(self, along: tuple[Field, ...], operator: str, value: object) -> None:
-        if value is None:
-            raise UsageError(f"compare {along[-1].describe()} with is_none(), not with None")
-        constant = self._constant(along[-1], value)
-        plain_text = isinstance(constant, Literal) and isinstance(decode(constant), str)
-        if operator == "=" and (not isinstance(constant, Literal) or plain_text):
-            before = self.walk(along[:-1])
-            self.lines.append(f"{before} {self.property(along[-1])} {constant} .")
-            return
-        if operator in ("=", "!=") or isinstance(constant, Literal):
-            self.lines.append(f"FILTER({self.walk(along)} {operator} {constant})")
-            return
-        raise UsageError(f"{along[-1].describe()} holds objects; they have no order")
-
-    @staticmethod
-    def _constant(step: Field, value: object) -> Term:
-        if step.is_link and isinstance(value, str):
-            return NamedNode(value)
-        if step.is_link and isinstance(value, Model):
-            return NamedNode(value.iri)
-        if isinstance(value, NamedNode | Literal):
-            return value
-        return term(step.item(value)) if step.is_link else _unchecked(step, value)
-
-    def _text(self, variable: str, function: str, text: str, ignore_case: bool) -> None:
-        wanted = str(Literal(text))
-        if function == "REGEX":
-            flags = ', "i"' if ignore_case else ""
-            self.lines.append(f"FILTER(REGEX(STR({variable}), {wanted}{flags}))")
-        elif ignore_case:
-            self.lines.append(f"FILTER(CONTAINS(LCASE(STR({variable})), LCASE({wanted})))")
-        else:
-            self.lines.append(f"FILTER(CONTAINS(STR({variable}), {wanted}))")
-
-
-def _unchecked(step: Field, value: object) -> Term:
-    """Return the literal of a constant; limits do not apply to what is only compared with."""
-    from rtask.model.codec import encode
-
-    try:
-        return encode(value, step.value)
-    except ValueError as error:
-        raise step.refuse(value, str(error), None) from None
+    constants: list[Term] = []
+    shapes = tuple(tuple(shape(c, constants) for c in group) for group in plan.conditions)
+    orders = tuple((steps(order.path), order.descending) for order in plan.orders)
+    key = (plan.model, generation(), plan.inferred, shapes, orders)
+    key += (plan.limit, plan.offset, plan.prefetch, extra)  # type: ignore[assignment]
+    text = _cache.get(key)
+    if text is None:
+        text = _cache[key] = finished(write())
+        while len(_cache) > _KEPT:
+            _cache.popitem(last=False)
+    if not constants:
+        return text
+    *pieces, last = text.split(MARK)
+    # a text may hold the conditions several times, each time whole
+    return "".join(f"{piece}{constant}" for piece, constant in zip(pieces, cycle(constants))) + last
 
 
 Bound = dict[tuple[str, ...], str]
 
 
-def _group(plan: Plan, names: _Names) -> tuple[list[str], Bound]:
+def _group(plan: Plan, names: Names) -> tuple[list[str], Bound]:
     """Return the patterns that say which roots are meant, and the variables of single values.
 
     A path on which nothing can have two values has one variable, whatever binds it first.
@@ -214,7 +78,7 @@ def _group(plan: Plan, names: _Names) -> tuple[list[str], Bound]:
             kind = names.fresh()
             lines.append(f"?root a {kind} . {kind} rdfs:subClassOf* {short(iri)} .")
     for together in plan.conditions:
-        scope = _Scope(names, plan.inferred)
+        scope = Scope(names, plan.inferred)
         for condition in together:
             scope.add(condition)
         lines += scope.lines
@@ -222,7 +86,7 @@ def _group(plan: Plan, names: _Names) -> tuple[list[str], Bound]:
     return lines, single
 
 
-def _keys(plan: Plan, names: _Names, bound: Bound) -> tuple[list[str], list[str]]:
+def _keys(plan: Plan, names: Names, bound: Bound) -> tuple[list[str], list[str]]:
     """Return OPTIONAL patterns that bind the sort keys, and the keys' variables."""
     lines, variables = [], []
     for order in plan.orders:
@@ -230,9 +94,9 @@ def _keys(plan: Plan, names: _Names, bound: Bound) -> tuple[list[str], list[str]
         if path in bound and _is_single(order):
             variables.append(bound[path])
             continue
-        scope = _Scope(names, plan.inferred)
+        scope = Scope(names, plan.inferred)
         variables.append(scope.walk(steps(order.path)))
-        lines.append("OPTIONAL { " + " ".join(scope.lines) + " }")
+        lines.append(f"OPTIONAL {scope.group()}")
     return lines, variables
 
 
@@ -250,7 +114,7 @@ def _roots(plan: Plan) -> str:
 
     A root with several values of a key is sorted by the least, or the greatest if descending.
     """
-    names = _Names()
+    names = Names()
     lines, bound = _group(plan, names)
     optional, variables = _keys(plan, names, bound)
     body = "\n    ".join([*lines, *optional])
@@ -270,34 +134,23 @@ def _roots(plan: Plan) -> str:
     )
 
 
-def eager(model: type[Model]) -> list[Field]:
-    """Return the fields that come with every object of a class or its subclasses.
-
-    What only other objects state (an inverse) may be unbounded, and links that anything may have
-    are rarely wanted: both come when asked for.
-    """
-    fields = {field.iri: field for kind in family(model) for field in kind.__fields__.values()}
-    return [fields[iri] for iri in sorted(fields) if _comes_along(fields[iri])]
-
-
-def _comes_along(field: Field) -> bool:
-    return field.stored and not (field.is_link and field.owner.__iri__ == THING)
-
-
-def fetch_filter(model: type[Model], more: Iterable[Field] = ()) -> str:
+def fetch_filter(model: type[Model], more: Sequence[Field] = ()) -> str:
     """Return the list of properties to fetch, for ``FILTER(?p IN (...))``."""
-    iris = {field.iri for field in (*eager(model), *more)}
-    return ", ".join(map(short, [RDF_TYPE, *sorted(iris)]))
+    return ", ".join(map(short, [RDF_TYPE, *sorted(eager(model, more))]))
 
 
 def object_text(plan: Plan) -> str:
     """Return the one query for objects with what is prefetched."""
+    return _compiled(plan, "objects", lambda: _object_text(plan))
+
+
+def _object_text(plan: Plan) -> str:
     keys = "".join(f" ?key{at}" for at in range(len(plan.orders)))
     wanted = {path[:n] for path in plan.prefetch for n in range(1, len(path) + 1)}
     branches = []
     for path in ((), *sorted(wanted, key=lambda p: [step.iri for step in p])):
         model = (path[-1].target() if path else plan.model) or Model
-        following = [other[-1] for other in wanted if other[:-1] == path]
+        following = plan.following(path)
         start, own = _start(path, plan.inferred), "?s" if path else "?root"
         bind = "" if path else " BIND(?root AS ?s)"
         inside = fetch_filter(model, following)
@@ -312,7 +165,7 @@ def _start(path: Sequence[Field], inferred: bool) -> str:
     """Return the patterns that lead from ``?root`` to ``?s``."""
     if not path:
         return ""
-    scope = _Scope(_Names(), inferred)
+    scope = Scope(Names(), inferred)
     before = scope.walk(path[:-1])
     return " ".join([*scope.lines, f"{before} {scope.property(path[-1])} ?s . "])
 
@@ -328,11 +181,16 @@ def _derived(start: str, own: str, bind: str, following: Iterable[Field]) -> lis
 
 def row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
     """Return a query for plain values; one row for each combination."""
-    names = _Names()
+    extra = ("rows", *map(steps, paths))
+    return _compiled(plan, extra, lambda: _row_text(plan, paths))
+
+
+def _row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
+    names = Names()
     lines, bound = _group(plan, names)
     picks = []
     for at, path in enumerate(paths):
-        scope = _Scope(names, plan.inferred)
+        scope = Scope(names, plan.inferred)
         variable = scope.walk(steps(path))
         lines.append("OPTIONAL { " + " ".join(scope.lines) + f" BIND({variable} AS ?value{at}) }}")
         picks.append(f"?value{at}")
@@ -341,8 +199,7 @@ def row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
         f"{'DESC' if order.descending else 'ASC'}({variable})"
         for order, variable in zip(plan.orders, variables, strict=True)
     ]
-    tail = f" ORDER BY {' '.join([*sorts, '?root'])}"
-    tail += _slice(plan)
+    tail = f" ORDER BY {' '.join([*sorts, '?root'])}{_slice(plan)}"
     chosen = " ".join(["?root", *picks, *dict.fromkeys(variables)])
     body = "\n  ".join([*lines, *optional])
     return f"SELECT DISTINCT {chosen} WHERE {{\n  {body}\n}}{tail}"
@@ -350,53 +207,63 @@ def row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
 
 def id_text(plan: Plan) -> str:
     """Return a query for the IRIs of the roots, in order."""
-    return _roots(plan)
+    return _compiled(plan, "ids", lambda: _roots(plan))
 
 
 def count_text(plan: Plan) -> str:
     """Return a query for the number of roots."""
-    if plan.limit is not None or plan.offset:
-        return f"SELECT (COUNT(?root) AS ?n) WHERE {{ {{ {_roots(plan)} }} }}"
-    body = "\n  ".join(_group(plan, _Names())[0])
-    return f"SELECT (COUNT(DISTINCT ?root) AS ?n) WHERE {{\n  {body}\n}}"
+
+    def write() -> str:
+        if plan.limit is not None or plan.offset:
+            return f"SELECT (COUNT(?root) AS ?n) WHERE {{ {{ {_roots(plan)} }} }}"
+        body = "\n  ".join(_group(plan, Names())[0])
+        return f"SELECT (COUNT(DISTINCT ?root) AS ?n) WHERE {{\n  {body}\n}}"
+
+    return _compiled(plan, "count", write)
 
 
 def ask_text(plan: Plan) -> str:
     """Return a query for whether there is a root."""
-    body = "\n  ".join(_group(plan, _Names())[0])
-    return f"ASK {{\n  {body}\n}}"
+
+    def write() -> str:
+        return "ASK {\n  " + "\n  ".join(_group(plan, Names())[0]) + "\n}"
+
+    return _compiled(plan, "ask", write)
 
 
-def aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: dict[str, Aggregate]) -> str:
-    """Return a query for numbers about groups of roots."""
-    names = _Names()
+def aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[Aggregate]) -> str:
+    """Return a query for numbers about groups of roots: ``?group0``... and ``?column0``..."""
+    numbers = tuple((c.function, c.path and steps(c.path)) for c in columns)
+    extra = ("groups", tuple(map(steps, groups)), numbers)
+    return _compiled(plan, extra, lambda: _aggregate_text(plan, groups, columns))
+
+
+def _aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[Aggregate]) -> str:
+    """Write one sub-select a number, so that the values of one do not multiply those of another."""
+    by = [f"?group{at}" for at in range(len(groups))]
+    parts = [_number_text(plan, groups, column, at) for at, column in enumerate(columns)]
+    if not parts:
+        parts = [_number_text(plan, groups, Aggregate("COUNT", None), 0)]
+    picks = [*by, *(f"?column{at}" for at in range(len(columns)))]
+    tail = f" ORDER BY {' '.join(by)}" if by else ""
+    joined = "\n  ".join(f"{{ {part} }}" for part in parts)
+    return f"SELECT {' '.join(picks)} WHERE {{\n  {joined}\n}}{tail}"
+
+
+def _number_text(plan: Plan, groups: Sequence[Path[Any]], column: Aggregate, at: int) -> str:
+    names = Names()
     lines, _ = _group(plan, names)
-    scope = _Scope(names, plan.inferred)
+    scope = Scope(names, plan.inferred)
     by = [scope.walk(steps(path)) for path in groups]
     lines += scope.lines
-    picks = [f"({variable} AS ?group{at})" for at, variable in enumerate(by)]
-    for name, column in columns.items():
-        if column.path is None:
-            picks.append(f"(COUNT(DISTINCT ?root) AS ?{name})")
-            continue
-        inner = _Scope(names, plan.inferred)
+    picks = [f"({variable} AS ?group{n})" for n, variable in enumerate(by)]
+    if column.path is None:
+        picks.append(f"(COUNT(DISTINCT ?root) AS ?column{at})")
+    else:
+        inner = Scope(names, plan.inferred)
         variable = inner.walk(steps(column.path))
-        lines.append("OPTIONAL { " + " ".join(inner.lines) + " }")
+        lines.append(f"OPTIONAL {inner.group()}")
         distinct = "DISTINCT " if column.function == "COUNT" else ""
-        picks.append(f"({column.function}({distinct}{variable}) AS ?{name})")
-    body = "\n  ".join(lines)
-    tail = f" GROUP BY {' '.join(by)} ORDER BY {' '.join(by)}" if by else ""
-    return f"SELECT {' '.join(picks)} WHERE {{\n  {body}\n}}{tail}"
-
-
-def check_root(plan: Plan, path: Path[Any]) -> tuple[Field, ...]:
-    """Return the fields of a path, which must begin at the class of the query.
-
-    Raises
-    ------
-    UsageError
-        If it begins elsewhere.
-    """
-    if not (issubclass(plan.model, root(path)) or issubclass(root(path), plan.model)):
-        raise UsageError(f"{path!r} does not begin at {plan.model.__name__}")
-    return steps(path)
+        picks.append(f"({column.function}({distinct}{variable}) AS ?column{at})")
+    tail = f" GROUP BY {' '.join(by)}" if by else ""
+    return f"SELECT {' '.join(picks)} WHERE {{ {' '.join(lines)} }}{tail}"

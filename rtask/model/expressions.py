@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rtask.model.instance import Model
 
 __all__ = [
+    "After",
     "Aggregate",
     "And",
     "Compare",
@@ -195,6 +196,13 @@ class Raw(Condition):
     """A SPARQL pattern about ``?root``, in the prefixes of the ontology."""
 
     pattern: str
+
+
+@dataclass(frozen=True, eq=False)
+class After(Condition):
+    """The object's IRI sorts behind a text."""
+
+    name: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,8 +146,8 @@ class Field:
         pending = state.pending.get(self.iri, Pending())
         if pending.replace:
             return list(pending.added)
-        if self.iri not in state.loaded and not state.new and state.session is not None:
-            state.session.load(instance, self)
+        if not state.new and state.session is not None and not state.knows(self.iri):
+            state.session.reader.load(instance, self)
         removed = {key(item) for item in pending.removed}
         seen: dict[object, Item] = {}
         for item in (*state.loaded.get(self.iri, ()), *pending.added):
@@ -163,7 +163,7 @@ class Field:
         if session is None:
             return list(items)
         names = [item.value for item in items if isinstance(item, NamedNode)]
-        found = session.references(names, self.target() or Model, instance)
+        found = session.reader.references(names, self.target() or Model, instance)
         return [found[item.value] if isinstance(item, NamedNode) else item for item in items]
 
     def put(self, instance: Model, values: Iterable[object]) -> None:
@@ -214,7 +214,7 @@ class Field:
         other = item
         session = instance.__state__.session
         if isinstance(other, NamedNode) and session is not None:
-            other = session.reference(other.value, self.target() or Model, instance)
+            other = session.reader.reference(other.value, self.target() or Model, instance)
         back = type(other).__by_iri__.get(self.inverse or "") if isinstance(other, Model) else None
         if back is None and not self.stored:
             raise self.refuse(item, "an object, since its own field is what is stored", instance)
@@ -227,11 +227,11 @@ class Field:
     def _leave(self, other: Model, back: Field, instance: Model) -> None:
         """Take ``other`` out of this field of the object that it pointed to until now."""
         state = other.__state__
-        if back.iri not in state.pending and back.iri not in state.loaded:
+        if back.iri not in state.pending and not state.knows(back.iri):
             return
         for old in back.items(other):
             if isinstance(old, NamedNode) and state.session is not None:
-                old = state.session.known(old.value) or old
+                old = state.session.identities.find(old.value) or old
             if isinstance(old, Model) and old is not instance:
                 self.note(old, other, add=False)
 

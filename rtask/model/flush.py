@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
 from rtask.errors import VersionConflictError
 from rtask.kb.terms import Graph, NamedNode, Term, stored
-from rtask.model.compile import RDF_TYPE
 from rtask.model.errors import FieldError, OwnershipError
 from rtask.model.fields import Field, term
 from rtask.model.instance import Model, Pending, class_iris, required
+from rtask.model.plan import RDF_TYPE
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
     from rtask.kb.transaction import Transaction
+    from rtask.model.session import Session
 
-__all__ = ["Flush"]
+__all__ = ["Flush", "named"]
 
 
 class Flush:
@@ -26,8 +26,13 @@ class Flush:
     """
 
     def __init__(
-        self, new: Sequence[Model], dirty: Sequence[Model], deleted: Sequence[Model]
+        self,
+        session: Session,
+        new: Iterable[Model],
+        dirty: Iterable[Model],
+        deleted: Collection[Model],
     ) -> None:
+        self._session = session
         self._new = list(new)
         self._dirty = [item for item in dirty if item not in deleted]
         self._deleted = list(deleted)
@@ -58,22 +63,15 @@ class Flush:
                     missing=missing,
                 )
 
-    def write(self, kb: KnowledgeBase, tx: Transaction, home: Graph, inferred: bool) -> None:
-        """Put all changes into a transaction; the writer's lock is held.
-
-        Parameters
-        ----------
-        home
-            The agent's own graph.
-        inferred
-            Whether derived statements were among what was read.
-        """
-        writer = _Writer(kb, tx, home, inferred)
+    def write(self, tx: Transaction) -> None:
+        """Put all changes into a transaction; the writer's lock is held."""
+        session = self._session
+        writer = _Writer(session, tx)
         for instance in self._deleted:
             writer.withdraw(NamedNode(instance.iri))
         for instance in self._new:
             for name in class_iris(type(instance)):
-                tx.add(instance.iri, RDF_TYPE, NamedNode(name), _named(home))
+                tx.add(instance.iri, RDF_TYPE, NamedNode(name), named(session.home))
         for instance in (*self._new, *self._dirty):
             for name, pending in instance.__state__.pending.items():
                 field = type(instance).__by_iri__[name]
@@ -89,27 +87,28 @@ class Flush:
                     # the other side of an inverse, unless it was not to be written
                     if isinstance(item, Model) and item.__state__.session is state.session:
                         item.__state__.pending.clear()
-                        item.__state__.loaded.clear()
+                        item.__state__.forget()
             state.pending.clear()
-            state.loaded.clear()
-            state.new, state.origin = False, None
+            state.forget()
+            state.new = False
 
 
 class _Writer:
     """Writes changes of one agent into one transaction."""
 
-    def __init__(self, kb: KnowledgeBase, tx: Transaction, home: Graph, inferred: bool) -> None:
-        self._kb = kb
+    def __init__(self, session: Session, tx: Transaction) -> None:
+        self._session = session
+        self._kb = session.kb
         self._tx = tx
-        self._home = home
-        self._inferred = inferred
+        self._home = session.home
+        self._inferred = session.inferred
 
     def withdraw(self, subject: NamedNode) -> None:
         """Take back every own statement from and to an object."""
         own = self._kb.match(subject, graph=self._home)
         own += self._kb.match(value=subject, graph=self._home)
         for quad in own:
-            self._tx.remove(quad.subject, quad.predicate, quad.object, _named(self._home))
+            self._tx.remove(quad.subject, quad.predicate, quad.object, named(self._home))
 
     def change(self, instance: Model, field: Field, pending: Pending) -> None:
         """Write what changed about one field of one object."""
@@ -131,14 +130,14 @@ class _Writer:
                 raise self._not_ours(instance, field, lost & others)
             removed = lost & own
         for value in removed:
-            self._tx.remove(subject, predicate, value, _named(self._home))
+            self._tx.remove(subject, predicate, value, named(self._home))
         for value in added:
             if value not in own:
-                self._tx.add(subject, predicate, value, _named(self._home))
+                self._tx.add(subject, predicate, value, named(self._home))
 
     def _check_version(self, instance: Model, field: Field, current: set[Term]) -> None:
-        read = instance.__state__.loaded.get(field.iri)
-        if read is not None and set(read) != current:
+        state = instance.__state__
+        if state.knows(field.iri) and set(state.loaded.get(field.iri, ())) != current:
             raise VersionConflictError(
                 f"{field.describe()} of {instance!r} was changed by somebody else since it was"
                 " read; refresh() it and decide again",
@@ -154,5 +153,6 @@ class _Writer:
         )
 
 
-def _named(graph: Graph) -> NamedNode | None:
+def named(graph: Graph) -> NamedNode | None:
+    """Return the name of a graph, ``None`` for the default graph."""
     return graph if isinstance(graph, NamedNode) else None

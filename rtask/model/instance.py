@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_transform, overload
 from weakref import WeakKeyDictionary
@@ -33,6 +33,9 @@ class Registry:
         self.parent = parent
         self._combined: dict[tuple[type[Model], ...], type[Model]] = {}
 
+        self._specific: dict[object, type[Model]] = {}
+        self._others: dict[object, type[Model] | None] = {}
+
     def find(self, iri: str) -> type[Model] | None:
         """Return the class of an IRI, if there is one."""
         found = self.models.get(iri)
@@ -44,7 +47,7 @@ class Registry:
         yield from self.models.values()
 
     def most_specific(
-        self, types: Iterable[str], asked: type[Model], others: Iterable[Registry] = ()
+        self, types: frozenset[str], asked: type[Model], others: Iterable[Registry] = ()
     ) -> type[Model]:
         """Return the class that says most about a thing of these types.
 
@@ -56,6 +59,23 @@ class Registry:
             Further vocabularies whose classes may be meant.
         """
         vocabularies = [self, *others]
+        key = (asked, types, generation(), *map(id, vocabularies))
+        if key not in self._specific:
+            self._specific[key] = self._find_most_specific(types, asked, vocabularies)
+        return self._specific[key]
+
+    def other_class(self, types: frozenset[str], asked: type[Model]) -> type[Model] | None:
+        """Return the class of a thing of these types, if it is known and not the one asked for."""
+        key = ("other", asked, types, generation())
+        if key not in self._others:
+            kinds = [kind for kind in map(self.find, types) if kind is not None]
+            fits = not kinds or any(issubclass(kind, asked) for kind in kinds)
+            self._others[key] = None if fits else max(kinds, key=lambda kind: len(kind.__mro__))
+        return self._others[key]
+
+    def _find_most_specific(
+        self, types: Iterable[str], asked: type[Model], vocabularies: list[Registry]
+    ) -> type[Model]:
         found = (vocabulary.find(name) for name in types for vocabulary in vocabularies)
         known = {model for model in found if model} | {asked}
         lowest = [m for m in known if not any(o is not m and issubclass(o, m) for o in known)]
@@ -68,6 +88,12 @@ class Registry:
         return self._combined[bases]
 
 
+def generation() -> int:
+    """Return a number that rises with each new class: what is kept by class is stale then."""
+    return len(_born)
+
+
+_born: list[None] = []
 _loaded: WeakKeyDictionary[object, dict[str, Registry]] = WeakKeyDictionary()
 
 
@@ -111,7 +137,16 @@ class Pending:
     replace: bool = False
 
 
-@dataclass
+class _Everything:
+    def __contains__(self, item: object) -> bool:
+        return True
+
+
+EVERYTHING: Container[str] = _Everything()
+"""All properties."""
+
+
+@dataclass(slots=True)
 class State:
     """What is known about one instance.
 
@@ -124,7 +159,9 @@ class State:
     new
         Whether the graph does not hold it yet.
     loaded
-        Property IRI to values in the graph; a property that is not here was not asked for.
+        Property IRI to values in the graph.
+    asked
+        The properties that were asked for: one that has no values in ``loaded`` has none.
     pending
         Property IRI to what changed.
     origin
@@ -139,9 +176,32 @@ class State:
     new: bool = True
     deleted: bool = False
     loaded: dict[str, tuple[Term, ...]] = field(default_factory=dict)
+    asked: Container[str] = frozenset()
     pending: dict[str, Pending] = field(default_factory=dict)
     origin: str | None = None
     companions: list[Model] = field(default_factory=list)
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the graph was asked about it."""
+        return bool(self.loaded) or self.asked is EVERYTHING or bool(self.asked)
+
+    def knows(self, predicate: str) -> bool:
+        """Whether the values of a property were read."""
+        return predicate in self.loaded or predicate in self.asked
+
+    def note(self, asked: Container[str]) -> None:
+        """Remember what was asked for, besides what was before."""
+        if isinstance(self.asked, frozenset) and isinstance(asked, frozenset):
+            self.asked = self.asked | asked if self.asked else asked
+        else:
+            self.asked = EVERYTHING
+
+    def forget(self) -> None:
+        """Forget what was read; changes stay."""
+        self.loaded = {}
+        self.asked = frozenset()
+        self.origin = None
 
 
 class ModelType(type):
@@ -190,6 +250,7 @@ class Model(metaclass=ModelType):
             fields.update(base.__dict__.get("__own_fields__", {}))
         cls.__fields__ = fields
         cls.__by_iri__ = {field.iri: field for field in fields.values()}
+        _born.append(None)
         if "__iri__" in cls.__dict__ and cls.__iri__:
             cls.__registry__.models[cls.__iri__] = cls
 

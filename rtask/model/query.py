@@ -14,8 +14,8 @@ from rtask.kb.results import Solutions
 from rtask.kb.terms import NamedNode, Term
 from rtask.model import compile as compiled
 from rtask.model.codec import decode
-from rtask.model.compile import Plan, check_root, eager
 from rtask.model.expressions import (
+    After,
     Aggregate,
     And,
     Compare,
@@ -31,6 +31,7 @@ from rtask.model.expressions import (
 )
 from rtask.model.fields import Field
 from rtask.model.instance import Model
+from rtask.model.plan import Plan, check_root, eager
 
 if TYPE_CHECKING:
     from rtask.model.session import Session
@@ -98,10 +99,33 @@ class Query(Generic[M]):
 
     def sparql(self) -> str:
         """Return the one query that :meth:`all` runs."""
-        return compiled.finished(compiled.object_text(self._plan))
+        return compiled.object_text(self._plan)
+
+    def explain(self) -> str:
+        """Return the one query, what each step leaves, and what comes along; for people.
+
+        Each ``where`` is counted, with those before it: where nothing is left, the reason stands.
+        """
+        plan, query = self._plan, self._with(conditions=(), limit=None, offset=0, orders=())
+        lines = [f"{query.count():7d}  {plan.model.__name__}"]
+        for at, conditions in enumerate(plan.conditions):
+            query = query.where(*conditions)
+            named = ", ".join(dict.fromkeys(repr(p) for c in conditions for p in _paths(c)))
+            lines.append(f"{query.count():7d}  after where {at + 1}: {named or 'a raw pattern'}")
+        if plan.limit is not None or plan.offset:
+            lines.append(f"         then {plan.limit} of them from number {plan.offset} on")
+        wanted = eager(plan.model, plan.following(()))
+        lines.append(f"{len(wanted):7d}  properties come with each")
+        for path in plan.prefetch:
+            steps = ".".join(step.name for step in path)
+            model = path[-1].target() or Model
+            lines.append(
+                f"         and {steps}: a {model.__name__}, {len(eager(model))} properties"
+            )
+        return "\n".join([*lines, "", self.sparql()])
 
     def _select(self, text: str) -> Solutions:
-        return self._session.select(text)
+        return self._session.rows(text)
 
     def all(self) -> list[M]:
         """Return the objects, in order."""
@@ -120,8 +144,7 @@ class Query(Generic[M]):
             raise UsageError("stream() goes by IRI; leave order_by, limit and offset out")
         last = ""
         while True:
-            after = Raw(f"FILTER(STR(?root) > {ox.Literal(last)})")
-            conditions = (*self._plan.conditions, (after,))
+            conditions = (*self._plan.conditions, (After(last),))
             page: Query[M] = self._with(conditions=conditions, limit=batch)
             objects = page.all()
             yield from objects
@@ -162,7 +185,7 @@ class Query(Generic[M]):
 
     def exists(self) -> bool:
         """Whether there is such an object."""
-        return self._session.ask(compiled.ask_text(self._plan))
+        return self._session.holds(compiled.ask_text(self._plan))
 
     def ids(self) -> list[str]:
         """Return the IRIs of the objects, in order."""
@@ -203,14 +226,14 @@ class Groups:
 
     def aggregate(self, **columns: Aggregate) -> list[dict[str, Any]]:
         """Return one dictionary for each group: path names and the named numbers."""
-        text = compiled.aggregate_text(self._query._plan, self._paths, columns)
-        names = [compiled.check_root(self._query._plan, path)[-1].name for path in self._paths]
-        keys = [*(f"group{at}" for at in range(len(names))), *columns]
+        plan = self._query._plan
+        for column in columns.values():
+            if column.path is not None:
+                check_root(plan, column.path)
+        text = compiled.aggregate_text(plan, self._paths, list(columns.values()))
+        names = [check_root(plan, path)[-1].name for path in self._paths]
         rows = self._query._select(text)
-        return [
-            dict(zip([*names, *columns], [_plain(row[key]) for key in keys], strict=True))
-            for row in rows
-        ]
+        return [dict(zip([*names, *columns], map(_plain, row), strict=True)) for row in rows]
 
 
 class _Assembly:
@@ -221,22 +244,23 @@ class _Assembly:
         self._plan = plan
         self._order: dict[str, list[tuple[int, Any]]] = {}
         self._facts: dict[str, dict[str, list[Term]]] = {}
-        for row in rows:
-            root, subject, value = row["root"], row["s"], row["o"]
-            assert root is not None
-            assert value is not None
-            keys = [_sort_key(row[f"key{at}"]) for at in range(len(plan.orders))]
-            self._order.setdefault(_name(root), keys)
-            known = self._facts.setdefault(_name(subject), {})
-            known.setdefault(_name(row["p"]), []).append(value)
+        facts, order = self._facts, self._order
+        for root, subject, predicate, value, *keys in rows:
+            name = subject.value  # type: ignore[union-attr]
+            known = facts.get(name)
+            if known is None:
+                known = facts[name] = {}
+            known.setdefault(predicate.value, []).append(value)  # type: ignore[union-attr,arg-type]
+            if root == subject or _name(root) not in order:
+                order.setdefault(_name(root), [_sort_key(key) for key in keys])
 
     def objects(self) -> list[Any]:
         """Return the roots in order; everything prefetched is in the identity map."""
         names = self._sorted()
         origin = self._plan.model.__name__ if len(names) > 1 else None
-        made = {name: self._make(name, self._plan.model, (), origin) for name in names}
+        made = self._make(names, (), self._plan.model, origin)
         self._follow(list(made.values()), origin)
-        return [made[name] for name in names]
+        return list(made.values())
 
     def _sorted(self) -> list[str]:
         names = sorted(self._order)
@@ -247,11 +271,11 @@ class _Assembly:
         return names
 
     def _make(
-        self, name: str, asked: type[Model], path: tuple[Field, ...], origin: str | None
-    ) -> Model:
-        facts = self._facts.get(name, {})
-        fetched = {field.iri for field in (*eager(asked), *self._following(path))}
-        return self._session.materialise(name, asked, facts, fetched, origin)
+        self, names: Iterable[str], path: tuple[Field, ...], asked: type[Model], origin: str | None
+    ) -> dict[str, Model]:
+        fetched = eager(asked, self._plan.following(path))
+        make, facts = self._session.reader.materialise, self._facts
+        return {name: make(name, asked, facts.get(name, {}), fetched, origin) for name in names}
 
     def _follow(self, roots: list[Model], origin: str | None) -> None:
         """Make the prefetched objects, breadth first; each is kept alive by what points to it."""
@@ -259,19 +283,15 @@ class _Assembly:
         while level:
             below: dict[tuple[Field, ...], list[Model]] = {}
             for path, objects in level.items():
-                for step in self._following(path):
-                    longer, target = (*path, step), step.target() or Model
-                    below[longer] = []
-                    for item in objects:
-                        made = [self._make(n, target, longer, origin) for n in _linked(item, step)]
-                        item.__state__.companions += made
-                        below[longer] += made
+                for step in self._plan.following(path):
+                    longer = (*path, step)
+                    linked = [_linked(item, step) for item in objects]
+                    names = dict.fromkeys(name for listed in linked for name in listed)
+                    made = self._make(names, longer, step.target() or Model, origin)
+                    for item, listed in zip(objects, linked, strict=True):
+                        item.__state__.companions += [made[name] for name in listed]
+                    below[longer] = list(made.values())
             level = below
-
-    def _following(self, path: tuple[Field, ...]) -> list[Field]:
-        """Return the steps that some prefetched path takes behind this one."""
-        longer = [p for p in self._plan.prefetch if p[: len(path)] == path != p]
-        return list(dict.fromkeys(p[len(path)] for p in longer))
 
 
 def _linked(instance: Model, step: Field) -> list[str]:
@@ -288,7 +308,7 @@ def _paths(condition: Condition) -> Iterable[Path[Any]]:
             yield from _paths(part)
         case Compare(path) | In(path) | Text(path) | Missing(path):
             yield path
-        case Raw():
+        case Raw() | After():
             return
         case _:
             raise UsageError(f"not a condition: {condition!r}; use == < > in_ & | ~")

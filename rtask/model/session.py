@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-import threading
-import warnings
 from collections.abc import Iterable
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, TypeVar
-from weakref import WeakValueDictionary
+from typing import TYPE_CHECKING, TypeVar
 
 from rtask.errors import ClosedError, UnknownTermError, UsageError
 from rtask.kb.results import Solutions
-from rtask.kb.terms import Graph, NamedNode, Term, iri
-from rtask.model.compile import RDF_TYPE, Plan, eager, fetch_filter, finished, short
-from rtask.model.errors import LazyLoadError
-from rtask.model.fields import Field
-from rtask.model.flush import Flush
+from rtask.kb.terms import Graph, NamedNode, iri
+from rtask.model.annotations import Note
+from rtask.model.flush import Flush, named
 from rtask.model.identifiers import mint
-from rtask.model.instance import Model, Registry, vocabularies_of
+from rtask.model.identity import IdentityMap
+from rtask.model.instance import Model
+from rtask.model.plan import Plan, finished
 from rtask.model.query import Query
+from rtask.model.reading import Lazy, Reader
 
 if TYPE_CHECKING:
-    from rtask.kb.commit import Change, Commit
+    from rtask.kb.commit import Commit
     from rtask.kb.knowledge_base import KnowledgeBase
 
 __all__ = ["Session"]
 
 M = TypeVar("M", bound=Model)
-Lazy = Literal["raise", "warn", "allow"]
 
 
 class Session:
@@ -83,15 +80,14 @@ class Session:
         self.note = note
         self.inferred = inferred
         self.check_required = check_required
-        self._lazy: Lazy = lazy
-        self._known: WeakValueDictionary[str, Model] = WeakValueDictionary()
-        self._new: list[Model] = []
-        self._dirty: list[Model] = []
-        self._deleted: list[Model] = []
-        self._stale: set[str] = set()
-        self._stale_lock = threading.Lock()
+        self._new: dict[Model, None] = {}
+        self._dirty: dict[Model, None] = {}
+        self._deleted: dict[Model, None] = {}
+        self._notes: list[Note] = []
         self._closed = False
-        self._stop = kb.on_commit(self._hear)
+        self.identities = IdentityMap(self._dirty)
+        self.reader = Reader(self, lazy)
+        self._stop = kb.on_commit(self.identities.hear)
 
     # Life
 
@@ -137,58 +133,40 @@ class Session:
 
     def find(self, model: type[M], name: str | NamedNode) -> M | None:
         """Return the object of an IRI, or ``None`` if the graph says nothing about it."""
-        text = iri(name).value
-        known = self.known(text)
+        text = name if isinstance(name, str) else name.value
+        known = self.identities.find(text)
         if known is not None and known.__state__.deleted:
             return None
-        if known is None or not (known.__state__.loaded or known.__state__.new):
-            known = self._fetch(model, text)
-        if known is None:
-            return None
+        if known is None or not (known.__state__.is_read or known.__state__.new):
+            return self.reader.fetch(model, text)
         if not isinstance(known, model):
             raise UnknownTermError(f"{text} is a {type(known).__name__}, not a {model.__name__}")
         return known
 
-    def _fetch(self, model: type[Model], name: str) -> Model | None:
-        facts = self._facts([name], model)[name]
-        if not facts:
-            return None
-        types = {kind.value for kind in facts.get(RDF_TYPE, ()) if isinstance(kind, NamedNode)}
-        registry = getattr(model, "__registry__", None) or Registry()
-        kinds = [kind for kind in map(registry.find, types) if kind is not None]
-        if kinds and not any(issubclass(kind, model) for kind in kinds):
-            known = max(kinds, key=lambda kind: len(kind.__mro__)).__name__
-            raise UnknownTermError(f"{name} is a {known}, not a {model.__name__}")
-        return self.materialise(name, model, facts, {f.iri for f in eager(model)}, None)
-
-    def _facts(self, names: list[str], model: type[Model]) -> dict[str, dict[str, list[Term]]]:
-        """Read what comes along with objects of a class; property IRI to values, for each IRI."""
-        subjects = " ".join(str(NamedNode(name)) for name in names)
-        pattern = f"VALUES ?s {{ {subjects} }} ?s ?p ?o FILTER(?p IN ({fetch_filter(model)}))"
-        return self._gather(names, pattern)
-
-    def _gather(self, names: list[str], pattern: str) -> dict[str, dict[str, list[Term]]]:
-        facts: dict[str, dict[str, list[Term]]] = {name: {} for name in names}
-        for row in self.select(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {pattern} }}"):
-            subject, predicate, value = row["s"], row["p"], row["o"]
-            assert isinstance(subject, NamedNode)
-            assert isinstance(predicate, NamedNode)
-            assert value is not None
-            facts[subject.value].setdefault(predicate.value, []).append(value)
-        return facts
+    def known(self, name: str) -> Model | None:
+        """Return the object of an IRI if this session has one; nothing is read."""
+        return self.identities.find(name)
 
     def select(self, text: str) -> Solutions:
-        """Run a SELECT in the knowledge base as this session sees it."""
-        self._check_open()
-        answer = self.kb.query(finished(text), inferred=self.inferred)
+        """Run a SELECT in the knowledge base as this session sees it; known prefixes are added."""
+        return self.rows(finished(text))
+
+    def rows(self, text: str) -> Solutions:
+        """Run a SELECT whose prefixes are declared."""
+        self.check_open()
+        answer = self.kb.query(text, inferred=self.inferred)
         if not isinstance(answer, Solutions):
             raise UsageError("select() is for SELECT queries")
         return answer
 
     def ask(self, text: str) -> bool:
         """Run an ASK in the knowledge base as this session sees it."""
-        self._check_open()
-        return self.kb.query(finished(text), inferred=self.inferred) is True
+        return self.holds(finished(text))
+
+    def holds(self, text: str) -> bool:
+        """Run an ASK whose prefixes are declared."""
+        self.check_open()
+        return self.kb.query(text, inferred=self.inferred) is True
 
     def stated_by(self, instance: Model, name: str) -> list[tuple[object, str]]:
         """Return who states what: each value of a field with the graph that holds it."""
@@ -202,7 +180,7 @@ class Session:
 
     def add(self, instance: Model) -> None:
         """Take a new object in, with all new objects that it points to."""
-        self._check_open()
+        self.check_open()
         state = instance.__state__
         if state.session is self:
             return
@@ -210,11 +188,11 @@ class Session:
             raise UsageError(f"{instance!r} belongs to another session")
         if state.iri is None:
             state.iri = mint(self.kb.base, type(instance).__name__)
-        if self.known(state.iri) is not None:
+        if self.identities.find(state.iri) is not None:
             raise UsageError(f"this session has another object for {state.iri}")
         state.session = self
-        self._known[state.iri] = instance
-        self._new.append(instance)
+        self.identities.add(state.iri, instance)
+        self._new[instance] = None
         for pending in state.pending.values():
             for item in pending.added:
                 if isinstance(item, Model) and item.__state__.session is None:
@@ -237,9 +215,24 @@ class Session:
                 self.delete(other)
         instance.__state__.deleted = True
         if instance in self._new:
-            self._new.remove(instance)
-        elif instance not in self._deleted:
-            self._deleted.append(instance)
+            del self._new[instance]
+        else:
+            self._deleted[instance] = None
+
+    def annotate(self, instance: Model, name: str, value: object = None, **notes: object) -> None:
+        """Say something about one statement, such as ``confidence=0.8``.
+
+        Parameters
+        ----------
+        name
+            The field whose value is meant.
+        value
+            Which of several values.
+        **notes
+            Fields of anything, e.g. ``confidence``, ``valid_until``, ``comment``.
+        """
+        self.check_open()
+        self._notes.append(Note.of(instance, name, value, notes))
 
     @property
     def new(self) -> list[Model]:
@@ -258,11 +251,10 @@ class Session:
 
     def mark(self, instance: Model) -> None:
         """Note that an object has changes; fields call it."""
-        self._check_open()
+        self.check_open()
         if instance.__state__.deleted:
             raise UsageError(f"{instance!r} was deleted")
-        if instance not in self._dirty:
-            self._dirty.append(instance)
+        self._dirty[instance] = None
 
     def flush(self) -> Commit | None:
         """Write all changes as one transaction; return the commit, ``None`` without changes.
@@ -276,18 +268,22 @@ class Session:
         VersionConflictError
             If somebody else changed a value that was read and is to be replaced.
         """
-        self._check_open()
-        flush = Flush(self._new, self.dirty, self._deleted)
-        if not flush:
+        self.check_open()
+        flush = Flush(self, self._new, self.dirty, self._deleted)
+        if not flush and not self._notes:
             return None
         if self.check_required:
             flush.check_required()
         with self.kb.transaction(agent=self.agent, note=self.note) as tx:
-            flush.write(self.kb, tx, self.home, self.inferred)
+            flush.write(tx)
+            for note in self._notes:
+                note.write(self, tx, named(self.home))
         flush.settle()
         for instance in self._deleted:
-            self._known.pop(instance.iri, None)
-        self._new, self._dirty, self._deleted = [], [], []
+            self.identities.drop(instance.iri)
+        for changes in (self._new, self._dirty, self._deleted):
+            changes.clear()
+        self._notes = []
         return tx.commit
 
     @property
@@ -297,137 +293,10 @@ class Session:
 
     def refresh(self, instance: Model) -> None:
         """Forget what was read about an object; unwritten changes stay."""
-        instance.__state__.loaded.clear()
-        instance.__state__.origin = None
+        instance.__state__.forget()
 
-    # Identity
-
-    def known(self, name: str) -> Model | None:
-        """Return the object of an IRI, if this session has one."""
-        self._expire()
-        return self._known.get(name)
-
-    def reference(self, name: str, model: type[Model], source: Model) -> Model:
-        """Return the object of an IRI, not necessarily read yet."""
-        known = self.known(name)
-        if known is None:
-            known = self._blank(model, name, source.__state__.origin)
-        return known
-
-    def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
-        """Return the objects of several IRIs that one object points to.
-
-        They are read with one query, unless ``source`` is one of many results: then only those
-        that were prefetched are read.
-        """
-        found = {name: self.reference(name, model, source) for name in names}
-        if source.__state__.origin is None or self._lazy == "allow":
-            unread = [n for n, o in found.items() if not (o.__state__.loaded or o.__state__.new)]
-            fetched = {field.iri for field in eager(model)}
-            for name, facts in (self._facts(unread, model) if unread else {}).items():
-                self.materialise(name, model, facts, fetched, None)
-        return found
-
-    def _blank(self, model: type[Model], name: str, origin: str | None) -> Model:
-        made = model()
-        state = made.__state__
-        state.session, state.iri, state.new, state.origin = self, name, False, origin
-        self._known[name] = made
-        return made
-
-    def materialise(
-        self,
-        name: str,
-        asked: type[Model],
-        facts: dict[str, list[Term]],
-        fetched: set[str],
-        origin: str | None,
-    ) -> Model:
-        """Return the object of an IRI with what was read about it.
-
-        Parameters
-        ----------
-        facts
-            Property IRI to values.
-        fetched
-            The properties that were asked for; those without a value have none.
-        """
-        known = self.known(name)
-        if known is None:
-            known = self._blank(asked, name, origin)
-        types = [kind.value for kind in facts.get(RDF_TYPE, ()) if isinstance(kind, NamedNode)]
-        registry = getattr(asked, "__registry__", None)
-        if registry is not None:
-            wider = type(known) if issubclass(type(known), asked) else asked
-            others = vocabularies_of(self.kb).values()
-            object.__setattr__(known, "__class__", registry.most_specific(types, wider, others))
-        state = known.__state__
-        for predicate in fetched:
-            values = facts.get(predicate, [])
-            state.loaded[predicate] = self._in_order(known, predicate, values)
-        state.origin = origin
-        return known
-
-    def _in_order(self, instance: Model, predicate: str, values: list[Term]) -> tuple[Term, ...]:
-        """Return values with the agent's own first: of a single field that is the one shown."""
-        field = type(instance).__by_iri__.get(predicate)
-        if field is None or not field.single or len(values) < 2:
-            return tuple(values)
-        own = self.kb.match(NamedNode(instance.iri), NamedNode(predicate), None, self.home)
-        mine = {quad.object for quad in own}
-        return tuple(sorted(values, key=lambda value: (value not in mine, str(value))))
-
-    def load(self, instance: Model, field: Field) -> None:
-        """Read one field of one object; fields call it.
-
-        Raises
-        ------
-        LazyLoadError
-            If the object came with others.
-        """
-        state = instance.__state__
-        if state.origin is not None and self._lazy != "allow":
-            message = (
-                f"{type(instance).__name__}.{field.name} of {instance!r} did not come with the"
-                f" query for {state.origin}, and asking in a loop is slow: add"
-                f" .prefetch() of the path to it, or take .values()"
-            )
-            if self._lazy == "raise":
-                raise LazyLoadError(message, field=field.name)
-            warnings.warn(message, stacklevel=4)
-        fetched = {field.iri}
-        if field.stored and state.origin is None:
-            fetched |= {f.iri for f in eager(type(instance))} - set(state.loaded)
-        listed = ", ".join(map(short, sorted({RDF_TYPE, *fetched})))
-        name, here = str(state.iri), f"VALUES ?s {{ {NamedNode(str(state.iri))} }}"
-        pattern = f"{here} ?s ?p ?o FILTER(?p IN ({listed}))"
-        if not self.inferred and not field.stored and field.inverse:
-            back = f"{here} ?o {short(field.inverse)} ?s BIND({short(field.iri)} AS ?p)"
-            pattern = f"{{ {pattern} }} UNION {{ {back} }}"
-        facts = self._gather([name], pattern)[name]
-        self.materialise(name, type(instance), facts, fetched, state.origin)
-
-    # What others write
-
-    def _hear(self, change: Change) -> None:
-        """Note whom a commit concerns; runs in the writer's thread."""
-        quads = (*change.added, *change.removed, *change.inferred_added, *change.inferred_removed)
-        names = {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
-        with self._stale_lock:
-            self._stale |= names
-
-    def _expire(self) -> None:
-        """Forget what was read about objects that changed since, unless they have changes."""
-        if not self._stale:
-            return
-        with self._stale_lock:
-            stale, self._stale = self._stale, set()
-        for name in stale:
-            instance = self._known.get(name)
-            if instance is not None and instance not in self._dirty:
-                self.refresh(instance)
-
-    def _check_open(self) -> None:
+    def check_open(self) -> None:
+        """Refuse to go on after :meth:`close`."""
         if self._closed:
             raise ClosedError("the session is closed; open another with kb.session()")
 

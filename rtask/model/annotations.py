@@ -1,0 +1,124 @@
+"""What is said about a single statement: confidence, until when it holds (RDF 1.2 reifiers)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import ontology
+from rtask.errors import UsageError
+from rtask.kb.terms import Literal, NamedNode, Term, Triple, stored
+from rtask.model.codec import decode
+from rtask.model.fields import Field
+from rtask.model.fields import term as item_term
+from rtask.model.identifiers import mint
+from rtask.model.instance import Item, Model
+from rtask.model.plan import short
+
+if TYPE_CHECKING:
+    from rtask.kb.transaction import Transaction
+    from rtask.model.session import Session
+
+__all__ = ["Annotation", "Note", "read_annotations"]
+
+REIFIES = NamedNode(ontology.PREFIXES["rdf"] + "reifies")
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """One thing that somebody said about one statement.
+
+    Attributes
+    ----------
+    value
+        The value of the statement; an IRI for an object.
+    reifier
+        IRI, or label of a blank node, of what carries the notes.
+    notes
+        Field name, or property IRI where no field has it, to values.
+    """
+
+    value: object
+    reifier: str
+    notes: Mapping[str, list[Any]] = field(default_factory=dict)
+
+    @property
+    def confidence(self) -> float | None:
+        """The confidence in the statement, in [0, 1], if it is stated."""
+        found = self.notes.get("confidence", ())
+        return found[0] if found else None
+
+
+def read_annotations(instance: Model, name: str) -> list[Annotation]:
+    """Return what is said about the statements of a field, by value and reifier."""
+    state = instance.__state__
+    about = _field(instance, name)
+    if state.session is None or state.new:
+        return []
+    text = (
+        f"SELECT ?o ?r ?p ?v WHERE {{ ?r rdf:reifies <<( {NamedNode(instance.iri)}"
+        f" {short(about.iri)} ?o )>> ; ?p ?v FILTER(?p != rdf:reifies) }}"
+    )
+    found: dict[tuple[str, str], Annotation] = {}
+    for value, reifier, predicate, noted in state.session.select(text):
+        assert isinstance(predicate, NamedNode)
+        known = type(instance).__by_iri__.get(predicate.value)
+        shown = str(getattr(reifier, "value", reifier))
+        made = found.setdefault((str(value), shown), Annotation(_plain(value), shown, {}))
+        made.notes.setdefault(  # type: ignore[attr-defined]
+            known.name if known else predicate.value, []
+        ).append(_plain(noted))
+    return [found[key] for key in sorted(found)]
+
+
+def _plain(term: Term | None) -> object:
+    return term.value if isinstance(term, NamedNode) else decode(term) if term else None
+
+
+def _field(instance: Model, name: str) -> Field:
+    found = type(instance).__fields__.get(name)
+    if found is None:
+        raise UsageError(f"{type(instance).__name__} has no field {name!r}")
+    return found
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something to be said about a statement at the next flush."""
+
+    instance: Model
+    field: Field
+    value: Item
+    notes: tuple[tuple[Field, Item], ...]
+
+    @classmethod
+    def of(cls, instance: Model, name: str, value: object, notes: Mapping[str, object]) -> Note:
+        """Check the names and values; ``value`` may be left out where a field has but one.
+
+        Raises
+        ------
+        FieldError
+            If a note does not fit its field.
+        UsageError
+            If the value is not one of the field's, or there is no such field.
+        """
+        about = _field(instance, name)
+        items = about.items(instance)
+        if value is None and len(items) != 1:
+            raise UsageError(
+                f"{about.describe()} of {instance!r} has {len(items)} values; say which"
+            )
+        item = items[0] if value is None else about.item(value, instance)
+        said = [(_field(instance, key), noted) for key, noted in notes.items()]
+        return cls(instance, about, item, tuple((f, f.item(v, instance)) for f, v in said))
+
+    def write(self, session: Session, tx: Transaction, home: NamedNode | None) -> None:
+        """Write a reifier for the statement, with the notes on it."""
+        reifier = mint(session.kb.base, "Statement")
+        value = stored(item_term(self.value))
+        subject, predicate = NamedNode(self.instance.iri), NamedNode(self.field.iri)
+        tx.add(reifier, REIFIES, Triple(subject, predicate, value), home)
+        for about, noted in self.notes:
+            term = item_term(noted)
+            tx.add(reifier, about.iri, stored(term) if isinstance(term, Literal) else term, home)

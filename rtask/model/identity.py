@@ -1,0 +1,62 @@
+"""One object for each IRI, as long as somebody holds it, and never one that is out of date."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Container
+from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
+
+from rtask.kb.terms import NamedNode
+from rtask.model.instance import Model
+
+if TYPE_CHECKING:
+    from rtask.kb.commit import Change
+
+__all__ = ["IdentityMap"]
+
+
+class IdentityMap:
+    """The objects of a session by IRI.
+
+    Parameters
+    ----------
+    changed
+        Objects with changes of their own, which others' commits leave as they are.
+    """
+
+    def __init__(self, changed: Container[Model]) -> None:
+        self._known: WeakValueDictionary[str, Model] = WeakValueDictionary()
+        self._changed = changed
+        self._stale: set[str] = set()
+        self._lock = threading.Lock()
+
+    def find(self, name: str) -> Model | None:
+        """Return the object of an IRI, if there is one."""
+        if self._stale:
+            self._expire()
+        return self._known.get(name)
+
+    def add(self, name: str, instance: Model) -> None:
+        """Take an object in."""
+        self._known[name] = instance
+
+    def drop(self, name: str) -> None:
+        """Let an object go."""
+        self._known.pop(name, None)
+
+    def hear(self, change: Change) -> None:
+        """Note whom a commit concerns; runs in the writer's thread."""
+        quads = (*change.added, *change.removed, *change.inferred_added, *change.inferred_removed)
+        names = {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
+        with self._lock:
+            self._stale |= names
+
+    def _expire(self) -> None:
+        """Forget what was read about objects that changed since, unless they have changes."""
+        with self._lock:
+            stale, self._stale = self._stale, set()
+        for name in stale:
+            instance = self._known.get(name)
+            if instance is not None and instance not in self._changed:
+                instance.__state__.forget()

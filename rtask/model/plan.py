@@ -1,0 +1,108 @@
+"""What a query asks for, before it is text, and which properties come with an object."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import ontology
+from rtask.errors import UsageError
+from rtask.kb.terms import NamedNode, prologue
+from rtask.model.expressions import Condition, Order, Path, root, steps
+from rtask.model.fields import Field
+from rtask.model.instance import Model, family, generation
+
+__all__ = ["RDF_TYPE", "THING", "Plan", "check_root", "eager", "finished", "short"]
+
+THING = ontology.PREFIXES["owl"] + "Thing"
+RDF_TYPE = ontology.PREFIXES["rdf"] + "type"
+_LOCAL = re.compile(r"[A-Za-z_]\w*")
+_PREFIXED = re.compile(rf"\b({'|'.join(ontology.PREFIXES)}):")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a query asks for, before it is text.
+
+    Parameters
+    ----------
+    model
+        The class of the roots.
+    conditions
+        One tuple for each call of ``where``: in a call, one path means one value.
+    inferred
+        Whether derived statements are seen; if not, subclasses and inverses are spelled out.
+    """
+
+    model: type[Model]
+    conditions: tuple[tuple[Condition, ...], ...] = ()
+    orders: tuple[Order, ...] = ()
+    limit: int | None = None
+    offset: int = 0
+    prefetch: tuple[tuple[Field, ...], ...] = ()
+    inferred: bool = True
+
+    def following(self, path: Sequence[Field]) -> list[Field]:
+        """Return the steps that some prefetched path takes behind this one."""
+        longer = [p for p in self.prefetch if p[: len(path)] == tuple(path) != p]
+        return list(dict.fromkeys(p[len(path)] for p in longer))
+
+
+@lru_cache(maxsize=4096)
+def short(iri: str) -> str:
+    """Return an IRI for a query, with a prefix of the ontology where one fits.
+
+    >>> short(ontology.NS + "mass"), short("urn:mug")
+    ('rt:mass', '<urn:mug>')
+    """
+    for name, namespace in ontology.PREFIXES.items():
+        if iri.startswith(namespace) and _LOCAL.fullmatch(iri[len(namespace) :]):
+            return f"{name}:{iri[len(namespace) :]}"
+    return str(NamedNode(iri))
+
+
+def finished(text: str) -> str:
+    """Return a query with the prefixes that it uses."""
+    used = set(_PREFIXED.findall(text))
+    return prologue({name: iri for name, iri in ontology.PREFIXES.items() if name in used}) + text
+
+
+def eager(model: type[Model], more: Sequence[Field] = ()) -> frozenset[str]:
+    """Return the properties that come with every object of a class or its subclasses.
+
+    What only other objects state (an inverse) may be unbounded, and links that anything may have
+    are rarely wanted: both come when asked for.
+
+    Parameters
+    ----------
+    more
+        Fields that are wanted besides.
+    """
+    return _eager(model, tuple(more), generation())
+
+
+@lru_cache(maxsize=512)
+def _eager(model: type[Model], more: tuple[Field, ...], at: int) -> frozenset[str]:
+    fields = {field.iri: field for kind in family(model) for field in kind.__fields__.values()}
+    along = {iri for iri, field in fields.items() if _comes_along(field)}
+    return frozenset(along | {field.iri for field in more})
+
+
+def _comes_along(field: Field) -> bool:
+    return field.stored and not (field.is_link and field.owner.__iri__ == THING)
+
+
+def check_root(plan: Plan, path: Path[Any]) -> tuple[Field, ...]:
+    """Return the fields of a path, which must begin at the class of the query.
+
+    Raises
+    ------
+    UsageError
+        If it begins elsewhere.
+    """
+    if not (issubclass(plan.model, root(path)) or issubclass(root(path), plan.model)):
+        raise UsageError(f"{path!r} does not begin at {plan.model.__name__}")
+    return steps(path)

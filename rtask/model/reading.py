@@ -1,0 +1,250 @@
+"""From statements to objects: what a session reads, and when it refuses to."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Container, Iterable, Mapping, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+
+import ontology
+from rtask.errors import UnknownTermError
+from rtask.kb.terms import DEFAULT, BlankNode, NamedNode, Subject, Term
+from rtask.model.compile import fetch_filter
+from rtask.model.errors import LazyLoadError
+from rtask.model.fields import Field
+from rtask.model.instance import EVERYTHING, Model, Registry, vocabularies_of
+from rtask.model.plan import RDF_TYPE, eager, short
+
+if TYPE_CHECKING:
+    from rtask.model.session import Session
+
+__all__ = ["Facts", "Lazy", "Reader"]
+
+M = TypeVar("M", bound=Model)
+Lazy = Literal["raise", "warn", "allow"]
+Facts: TypeAlias = "Mapping[str, Sequence[Term]]"
+"""Property IRI to values."""
+
+_WHOLE = 500
+"""An object with more statements than this is read by the properties that are wanted."""
+_FIRST, _REST = (ontology.PREFIXES["rdf"] + name for name in ("first", "rest"))
+
+
+class Reader:
+    """Reads for one session."""
+
+    def __init__(self, session: Session, lazy: Lazy) -> None:
+        self._session = session
+        self._lazy = lazy
+
+    # Statements
+
+    def fetch(self, model: type[M], name: str) -> M | None:
+        """Return the object of an IRI, freshly read, or ``None`` if nothing is said about it.
+
+        Raises
+        ------
+        UnknownTermError
+            If it is something else.
+        """
+        facts, asked = self._everything(name)
+        if facts is None:
+            facts, asked = self._facts([name], model)[name], eager(model)
+        if not facts:
+            return None
+        registry = getattr(model, "__registry__", None) or Registry()
+        other = registry.other_class(_iris(facts.get(RDF_TYPE, ())), model)
+        if other is not None:
+            raise UnknownTermError(f"{name} is a {other.__name__}, not a {model.__name__}")
+        made = self.materialise(name, model, facts, asked, None)
+        assert isinstance(made, model)
+        return made
+
+    def _everything(self, name: str) -> tuple[dict[str, list[Term]] | None, Container[str]]:
+        """Return all statements about a thing: a look-up in the store, unless they are many."""
+        session = self._session
+        session.check_open()
+        if not session.inferred:
+            return None, ()
+        store = session.kb.store
+        found = store.quads_for_pattern(NamedNode(name), None, None, DEFAULT)
+        facts: dict[str, list[Term]] = {}
+        count = 0
+        for quad in islice(found, _WHOLE + 1):
+            facts.setdefault(quad.predicate.value, []).append(quad.object)
+            count += 1
+        return (facts, EVERYTHING) if count <= _WHOLE else (None, ())
+
+    def _facts(self, names: Iterable[str], model: type[Model]) -> dict[str, dict[str, list[Term]]]:
+        """Read what comes along with objects of a class; property IRI to values, for each IRI."""
+        subjects = " ".join(str(NamedNode(name)) for name in names)
+        pattern = f"VALUES ?s {{ {subjects} }} ?s ?p ?o FILTER(?p IN ({fetch_filter(model)}))"
+        return self._gather(names, pattern)
+
+    def _gather(self, names: Iterable[str], pattern: str) -> dict[str, dict[str, list[Term]]]:
+        facts: dict[str, dict[str, list[Term]]] = {name: {} for name in names}
+        for row in self._session.select(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {pattern} }}"):
+            subject, predicate, value = row
+            assert isinstance(subject, NamedNode)
+            assert isinstance(predicate, NamedNode)
+            assert value is not None
+            facts[subject.value].setdefault(predicate.value, []).append(value)
+        return facts
+
+    # Objects
+
+    def reference(self, name: str, model: type[Model], source: Model) -> Model:
+        """Return the object of an IRI, not necessarily read yet."""
+        known = self._session.identities.find(name)
+        return known or self._blank(model, name, source.__state__.origin)
+
+    def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
+        """Return the objects of several IRIs that one object points to.
+
+        They are read with one query, unless ``source`` is one of many results: then only those
+        that were prefetched are read.
+        """
+        found = {name: self.reference(name, model, source) for name in names}
+        if source.__state__.origin is None or self._lazy == "allow":
+            unread = [n for n, o in found.items() if not (o.__state__.is_read or o.__state__.new)]
+            for name, facts in (self._facts(unread, model) if unread else {}).items():
+                self.materialise(name, model, facts, eager(model), None)
+        return found
+
+    def _blank(self, model: type[M], name: str, origin: str | None) -> M:
+        made = model()
+        state = made.__state__
+        state.session, state.iri, state.new, state.origin = self._session, name, False, origin
+        self._session.identities.add(name, made)
+        return made
+
+    def materialise(
+        self,
+        name: str,
+        asked: type[Model],
+        facts: Facts,
+        fetched: Container[str],
+        origin: str | None,
+    ) -> Model:
+        """Return the object of an IRI with what was read about it.
+
+        Parameters
+        ----------
+        facts
+            Property IRI to values.
+        fetched
+            The properties that were asked for; those without a value have none.
+        """
+        known = self._session.identities.find(name)
+        if known is None:
+            known = self._blank(asked, name, origin)
+        registry = getattr(asked, "__registry__", None)
+        if registry is not None:
+            wider = type(known) if issubclass(type(known), asked) else asked
+            others = vocabularies_of(self._session.kb).values()
+            best = registry.most_specific(_iris(facts.get(RDF_TYPE, ())), wider, others)
+            if best is not type(known):
+                object.__setattr__(known, "__class__", best)
+        state = known.__state__
+        fields = type(known).__by_iri__
+        for predicate, values in facts.items():
+            if predicate not in fetched:
+                continue
+            field = fields.get(predicate)
+            crowded = len(values) > 1 and field is not None and field.single
+            state.loaded[predicate] = tuple(
+                self._own_first(name, predicate, values) if crowded else values
+            )
+        state.note(fetched)
+        state.origin = origin
+        return known
+
+    def _own_first(self, name: str, predicate: str, values: Sequence[Term]) -> list[Term]:
+        """Return values with the agent's own first: of a single field that is the one shown."""
+        session = self._session
+        own = session.kb.match(NamedNode(name), NamedNode(predicate), None, session.home)
+        mine = {quad.object for quad in own}
+        return sorted(values, key=lambda value: (value not in mine, str(value)))
+
+    # Fields that were not read
+
+    def load(self, instance: Model, field: Field) -> None:
+        """Read one field of one object; fields call it.
+
+        Raises
+        ------
+        LazyLoadError
+            If the object came with others.
+        """
+        state = instance.__state__
+        self._refuse_loops(instance, field)
+        name = str(state.iri)
+        if state.origin is None:
+            facts, asked = self._everything(name)
+            if facts is not None:
+                self.materialise(name, type(instance), facts, asked, None)
+                return
+        fetched = frozenset({field.iri})
+        if field.stored and state.origin is None:
+            fetched |= {iri for iri in eager(type(instance)) if not state.knows(iri)}
+        listed = ", ".join(map(short, sorted({RDF_TYPE, *fetched})))
+        here = f"VALUES ?s {{ {NamedNode(name)} }}"
+        pattern = f"{here} ?s ?p ?o FILTER(?p IN ({listed}))"
+        if not self._session.inferred and not field.stored and field.inverse:
+            back = f"{here} ?o {short(field.inverse)} ?s BIND({short(field.iri)} AS ?p)"
+            pattern = f"{{ {pattern} }} UNION {{ {back} }}"
+        found = self._gather([name], pattern)[name]
+        self.materialise(name, type(instance), found, fetched, state.origin)
+
+    def _refuse_loops(self, instance: Model, field: Field) -> None:
+        state = instance.__state__
+        if state.origin is None or self._lazy == "allow":
+            return
+        message = (
+            f"{type(instance).__name__}.{field.name} of {instance!r} did not come with the"
+            f" query for {state.origin}, and asking in a loop is slow: add"
+            f" .prefetch() of the path to it, or take .values()"
+        )
+        if self._lazy == "raise":
+            raise LazyLoadError(message, field=field.name)
+        warnings.warn(message, stacklevel=6)
+
+    def members(self, instance: Model, field: Field, head: Term) -> tuple[Term, ...]:
+        """Return the members of an RDF list; of one that is broken, those before the break."""
+        self._refuse_loops(instance, field)
+        cells = self._cells(str(instance.__state__.iri), field)
+        found, seen = list[Term](), set[Term]()
+        while head in cells and head not in seen:
+            seen.add(head)
+            first, head = cells[head]
+            found.append(first)
+        return tuple(found)
+
+    def _cells(self, name: str, field: Field) -> dict[Term, tuple[Term, Term]]:
+        """Return the cells of the lists that a field has: first and rest of each."""
+        path = f"{NamedNode(name)} {short(field.iri)}/rdf:rest* ?cell"
+        cell = "?cell rdf:first ?first ; rdf:rest ?rest"
+        text = f"SELECT ?cell ?first ?rest WHERE {{ {path} . {cell} }}"
+        return {
+            cell: (first, rest)
+            for cell, first, rest in self._session.select(text)
+            if cell is not None and first is not None and rest is not None
+        }
+
+
+def own_cells(session: Session, head: Term) -> list[tuple[Subject, NamedNode, Term]]:
+    """Return the statements of an RDF list that the session's own graph holds."""
+    found: list[tuple[Subject, NamedNode, Term]] = []
+    seen: set[Term] = set()
+    while isinstance(head, NamedNode | BlankNode) and head not in seen:
+        seen.add(head)
+        quads = session.kb.match(head, graph=session.home)
+        quads = [quad for quad in quads if quad.predicate.value in (_FIRST, _REST)]
+        found += [(quad.subject, quad.predicate, quad.object) for quad in quads]
+        head = next((q.object for q in quads if q.predicate.value == _REST), NamedNode(_REST))
+    return found
+
+
+def _iris(terms: Iterable[Term]) -> frozenset[str]:
+    return frozenset(term.value for term in terms if isinstance(term, NamedNode))
