@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import rtask
 from features.geometry import FloatArray, Frame
 from rtask.errors import RtaskError
-from simulate.agent import Agent, AgentConfig
+from simulate.agent import Agent, AgentConfig, Server
 from simulate.camera import Camera, Lighting
 from simulate.encounter import Encounter
 from simulate.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
@@ -137,7 +137,7 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
         threading.Thread(target=_end_with_parent, daemon=True).start()
         started = time.perf_counter()
         config = AgentConfig(max_attempts=job.max_attempts, seed=_mixed(job))
-        agent = Agent(body, client, config, on_event=tell, on_sight=on_sight)
+        agent = Agent(body, cast(Server, client), config, on_event=tell, on_sight=on_sight)
         met = agent.clear_table()
         seconds = time.perf_counter() - started
     tell(

@@ -124,14 +124,24 @@ def text_of(message: JsonObject, field: str) -> str:
     return value
 
 
-def service_response(message: JsonObject, result: bool, values: Any) -> JsonObject:
-    """Return the answer of a call, the service spelled as the caller did."""
-    answer = {
+def service_response(
+    message: JsonObject, result: bool, values: Any, status: int | None = None
+) -> JsonObject:
+    """Return the answer of a call, the service spelled as the caller did.
+
+    Parameters
+    ----------
+    status
+        Of a failure, as over HTTP: clients that know it tell what to try again from what not.
+    """
+    answer: JsonObject = {
         "op": "service_response",
         "service": message.get("service"),
         "values": values,
         "result": result,
     }
+    if status is not None:
+        answer["status"] = status
     return with_id(answer, message)
 
 

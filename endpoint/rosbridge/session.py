@@ -219,7 +219,7 @@ class Session:
             args = arguments(message.get("args"), service.parameters)
             require_scope(self.access, service.scope)
         except RtaskError as error:
-            self._finish(message, Packing(), False, failure_text(error), once)
+            self._finish(message, Packing(), False, failure_text(error), once, error.status)
             return
         self._carry_out(message, packing, service, args, once)
 
@@ -234,7 +234,9 @@ class Session:
         seconds = timeout_of(message, self.bridge.call_s)
         late = self.bridge.deadlines.after(
             seconds,
-            lambda: self._finish(message, packing, False, f"no answer within {seconds:g} s", once),
+            lambda: self._finish(
+                message, packing, False, f"no answer within {seconds:g} s", once, 504
+            ),
         )
 
         def job() -> None:
@@ -243,7 +245,7 @@ class Session:
 
         if not self.bridge.calls.submit(self.number, job):
             late.cancel()
-            self._finish(message, packing, False, _BUSY, once)
+            self._finish(message, packing, False, _BUSY, once, 503)
 
     def _run(
         self, message: JsonObject, packing: Packing, service: Service, args: JsonObject,
@@ -255,17 +257,24 @@ class Session:
             if len(text) > MAX_ANSWER_BYTES:
                 raise UsageError(f"answer of {len(text) >> 20} MB is too large: use HTTP")
         except Exception as error:  # noqa: BLE001 - a failed call is an answer
-            self._finish(message, packing, False, failure_text(error), once)
+            status = error.status if isinstance(error, RtaskError) else 500
+            self._finish(message, packing, False, failure_text(error), once, status)
             return
         if once():
             self._put(text, packing)
         self._tell_activity(service.name)
 
     def _finish(
-        self, message: JsonObject, packing: Packing, result: bool, values: Any, once: Once
+        self,
+        message: JsonObject,
+        packing: Packing,
+        result: bool,
+        values: Any,
+        once: Once,
+        status: int | None = None,
     ) -> None:
         if once():
-            self._put(encode(service_response(message, result, values)), packing)
+            self._put(encode(service_response(message, result, values, status)), packing)
 
     def _put(self, text: str, packing: Packing) -> None:
         if self._closed:

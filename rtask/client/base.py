@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import copy
+import base64
 import uuid
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 from rtask.client.outbox import Outbox
-from rtask.errors import RemoteUnavailableError, RtaskError
+from rtask.client.patience import TEMPORARY
+from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
+
+if TYPE_CHECKING:
+    from rtask.client import requests
+    from rtask.engine import answers
 
 __all__ = ["Client"]
 
@@ -23,6 +29,9 @@ class Client(ABC):
     What the robot tells carries an id, so telling it twice stores it once. With an outbox it is
     written to disk before it is sent, and sent again at the next occasion if no answer came.
 
+    A client may be used from many threads, one call at a time; in an asyncio program, call it by
+    ``asyncio.to_thread``.
+
     Parameters
     ----------
     outbox
@@ -33,7 +42,9 @@ class Client(ABC):
         self._outbox = None if outbox is None else Outbox(outbox)
 
     @abstractmethod
-    def _call(self, operation: str, args: dict[str, Any]) -> dict[str, Any]:
+    def _call(
+        self, operation: str, args: dict[str, Any], timeout_s: float | None = None
+    ) -> dict[str, Any]:
         """Carry out one operation of the engine."""
 
     @abstractmethod
@@ -52,8 +63,49 @@ class Client(ABC):
     def close(self) -> None:
         """End the connection; what was not answered stays in the outbox."""
 
-    def call(self, operation: str, /, **args: Any) -> dict[str, Any]:
+    # Operations
+
+    def register_robot(self, **request: Unpack[requests.RegisterRobot]) -> answers.RegisteredRobot:
+        """Introduce this robot; the same message again changes nothing."""
+        return cast("answers.RegisteredRobot", self.call("register_robot", **request))
+
+    def recognise_for_grasp(
+        self, **request: Unpack[requests.RecogniseForGrasp]
+    ) -> answers.Recognition:
+        """Ask which object this is and which grasps to try, in order."""
+        return cast("answers.Recognition", self.call("recognise_for_grasp", **request))
+
+    def recall_grasps(self, **request: Unpack[requests.RecallGrasps]) -> answers.RecalledGrasps:
+        """Ask for the known grasps of a known object, the surest first."""
+        return cast("answers.RecalledGrasps", self.call("recall_grasps", **request))
+
+    def search_object(self, **request: Unpack[requests.SearchObject]) -> answers.SimilarObjects:
+        """Ask which known objects look like this one."""
+        return cast("answers.SimilarObjects", self.call("search_object", **request))
+
+    def insert_object(self, **request: Unpack[requests.InsertObject]) -> answers.Inserted:
+        """Tell what was seen, and what came of grasping it."""
+        return cast("answers.Inserted", self.call("insert_object", **request))
+
+    def report_outcome(self, **request: Unpack[requests.ReportOutcome]) -> answers.ReportedOutcome:
+        """Tell what came of a grasp on a known object."""
+        return cast("answers.ReportedOutcome", self.call("report_outcome", **request))
+
+    def teach_object(self, **request: Unpack[requests.TeachObject]) -> answers.Taught:
+        """Pass on what a person wants: search by words, teach, confirm, reject."""
+        return cast("answers.Taught", self.call("teach_object", **request))
+
+    def call(
+        self, operation: str, /, timeout_s: float | None = None, **args: Any
+    ) -> dict[str, Any]:
         """Carry out an operation of the engine by name.
+
+        Parameters
+        ----------
+        timeout_s
+            For this call, instead of the client's.
+        **args
+            Fields of the request; bytes are sent as base64.
 
         Raises
         ------
@@ -62,40 +114,54 @@ class Client(ABC):
         CallFailedError
             The server answered that it will not, and why.
         """
+        args = {name: _as_text(value) for name, value in args.items()}
         if operation not in _TOLD:
-            return self._call(operation, args)
+            return self._call(operation, args, timeout_s)
         args = _with_ids(operation, args)
         if self._outbox is None:
-            return self._call(operation, args)
+            return self._call(operation, args, timeout_s)
         entry = self._outbox.add(operation, args)
         self._deliver_before(entry.id)
         try:
-            answer = self._call(operation, args)
-        except RemoteUnavailableError as error:
-            raise RemoteUnavailableError(
-                f"{error}; kept in {self._outbox.path} and sent again later", **error.details
-            ) from error
-        except RtaskError:
+            answer = self._call(operation, args, timeout_s)
+        except RtaskError as error:
+            if _may_change(error):
+                raise RemoteUnavailableError(
+                    f"{error}; kept in {self._outbox.path} and sent again later", **error.details
+                ) from error
             self._outbox.done(entry)
             raise
         self._outbox.done(entry)
         return answer
 
-    def register_robot(self, **description: Any) -> dict[str, Any]:
-        """Introduce this robot; see the operation's fields in ``docs/engine.md``."""
-        return self.call("register_robot", **description)
+    def tell(self, operation: str, /, **args: Any) -> dict[str, Any] | None:
+        """Carry out an operation now, or later when nobody answers.
 
-    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
-        """Ask which object this is and which grasps to try, in order."""
-        return self.call("recognise_for_grasp", **request)
+        For robots that work on without a network: what is told goes to the outbox, and with the
+        next call that gets through, or :meth:`deliver`, it arrives, once.
 
-    def insert_object(self, **request: Any) -> dict[str, Any]:
-        """Tell what was seen, and what came of grasping it."""
-        return self.call("insert_object", **request)
+        Returns
+        -------
+        The answer; None when it was kept.
 
-    def report_outcome(self, **request: Any) -> dict[str, Any]:
-        """Tell what came of a grasp on a known object."""
-        return self.call("report_outcome", **request)
+        Raises
+        ------
+        CallFailedError
+            The server answered that it will not, and why.
+        RemoteUnavailableError
+            No answer, and no outbox to keep it.
+        """
+        try:
+            return self.call(operation, **args)
+        except RemoteUnavailableError:
+            if self._outbox is None or operation not in _TOLD:
+                raise
+            return None
+
+    @property
+    def waiting(self) -> int:
+        """How many calls wait in the outbox."""
+        return 0 if self._outbox is None else len(self._outbox.pending())
 
     def deliver(self) -> int:
         """Send what waits in the outbox; return how many calls were answered.
@@ -119,9 +185,11 @@ class Client(ABC):
                 break
             try:
                 self._call(entry.operation, entry.args)
-            except RemoteUnavailableError:
-                raise
             except RtaskError as error:
+                if _may_change(error):
+                    if isinstance(error, RemoteUnavailableError):
+                        raise
+                    raise RemoteUnavailableError(str(error), **error.details) from error
                 self._outbox.refuse(entry, str(error))
             else:
                 self._outbox.done(entry)
@@ -140,13 +208,30 @@ class Client(ABC):
         self.close()
 
 
+def _may_change(error: RtaskError) -> bool:
+    """Tell whether the same call may succeed later: nobody answered, or nobody had time."""
+    if isinstance(error, CallFailedError):
+        return error.details.get("http_status") in TEMPORARY
+    return error.status in TEMPORARY
+
+
+def _as_text(value: Any) -> Any:
+    """Return a value with its bytes as base64 text, as JSON carries them."""
+    if isinstance(value, bytes | bytearray | memoryview):
+        return base64.b64encode(value).decode("ascii")
+    if isinstance(value, Mapping):
+        return {name: _as_text(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_text(one) for one in value]
+    return value
+
+
 def _with_ids(operation: str, args: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments with an id wherever a repeated call would store something twice."""
     if operation == "report_outcome" or "objects" not in args:
         return {"task_id": f"urn:uuid:{uuid.uuid4()}", **args}
-    args = copy.copy(args)
-    args["objects"] = [
+    objects = [
         {"task_id": f"urn:uuid:{uuid.uuid4()}", **item} if isinstance(item, dict) else item
         for item in args["objects"]
     ]
-    return args
+    return {**args, "objects": objects}

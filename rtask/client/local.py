@@ -36,7 +36,9 @@ class LocalClient(Client):
         self._access = Access(agent, "robot") if agent else Access()
         self._owns_engine = owns_engine
 
-    def _call(self, operation: str, args: dict[str, Any]) -> dict[str, Any]:
+    def _call(
+        self, operation: str, args: dict[str, Any], timeout_s: float | None = None
+    ) -> dict[str, Any]:
         return self.engine.call(operation, args, self._access)
 
     def query(self, sparql: str) -> list[dict[str, Any]]:

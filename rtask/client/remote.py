@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from rtask.client.base import Client
+from rtask.client.patience import TEMPORARY, Patience
 from rtask.client.websocket import ServiceSocket
 from rtask.errors import (
     AuthenticationError,
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     import httpx
 
 __all__ = ["RemoteClient", "addresses"]
-
-_NOT_REPEATABLE = ("teach_object",)
 
 
 def addresses(url: str) -> tuple[str, str]:
@@ -70,9 +68,14 @@ class RemoteClient(Client):
         self._timeout_s = timeout_s
         self._http: httpx.Client | None = None
 
-    def _call(self, operation: str, args: dict[str, Any]) -> dict[str, Any]:
-        may_repeat = operation not in _NOT_REPEATABLE
-        return self._socket.call(f"/rtask/{operation}", args, may_repeat)
+    def _call(
+        self, operation: str, args: dict[str, Any], timeout_s: float | None = None
+    ) -> dict[str, Any]:
+        # A person's verdict has no id of its own; everything else may arrive twice.
+        may_repeat = operation != "teach_object" or args.get("operation") in ("search", "teach")
+        if operation == "teach_object" and args.get("operation") == "teach":
+            may_repeat = "task_id" in args
+        return self._socket.call(f"/rtask/{operation}", args, may_repeat, timeout_s)
 
     def query(self, sparql: str) -> list[dict[str, Any]]:
         """Return the rows of a SELECT; see :meth:`Client.query`."""
@@ -146,20 +149,26 @@ class RemoteClient(Client):
 def _patiently(
     send: Callable[[], httpx.Response], timeout_s: float, may_repeat: bool
 ) -> httpx.Response:
-    """Send, and again after a pause while nobody listens; a call that arrived is not repeated."""
+    """Send, and again after a pause while nobody has time; what arrived is not repeated."""
     import httpx
 
-    deadline, pause = time.monotonic() + timeout_s, 0.1
+    patience = Patience(timeout_s)
     while True:
         try:
-            return send()
+            answer = send()
         except httpx.TransportError as error:
             never_arrived = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
-            late = time.monotonic() + pause >= deadline
-            if late or not (may_repeat or never_arrived) or isinstance(error, httpx.ReadTimeout):
+            if not (may_repeat or never_arrived) or isinstance(error, httpx.ReadTimeout):
                 raise
-            time.sleep(pause)
-            pause = min(2 * pause, 2.0)
+            if not patience.wait():
+                raise
+        else:
+            # A gateway may have passed on what it then lost the answer of.
+            busy = answer.status_code in (429, 503) or (
+                may_repeat and answer.status_code in TEMPORARY and answer.status_code != 504
+            )
+            if not busy or not patience.wait():
+                return answer
 
 
 def _failure(answer: httpx.Response) -> Exception:

@@ -6,9 +6,9 @@ import contextlib
 import itertools
 import json
 import threading
-import time
 from typing import Any
 
+from rtask.client.patience import TEMPORARY, Patience
 from rtask.errors import (
     AuthenticationError,
     CallFailedError,
@@ -44,13 +44,21 @@ class ServiceSocket:
         self._socket: Any = None
         self._opened = contextlib.ExitStack()
 
-    def call(self, service: str, args: dict[str, Any], may_repeat: bool) -> dict[str, Any]:
+    def call(
+        self,
+        service: str,
+        args: dict[str, Any],
+        may_repeat: bool,
+        timeout_s: float | None = None,
+    ) -> dict[str, Any]:
         """Call a service and return its answer.
 
         Parameters
         ----------
         may_repeat
             Whether the call may be sent again on a new connection after the old one was lost.
+        timeout_s
+            For this call, instead of the usual time.
 
         Raises
         ------
@@ -59,21 +67,23 @@ class ServiceSocket:
         CallFailedError
             The server's words.
         """
-        deadline = time.monotonic() + self._timeout_s
-        pause = 0.1
+        patience = Patience(self._timeout_s if timeout_s is None else timeout_s)
         with self._lock:
             while True:
                 sent = False
                 try:
-                    self._open(deadline)
-                    number = self._send(service, args)
+                    self._open(patience)
+                    number = self._send(service, args, patience)
                     sent = True
-                    return self._receive(number, deadline)
+                    return self._receive(number, patience)
                 except (OSError, EOFError) as error:
                     self._drop()
-                    self._check_repeat(sent, may_repeat, deadline - pause, error)
-                    time.sleep(pause)
-                    pause = min(2 * pause, 2.0)
+                    self._check_repeat(sent, may_repeat, patience, error)
+                except CallFailedError as error:
+                    # Nobody had time for it: nothing was done, so it does no harm to ask again.
+                    busy = error.details.get("http_status") in (429, 503)
+                    if not busy or not patience.wait():
+                        raise
 
     def close(self) -> None:
         """Close the websocket."""
@@ -81,24 +91,24 @@ class ServiceSocket:
             self._drop()
 
     def _check_repeat(
-        self, sent: bool, may_repeat: bool, deadline: float, error: Exception
+        self, sent: bool, may_repeat: bool, patience: Patience, error: Exception
     ) -> None:
-        """Raise unless the call is to be tried again."""
-        if isinstance(error, TimeoutError):
+        """Pause before the call is tried again; raise if it must not be, or there is no time."""
+        if isinstance(error, TimeoutError) and (sent or patience.left_s <= 0):
             raise RemoteUnavailableError(
-                f"no answer from {self._address} within {self._timeout_s:g} s"
+                f"no answer from {self._address} within {patience.timeout_s:g} s"
             ) from error
         if sent and not may_repeat:
             raise RemoteUnavailableError(
                 f"{self._address}: the connection was lost; the call may have been carried out"
             ) from error
-        if time.monotonic() >= deadline:
+        if not patience.wait():
             raise RemoteUnavailableError(f"{self._address} cannot be reached: {error}") from error
 
-    def _open(self, deadline: float) -> None:
+    def _open(self, patience: Patience) -> None:
         if self._socket is not None:
             return
-        from websockets.exceptions import InvalidHandshake, InvalidStatus
+        from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
         from websockets.sync.client import connect
 
         headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
@@ -108,7 +118,7 @@ class ServiceSocket:
                 additional_headers=headers,
                 compression=None,  # clouds are compressed already
                 max_size=_MOST_BYTES,
-                open_timeout=max(deadline - time.monotonic(), 0.1),
+                open_timeout=max(patience.left_s, 0.1),
                 ping_interval=None,  # the server pings; a long upload must not be cut off
                 close_timeout=1.0,
                 proxy=None if _is_near(self._address) else True,
@@ -116,28 +126,28 @@ class ServiceSocket:
             self._socket = self._opened.enter_context(context)
         except InvalidStatus as error:
             raise _refusal(self._address, error.response.status_code, error) from error
-        except InvalidHandshake as error:
+        except (InvalidHandshake, ConnectionClosed) as error:
             raise OSError(str(error)) from error
 
-    def _send(self, service: str, args: dict[str, Any]) -> str:
+    def _send(self, service: str, args: dict[str, Any], patience: Patience) -> str:
         from websockets.exceptions import ConnectionClosed
 
         number = f"call_service:{service}:{next(self._ids)}"
         message: dict[str, Any] = {"op": "call_service", "id": number, "service": service}
-        message.update(args=args, timeout=self._timeout_s)
+        message.update(args=args, timeout=max(patience.left_s, 0.001))
         try:
             self._socket.send(json.dumps(message, allow_nan=False))
         except ConnectionClosed as error:
             raise EOFError(str(error)) from error
         return number
 
-    def _receive(self, number: str, deadline: float) -> dict[str, Any]:
+    def _receive(self, number: str, patience: Patience) -> dict[str, Any]:
         """Wait for the answer of one call; those that came too late for others are dropped."""
         from websockets.exceptions import ConnectionClosed
 
         while True:
             try:
-                text = self._socket.recv(timeout=max(deadline - time.monotonic(), 0.001))
+                text = self._socket.recv(timeout=max(patience.left_s, 0.001))
             except ConnectionClosed as error:
                 raise EOFError(str(error)) from error
             message = json.loads(text)
@@ -147,11 +157,16 @@ class ServiceSocket:
                 continue
             values = message.get("values")
             if message.get("result") is not True:
-                raise CallFailedError(str(values))
+                raise _failure(str(values), message.get("status"))
             return values if isinstance(values, dict) else {}
 
     def _drop(self) -> None:
-        self._opened.close()
+        from websockets.exceptions import WebSocketException
+
+        # Saying goodbye on a connection that was cut fails in its own ways; it is gone anyhow.
+        with contextlib.suppress(WebSocketException, OSError):
+            self._opened.close()
+        self._opened = contextlib.ExitStack()
         self._socket = None
 
 
@@ -159,6 +174,13 @@ def _is_near(address: str) -> bool:
     from urllib.parse import urlsplit
 
     return (urlsplit(address).hostname or "") in ("localhost", "127.0.0.1", "::1")
+
+
+def _failure(words: str, status: Any) -> RtaskError:
+    """Return the error of a failed call; our server says besides which status it had over HTTP."""
+    if type(status) is not int:
+        return CallFailedError(words)
+    return CallFailedError(words, http_status=status, may_change=status in TEMPORARY)
 
 
 def _refusal(address: str, status: int, error: Exception) -> RtaskError | OSError:

@@ -20,7 +20,7 @@ class Flaky(Client):
         self.failures = list(failures)
         self.arrived: list[tuple[str, dict[str, Any]]] = []
 
-    def _call(self, operation, args):
+    def _call(self, operation, args, timeout_s=None):
         failure = self.failures.pop(0) if self.failures else None
         if failure is not None:
             raise failure
@@ -111,3 +111,26 @@ def test_questions_need_no_outbox(tmp_path):
     with pytest.raises(RemoteUnavailableError, match=r"^nobody there$"):
         client.recognise_for_grasp(data="x")
     assert client.deliver() == 0
+
+
+def test_an_answer_that_may_change_keeps_what_was_told(tmp_path):
+    busy = CallFailedError("busy: 8 calls running", http_status=503)
+    client = Flaky(tmp_path / "outbox.jsonl", [busy])
+    assert client.tell("report_outcome", task_id="t-1") is None
+    assert client.waiting == 1
+    assert client.deliver() == 1
+    assert client.waiting == 0
+
+
+def test_tell_raises_what_will_not_change(tmp_path):
+    client = Flaky(tmp_path / "outbox.jsonl", [CallFailedError("no", http_status=422)])
+    with pytest.raises(CallFailedError, match="no"):
+        client.tell("report_outcome", task_id="t-1")
+    assert client.waiting == 0
+
+
+def test_bytes_are_kept_and_sent_as_base64(tmp_path):
+    client = Flaky(tmp_path / "outbox.jsonl", [AWAY])
+    client.tell("insert_object", objects=[{"data": b"xyz"}])
+    client.deliver()
+    assert client.arrived[0][1]["objects"][0]["data"] == "eHl6"

@@ -121,6 +121,30 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_another(server):
         assert socket.call("/rtask/quick", {}, may_repeat=False) == {"for": "the second"}
 
 
+def test_a_busy_server_is_asked_again_until_it_has_time(server):
+    def behave(socket, message, number):
+        if number < 3:
+            socket.send(json.dumps({"op": "service_response", "id": message["id"], "status": 503,
+                                    "service": message["service"], "values": "busy: 8 running",
+                                    "result": False}))  # fmt: skip
+        else:
+            answer(socket, message, {"number": number})
+
+    address, _ = server(behave)
+    with contextlib.closing(ServiceSocket(address, None, 10.0)) as socket:
+        assert socket.call("/rtask/teach_object", {}, may_repeat=False) == {"number": 3}
+
+
+def test_a_call_has_its_own_deadline(server):
+    address, heard = server(lambda s, m, n: None)
+    with (
+        contextlib.closing(ServiceSocket(address, None, 60.0)) as socket,
+        pytest.raises(RemoteUnavailableError, match=r"within 0\.2 s"),
+    ):
+        socket.call("/rtask/slow", {}, may_repeat=True, timeout_s=0.2)
+    assert heard[0][0]["timeout"] <= 0.2  # the server is told, and stops too
+
+
 def test_a_status_about_the_call_is_a_failure(server):
     def behave(socket, message, number):
         socket.send(json.dumps({"op": "status", "level": "error", "msg": "too deep",

@@ -105,6 +105,7 @@ def test_calls_beyond_the_queue_are_refused_and_say_so(connect: Connect, engine:
         "service": "/rtask/wait",
         "values": "busy: 8 calls running, 32 waiting",
         "result": False,
+        "status": 503,
         "id": "one too many",
     }
 
