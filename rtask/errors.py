@@ -4,6 +4,7 @@
 
     RtaskError
     ├── UsageError                  the call itself is wrong (bad argument, bad option)
+    │   └── LazyLoadError           a loop would send one query an object
     ├── StoreError
     │   ├── StoreLockedError        another process has the folder open for writing
     │   ├── StoreFormatError        not a knowledge base, or one of another format
@@ -12,7 +13,10 @@
     │   ├── MissingBlobError        a triple names bytes that are not there
     │   ├── UnsupportedError        not possible on this kind of store
     │   ├── BusyError               too many wait already
-    │   └── QueryTimeout            a query reached its deadline
+    │   ├── QueryTimeout            a query reached its deadline
+    │   ├── GoneError               older than the history that is kept
+    │   ├── EpochChangedError       the order of commits was lost since then
+    │   └── Lagged                  a subscriber was too slow
     ├── DataError
     │   ├── ParseError              file, line, column, reason
     │   ├── QuerySyntaxError        SPARQL text that does not parse
@@ -21,10 +25,12 @@
     │   ├── QueryTooExpensive       a query that its reader did not survive
     │   ├── VersionConflictError    somebody else wrote first
     │   ├── TooLargeError           beyond a stated limit
+    │   ├── FieldError              a value that a field of an object does not take
     │   └── UnknownTermError        a name or IRI that the graph does not know
     ├── AccessError
     │   ├── AuthenticationError     no token, or not a valid one
     │   └── ForbiddenError          a valid token without the right
+    │       └── OwnershipError      the statement to replace is another agent's
     ├── RemoteError
     │   ├── RemoteUnavailableError  no answer, connection lost
     │   └── CallFailedError         the server answered: no
@@ -46,9 +52,15 @@ __all__ = [
     "CallFailedError",
     "ClosedError",
     "DataError",
+    "EpochChangedError",
+    "FieldError",
     "ForbiddenError",
+    "GoneError",
     "InconsistentError",
+    "Lagged",
+    "LazyLoadError",
     "MissingBlobError",
+    "OwnershipError",
     "ParseError",
     "QuerySyntaxError",
     "QueryTimeout",
@@ -95,6 +107,12 @@ class UsageError(RtaskError):
     """The call itself is wrong: a bad argument, option or combination."""
 
     status, slug, exit_code = 400, "usage", 2
+
+
+class LazyLoadError(UsageError):
+    """A field of one of many results was not loaded; prefetch it with the query."""
+
+    slug = "lazy-load"
 
 
 class StoreError(RtaskError):
@@ -151,6 +169,24 @@ class QueryTimeout(StoreError):
     status, slug = 504, "query-timeout"
 
 
+class GoneError(StoreError):
+    """Commits that are asked for are no longer kept; ``oldest`` is the first that is."""
+
+    status, slug = 410, "changes-gone"
+
+
+class EpochChangedError(StoreError):
+    """Commits are numbered anew since then (a restored backup); read everything again."""
+
+    status, slug = 410, "epoch-changed"
+
+
+class Lagged(StoreError):
+    """A subscriber was too slow; ``since`` says from where to subscribe again."""
+
+    slug = "lagged"
+
+
 class DataError(RtaskError):
     """The data given are not acceptable; nothing was stored."""
 
@@ -205,6 +241,12 @@ class UnknownTermError(DataError):
     slug = "unknown-term"
 
 
+class FieldError(DataError):
+    """A value that a field does not take; ``field``, ``iri`` and ``expected`` say more."""
+
+    slug = "field"
+
+
 class AccessError(RtaskError):
     """The caller may not do it."""
 
@@ -221,6 +263,12 @@ class ForbiddenError(AccessError):
     """A valid caller without the right; ``graph`` names the graph concerned."""
 
     status, slug = 403, "graph-forbidden"
+
+
+class OwnershipError(ForbiddenError):
+    """The value to replace was stated by another agent, whose statements stay."""
+
+    slug = "ownership"
 
 
 class RemoteError(RtaskError):

@@ -9,9 +9,9 @@
 
 from __future__ import annotations
 
+from rtask.errors import FieldError, LazyLoadError, OwnershipError
 from rtask.model.codec import LangString
 from rtask.model.dynamic import Vocabulary, load_model
-from rtask.model.errors import FieldError, LazyLoadError, OwnershipError
 from rtask.model.expressions import avg, count, maximum, minimum, total
 from rtask.model.generated import rtask as RTASK
 from rtask.model.instance import Model

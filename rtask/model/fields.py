@@ -11,9 +11,9 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, Generic, TypeVar, overload
 
 import ontology
+from rtask.errors import FieldError
 from rtask.kb.terms import Literal, NamedNode, Term
 from rtask.model.codec import decode, encode
-from rtask.model.errors import FieldError
 from rtask.model.expressions import Path
 from rtask.model.instance import Item, Model, Pending
 from rtask.model.limits import Limits

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
-from rtask.errors import VersionConflictError
+from rtask.errors import FieldError, OwnershipError, VersionConflictError
 from rtask.kb.terms import Graph, NamedNode, Term, stored
-from rtask.model.errors import FieldError, OwnershipError
 from rtask.model.fields import Field, term
 from rtask.model.instance import Model, Pending, class_iris, required
 from rtask.model.plan import RDF_TYPE

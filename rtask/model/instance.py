@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_transform, overload
 from weakref import WeakKeyDictionary
 
-from rtask.errors import UsageError
+from rtask.errors import FieldError, UsageError
 from rtask.kb.terms import NamedNode, Term, iri
-from rtask.model.errors import FieldError
 
 if TYPE_CHECKING:
     from rtask.model.fields import Field

@@ -8,10 +8,9 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 import ontology
-from rtask.errors import UnknownTermError
+from rtask.errors import LazyLoadError, UnknownTermError
 from rtask.kb.terms import DEFAULT, BlankNode, NamedNode, Subject, Term
 from rtask.model.compile import fetch_filter
-from rtask.model.errors import LazyLoadError
 from rtask.model.fields import Field
 from rtask.model.instance import EVERYTHING, Model, Registry, vocabularies_of
 from rtask.model.plan import RDF_TYPE, eager, short
