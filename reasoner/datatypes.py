@@ -183,7 +183,7 @@ def _date_time(lexical: str) -> Value | None:
     if not found:
         return None
     year, month, day, hour, minute = (int(part) for part in found.groups()[:5])
-    second = Fraction(found[6])
+    second = Fraction(found[6]) if "." in found[6] else int(found[6])
     if not (1 <= month <= 12 and 1 <= day <= _days_of(year, month) and minute < 60 and second < 60):
         return None
     if hour > 24 or (hour == 24 and (minute or second)):

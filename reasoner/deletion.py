@@ -84,9 +84,10 @@ class Retraction:
                 self._delete(fact)
         for fact in tuple(self._layer.removed):
             self._follow(stratum, fact)
-        for env, rule in candidates(stratum, self._layer, self._terms):
-            for found in solve(self._layer.base, self._terms, rule.steps, env):
-                self._delete(rule.conclude(found))
+        either = _either(self._layer)
+        for trigger, fact in list(_touched(stratum, self._layer, against=True)):
+            for conclusion in list(trigger.held(self._layer.base, either, self._terms, fact)):
+                self._delete(conclusion)
         limit = max(REBUILD_FROM, len(self._layer.base) // REBUILD_RATIO)
         while self._queue:
             self._follow(stratum, self._queue.pop())
@@ -140,7 +141,10 @@ class Retraction:
                     for env in trigger.unconditional(base, self._terms, fact):
                         self._split(rule.conclude(env)[0])
                     continue
-                for env in trigger.fire(base, self._terms, fact):
+                # Of a latest or a best one it is cheaper to ask for the conclusion than to search.
+                is_easy = bool(rule.absences) and trigger.is_bound_by_atoms
+                fire = trigger.unconditional if is_easy else trigger.fire
+                for env in fire(base, self._terms, fact):
                     self._delete(rule.conclude(env))
 
     def is_derivable(self, fact: Fact) -> bool:
@@ -159,21 +163,34 @@ class Retraction:
 def candidates(
     stratum: Stratum, layer: Layer, terms: Dictionary
 ) -> Iterator[tuple[Bindings, Rule]]:
-    """Yield bindings of rules whose NOT EXISTS groups the layer's changes may have touched.
+    """Yield bindings of rules for which the layer's changes speak by their NOT EXISTS groups.
 
     Matched on what held before or holds now, so that no candidate is missed.
     """
     if not stratum.absences:
         return
-    either = Layer(layer.base)
-    either.added = layer.added
-    triggers: list[tuple[AbsenceTrigger, Fact]] = [
-        (trigger, fact)
-        for facts in (layer.added, layer.removed)
-        for fact in facts
-        for key in keys_of(fact)
-        for trigger in stratum.absences.get(key, ())
-    ]
-    for trigger, fact in triggers:
+    either = _either(layer)
+    for trigger, fact in list(_touched(stratum, layer, against=False)):
         for env in list(trigger.candidates(either, terms, fact)):
             yield env, trigger.rule
+
+
+def _either(layer: Layer) -> Layer:
+    """Return what held before or holds now."""
+    either = Layer(layer.base)
+    either.added = layer.added
+    return either
+
+
+def _touched(
+    stratum: Stratum, layer: Layer, against: bool
+) -> Iterator[tuple[AbsenceTrigger, Fact]]:
+    """Yield changes inside NOT EXISTS groups that speak against, or for, the rule around them."""
+    if not stratum.absences:
+        return
+    for facts, is_added in ((layer.added, True), (layer.removed, False)):
+        for fact in facts:
+            for key in keys_of(fact):
+                for trigger in stratum.absences.get(key, ()):
+                    if (trigger.is_negative is is_added) is against:
+                        yield trigger, fact

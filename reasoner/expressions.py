@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import TypeVar
 
 from pyoxigraph import Literal
@@ -21,6 +22,10 @@ Number = int | float | Fraction
 Real = TypeVar("Real", float, Fraction)
 
 COMPARISONS = frozenset({"=", "!=", "<", "<=", ">", ">="})
+
+
+Truth = Callable[[Dictionary, Bindings], bool]
+"""Tells whether an expression is true; raises `EvaluationError` where it has no value."""
 
 
 class EvaluationError(Exception):
@@ -84,7 +89,7 @@ def sees_identity(expression: Expression) -> bool:
     return any(sees_identity(argument) for argument in expression.arguments)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Test:
     """FILTER: an expression must be true."""
 
@@ -106,9 +111,13 @@ class Test:
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         """Evaluate the expression; an error is false."""
         try:
-            return is_true(evaluate(self.expression, terms, env), terms)
+            return self._truth(terms, env)
         except EvaluationError:
             return False
+
+    @cached_property
+    def _truth(self) -> Truth:
+        return truth_of(self.expression)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +173,7 @@ def evaluate(expression: Expression, terms: Dictionary, env: Bindings) -> Result
         return bound
     operator, arguments = expression.operator, expression.arguments
     if operator in ("&&", "||"):
-        return _truth(_connect(operator, arguments, terms, env))
+        return _truth(truth_of(expression)(terms, env))
     if operator == "IF":
         chosen = is_true(evaluate(arguments[0], terms, env), terms)
         return evaluate(arguments[1 if chosen else 2], terms, env)
@@ -183,21 +192,45 @@ def evaluate(expression: Expression, terms: Dictionary, env: Bindings) -> Result
     return _arithmetic(operator, [_number(value, terms) for value in values])
 
 
-def _connect(
-    operator: str, arguments: tuple[Expression, ...], terms: Dictionary, env: Bindings
-) -> bool:
+def truth_of(expression: Expression) -> Truth:
+    """Return the test that an expression is, its operators looked up once.
+
+    >>> test = truth_of(Operation("<", (Variable(-1), Variable(-2))))
+    >>> terms = Dictionary()
+    >>> test(terms, [terms.encode(Literal(1)), terms.encode(Literal(2.5))])
+    True
+    """
+    if isinstance(expression, Operation):
+        operator, arguments = expression.operator, expression.arguments
+        if operator in ("&&", "||"):
+            return _connected(operator == "||", tuple(map(truth_of, arguments)))
+        if operator == "!":
+            inner = truth_of(arguments[0])
+            return lambda terms, env: not inner(terms, env)
+        if operator in COMPARISONS:
+            left, right = arguments
+            return lambda terms, env: _related(
+                operator, evaluate(left, terms, env), evaluate(right, terms, env), terms
+            )
+    return lambda terms, env: is_true(evaluate(expression, terms, env), terms)
+
+
+def _connected(decisive: bool, tests: tuple[Truth, ...]) -> Truth:
     """Three-valued and/or: a decisive operand wins over an error (SPARQL 1.1 Query 17.2)."""
-    decisive = operator == "||"
-    failure: EvaluationError | None = None
-    for argument in arguments:
-        try:
-            if is_true(evaluate(argument, terms, env), terms) is decisive:
-                return decisive
-        except EvaluationError as error:
-            failure = error
-    if failure is not None:
-        raise failure
-    return not decisive
+
+    def test(terms: Dictionary, env: Bindings) -> bool:
+        failure: EvaluationError | None = None
+        for each in tests:
+            try:
+                if each(terms, env) is decisive:
+                    return decisive
+            except EvaluationError as error:
+                failure = error
+        if failure is not None:
+            raise failure
+        return not decisive
+
+    return test
 
 
 def _related(operator: str, left: Result, right: Result, terms: Dictionary) -> bool:
@@ -215,7 +248,9 @@ def _related(operator: str, left: Result, right: Result, terms: Dictionary) -> b
         return a.key == b.key or order == 0
     if order is None:
         raise EvaluationError(f"cannot order {a.family} and {b.family}")
-    return {"<": order < 0, "<=": order <= 0, ">": order > 0, ">=": order >= 0}[operator]
+    if operator == ">":
+        return order > 0
+    return {"<": order < 0, "<=": order <= 0, ">=": order >= 0}[operator]
 
 
 def _value(result: Result, terms: Dictionary) -> Value | None:

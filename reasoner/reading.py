@@ -142,7 +142,7 @@ class Reading:
         asserted = self.asserted.facts if self.asserted.is_unchanged() else self.asserted
         for p in self.facts.predicates():
             # What is said with any other predicate is exported as it is.
-            is_special = p == TYPE or p == SAME or p in v.SCHEMA_PREDICATES
+            is_special = p in (TYPE, SAME) or p in v.SCHEMA_PREDICATES
             for s, o in self.facts.pairs(p):
                 fact = (s, p, o)
                 for form in self.equality.expand(fact) if self.equality else (fact,):

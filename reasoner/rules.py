@@ -168,7 +168,7 @@ class Absent:
         inner: Bindings = [None] * len(env)
         for v in self.outer:
             inner[~v] = env[~v]
-        return next(solve(view, terms, self.steps, inner), None) is None
+        return not _is_solvable(view, terms, self.steps, inner, 0)
 
 
 @dataclass(frozen=True)
@@ -325,6 +325,34 @@ def bind(atom: Atom, fact: Fact, terms: Dictionary, env: Bindings) -> bool:
             elif present != value and not terms.is_same(present, value):
                 return False
     return True
+
+
+def _is_solvable(
+    view: View, terms: Dictionary, steps: Sequence[Step], env: Bindings, start: int
+) -> bool:
+    """Tell whether the steps from `start` can be fulfilled; what came last is tried first.
+
+    Rules that look for something later, or newer, then find it at once.
+    """
+    if start == len(steps):
+        return True
+    step = steps[start]
+    if not isinstance(step, Atom) or (step.s < 0 and env[~step.s] is None):
+        return next(solve(view, terms, steps, env, start), None) is not None
+    s, p, o = step
+    a = env[~s] if s < 0 else s
+    b = env[~o] if o < 0 else o
+    assert a is not None
+    if b is not None:
+        return any(view.has(a, p, each) for each in terms.variants(b)) and _is_solvable(
+            view, terms, steps, env, start + 1
+        )
+    for value in sorted(view.objects(p, a), reverse=True):
+        env[~o] = value
+        if _is_solvable(view, terms, steps, env, start + 1):
+            return True
+    env[~o] = None
+    return False
 
 
 def solve(

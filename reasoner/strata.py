@@ -50,9 +50,22 @@ class Trigger:
         """Yield the instances that use the fact, whether or not the conditions hold."""
         env = self.rule.environment()
         if bind(self.atom, fact, terms, env):
-            rest = list(self.rule.body)
-            rest.remove(self.atom)
-            yield from solve(view, terms, arrange(rest, (), self.atom.variables), env)
+            yield from solve(view, terms, self.bare_steps, env)
+
+    @cached_property
+    def bare_steps(self) -> tuple[Step, ...]:
+        """The other atoms alone, in matching order."""
+        rest = list(self.rule.body)
+        rest.remove(self.atom)
+        return arrange(rest, (), self.atom.variables)
+
+    @cached_property
+    def is_bound_by_atoms(self) -> bool:
+        """Whether the atoms alone determine the head."""
+        head = self.rule.head
+        return head is not None and head.variables <= {
+            v for atom in self.rule.body for v in atom.variables
+        }
 
 
 @dataclass(frozen=True)
@@ -70,6 +83,30 @@ class AbsenceTrigger:
         atoms = [*self.rule.body, *(a for group in self.path for a in group.atoms)]
         atoms.remove(self.atom)
         return arrange(atoms, (), self.atom.variables)
+
+    @property
+    def is_negative(self) -> bool:
+        """Whether a fact that matches speaks against the rule, and not for it."""
+        return len(self.path) % 2 == 1
+
+    @cached_property
+    def steps_below_head(self) -> tuple[Step, ...]:
+        """The other atoms, where the head is bound: what holds leads to few bindings."""
+        assert self.rule.head is not None
+        atoms = [*self.rule.body, *(a for group in self.path for a in group.atoms)]
+        atoms.remove(self.atom)
+        return arrange(atoms, (), self.atom.variables | self.rule.head.variables)
+
+    def held(self, base: View, view: View, terms: Dictionary, fact: Fact) -> Iterator[Fact]:
+        """Yield conclusions in `base` that a fact may speak against."""
+        head = self.rule.head
+        env = self.rule.environment()
+        if head is None or not bind(self.atom, fact, terms, env):
+            return
+        for found in solve(base, terms, (head,), env):
+            conclusion = self.rule.conclude(found)
+            if next(solve(view, terms, self.steps_below_head, list(found)), None) is not None:
+                yield conclusion
 
     def candidates(self, view: View, terms: Dictionary, fact: Fact) -> Iterator[list[int | None]]:
         """Yield bindings of the rule's body whose truth the fact may have changed."""
