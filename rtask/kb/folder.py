@@ -78,9 +78,14 @@ def find(folder: Path, mode: str) -> Settings | None:
         if mode == "new":
             raise StoreFormatError(f"{folder} is a knowledge base already; open it with mode='rw'")
         return Settings.load(folder)
-    if mode == "r" or (folder.is_dir() and any(folder.iterdir())):
+    if mode == "r" or (folder.is_dir() and any(map(_is_kept, folder.iterdir()))):
         return Settings.load(folder)
     return None
+
+
+def _is_kept(path: Path) -> bool:
+    """Whether a folder that holds this is in use; a crash while making one leaves the other."""
+    return path.name != "kb.tmp"
 
 
 def make(folder: Path, settings: Settings) -> None:

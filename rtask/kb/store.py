@@ -72,11 +72,15 @@ class GraphStore:
         value: Term | None,
         graph: Graph | None = None,
     ) -> Iterator[Quad]:
-        """Yield the quads that fit; consume them in this thread."""
-        found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+        """Yield the quads that fit; consume them in this thread.
+
+        Read to its end, the iterator lets the store go.
+        """
         if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
-            return found
-        return _fitting(found, subject, value, graph)
+            yield from self.raw.quads_for_pattern(subject, predicate, value, graph)
+            return
+        found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+        yield from _fitting(found, subject, value, graph)
 
     def named_graphs(self) -> Iterator[Graph]:
         """Yield the names of the named graphs, empty ones included."""

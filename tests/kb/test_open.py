@@ -166,3 +166,9 @@ def test_an_unclosed_folder_warns_and_an_error_does_not_keep_it_locked(tmp_path:
         kb.__del__()
     kb.close()
     assert [w.category for w in seen] == [ResourceWarning]
+
+
+def test_a_folder_whose_making_was_interrupted_can_be_made(tmp_path: Path) -> None:
+    (tmp_path / "kb.tmp").write_text("{")
+    rtask.open(tmp_path, ontologies=False, reason=False).close()
+    rtask.open(tmp_path, mode="r", ontologies=False, reason=False).close()
