@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from pyoxigraph import RdfFormat
 
+from rtask.kb.objects import Objects
 from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
+from rtask.kb.standing import RowChange, require_select
+from rtask.kb.subscriptions import Subscription
 from rtask.kb.terms import NamedNode
 from rtask.kb.watching import Watching
 
@@ -21,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["KnowledgeBase"]
 
 
-class KnowledgeBase(Reading, Watching, Reasoning):
+class KnowledgeBase(Reading, Watching, Reasoning, Objects):
     """A graph that robots share; made by :func:`rtask.open`.
 
     Reading is possible from any thread, writing is one commit at a time. Use it as a context
@@ -46,6 +50,35 @@ class KnowledgeBase(Reading, Watching, Reasoning):
                 self._inference.closure()
         if self.readers.possible:
             self.readers.start()
+
+    def subscribe_query(
+        self,
+        text: str,
+        *,
+        timeout_s: float = 5.0,
+        on_ready: Callable[[], None] | None = None,
+        **options: Any,
+    ) -> Subscription[RowChange]:
+        """Follow the rows of a SELECT: those of now, then what comes and goes.
+
+        It is asked again after commits that touch a predicate it names, once for several commits
+        in quick succession.
+
+        Parameters
+        ----------
+        timeout_s
+            For each evaluation.
+        options
+            As in :meth:`query`.
+
+        Raises
+        ------
+        TooLargeError
+            More than 1,000 rows; also later, from the subscription.
+        """
+        require_select(text)
+        options["timeout_s"] = timeout_s
+        return self.standing.add(text, partial(self.select, text, **options), on_ready)
 
     def stats(self) -> dict[str, Any]:
         """Return counts: distinct triples, asserted and inferred statements, graphs, commits."""
@@ -93,7 +126,9 @@ class KnowledgeBase(Reading, Watching, Reasoning):
         if not self.store.is_open:
             return
         self._writer.close()
+        self.feed.close()
         self.readers.close()
+        self.standing.close()
         if self._writer.committer.interrupted:
             self._files.abandon()
         else:

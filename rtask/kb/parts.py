@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from rtask.kb.catalogue import Catalogue
+from rtask.kb.feed import Feed
 from rtask.kb.folder import Files
 from rtask.kb.inference import Inference
+from rtask.kb.journal import JournalFile
 from rtask.kb.readers import Readers
+from rtask.kb.standing import StandingQueries
 from rtask.kb.writer import Writer
 
 __all__ = ["Parts"]
@@ -40,6 +43,12 @@ class Parts:
             frozen=files.checkpoints is None,
         )
         files.store.followers.append(self.readers.stored)
+        journal = files.journal if isinstance(files.journal, JournalFile) else None
+        last_seq = writer.committer.last_seq
+        self.feed = Feed(self.epoch, files.store, catalogue, journal, self.plain, last_seq)
+        self.standing = StandingQueries(lambda: self.feed.last_seq, self.feed.position)
+        writer.listen(self.feed.announce)
+        writer.listen(self.standing.announce)
 
     @property
     def base(self) -> str:
@@ -50,6 +59,11 @@ class Parts:
     def plain(self) -> bool:
         """Whether this is a bare SPARQL dataset: no union, inference or provenance."""
         return self.settings.plain
+
+    @property
+    def epoch(self) -> str:
+        """Under which the commits are numbered; another one after a backup was restored."""
+        return self.settings.epoch
 
     @property
     def seq(self) -> int:

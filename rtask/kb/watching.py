@@ -7,6 +7,7 @@ from collections.abc import Callable
 from rtask.kb.commit import Change
 from rtask.kb.history import HistoryEntry, history, matcher
 from rtask.kb.parts import Parts
+from rtask.kb.subscriptions import QUEUE, Filter, Subscription
 from rtask.kb.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
 
 __all__ = ["Watching"]
@@ -23,6 +24,57 @@ class Watching(Parts):
         A function that ends it.
         """
         return self._writer.listen(listener)
+
+    def subscribe(
+        self,
+        subject: Subject | str | None = None,
+        predicate: NamedNode | str | None = None,
+        value: Value | None = None,
+        graph: NamedNode | str | None = None,
+        *,
+        cls: NamedNode | str | None = None,
+        inferred: bool = True,
+        once: bool = False,
+        since: int | str | None = None,
+        size: int = QUEUE,
+        on_ready: Callable[[], None] | None = None,
+    ) -> Subscription[Change]:
+        """Follow the commits that touch matching statements, in order, after they are stored.
+
+        Parameters
+        ----------
+        subject, predicate, value, graph
+            What is followed; ``None`` fits everything.
+        cls
+            Statements about instances of a class, derived ones included.
+        inferred
+            Whether derived statements count.
+        once
+            End after the first.
+        since
+            Begin after this commit: its number, or ``epoch:number`` as in
+            :meth:`Feed.position <rtask.kb.feed.Feed.position>`; without it, with the next one.
+        size
+            How much may wait to be read.
+        on_ready
+            Called from the writer's thread when something has come; see :class:`Subscription`.
+
+        Raises
+        ------
+        GoneError
+            The commits after ``since`` are no longer kept.
+        EpochChangedError
+            ``since`` names commits of before a restored backup.
+        """
+        wanted = Filter(
+            None if subject is None else subject_term(subject),
+            None if predicate is None else iri(predicate),
+            None if value is None else stored(object_term(value)),
+            None if graph is None else iri(graph),
+            None if cls is None else iri(cls),
+            inferred,
+        )
+        return self.feed.subscribe(wanted, since=since, once=once, size=size, on_ready=on_ready)
 
     def history(
         self,

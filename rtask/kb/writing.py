@@ -19,7 +19,6 @@ from rtask.kb.transaction import Transaction
 if TYPE_CHECKING:
     from rtask.kb.knowledge_base import KnowledgeBase
     from rtask.loader.load import LoadReport
-    from rtask.model.session import Session
 
 __all__ = ["Writing"]
 
@@ -117,9 +116,3 @@ class Writing(Parts):
             return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
         finally:
             self.readers.invalidate()
-
-    def session(self, agent: str | None = None) -> Session:
-        """Return a unit of work over Python objects; see :mod:`rtask.model`."""
-        from rtask.model.session import Session
-
-        return Session(cast("KnowledgeBase", self), agent)
