@@ -47,6 +47,7 @@ _WHERE = _options(
     ),
     data_option,
     click.option("--temp", is_flag=True, help="Keep everything in memory; gone at the end."),
+    click.option("--store", default="", metavar="URL", help="Store at another SPARQL 1.1 server."),
     click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at."),
     click.option("-p", "--port", default=8765, show_default=True, help="0 takes any free port."),
     click.option("--public-url", default="", metavar="URL", help="Address that clients use."),
@@ -149,7 +150,9 @@ def _use_file(context: click.Context, parameter: click.Parameter, file: Path | N
 @_OTHERS
 @_LIMITS
 @_LOGS
-def serve(data: Path, temp: bool, port: int, flush: str, log_level: str, **options: Any) -> None:
+def serve(
+    data: Path, temp: bool, store: str, port: int, flush: str, log_level: str, **options: Any
+) -> None:
     """Serve a knowledge base: SPARQL, robots, pages.
 
     Each option is also an environment variable (--max-rows: RTASK_MAX_ROWS) and a line of the
@@ -158,26 +161,33 @@ def serve(data: Path, temp: bool, port: int, flush: str, log_level: str, **optio
     import rtask
     from endpoint import server
     from endpoint.log import LineWriter, log_as_json
+    from endpoint.remote_store import EngineElsewhere, RemoteStore
     from endpoint.rosbridge.services import NoEngine
     from endpoint.tokens import TokenStore
     from rtask.engine import Engine
 
     config = _config(options)
-    folder = None if temp else data
+    folder = None if temp or store else data
     with ExitStack() as stack:
         writer = stack.enter_context(closing(LineWriter()))
         log_as_json(writer, log_level)
         # The port comes first: who starts a second server hears of it before a store is opened.
         listener = stack.enter_context(closing(server.listen(config.host, port)))
-        where = folder or ":memory:"
-        kb = stack.enter_context(rtask.open(where, plain=config.plain, flush=flush))
+        kb: Any
+        if store:
+            kb = stack.enter_context(RemoteStore(store, os.environ.get("RTASK_STORE_TOKEN")))
+        else:
+            where = folder or ":memory:"
+            kb = stack.enter_context(rtask.open(where, plain=config.plain, flush=flush))
         tokens = stack.enter_context(closing(TokenStore(folder)))
         server.check_exposure(tokens, config)
-        engine = NoEngine() if config.plain else stack.enter_context(Engine(kb))
+        engine: Any = EngineElsewhere() if store else NoEngine()
+        if not store and not config.plain:
+            engine = stack.enter_context(Engine(kb))
 
         def ready(url: str) -> None:
             kb.publish(url=url)
-            click.echo(f"ready {url} data {folder or 'in memory'}")
+            click.echo(f"ready {url} data {store or folder or 'in memory'}")
 
         lines = writer if log_level in ("debug", "info") else None
         parts = server.Parts(kb, engine, tokens, config, lines)
@@ -250,7 +260,7 @@ def create(
         raise UsageError("say --robot NAME, or --role with one of reader, teacher, admin")
     from endpoint.tokens import parse_lifetime
 
-    lifetime = parse_lifetime(expires) if expires else None
+    lifetime = parse_lifetime(expires, "--expires ") if expires else None
     with closing(_tokens(data, make=True)) as tokens:
         text, made = tokens.create(role, agent=robot or name, lifetime=lifetime)
     _told(data, "token-created", made.id, role=made.role, agent=made.agent, expires=made.expires)

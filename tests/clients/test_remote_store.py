@@ -1,0 +1,179 @@
+"""A store on another machine: this server before a real `oxigraph serve`, killed under load."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from endpoint.testing import RunningServer, running_server
+
+BINARY = shutil.which("oxigraph", path=str(Path(sys.executable).parent)) or shutil.which("oxigraph")
+pytestmark = pytest.mark.skipif(BINARY is None, reason="the program oxigraph is not installed")
+
+
+class Oxigraph:
+    """An `oxigraph serve` process that can be killed and started again at its port."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self.process: subprocess.Popen[bytes] | None = None
+        self.start()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    @property
+    def address(self) -> str:
+        return f"sparql+{self.url}/?query=/query&update=/update"
+
+    def start(self) -> None:
+        assert BINARY is not None
+        self.process = subprocess.Popen(
+            [BINARY, "serve", "-l", str(self._folder), "-b", f"127.0.0.1:{self.port}"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        deadline = time.monotonic() + 30
+        while True:
+            with contextlib.suppress(httpx.TransportError):
+                httpx.get(self.url, timeout=1)
+                return
+            assert time.monotonic() < deadline, "oxigraph does not answer"
+            time.sleep(0.02)
+
+    def kill(self) -> None:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+
+@pytest.fixture
+def oxigraph(tmp_path: Path) -> Iterator[Oxigraph]:
+    running = Oxigraph(tmp_path / "oxigraph")
+    yield running
+    running.kill()
+
+
+@pytest.fixture
+def fronted(oxigraph: Oxigraph) -> Iterator[RunningServer]:
+    with running_server(None, "--store", oxigraph.address) as server:
+        yield server
+
+
+def test_what_passes_through_and_what_needs_the_embedded_store(
+    oxigraph: Oxigraph, fronted: RunningServer
+) -> None:
+    with httpx.Client(base_url=fronted.url, timeout=30) as client:
+        update = {"update": "INSERT DATA { <urn:s> <urn:p> 1, 2 }"}
+        assert client.post("/update", data=update).status_code == 204
+        json_type = {"Accept": "application/sparql-results+json"}
+        ask = {"query": "SELECT ?o { <urn:s> <urn:p> ?o } ORDER BY ?o"}
+        answer = client.get("/sparql", params=ask, headers=json_type)
+        assert [r["o"]["value"] for r in answer.json()["results"]["bindings"]] == ["1", "2"]
+        # Somebody else writes to the other server: no answer is taken for known.
+        httpx.post(f"{oxigraph.url}/update", data={"update": "INSERT DATA { <urn:s> <urn:p> 3 }"})
+        etag = {"If-None-Match": answer.headers["etag"], **json_type}
+        again = client.get("/sparql", params=ask, headers=etag)
+        assert again.status_code == 200
+        assert len(again.json()["results"]["bindings"]) == 3
+        graph = client.get("/sparql", params={"query": "CONSTRUCT WHERE { ?s ?p ?o }"},
+                           headers={"Accept": "text/turtle"})  # fmt: skip
+        assert "urn:s" in graph.text
+        assert client.get("/health/ready").status_code == 200
+        assert client.get("/health/live").status_code == 200
+        needs: list[tuple[str, str, dict[str, Any]]] = [
+            ("POST", "/engine/search_object", {"json": {"data": "eA=="}}),
+            ("GET", f"/api/blobs/{'0' * 64}", {}),
+            ("PUT", "/store?graph=urn:g", {"content": b"", "headers": {
+                "Content-Type": "text/turtle"}}),
+        ]  # fmt: skip
+        for method, path, options in needs:
+            refused = client.request(method, path, **options)
+            assert (refused.status_code, path) == (501, path), refused.text
+            assert "needs the embedded store" in refused.json()["detail"]
+        assert client.get("/sparql", params={"query": "SELECT nonsense"}).status_code == 400
+
+
+def test_the_store_is_killed_and_restarted_under_load(
+    oxigraph: Oxigraph, fronted: RunningServer
+) -> None:
+    """Reads fail or wait, no update runs twice, acknowledged ones stay, no restart is needed."""
+    stop = threading.Event()
+    acknowledged: list[int] = []
+    statuses: list[int] = []
+
+    def write() -> None:
+        with httpx.Client(base_url=fronted.url, timeout=30) as client:
+            for number in range(100_000):
+                if stop.is_set():
+                    return
+                text = (
+                    "INSERT { <urn:n> <urn:is> ?next } WHERE "
+                    f"{{ BIND(CONCAT('{number}-', STRUUID()) AS ?next) }}"
+                )
+                done = client.post("/update", data={"update": text})
+                statuses.append(done.status_code)
+                if done.status_code == 204:
+                    acknowledged.append(number)
+
+    def read() -> None:
+        with httpx.Client(base_url=fronted.url, timeout=30) as client:
+            while not stop.is_set():
+                params = {"query": "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }", "timeout": "5"}
+                statuses.append(client.get("/sparql", params=params).status_code)
+
+    threads = [threading.Thread(target=target) for target in (write, read, read)]
+    for thread in threads:
+        thread.start()
+    for _ in range(3):
+        time.sleep(0.4)
+        oxigraph.kill()
+        time.sleep(0.3)
+        oxigraph.start()
+    before = len(acknowledged)
+    deadline = time.monotonic() + 30
+    while len(acknowledged) < before + 5 and time.monotonic() < deadline:
+        time.sleep(0.02)
+    stop.set()
+    for thread in threads:
+        thread.join(40)
+    assert len(acknowledged) >= before + 5  # it went on by itself
+    assert set(statuses) <= {200, 204, 503, 504}, sorted(set(statuses))
+    rows = httpx.get(
+        f"{fronted.url}/sparql",
+        params={"query": "SELECT ?o { <urn:n> <urn:is> ?o }"},
+        headers={"Accept": "application/sparql-results+json"},
+    ).json()["results"]["bindings"]
+    stored = [int(row["o"]["value"].split("-")[0]) for row in rows]
+    assert len(stored) == len(set(stored))  # each update makes a new value: none ran twice
+    # A killed process cannot lose what the system has taken over.
+    assert set(acknowledged) <= set(stored)
+
+
+def test_a_robot_hears_over_the_websocket_too_what_is_not_possible(
+    fronted: RunningServer,
+) -> None:
+    import json
+
+    from websockets.sync.client import connect
+
+    with connect(fronted.websocket) as robot:
+        robot.send(json.dumps({"op": "call_service", "service": "/rtask/search_object"}))
+        answer = json.loads(robot.recv(timeout=20))
+    assert answer["result"] is False
+    assert "needs the embedded store" in answer["values"]
