@@ -27,6 +27,8 @@ from endpoint.operations import plan_operation
 from endpoint.operators import Operators
 from endpoint.problems import problem, slug_of
 from endpoint.protocol import run as protocol
+from endpoint.protocol.answers import Answers, SlowerThanItLooksError
+from endpoint.protocol.lookups import Lookups
 from endpoint.protocol.plan import Plan
 from endpoint.protocol.request import (
     METHODS,
@@ -43,7 +45,7 @@ from endpoint.resources.blobs import plan_blob
 from endpoint.rosbridge.services import Engine
 from endpoint.tokens import TokenStore
 from endpoint.versions import Versions
-from rtask.errors import AccessError
+from rtask.errors import AccessError, RtaskError, TooLargeError
 from rtask.kb.knowledge_base import KnowledgeBase
 
 _PROTOCOL = {
@@ -52,6 +54,8 @@ _PROTOCOL = {
     "/update": (UPDATE,),
 }
 THREADS = 32
+POINT_THREADS = 8
+MAX_WHOLE_BYTES = 64 << 20
 MAX_ABANDONED = 16
 _OPERATORS = ("/metrics", "/queries", "/api/history")
 _EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS, *DESCRIPTIONS))
@@ -119,13 +123,16 @@ class Gateway:
         self.versions = Versions(kb)
         self._report = Report(self.metrics, self.audit, config, kb, writer)
         self._limiter = Limiter(config.rate, config.write_rate, config.max_in_flight)
-        self._store = graph_store.GraphStore(kb, self.auth, config, self.versions)
+        answers = Answers(kb, config)
+        self._store = graph_store.GraphStore(kb, self.auth, config, self.versions, answers)
         self._operators = Operators(self)
         self._keys = IdempotencyKeys()
         # What runs long has threads of its own, so that a write or a health check never waits
         # behind queries.
         self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
         self.query_pool = ThreadPoolExecutor(config.max_queries, thread_name_prefix="query")
+        self.point_pool = ThreadPoolExecutor(POINT_THREADS, thread_name_prefix="point")
+        self._asked = protocol.Asked(answers, Lookups(kb), self.versions)
         self._abandoned: set[Future[Response]] = set()
         self.more_gauges: dict[str, Callable[[], float]] = {}
         self._stop_listening = kb.on_commit(self._report.commit)
@@ -151,12 +158,29 @@ class Gateway:
             self.end(job)
             raise
         if response.chunks is not None:
-            # Nobody tells when a WSGI server has sent the last piece; the answer is read here.
-            response = replace(response, body=response.body + b"".join(response.chunks))
-            response = replace(response, chunks=None)
+            response = self._read_whole(job, response)
         self.end(job)
         self.report(job, response, len(response.body))
         return response
+
+    def _read_whole(self, job: Job, response: Response) -> Response:
+        """Read an answer: nobody tells when a WSGI server has sent the last piece."""
+        assert response.chunks is not None
+        pieces, size = [response.body], len(response.body)
+        try:
+            for piece in response.chunks:
+                pieces.append(piece)
+                size += len(piece)
+                if size > MAX_WHOLE_BYTES:
+                    raise TooLargeError(
+                        f"the answer is above {MAX_WHOLE_BYTES} bytes; add a LIMIT",
+                        limit=MAX_WHOLE_BYTES,
+                    )
+        except RtaskError as error:
+            return self._finish(self._problem(error, job), job.request)
+        finally:
+            response.chunks.close()
+        return replace(response, body=b"".join(pieces), chunks=None)
 
     def admit(self, request: Request) -> Job:
         """Understand a request; never raises, errors are answers."""
@@ -175,13 +199,42 @@ class Gateway:
 
     def submit(self, job: Job) -> Future[Response]:
         """Start the work of a request in a thread that suits it."""
+        if job.plan.lane == "point":
+            return self._submit_point(job)
         pool = self.query_pool if job.plan.lane == "query" else self.pool
         return pool.submit(self.run, job)
+
+    def _submit_point(self, job: Job) -> Future[Response]:
+        """Start a query that looks quick; if it is not, it goes on among the long ones."""
+        answer: Future[Response] = Future()
+
+        def first() -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
+            try:
+                answer.set_result(self.run(job))
+            except SlowerThanItLooksError:
+                assert job.plan.again is not None
+                job.plan = replace(job.plan, run=job.plan.again, lane="query", again=None)
+                self.query_pool.submit(second)
+            except BaseException as error:  # noqa: BLE001 - the future carries it
+                answer.set_exception(error)
+
+        def second() -> None:
+            try:
+                answer.set_result(self.run(job))
+            except BaseException as error:  # noqa: BLE001 - the future carries it
+                answer.set_exception(error)
+
+        self.point_pool.submit(first)
+        return answer
 
     def run(self, job: Job) -> Response:
         """Do the work of a request; never raises."""
         try:
             response = job.plan.run()
+        except SlowerThanItLooksError:
+            raise
         except Exception as error:  # noqa: BLE001 - every error is an answer
             response = self._problem(error, job)
         return self._finish(compressed(response, job.request), job.request)
@@ -192,9 +245,14 @@ class Gateway:
             self._abandoned.add(work)
             work.add_done_callback(self._abandon)
         self.metrics.count("rtask_query_aborted_total", reason="timeout")
-        return self._finish(
-            problem(protocol.timed_out(job.plan, self.config), job.request.id), job.request
-        )
+        return self._finish(problem(self._timed_out(job), job.request.id), job.request)
+
+    def _timed_out(self, job: Job) -> RefusedError:
+        running, seconds = job.plan.running, job.plan.timeout_s
+        if running is not None:
+            running.stop()
+            seconds = running.timeout_s
+        return protocol.timed_out(seconds or self.config.timeout_s, self.config)
 
     def _abandon(self, work: Future[Response]) -> None:
         self._abandoned.discard(work)
@@ -232,7 +290,8 @@ class Gateway:
         """
         self.queries.stop_all()
         stuck = any(not work.done() for work in self._abandoned)
-        self.query_pool.shutdown(wait=not stuck, cancel_futures=True)
+        for pool in (self.query_pool, self.point_pool):
+            pool.shutdown(wait=not stuck, cancel_futures=True)
         self.pool.shutdown(wait=not stuck, cancel_futures=True)
         self._stop_listening()
         self.versions.close()
@@ -245,7 +304,7 @@ class Gateway:
             self.metrics.count("rtask_rate_limited_total")
         if isinstance(error, AccessError):
             self.note_denied(job.request, job.caller, response.status, str(error))
-        if job.plan.lane == "query":
+        if job.plan.running is not None:
             self.metrics.count("rtask_query_total", form=job.plan.form, outcome=slug_of(error))
         return response
 
@@ -289,6 +348,7 @@ class Gateway:
             self._admit_write(caller)
         if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
             job.plan = self._store.plan(request, caller)
+            self._list(job)
         elif address.startswith("/engine/"):
             job.plan = plan_operation(self.engine, self.auth, request, caller, self._keys)
         elif address in DESCRIPTIONS:
@@ -348,8 +408,10 @@ class Gateway:
                     f"{MAX_ABANDONED} queries that took too long still run; try again later",
                     headers=(("Retry-After", "30"),),
                 )
-            job.plan = plan = protocol.plan_query(
-                self.kb, operation, request, caller, self.config, self.versions
-            )
-            if plan.running is not None:
-                job.leave.append(self.queries.begin(plan.running))
+            job.plan = protocol.plan_query(operation, request, caller, self.config, self._asked)
+            self._list(job)
+
+    def _list(self, job: Job) -> None:
+        """List what may run long, so that it can be seen and stopped."""
+        if job.plan.running is not None:
+            job.leave.append(self.queries.begin(job.plan.running))

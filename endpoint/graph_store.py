@@ -6,7 +6,7 @@ else the caller's own graph or the shared one. What is put there is what is read
 
 from __future__ import annotations
 
-import io
+import tempfile
 import uuid
 from dataclasses import dataclass
 from email.parser import BytesParser
@@ -16,11 +16,14 @@ from pathlib import PurePosixPath
 from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
 
 from endpoint.auth import Authenticator, Caller
+from endpoint.compression import wants_gzip
 from endpoint.config import Config
 from endpoint.exchange import RefusedError, Request, Response, split_media_type
 from endpoint.protocol import negotiation
+from endpoint.protocol.answers import GRACE_S, Answers, FilePieces, Question
 from endpoint.protocol.plan import Plan
-from endpoint.protocol.request import absolute_iri
+from endpoint.protocol.request import QueryRequest, absolute_iri
+from endpoint.queries import RunningQuery
 from endpoint.versions import Versions, is_known, names
 from rtask.errors import VersionConflictError
 from rtask.kb.knowledge_base import KnowledgeBase
@@ -72,15 +75,23 @@ class GraphStore:
         Public address and profile.
     versions
         Since when a graph is as it is.
+    answers
+        Reads whole graphs.
     """
 
     def __init__(
-        self, kb: KnowledgeBase, auth: Authenticator, config: Config, versions: Versions
+        self,
+        kb: KnowledgeBase,
+        auth: Authenticator,
+        config: Config,
+        versions: Versions,
+        answers: Answers,
     ) -> None:
         self._kb = kb
         self._auth = auth
         self._config = config
         self._versions = versions
+        self._answers = answers
 
     def plan(self, request: Request, caller: Caller) -> Plan:
         """Prepare a request.
@@ -99,7 +110,7 @@ class GraphStore:
             )
         graph = self._target(request, caller)
         if request.method in ("GET", "HEAD"):
-            return self._plan_read(request, graph)
+            return self._plan_read(request, caller, graph)
         self._auth.require_write(request, caller)
         if request.method == "DELETE":
             return Plan(lambda: self._delete(request, caller, graph))
@@ -123,9 +134,12 @@ class GraphStore:
 
     # Reading
 
-    def _plan_read(self, request: Request, graph: Graph | None) -> Plan:
+    def _plan_read(self, request: Request, caller: Caller, graph: Graph | None) -> Plan:
         offers = negotiation.DATASET_TYPES if graph is None else negotiation.GRAPH_TYPES
         media_type = negotiation.choose(request.header("accept"), offers)
+        timeout_s = self._config.effective_timeout(None, caller.access.role)
+        text = f"CONSTRUCT {{ ?s ?p ?o }} WHERE {_pattern(graph)}"
+        running = RunningQuery(request.id, caller, text, timeout_s)
 
         def run() -> Response:
             if graph is not None and not self._exists(graph):
@@ -134,17 +148,33 @@ class GraphStore:
             headers = (("ETag", etag),)
             if is_known(request, etag):
                 return Response(304, headers=headers)
-            body = self._read(graph, media_type)
-            return Response(200, body, negotiation.content_type(media_type), headers)
+            content_type = negotiation.content_type(media_type)
+            if request.method == "HEAD":
+                return Response(200, b"", content_type, headers)
+            if graph is None:
+                return Response(200, b"", content_type, headers, self._dump(media_type))
+            question = Question(
+                QueryRequest(text),
+                media_type,
+                wants_gzip(request),
+                headers,
+                running,
+                running.started + timeout_s,
+            )
+            return self._answers.open(question, point=False)
 
-        return Plan(run, self._config.timeout_s)
+        return Plan(run, timeout_s + GRACE_S, "query", "GRAPH", text, running)
 
-    def _read(self, graph: Graph | None, media_type: str) -> bytes:
-        if graph is None:
-            out = io.BytesIO()
-            self._kb.dump(out, RdfFormat.from_media_type(media_type))
-            return out.getvalue()
-        return self._kb.serialize(f"CONSTRUCT {{ ?s ?p ?o }} WHERE {_pattern(graph)}", media_type)
+    def _dump(self, media_type: str) -> FilePieces:
+        """Write all graphs to a file that is gone when it has been sent."""
+        file = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the pieces
+        try:
+            self._kb.dump(file, RdfFormat.from_media_type(media_type))
+        except BaseException:
+            file.close()
+            raise
+        file.seek(0)
+        return FilePieces(file)
 
     def _exists(self, graph: Graph) -> bool:
         """Tell whether a graph is there, empty ones included; the default graph always is."""
@@ -282,7 +312,9 @@ def _format(media_type: str) -> str:
     return found
 
 
-def _pattern(graph: Graph) -> str:
+def _pattern(graph: Graph | None) -> str:
+    if graph is None:
+        return "{ GRAPH ?g { ?s ?p ?o } }"
     if isinstance(graph, DefaultGraph):
         return "{ ?s ?p ?o }"
     return f"{{ GRAPH <{graph.value}> {{ ?s ?p ?o }} }}"

@@ -71,7 +71,7 @@ class Report:
         """
         seconds = time.perf_counter() - started
         self._metrics.request(request.raw_path, request.method, response.status, seconds)
-        if plan.lane == "query" and response.status < 400:
+        if plan.form not in ("", "UPDATE") and response.status < 400:
             outcome = "ok" if whole else "broken-off"
             self._metrics.count("rtask_query_total", form=plan.form, outcome=outcome)
         if self._writer is None:

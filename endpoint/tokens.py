@@ -312,8 +312,8 @@ class TokenStore:
             connection.close()
 
 
-def parse_lifetime(text: str) -> timedelta:
-    """Read a lifetime in hours, days or weeks.
+def parse_lifetime(text: str, what: str = "") -> timedelta:
+    """Read a lifetime in hours, days or weeks; errors begin with `what`.
 
     Examples
     --------
@@ -327,7 +327,9 @@ def parse_lifetime(text: str) -> timedelta:
     """
     match = _LIFETIME.fullmatch(text)
     if not match or int(match.group(1)) > 876_000:
-        raise UsageError(f"{text!r} is no lifetime: hours, days or weeks are wanted: 12h, 30d, 4w")
+        raise UsageError(
+            f"{what}{text!r} is no lifetime: hours, days or weeks are wanted: 12h, 30d, 4w"
+        )
     return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
 
 

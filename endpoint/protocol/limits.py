@@ -54,11 +54,11 @@ def checked_form(text: str, limits: Limits, *, update: bool = False) -> str:
     Raises
     ------
     TooLargeError
-        Longer, or nested deeper, than allowed.
+        Longer than allowed.
     QuerySyntaxError
         Characters that begin no token.
     RefusedError
-        400, naming the limit.
+        400, naming the limit: nested too deep, too many patterns and the like.
 
     Examples
     --------
@@ -68,7 +68,10 @@ def checked_form(text: str, limits: Limits, *, update: bool = False) -> str:
     kind, allowed = ("update", limits.update_bytes) if update else ("query", limits.query_bytes)
     if len(text) > allowed:
         raise TooLargeError(f"the {kind} is longer than {allowed} bytes", limit=allowed)
-    tokens = tokenise(text)
+    try:
+        tokens = tokenise(text)
+    except TooLargeError as error:
+        raise RefusedError(400, "query-too-complex", str(error), **error.details) from None
     _check(_count(tokens), limits)
     first = tokens[min(body_start(tokens), len(tokens) - 1)].text.upper()
     return first if first in QUERY_FORMS else ""

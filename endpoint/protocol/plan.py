@@ -20,11 +20,14 @@ class Plan:
     timeout_s
         How long it may take; none where it must not be given up half-way.
     lane
-        ``loop`` takes no time, ``query`` may take long, ``work`` is everything else.
+        ``loop`` takes no time, ``point`` is a query that looks quick, ``query`` any other,
+        ``work`` is everything else.
     form, text
         Of SPARQL requests, for the log.
     running
         What is listed, and can be stopped, while it runs.
+    again
+        Does the work in the lane ``query`` if it turns out not to be quick.
     """
 
     run: Callable[[], Response]
@@ -33,6 +36,7 @@ class Plan:
     form: str = ""
     text: str = ""
     running: RunningQuery | None = None
+    again: Callable[[], Response] | None = None
 
     @staticmethod
     def ready(response: Response) -> Plan:

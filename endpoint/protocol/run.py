@@ -3,33 +3,43 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from functools import lru_cache
 
 from endpoint.auth import Caller
+from endpoint.compression import wants_gzip
 from endpoint.config import Config
 from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
 from endpoint.protocol import negotiation
+from endpoint.protocol.answers import GRACE_S, Answers, Question
 from endpoint.protocol.description import MAX_NAMED_GRAPHS, describe
+from endpoint.protocol.lanes import is_lookup, is_point
 from endpoint.protocol.limits import Limits, checked_form
+from endpoint.protocol.lookups import Lookups
 from endpoint.protocol.plan import Plan
 from endpoint.protocol.request import QueryRequest, UpdateRequest
 from endpoint.queries import RunningQuery
 from endpoint.versions import Versions, is_known
-from rtask.errors import DataError, QuerySyntaxError
+from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.services import without_services
 
 _CACHED_TEXT = 16_384
-# XML 1.0 has no way to write these; the store writes them raw.
-_CONTROL = bytes(code for code in range(32) if code not in (9, 10, 13))
-_XML_SAFE = bytes.maketrans(_CONTROL, b"?" * len(_CONTROL))
-_XML_TYPES = (negotiation.RESULTS_XML, negotiation.RDF_XML)
 _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"
 
 
 @lru_cache(maxsize=512)
 def _known_form(text: str, limits: Limits) -> str:
     return checked_form(text, limits)
+
+
+@lru_cache(maxsize=2_048)
+def _known_lane(text: str) -> str:
+    return "point" if is_point(text) else "query"
+
+
+def _lane(text: str) -> str:
+    return _known_lane(text) if len(text) <= _CACHED_TEXT else "query"
 
 
 def _form(text: str, limits: Limits) -> str:
@@ -39,13 +49,17 @@ def _form(text: str, limits: Limits) -> str:
     return _known_form(text, limits)
 
 
+@dataclass(frozen=True)
+class Asked:
+    """Who answers queries: readers, the store at hand for look-ups, or the client's own cache."""
+
+    answers: Answers
+    lookups: Lookups
+    versions: Versions
+
+
 def plan_query(
-    kb: KnowledgeBase,
-    query: QueryRequest,
-    request: Request,
-    caller: Caller,
-    config: Config,
-    versions: Versions,
+    query: QueryRequest, request: Request, caller: Caller, config: Config, asked: Asked
 ) -> Plan:
     """Prepare a query: limits, format, dataset, and whether the client knows the answer already.
 
@@ -56,7 +70,8 @@ def plan_query(
     QuerySyntaxError
         The text is no query.
     """
-    form = _form(query.text, config.limits)
+    lookup = is_lookup(query.text)
+    form = "SELECT" if lookup else _form(query.text, config.limits)
     if not form:
         raise QuerySyntaxError(
             "this is no query: SELECT, ASK, CONSTRUCT or DESCRIBE is wanted; "
@@ -65,7 +80,7 @@ def plan_query(
     offers = negotiation.SOLUTION_TYPES if form in ("SELECT", "ASK") else negotiation.GRAPH_TYPES
     media_type = negotiation.choose(request.header("accept"), offers)
     content_type = negotiation.content_type(media_type)
-    etag = versions.of_query(
+    etag = asked.versions.of_query(
         query.text,
         query.default_graphs,
         query.named_graphs,
@@ -82,30 +97,45 @@ def plan_query(
     if request.method == "HEAD":
         return Plan.ready(Response(200, b"", content_type, headers))
     running = RunningQuery(request.id, caller, query.text, timeout_s)
+    question = Question(
+        query,
+        media_type,
+        wants_gzip(request),
+        headers,
+        running,
+        running.started + timeout_s,
+    )
+    if lookup and query.inferred and not (query.default_graphs or query.named_graphs):
+        found = asked.lookups.try_now(question)
+        if found is not None:
+            return Plan(lambda: found, None, "loop", form, query.text)
 
-    def run() -> Response:
+    lane = "point" if lookup else _lane(query.text)
+
+    def run(point: bool = lane == "point") -> Response:
         try:
-            body = kb.serialize(
-                query.text,
-                media_type,
-                inferred=query.inferred,
-                default_graphs=query.default_graphs or None,
-                named_graphs=query.named_graphs or None,
-                base=query.base,
-            )
-        except RuntimeError as error:
-            # What the store parses but cannot carry out, as an unknown function.
-            raise DataError(f"the query cannot be evaluated: {error}") from error
-        if media_type in _XML_TYPES:
-            body = body.translate(_XML_SAFE)
-        return Response(200, body, content_type, headers)
+            return asked.answers.open(question, point=point)
+        except QueryTimeout:
+            raise timed_out(timeout_s, config) from None
+        except ClosedError:
+            if not running.stopped:
+                raise
+            raise RefusedError(503, "query-stopped", "the query was stopped") from None
 
-    return Plan(run, timeout_s, "query", form, query.text, running)
+    # The reader is killed at the deadline; the plan's own limit is for what cannot be killed.
+    return Plan(
+        run,
+        timeout_s + GRACE_S,
+        lane,
+        form,
+        query.text,
+        running,
+        again=lambda: run(False),
+    )
 
 
-def timed_out(plan: Plan, config: Config) -> RefusedError:
+def timed_out(seconds: float, config: Config) -> RefusedError:
     """Return the refusal of work that took longer than it may."""
-    seconds = plan.timeout_s or config.timeout_s
     return RefusedError(
         504,
         "query-timeout",

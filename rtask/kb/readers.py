@@ -132,8 +132,19 @@ class Readers:
 
     # Queries
 
-    def ask(self, question: Question, timeout_s: float | None) -> ReaderStream:
+    def ask(
+        self,
+        question: Question,
+        timeout_s: float | None,
+        on_start: Callable[[ReaderStream], None] | None = None,
+    ) -> ReaderStream:
         """Return the answer once its first piece is there.
+
+        Parameters
+        ----------
+        on_start
+            Gets the answer when a reader begins with it; closing it ends the query even before
+            there is a first piece.
 
         Raises
         ------
@@ -149,7 +160,7 @@ class Readers:
         self._refuse_again(key)
         self._enter(at, timeout_s)
         try:
-            stream = self._ask(question, at, timeout_s, key)
+            stream = self._ask(question, at, timeout_s, key, on_start)
         except BaseException:
             self._leave()
             raise
@@ -157,7 +168,12 @@ class Readers:
         return stream
 
     def _ask(
-        self, question: Question, at: float | None, timeout_s: float | None, key: bytes
+        self,
+        question: Question,
+        at: float | None,
+        timeout_s: float | None,
+        key: bytes,
+        on_start: Callable[[ReaderStream], None] | None,
     ) -> ReaderStream:
         for attempt in (1, 2):
             try:
@@ -175,6 +191,8 @@ class Readers:
                     self._running.add(stream)
                 if at is not None:
                     self._deadlines.add(at, stream)
+                if on_start is not None:
+                    on_start(stream)
                 stream.start()
             except ReaderGone:
                 stream.abandon()

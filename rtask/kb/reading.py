@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -109,6 +109,7 @@ class Reading(Parts):
         gzip: bool = False,
         max_rows: int | None = None,
         max_bytes: int | None = None,
+        on_start: Callable[[Stream], None] | None = None,
     ) -> Stream:
         """Evaluate a query in a reader and return its answer in pieces, as they come.
 
@@ -125,6 +126,9 @@ class Reading(Parts):
             Pack the answer unless it is small; :attr:`Stream.gzip` says what was done.
         max_rows, max_bytes
             An answer that has more is broken off.
+        on_start
+            Gets the stream when a reader begins with the query; closing it ends the query even
+            before there is a first piece.
 
         Raises
         ------
@@ -139,10 +143,15 @@ class Reading(Parts):
         question = Question(
             "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes
         )
-        return self._ask(text, dataset, question, timeout_s)
+        return self._ask(text, dataset, question, timeout_s, on_start)
 
     def _ask(
-        self, text: str, dataset: QueryDataset, question: Question, timeout_s: float | None
+        self,
+        text: str,
+        dataset: QueryDataset,
+        question: Question,
+        timeout_s: float | None,
+        on_start: Callable[[Stream], None] | None = None,
     ) -> Stream:
         text, graphs = queries.prepare(self.store, self.graphs, self.plain, text, dataset)
         names = [
@@ -156,7 +165,7 @@ class Reading(Parts):
             default_graphs=names[0],
             named_graphs=names[1],
         )
-        return self.readers.ask(question, timeout_s)
+        return self.readers.ask(question, timeout_s, on_start)
 
     def match(
         self,

@@ -1,0 +1,216 @@
+"""Queries that run long, answers that are large, clients that read late or leave."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from endpoint.testing import RunningServer, running_server
+
+ROWS = 20_000
+# Each pair of rows is looked at and none fits: no byte of an answer before the end of time.
+ENDLESS = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+ALL = "SELECT * { ?s <urn:text> ?text }"
+CSV = {"Accept": "text/csv"}
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    """A server with 20,000 statements of 800 bytes: 16 MB of answer."""
+    folder = tmp_path_factory.mktemp("long") / "store"
+    with running_server(folder, "--max-rows", "30000", "--profile", "plain") as running:
+        filler = "x" * 800
+        lines = "".join(f'<urn:s{i}> <urn:text> "{filler}{i}" .\n' for i in range(ROWS))
+        answer = httpx.put(
+            f"{running.url}/store?graph=urn:texts",
+            content=lines,
+            headers={"Content-Type": "application/n-triples"},
+            timeout=60,
+        )
+        assert answer.status_code == 201
+        move = {"update": "ADD <urn:texts> TO DEFAULT"}
+        assert httpx.post(f"{running.url}/update", data=move, timeout=60).status_code == 204
+        yield running
+
+
+@pytest.fixture
+def asker(full: RunningServer) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=full.url, timeout=60) as client:
+        yield client
+
+
+def running(client: httpx.Client) -> list[dict[str, object]]:
+    found: list[dict[str, object]] = client.get("/queries").json()["queries"]
+    return found
+
+
+def wait_until(condition: object, seconds: float = 20.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+
+
+def raw_request(server: RunningServer, query: str, version: str = "1.1") -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", server.port), timeout=60)
+    connection.sendall(
+        (
+            f"POST /query HTTP/{version}\r\nHost: 127.0.0.1\r\nAccept: text/csv\r\n"
+            "Content-Type: application/sparql-query\r\n"
+            f"Content-Length: {len(query)}\r\n\r\n{query}"
+        ).encode()
+    )
+    return connection
+
+
+def read_to_end(connection: socket.socket) -> bytes:
+    pieces = []
+    while piece := connection.recv(1 << 16):
+        pieces.append(piece)
+    return b"".join(pieces)
+
+
+def test_a_query_ends_at_its_limit_and_others_notice_nothing(
+    asker: httpx.Client, full: RunningServer
+) -> None:
+    answers: list[httpx.Response] = []
+
+    def ask() -> None:
+        data = {"query": ENDLESS, "timeout": "2"}
+        answers.append(httpx.post(f"{full.url}/query", data=data, timeout=60))
+
+    askers = [threading.Thread(target=ask) for _ in range(8)]
+    started = time.monotonic()
+    for thread in askers:
+        thread.start()
+    slowest = 0.0
+    while any(thread.is_alive() for thread in askers):
+        before = time.monotonic()
+        query = {"query": "SELECT ?o { <urn:s1> <urn:text> ?o } ORDER BY ?o"}
+        assert asker.get("/query", params=query | {"timeout": "20"}).status_code in (200, 504)
+        lookup = {"query": f"SELECT ?t {{ <urn:s{int(before * 1e3) % ROWS}> <urn:text> ?t }}"}
+        before = time.monotonic()
+        assert asker.get("/query", params=lookup).status_code == 200
+        slowest = max(slowest, time.monotonic() - before)
+        time.sleep(0.05)
+    assert time.monotonic() - started < 20.0
+    assert {answer.status_code for answer in answers} == {504}
+    assert answers[0].json()["type"] == "/errors/query-timeout"
+    assert "timeout=" in answers[0].json()["detail"]
+    assert slowest < 2.0
+    wait_until(lambda: not running(asker))
+
+
+def test_a_running_query_is_listed_and_stopped(asker: httpx.Client, full: RunningServer) -> None:
+    answers: list[httpx.Response] = []
+
+    def ask() -> None:
+        headers = {"RTASK-Request-Id": "stop-me-please"}
+        data = {"query": ENDLESS, "timeout": "60"}
+        answers.append(httpx.post(f"{full.url}/query", data=data, headers=headers, timeout=90))
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    wait_until(lambda: any(query["id"] == "stop-me-please" for query in running(asker)))
+    assert asker.delete("/queries/not-that-one").status_code == 404
+    assert asker.delete("/queries/stop-me-please").status_code == 204
+    thread.join(20)
+    assert not thread.is_alive()
+    assert answers[0].status_code == 503
+    assert "stopped" in answers[0].json()["detail"]
+    wait_until(lambda: not running(asker))
+
+
+def test_a_client_that_leaves_ends_its_query(asker: httpx.Client, full: RunningServer) -> None:
+    connection = raw_request(full, ENDLESS)
+    wait_until(lambda: running(asker))
+    connection.close()
+    wait_until(lambda: not running(asker), 10.0)
+
+
+def test_a_large_answer_is_whole_for_who_reads_late(full: RunningServer) -> None:
+    connection = raw_request(full, ALL)
+    time.sleep(2.0)
+    text = b""
+    while b"\r\n0\r\n\r\n" not in text[-16:]:
+        piece = connection.recv(1 << 20)
+        assert piece, "cut off"
+        text += piece
+    connection.close()
+    assert text.startswith(b"HTTP/1.1 200")
+    assert text.count(b"urn:s") == ROWS
+
+
+def test_a_client_that_leaves_in_the_middle_frees_its_reader(
+    asker: httpx.Client, full: RunningServer
+) -> None:
+    for _ in range(8):  # more than there are readers
+        connection = raw_request(full, ALL)
+        connection.recv(1_000)
+        connection.close()
+    answer = asker.post("/query", data={"query": ALL}, headers=CSV)
+    assert answer.text.count("urn:s") == ROWS
+    wait_until(lambda: not running(asker))
+
+
+def test_an_answer_beyond_the_rows_is_broken_off_and_never_ends_well(asker: httpx.Client) -> None:
+    wide = "SELECT * { ?s <urn:text> ?t . VALUES ?n { 1 2 3 } }"
+    with pytest.raises(httpx.RemoteProtocolError, match=r"incomplete|peer closed"):
+        asker.post("/query", data={"query": wide}, headers=CSV)
+
+
+def test_large_answers_come_packed(asker: httpx.Client) -> None:
+    with asker.stream(
+        "POST", "/query", data={"query": ALL}, headers={**CSV, "Accept-Encoding": "gzip"}
+    ) as answer:
+        assert answer.headers["content-encoding"] == "gzip"
+        packed = b"".join(answer.iter_raw())
+    assert len(packed) < 4_000_000
+    assert gzip.decompress(packed).count(b"urn:s") == ROWS
+
+
+def test_before_http_1_1_an_answer_says_its_length(full: RunningServer) -> None:
+    with raw_request(full, ALL, "1.0") as connection:
+        answer = read_to_end(connection)
+    head, _, body = answer.partition(b"\r\n\r\n")
+    assert b"transfer-encoding" not in head.lower()
+    length = next(x for x in head.lower().split(b"\r\n") if x.startswith(b"content-length"))
+    assert int(length.split(b":")[1]) == len(body)
+    assert body.count(b"urn:s") == ROWS
+
+
+def test_a_whole_graph_comes_in_pieces_too(asker: httpx.Client) -> None:
+    accept = {"Accept": "application/n-triples"}
+    answer = asker.get("/store?graph=urn:texts", headers=accept)
+    assert answer.text.count("<urn:text>") == ROWS
+    assert "content-length" not in answer.headers
+    everything = asker.get("/store", headers={"Accept": "application/n-quads"})
+    assert everything.text.count("<urn:text>") == 2 * ROWS
+
+
+def test_memory_of_the_server_stays_flat_while_it_sends(
+    asker: httpx.Client, full: RunningServer
+) -> None:
+    def resident() -> float:
+        text = asker.get("/metrics").text
+        line = next(x for x in text.splitlines() if x.startswith("process_resident"))
+        return float(line.split()[1])
+
+    asker.post("/query", data={"query": ALL}, headers=CSV)
+    before = resident()
+    for _ in range(5):
+        asker.post("/query", data={"query": ALL}, headers=CSV)
+    # 80 MB went out; what is kept of it would show.
+    assert resident() - before < 24 << 20
+
+
+def test_json_of_a_large_answer_is_json(asker: httpx.Client) -> None:
+    answer = asker.post("/query", data={"query": ALL}, headers={"Accept": "application/json"})
+    assert len(json.loads(answer.text)["results"]["bindings"]) == ROWS
