@@ -20,6 +20,7 @@ from rtask.kb.terms import NamedNode
 from rtask.kb.watching import Watching
 
 if TYPE_CHECKING:
+    from rtask.kb.validation import Violation
     from rtask.kb.verify import Finding
 
 __all__ = ["KnowledgeBase"]
@@ -97,6 +98,12 @@ class KnowledgeBase(Reading, Watching, Reasoning, Objects):
         from rtask.loader.export import dump
 
         return dump(self, path, format, graphs, inferred)
+
+    def validate(self) -> list[Violation]:
+        """Hold everything against the SHACL shapes; see :mod:`rtask.kb.validation`."""
+        from rtask.kb.validation import everything
+
+        return everything(self.store, self.graphs)
 
     def verify(self, repair: bool = False) -> list[Finding]:
         """Compare what is derived with what it is derived from; see :mod:`rtask.kb.verify`."""
