@@ -42,7 +42,8 @@ def to_world(kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None = None)
     """Return a fresh ``owlready2.World`` with the asserted statements of graphs.
 
     Individuals are declared, since owlready2 does not see others; cardinalities get back the
-    datatype that OWL wants. Statements about statements (RDF 1.2) are left out.
+    datatype that OWL wants. Python floats are ``xsd:double`` from then on, in all worlds.
+    Statements about statements (RDF 1.2) are left out.
 
     Parameters
     ----------
@@ -58,6 +59,8 @@ def to_world(kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None = None)
         import owlready2
     except ImportError as error:
         raise UnsupportedError("owlready2 is missing: pip install owlready2") from error
+    # else a float that was read as xsd:double is replaced by an xsd:decimal, and stays, too
+    owlready2.declare_datatype(float, XSD + "double", float, float)
     triples = _asserted(kb, graphs)
     lines = [f"{s} {p} {_restored(p, o)} ." for s, p, o in triples]
     lines += [f"{name} {_TYPE} {_NAMED} ." for name in sorted(_individuals(triples), key=str)]
@@ -148,13 +151,10 @@ def _is_header(triple: TripleKey) -> bool:
 
 
 def _canonical(triple: TripleKey) -> TripleKey:
-    """Return a triple with literals as the store keeps them, and numbers spelled one way.
-
-    owlready2 writes every float as ``xsd:decimal``.
-    """
+    """Return a triple with literals as the store keeps them, and numbers spelled one way."""
     s, p, o = triple
     o = stored(o)
-    if isinstance(o, Literal) and o.datatype.value in (XSD + "double", XSD + "decimal"):
+    if isinstance(o, Literal) and o.datatype.value == XSD + "double":
         o = stored(Literal(float(o.value)))
     return s, p, o
 
