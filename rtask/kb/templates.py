@@ -6,11 +6,13 @@ come out as quads (SPARQL 1.1 Update, 3.1.3).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, RdfFormat, Triple, parse
 
 from rtask.errors import QuerySyntaxError
+from rtask.kb.lexer import Token
 from rtask.kb.skeleton import Block, Update
 from rtask.kb.terms import Graph, Term
 
@@ -34,25 +36,35 @@ def read_template(
 def _as_trig(update: Update, block: Block) -> Iterator[str]:
     """Wrap the triples outside GRAPH in braces, since TriG wants a dot where SPARQL does not."""
     tokens, at, end = update.tokens, block.start + 1, block.end - 1
-    loose: list[str] = []
+    loose: list[Token] = []
     while at < end:
         token = tokens[at]
         if not token.is_word("GRAPH"):
-            loose.append(_token_text(token.kind, token.text))
+            loose.append(token)
             at += 1
             continue
         if loose:
-            yield "{ " + " ".join(loose) + " }"
+            yield f"{{ {_text(loose)} }}"
             loose = []
         close = next(i for i in range(at, end) if tokens[i].is_mark("}"))
         name = tokens[at + 1]
-        inside = " ".join(_token_text(t.kind, t.text) for t in tokens[at + 3 : close])
-        yield f"GRAPH {_token_text(name.kind, name.text)} {{ {inside} }}"
+        yield f"GRAPH {_text([name])} {{ {_text(tokens[at + 3 : close])} }}"
         at = close + 1
         if at < end and tokens[at].is_mark("."):
             at += 1
     if loose:
-        yield "{ " + " ".join(loose) + " }"
+        yield f"{{ {_text(loose)} }}"
+
+
+def _text(tokens: Sequence[Token]) -> str:
+    """Write tokens with a space where there was one, since ``- 1`` is no number."""
+    pieces: list[str] = []
+    for before, token in itertools.pairwise([None, *tokens]):
+        assert token is not None
+        if before is not None and before.end != token.start:
+            pieces.append(" ")
+        pieces.append(_token_text(token.kind, token.text))
+    return "".join(pieces)
 
 
 def _token_text(kind: str, text: str) -> str:
