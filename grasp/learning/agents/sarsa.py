@@ -1,0 +1,108 @@
+"""Sarsa with traces (Rummery and Niranjan 1994)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.learning.agents.tabular import Settings, TabularAgent, _mask
+from grasp.learning.environments.discretise import Bins
+from grasp.learning.transition import Transition
+
+__all__ = ["Sarsa"]
+
+_FADED = 1e-6
+
+
+class Sarsa(TabularAgent):
+    """Learns the values of what it really does, along the way it came.
+
+    Parameters
+    ----------
+    bins, actions, settings, seed
+        As of every learner with a table.
+    fading
+        Lambda: how much of a trace is left a step later.
+    standard
+        With traces as in Sutton and Barto: every pair on the way moves by the same error, and
+        traces fade by gamma lambda. Otherwise every pair moves towards the same one-step target,
+        as in the published implementation that Gatto 2016 used.
+    """
+
+    def __init__(
+        self,
+        bins: Bins,
+        actions: int,
+        settings: Settings | None = None,
+        seed: int = 0,
+        *,
+        fading: float = 0.1,
+        standard: bool = False,
+    ) -> None:
+        super().__init__(bins, actions, settings, seed)
+        if not 0 <= fading <= 1:
+            raise ValueError(f"fading is {fading}, expected 0 to 1")
+        self.fading = fading
+        self.standard = standard
+        self._traces: dict[tuple[int, int], float] = {}
+        self._next: tuple[int, int] | None = None
+
+    def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
+        """Return the action that the last update counted on, else an epsilon-greedy one."""
+        cell, mask = self.bins.number(state), _mask(info)
+        planned, self._next = self._next, None
+        if planned is not None and planned[0] == cell and (mask is None or mask[planned[1]]):
+            return planned[1]
+        return self.choose(cell, mask)
+
+    def observe(self, transition: Transition) -> None:
+        """Learn from one step, and choose the next action with it."""
+        before = (self.bins.number(transition.state), transition.action)
+        target = transition.reward
+        if not transition.terminated:
+            after = self.bins.number(transition.next_state)
+            self._next = (after, self.choose(after))
+            target += self.settings.gamma * self.values[self._next]
+        self._update(before, target)
+        if transition.terminated or transition.truncated:
+            self._traces.clear()
+            self._next = None
+
+    def _update(self, pair: tuple[int, int], target: float) -> None:
+        self._traces[pair] = 1.0
+        error = target - self.values[pair]
+        fade = self.fading * (self.settings.gamma if self.standard else 1.0)
+        for other, trace in list(self._traces.items()):
+            step = error if self.standard else target - self.values[other]
+            self.values[other] += self.settings.alpha * trace * step
+            self._traces[other] = trace * fade
+            if self._traces[other] < _FADED:
+                del self._traces[other]
+
+    def learn_examples(self, transitions: Iterable[Transition]) -> None:
+        """Learn from others' steps; nobody knows what they did next, so the pair itself counts."""
+        for transition in transitions:
+            pair = (self.bins.number(transition.state), transition.action)
+            follows = 0.0 if transition.terminated else self.values[pair]
+            self._update(pair, transition.reward + self.settings.gamma * follows)
+            self._traces.clear()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything learned, by name."""
+        traces = [(*pair, trace) for pair, trace in self._traces.items()]
+        planned = [] if self._next is None else [self._next]
+        return {
+            **super().arrays(),
+            "traces": np.array(traces, dtype=np.float64).reshape(-1, 3),
+            "next": np.array(planned, dtype=np.int64).reshape(-1, 2),
+        }
+
+    def take(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what :meth:`arrays` returned."""
+        super().take(arrays)
+        self._traces = {(int(s), int(a)): float(e) for s, a, e in arrays["traces"]}
+        planned = [(int(s), int(a)) for s, a in arrays["next"]]
+        self._next = planned[0] if planned else None

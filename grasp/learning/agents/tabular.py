@@ -1,0 +1,190 @@
+"""What learners with a table of state-action values have in common."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.learning.environments.discretise import Bins
+from grasp.learning.transition import Transition
+
+__all__ = ["Settings", "TabularAgent", "load_arrays", "save_arrays"]
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Parameters of the learners with a table.
+
+    Parameters
+    ----------
+    gamma
+        Discount a step.
+    epsilon
+        Share of random actions.
+    alpha
+        Learning rate.
+    initial
+        Value of everything before it was tried.
+    """
+
+    gamma: float = 0.99
+    epsilon: float = 0.1
+    alpha: float = 0.3
+    initial: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("gamma", "epsilon", "alpha"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, expected 0 to 1")
+
+
+class TabularAgent:
+    """A table of values, epsilon-greedy actions, one random generator.
+
+    Parameters
+    ----------
+    bins
+        Numbers the states.
+    actions
+        How many there are.
+    settings
+        Parameters.
+    seed
+        Of the random generator.
+    """
+
+    def __init__(
+        self, bins: Bins, actions: int, settings: Settings | None = None, seed: int = 0
+    ) -> None:
+        if actions < 1:
+            raise ValueError(f"an agent needs an action, got {actions}")
+        self.bins = bins
+        self.actions = actions
+        self.settings = settings or Settings()
+        self.rng = np.random.default_rng(seed)
+        self.values = np.full((bins.count, actions), self.settings.initial)
+
+    def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
+        """Return the best action, or with probability epsilon a random one.
+
+        Parameters
+        ----------
+        state : (d,)
+            Where the agent is.
+        info
+            ``action_mask`` (actions,) of bool leaves out what is impossible.
+        """
+        return self.choose(self.bins.number(state), _mask(info))
+
+    def choose(self, cell: int, mask: NDArray[np.bool_] | None = None) -> int:
+        """Return the action for a numbered state, epsilon-greedy."""
+        if self.rng.random() < self.settings.epsilon:
+            allowed = np.arange(self.actions) if mask is None else np.flatnonzero(mask)
+            return int(self.rng.choice(allowed))
+        return self.best(cell, mask)
+
+    def best(self, cell: int, mask: NDArray[np.bool_] | None = None) -> int:
+        """Return the action of the highest value; ties at random."""
+        values = self.values[cell]
+        if mask is not None:
+            values = np.where(mask, values, -np.inf)
+        return int(self.rng.choice(np.flatnonzero(values == values.max())))
+
+    def observe(self, transition: Transition) -> None:
+        """Learn from one step."""
+        raise NotImplementedError
+
+    def learn_examples(self, transitions: Iterable[Transition]) -> None:
+        """Learn from steps that somebody else took, before the first episode."""
+        for transition in transitions:
+            self.observe(transition)
+
+    # -- putting away and taking up ----------------------------------------------------------
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything learned, by name."""
+        return {"values": self.values}
+
+    def take(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what :meth:`arrays` returned."""
+        self.values = np.array(arrays["values"])
+
+    def save(self, path: Path) -> None:
+        """Write everything that is needed to go on exactly here."""
+        save_arrays(path, type(self).__name__, self.rng, asdict(self.settings), self.arrays())
+
+    def load(self, path: Path) -> None:
+        """Go on where :meth:`save` stopped.
+
+        Raises
+        ------
+        ValueError
+            Another learner's file, one of another version, or of other states and actions.
+        """
+        arrays = load_arrays(path, type(self).__name__, self.rng)
+        if arrays["values"].shape != self.values.shape:
+            raise ValueError(
+                f"{path} knows {arrays['values'].shape} states and actions, "
+                f"this agent {self.values.shape}"
+            )
+        self.take(arrays)
+
+
+def _mask(info: Mapping[str, Any] | None) -> NDArray[np.bool_] | None:
+    mask = None if info is None else info.get("action_mask")
+    if mask is None:
+        return None
+    allowed = np.asarray(mask, dtype=bool)
+    if not allowed.any():
+        raise ValueError("the action mask allows nothing")
+    return allowed
+
+
+def save_arrays(
+    path: Path,
+    kind: str,
+    rng: np.random.Generator,
+    settings: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+) -> None:
+    """Write a learner as one npz file, by a rename, so that none is ever half written."""
+    header = {
+        "format": _FORMAT,
+        "kind": kind,
+        "settings": dict(settings),
+        "random": rng.bit_generator.state,
+    }
+    draft = path.with_name(path.name + ".part")
+    with draft.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+    draft.replace(path)
+
+
+def load_arrays(path: Path, kind: str, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
+    """Read what :func:`save_arrays` wrote, and set the random generator.
+
+    Raises
+    ------
+    ValueError
+        Another learner's file, or one of another version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        header = json.loads(str(arrays.pop("header")))
+    except (OSError, KeyError, ValueError) as error:
+        raise ValueError(f"{path} is not a saved learner: {error}") from error
+    if header.get("format") != _FORMAT:
+        raise ValueError(f"{path} is of version {header.get('format')}, expected {_FORMAT}")
+    if header.get("kind") != kind:
+        raise ValueError(f"{path} holds a {header.get('kind')}, expected a {kind}")
+    rng.bit_generator.state = header["random"]
+    return arrays

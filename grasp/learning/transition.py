@@ -1,0 +1,62 @@
+"""One step of experience, and what every learner of this room can do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Agent", "Transition"]
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """What an action did.
+
+    Parameters
+    ----------
+    state, next_state : (d,)
+        Before and after.
+    action
+        Taken.
+    reward
+        Received.
+    terminated
+        The episode ended here by itself.
+    truncated
+        It was cut off.
+    """
+
+    state: NDArray[Any]
+    action: int
+    reward: float
+    next_state: NDArray[Any]
+    terminated: bool = False
+    truncated: bool = False
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.reward):
+            raise ValueError(f"reward of action {self.action} is {self.reward}")
+
+
+class Agent(Protocol):
+    """A learner: it acts, observes, and can be put away and taken up again."""
+
+    def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
+        """Return the action to take in a state (d,)."""
+
+    def observe(self, transition: Transition) -> None:
+        """Learn from one step."""
+
+    def learn_examples(self, transitions: Iterable[Transition]) -> None:
+        """Learn from steps that somebody else took, before the first episode."""
+
+    def save(self, path: Path) -> None:
+        """Write everything that is needed to go on exactly here."""
+
+    def load(self, path: Path) -> None:
+        """Go on where :meth:`save` stopped."""
