@@ -34,6 +34,8 @@ class Config:
         Time for a query when the client names none.
     max_timeout_s
         What a client may ask for at most.
+    write_timeout_s
+        For the WHERE parts of an update; an admin has what a client may ask for.
     max_upload_bytes
         Largest request body, after unpacking too.
     max_message_bytes
@@ -70,6 +72,7 @@ class Config:
     allowed_origins: tuple[str, ...] = ()
     timeout_s: float = 30.0
     max_timeout_s: float = 600.0
+    write_timeout_s: float = 5.0
     max_upload_bytes: int = 256 * MEGABYTE
     max_message_bytes: int = 64 * MEGABYTE
     max_rows: int = 5_000_000

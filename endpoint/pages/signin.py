@@ -79,7 +79,7 @@ def _local(path: str) -> str:
 
     Examples
     --------
-    >>> [_local(p) for p in ("/objects?page=2", "//evil.example", "https://evil.example", "/a\\\\b")]
+    >>> [_local(p) for p in ("/objects?page=2", "//evil.example", "https://evil", "/a b\\\\c")]
     ['/objects?page=2', '/', '/', '/']
     """
     if not path.startswith("/") or path.startswith("//") or "\\" in path or path != path.strip():

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from endpoint.auth import Caller
 from endpoint.compression import wants_gzip
 from endpoint.config import Config
 from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
-from endpoint.protocol import negotiation
+from endpoint.outgoing import Outgoing
+from endpoint.protocol import federation, negotiation
 from endpoint.protocol.answers import GRACE_S, Answers, Question
 from endpoint.protocol.description import MAX_NAMED_GRAPHS, describe
 from endpoint.protocol.lanes import is_lookup, is_point
@@ -18,9 +20,11 @@ from endpoint.protocol.limits import Limits, checked_form
 from endpoint.protocol.lookups import Lookups
 from endpoint.protocol.plan import Plan
 from endpoint.protocol.request import QueryRequest, UpdateRequest
+from endpoint.protocol.where import try_where
 from endpoint.queries import RunningQuery
 from endpoint.versions import Versions, is_known
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
+from rtask.kb.commit import Commit
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.services import without_services
 
@@ -114,7 +118,7 @@ def plan_query(
 
     def run(point: bool = lane == "point") -> Response:
         try:
-            return asked.answers.open(question, point=point)
+            return asked.answers.open(_federated(question, config), point=point)
         except QueryTimeout:
             raise timed_out(timeout_s, config) from None
         except ClosedError:
@@ -132,6 +136,16 @@ def plan_query(
         running,
         again=lambda: run(False),
     )
+
+
+def _federated(question: Question, config: Config) -> Question:
+    """Ask other servers first, where an operator allowed it; else the store refuses SERVICE."""
+    query = question.query
+    if not config.allow_service or not federation.mentions(query.text, "SERVICE"):
+        return question
+    outgoing = Outgoing("SERVICE", config.allow_service)
+    text = federation.answer_services(query.text, outgoing, question.deadline, query.base)
+    return replace(question, query=replace(query, text=text))
 
 
 def timed_out(seconds: float, config: Config) -> RefusedError:
@@ -159,19 +173,13 @@ def plan_update(
     """
     if checked_form(update.text, config.limits, update=True):
         raise QuerySyntaxError("this is a query; send it as `query=` or application/sparql-query")
-    # The WHERE part of an update would call out just as a query would.
-    text = without_services(update.text)
     wants_json = JSON_TYPE in request.header("accept").lower()
+    if not config.allow_service:
+        # The WHERE part of an update would call out just as a query would.
+        without_services(update.text)
 
     def run() -> Response:
-        commit = kb.update(
-            text,
-            note=caller.note(request),
-            using=update.using,
-            named=update.using_named,
-            access=caller.access,
-            base=update.base,
-        )
+        commit = _commit(kb, update, caller, caller.note(request), config)
         if not wants_json:
             return Response(204)
         counts = {
@@ -183,6 +191,30 @@ def plan_update(
         return Response(200, json.dumps(counts).encode(), JSON_TYPE)
 
     return Plan(run, form="UPDATE", text=update.text)
+
+
+def _commit(
+    kb: KnowledgeBase, update: UpdateRequest, caller: Caller, note: str, config: Config
+) -> Commit:
+    """Carry out an update, and what it wants from other servers where that is allowed."""
+    text = update.text
+    deadline = time.monotonic() + config.timeout_s
+    if config.allow_service and federation.mentions(text, "SERVICE"):
+        outgoing = Outgoing("SERVICE", config.allow_service)
+        text = federation.answer_services(text, outgoing, deadline, update.base)
+    limit_s = config.max_timeout_s if caller.access.role == "admin" else config.write_timeout_s
+    try_where(kb, update, text, limit_s)
+    if config.allow_load and federation.mentions(text, "LOAD"):
+        outgoing = Outgoing("LOAD", config.allow_load)
+        return federation.update_with_loads(kb, update, text, caller, note, outgoing, deadline)
+    return kb.update(
+        without_services(text),
+        note=note,
+        using=update.using,
+        named=update.using_named,
+        access=caller.access,
+        base=update.base,
+    )
 
 
 def plan_description(kb: KnowledgeBase, request: Request, config: Config, *, updates: bool) -> Plan:
