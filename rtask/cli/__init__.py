@@ -30,12 +30,17 @@ _BUILT_IN = (
     "grasp",
     "history",
     "load",
+    "model",
     "ontology",
     "query",
     "rebuild",
+    "recognise",
     "restore",
+    "search",
+    "segment",
     "stats",
     "update",
+    "validate",
     "verify",
 )
 

@@ -142,7 +142,7 @@ class Feed:
         subscriber = _Subscriber(wanted)
         with self._lock:
             if after is not None:
-                self._require_kept(after)
+                self.require_kept(after)
             upto = self._announced
             past = None if after is None else self._past(wanted, after, upto)
             queue: Subscription[Change] = Subscription(
@@ -183,7 +183,8 @@ class Feed:
             )
         return int(number)
 
-    def _require_kept(self, after: int) -> None:
+    def require_kept(self, after: int) -> None:
+        """Raise unless every commit after this number is still known."""
         oldest = self._oldest_kept()
         if after > self._announced:
             raise UsageError(f"there is no commit {after}; the last one is {self._announced}")

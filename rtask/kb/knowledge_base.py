@@ -136,6 +136,7 @@ class KnowledgeBase(Reading, Watching, Reasoning, Objects):
         self.feed.close()
         self.readers.close()
         self.standing.close()
+        self.index.close()
         if self._writer.committer.interrupted:
             self._files.abandon()
         else:

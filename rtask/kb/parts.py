@@ -5,10 +5,14 @@ from __future__ import annotations
 from rtask.kb.catalogue import Catalogue
 from rtask.kb.feed import Feed
 from rtask.kb.folder import Files
+from rtask.kb.index import SideIndex
 from rtask.kb.inference import Inference
 from rtask.kb.journal import JournalFile
+from rtask.kb.place import PlaceTable
 from rtask.kb.readers import Readers
 from rtask.kb.standing import StandingQueries
+from rtask.kb.terms import NamedNode
+from rtask.kb.text import TextTable
 from rtask.kb.writer import Writer
 
 __all__ = ["Parts"]
@@ -49,6 +53,17 @@ class Parts:
         self.standing = StandingQueries(lambda: self.feed.last_seq, self.feed.position)
         writer.listen(self.feed.announce)
         writer.listen(self.standing.announce)
+        self.texts, self.places = TextTable(), PlaceTable(files.store)
+        path = files.folder if files.checkpoints is not None else None
+        tables = (self.texts, self.places)
+        self.index = SideIndex(files.store, self.feed, path, self._is_indexed, tables)
+        writer.listen(self.index.announce)
+
+    def _is_indexed(self, graph: object) -> bool:
+        """Whether a graph's words and places are found; the others repeat or derive."""
+        if self.plain:
+            return True
+        return isinstance(graph, NamedNode) and not self.graphs.is_kept_by_commits(graph)
 
     @property
     def base(self) -> str:

@@ -10,17 +10,17 @@ from pyoxigraph import Quad
 
 from rtask.errors import UnsupportedError
 from rtask.kb import query as queries
-from rtask.kb.parts import Parts
 from rtask.kb.query import Bindings, QueryDataset
 from rtask.kb.question import Question
 from rtask.kb.results import Solutions, Triples, read_answer
+from rtask.kb.searching import Searching
 from rtask.kb.streams import Stream, WholeStream
 from rtask.kb.terms import Graph, NamedNode, Subject, Value, iri, object_term, subject_term
 
 __all__ = ["Reading"]
 
 
-class Reading(Parts):
+class Reading(Searching):
     """Queries and patterns; from any thread."""
 
     def query(
@@ -61,7 +61,7 @@ class Reading(Parts):
             It needs more memory than it may have.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = queries.bind(text, bindings or {})
+        text = self._looked_up(queries.bind(text, bindings or {}))
         if timeout_s is not None and self.readers.possible:
             with self._ask(text, dataset, Question(""), timeout_s) as answer:
                 return read_answer(answer.kind, answer.read())
@@ -93,7 +93,7 @@ class Reading(Parts):
             If the media type does not fit the kind of query.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = queries.bind(text, bindings or {})
+        text = self._looked_up(queries.bind(text, bindings or {}))
         return queries.serialize(self.store, self.graphs, self.plain, text, media_type, dataset)
 
     def stream(
@@ -136,6 +136,7 @@ class Reading(Parts):
             Here, or while reading.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
+        text = self._looked_up(text)
         if not self.readers.possible:
             form = media_type or queries.default_media_type(text)
             data = queries.serialize(self.store, self.graphs, self.plain, text, form, dataset)

@@ -12,7 +12,7 @@ from rtask.kb.access import Access
 from rtask.kb.bulk import bulk_add
 from rtask.kb.commit import Commit, Request
 from rtask.kb.delta import UpdateDataset, run_update
-from rtask.kb.parts import Parts
+from rtask.kb.searching import Searching
 from rtask.kb.terms import Graph, NamedNode, iri
 from rtask.kb.transaction import Transaction
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Writing"]
 
 
-class Writing(Parts):
+class Writing(Searching):
     """One commit at a time, each wholly or not at all."""
 
     def access(self, agent: str | None = None, access: Access | None = None) -> Access:
@@ -75,6 +75,7 @@ class Writing(Parts):
         """
         request = Request(self.access(agent, access), note, if_version=if_version)
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
+        text = self._looked_up(text)
         overlay = self._writer.begin()
         try:
             run_update(overlay, text, request.access, dataset)
@@ -116,3 +117,4 @@ class Writing(Parts):
             return bulk_add(self._writer, self._files, self._inference, quads, graph, request)
         finally:
             self.readers.invalidate()
+            self.index.invalidate()

@@ -1,0 +1,158 @@
+"""Full-text search over labels, comments and descriptions (SQLite FTS5)."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from rtask.errors import UsageError
+
+__all__ = ["TextHit", "TextTable", "words_of"]
+
+_RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+_SKOS = "http://www.w3.org/2004/02/skos/core#"
+_DCT = "http://purl.org/dc/terms/"
+_SCHEMA = "https://schema.org/"
+PROPERTIES = (
+    _RDFS + "label",
+    _RDFS + "comment",
+    _SKOS + "prefLabel",
+    _SKOS + "altLabel",
+    _SKOS + "definition",
+    _DCT + "title",
+    _DCT + "description",
+    _SCHEMA + "name",
+    _SCHEMA + "description",
+)
+_TEXT_TYPES = {
+    "http://www.w3.org/2001/XMLSchema#string",
+    "http://www.w3.org/1999/02/22-rdf-syntax-ns#langString",
+}
+
+
+@dataclass(frozen=True)
+class TextHit:
+    """Something whose text fits.
+
+    Parameters
+    ----------
+    subject
+        IRI of what the text is about.
+    score
+        Larger fits better (BM25, Robertson and Zaragoza 2009); of use for sorting only.
+    """
+
+    subject: NamedNode
+    predicate: NamedNode
+    text: str
+    language: str | None
+    score: float
+
+
+def words_of(text: str) -> str:
+    """Return a search as FTS5 writes it: each word quoted, so that operators in it do nothing.
+
+    >>> words_of("red cup* OR")
+    '"red" "cup"* "OR"'
+
+    Raises
+    ------
+    UsageError
+        If there is no word.
+    """
+    found = []
+    for word in text.split():
+        stem = word.rstrip("*")
+        if any(c.isalnum() for c in stem):
+            found.append('"' + stem.replace('"', '""') + '"' + ("*" if word != stem else ""))
+    if not found:
+        raise UsageError(f"no word to search for in {text!r}")
+    return " ".join(found)
+
+
+class TextTable:
+    """The words of the indexed statements."""
+
+    def __init__(self, properties: tuple[str, ...] = PROPERTIES) -> None:
+        self._predicates = frozenset(NamedNode(name) for name in properties)
+
+    @property
+    def predicates(self) -> frozenset[NamedNode]:
+        """Properties whose texts are found."""
+        return self._predicates
+
+    def create(self, db: sqlite3.Connection) -> None:
+        """Make what is missing."""
+        db.execute(
+            "CREATE TABLE IF NOT EXISTS texts(id INTEGER PRIMARY KEY, subject TEXT, "
+            "predicate TEXT, text TEXT, language TEXT, graph TEXT, "
+            "UNIQUE(subject, predicate, graph, language, text))"
+        )
+        db.execute(
+            "CREATE VIRTUAL TABLE IF NOT EXISTS words USING fts5(text, content='texts', "
+            "content_rowid='id', tokenize='unicode61 remove_diacritics 2', prefix='2 3')"
+        )
+
+    def fill(self, db: sqlite3.Connection, quads: Iterator[Quad]) -> None:
+        """Index everything anew."""
+        db.execute("DELETE FROM texts")
+        rows = (row for row in map(_row, quads) if row is not None)
+        db.executemany(
+            "INSERT OR IGNORE INTO texts(subject, predicate, text, language, graph) "
+            "VALUES (?, ?, ?, ?, ?)",
+            rows,
+        )
+        db.execute("INSERT INTO words(words) VALUES ('rebuild')")
+
+    def change(self, db: sqlite3.Connection, removed: list[Quad], added: list[Quad]) -> None:
+        """Index what a commit changed."""
+        for row in filter(None, map(_row, removed)):
+            known = db.execute(
+                "SELECT id FROM texts WHERE subject = ? AND predicate = ? AND text = ? "
+                "AND language = ? AND graph = ?",
+                row,
+            ).fetchone()
+            if known is not None:
+                db.execute(
+                    "INSERT INTO words(words, rowid, text) VALUES ('delete', ?, ?)",
+                    (known[0], row[2]),
+                )
+                db.execute("DELETE FROM texts WHERE id = ?", known)
+        for row in filter(None, map(_row, added)):
+            done = db.execute(
+                "INSERT OR IGNORE INTO texts(subject, predicate, text, language, graph) "
+                "VALUES (?, ?, ?, ?, ?)",
+                row,
+            )
+            if done.rowcount > 0:
+                db.execute("INSERT INTO words(rowid, text) VALUES (?, ?)", (done.lastrowid, row[2]))
+
+    def search(
+        self, db: sqlite3.Connection, text: str, language: str | None = None
+    ) -> Iterator[TextHit]:
+        """Yield what fits, best first; a statement in several graphs comes several times."""
+        clause, given = "", [words_of(text)]
+        if language is not None:
+            clause = "AND (language = ? OR language LIKE ? || '-%')"
+            given += [language.lower()] * 2
+        rows = db.execute(
+            "SELECT subject, predicate, texts.text, language, -bm25(words) FROM words "
+            f"JOIN texts ON texts.id = words.rowid WHERE words MATCH ? {clause} "
+            "ORDER BY bm25(words), subject, texts.text",
+            given,
+        )
+        for subject, predicate, found, tag, score in rows:
+            yield TextHit(NamedNode(subject), NamedNode(predicate), found, tag or None, score)
+
+
+def _row(quad: Quad) -> tuple[str, str, str, str, str] | None:
+    value = quad.object
+    if not isinstance(value, Literal) or value.datatype.value not in _TEXT_TYPES:
+        return None
+    assert isinstance(quad.subject, NamedNode)
+    graph = getattr(quad.graph_name, "value", "")
+    tag = (value.language or "").lower()
+    return quad.subject.value, quad.predicate.value, value.value, tag, graph

@@ -1,0 +1,25 @@
+"""``rtask search``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from click.testing import CliRunner
+
+import rtask
+from rtask.cli import cli
+
+
+def test_search_prints_what_fits(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb:
+        kb.update(
+            "PREFIX rdfs: <http://www.w3.org/2000/01/rdf-schema#> "
+            "INSERT DATA { <urn:cup> rdfs:label 'Red cup'@en . <urn:pen> rdfs:label 'pen' }"
+        )
+    options = ["--data", str(tmp_path / "kb")]
+    done = CliRunner().invoke(cli, ["search", "red", "cu*", *options])
+    assert (done.exit_code, done.output) == (0, "urn:cup  Red cup@en\n")
+    done = CliRunner().invoke(cli, ["search", "pen", "--json", *options])
+    assert json.loads(done.output)[0]["iri"] == "urn:pen"
+    assert CliRunner().invoke(cli, ["search", "pen", "--lang", "de", *options]).output == ""
