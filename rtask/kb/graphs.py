@@ -17,6 +17,7 @@ from rtask.kb.terms import Graph, iri
 __all__ = ["Graphs"]
 
 _RT = ontology.NS
+_QUARANTINE = "quarantine"
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,16 @@ class Graphs:
     def provenance(self) -> NamedNode:
         """One activity for each commit; written by commits only."""
         return self._named("provenance")
+
+    @property
+    def quarantine(self) -> NamedNode:
+        """Statements that contradict the rest; written by commits only, outside of the union."""
+        return self._named(_QUARANTINE)
+
+    @staticmethod
+    def is_quarantine(graph: Graph) -> bool:
+        """Whether this is the quarantine graph of a knowledge base."""
+        return isinstance(graph, NamedNode) and graph.value.endswith("/graph/" + _QUARANTINE)
 
     def agent(self, name: str) -> NamedNode:
         """Return the graph that one robot or person writes."""
@@ -110,7 +121,12 @@ class Graphs:
 
     def is_kept_by_commits(self, graph: Graph) -> bool:
         """Whether only the knowledge base itself writes this graph."""
-        return self.kind(graph) in ("InferredGraph", "MetaGraph", "ProvenanceGraph", "RuleGraph")
+        return graph == self.quarantine or self.kind(graph) in (
+            "InferredGraph",
+            "MetaGraph",
+            "ProvenanceGraph",
+            "RuleGraph",
+        )
 
     def is_input(self, graph: Graph) -> bool:
         """Whether the reasoner draws conclusions from this graph.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol, cast
 
 from pyoxigraph import NamedNode, Quad
@@ -89,6 +89,10 @@ class Inference:
         """Build the closure anew when it is needed next."""
         self._closure = None
 
+    def is_input(self, graph: Graph) -> bool:
+        """Whether conclusions are drawn from a graph."""
+        return self._graphs.is_input(graph)
+
     def stage(self, change: Overlay) -> tuple[Overlay, Staged]:
         """Return what the inferred graph gains and loses with a change.
 
@@ -97,12 +101,19 @@ class Inference:
         InconsistentError
             If the change contradicts what is there; nothing is kept.
         """
+        derived, staged, clashes = self.try_stage(change)
+        if staged is None:
+            raise self.inconsistent(clashes)
+        return derived, staged
+
+    def try_stage(self, change: Overlay) -> tuple[Overlay, Staged | None, list[Any]]:
+        """As `stage`; without a staged closure but with contradictions where there are some."""
         closure = self.closure()
         gained, lost = input_change(change, self._graphs.is_input)
         staged = _stage(closure, gained, lost)
         if staged.contradictions:
             staged.discard()
-            raise self._inconsistent(staged.contradictions)
+            return Overlay(self._store), None, staged.contradictions
         derived = Overlay(self._store)
         graph = self._graphs.inferred
         for key in staged.inferred_removed:
@@ -113,9 +124,10 @@ class Inference:
             quad = Quad(*key, graph)
             if quad not in self._store:
                 derived.added[quad] = None
-        return derived, staged
+        return derived, staged, []
 
-    def _inconsistent(self, contradictions: list[Any]) -> InconsistentError:
+    def inconsistent(self, contradictions: Sequence[Any]) -> InconsistentError:
+        """Return the error that says what clashes."""
         message = contradictions[0].message
         more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
         hint = ""
@@ -128,10 +140,7 @@ class Inference:
 
     def _describe(self, contradiction: Any) -> dict[str, Any]:
         """Return a contradiction as JSON-able values; graphs say whose statements it meets."""
-        culprits: list[TripleKey] = []
-        for triple in contradiction.triples:
-            proof = self.closure().explain(triple)
-            culprits += proof.leaves() if proof is not None else [triple]
+        culprits: list[TripleKey] = [*contradiction.culprits()]
         return {
             "rule": contradiction.rule,
             "message": contradiction.message,

@@ -73,8 +73,10 @@ def _arguments(
             "named_graphs": list(dataset.named_graphs or ()),
         }
     if dataset.inferred or plain or names_dataset(text):
-        return {}
-    asserted: list[Graph] = [g for g in store.named_graphs() if g != graphs.inferred]
+        joined = store.is_view and not names_dataset(text)
+        return {"use_default_graph_as_union": True} if joined else {}
+    apart = (graphs.inferred, graphs.quarantine)
+    asserted: list[Graph] = [g for g in store.named_graphs() if g not in apart]
     return {"default_graph": asserted, "named_graphs": asserted}
 
 

@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterable
 
 from pyoxigraph import DefaultGraph, Quad
 
+from rtask.kb.graphs import Graphs
 from rtask.kb.overlay import Overlay
 from rtask.kb.store import GraphStore
 from rtask.kb.terms import DEFAULT, Graph, TripleKey, triple_key
 
-__all__ = ["input_change", "union_change"]
+__all__ = ["input_change", "is_joined", "union_change"]
 
 
 def union_change(store: GraphStore, removed: Iterable[Quad], added: Iterable[Quad]) -> Overlay:
@@ -26,14 +27,14 @@ def union_change(store: GraphStore, removed: Iterable[Quad], added: Iterable[Qua
         Exact: ``removed`` are in the store, ``added`` are not.
     """
     change = Overlay(store)
-    new = {triple_key(quad): None for quad in added if _is_named(quad.graph_name)}
-    gone = {quad: None for quad in removed if _is_named(quad.graph_name)}
+    new = {triple_key(quad): None for quad in added if is_joined(quad.graph_name)}
+    gone = {quad: None for quad in removed if is_joined(quad.graph_name)}
     for key in new:
         in_union = Quad(*key, DEFAULT)
         if in_union not in store:
             change.added[in_union] = None
     for key in {triple_key(quad): None for quad in gone}:
-        if key not in new and not _is_held(store, key, gone, _is_named):
+        if key not in new and not _is_held(store, key, gone, is_joined):
             change.removed[Quad(*key, DEFAULT)] = None
     return change
 
@@ -57,8 +58,9 @@ def input_change(
     return gained, lost
 
 
-def _is_named(graph: Graph) -> bool:
-    return not isinstance(graph, DefaultGraph)
+def is_joined(graph: Graph) -> bool:
+    """Whether the union holds what this graph holds."""
+    return not isinstance(graph, DefaultGraph) and not Graphs.is_quarantine(graph)
 
 
 def _is_held(
