@@ -10,6 +10,7 @@ from rtask.errors import UnknownTermError
 from rtask.kb.terms import NamedNode, iri
 from rtask.model.fields import Field, Link, Links, Many, One
 from rtask.model.instance import Identity, Model, Registry, make_class, rank, vocabularies_of
+from rtask.model.lists import Ordered
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
 
 if TYPE_CHECKING:
@@ -158,7 +159,9 @@ def _make_class(
 def make_field(spec: PropertySpec) -> Field:
     """Return the field of a property."""
     kind: type[Field]
-    if spec.is_link:
+    if spec.is_list:
+        kind = Ordered
+    elif spec.is_link:
         kind = Link if spec.single else Links
     else:
         kind = One if spec.single else Many

@@ -49,6 +49,7 @@ class Field:
 
     single = True
     is_link = False
+    is_list = False
 
     def __init__(
         self,

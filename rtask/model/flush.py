@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
+import ontology
 from rtask.errors import FieldError, OwnershipError, VersionConflictError
-from rtask.kb.terms import Graph, NamedNode, Term, stored
+from rtask.kb.terms import BlankNode, Graph, NamedNode, Subject, Term, stored
 from rtask.model.fields import Field, term
+from rtask.model.identifiers import mint
 from rtask.model.instance import Model, Pending, class_iris, required
 from rtask.model.plan import RDF_TYPE
 
 if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
     from rtask.kb.transaction import Transaction
     from rtask.model.session import Session
 
 __all__ = ["Flush", "named"]
+
+_FIRST, _REST, _NIL = (NamedNode(ontology.PREFIXES["rdf"] + n) for n in ("first", "rest", "nil"))
 
 
 class Flush:
@@ -74,7 +79,9 @@ class Flush:
         for instance in (*self._new, *self._dirty):
             for name, pending in instance.__state__.pending.items():
                 field = type(instance).__by_iri__[name]
-                if field.stored:
+                if field.is_list:
+                    writer.replace_list(instance, field, pending)
+                elif field.stored:
                     writer.change(instance, field, pending)
 
     def settle(self) -> None:
@@ -134,6 +141,25 @@ class _Writer:
             if value not in own:
                 self._tx.add(subject, predicate, value, named(self._home))
 
+    def replace_list(self, instance: Model, field: Field, pending: Pending) -> None:
+        """Write a list anew; its cells get IRIs, so that nothing depends on blank nodes."""
+        subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
+        quads = self._kb.match(subject, predicate)
+        self._check_version(instance, field, {quad.object for quad in quads})
+        home = named(self._home)
+        for quad in quads:
+            if quad.graph_name == self._home:
+                self._tx.remove(subject, predicate, quad.object, home)
+                for cell in own_cells(self._kb, quad.object, self._home):
+                    self._tx.remove(*cell, home)
+            elif field.functional and quad.graph_name != self._kb.graphs.inferred:
+                raise self._not_ours(instance, field, {quad.object})
+        heads = [NamedNode(mint(self._kb.base, "ListCell")) for _ in pending.added]
+        for head, rest, item in zip(heads, [*heads[1:], _NIL], pending.added, strict=False):
+            self._tx.add(head, _FIRST, stored(term(item)), home)
+            self._tx.add(head, _REST, rest, home)
+        self._tx.add(subject, predicate, heads[0] if heads else _NIL, home)
+
     def _check_version(self, instance: Model, field: Field, current: set[Term]) -> None:
         state = instance.__state__
         if state.knows(field.iri) and set(state.loaded.get(field.iri, ())) != current:
@@ -150,6 +176,18 @@ class _Writer:
             " withdraw that",
             field=field.name,
         )
+
+
+def own_cells(kb: KnowledgeBase, head: Term, home: Graph) -> list[tuple[Subject, NamedNode, Term]]:
+    """Return the statements of an RDF list that one graph holds."""
+    found: list[tuple[Subject, NamedNode, Term]] = []
+    seen: set[Term] = set()
+    while isinstance(head, NamedNode | BlankNode) and head not in seen:
+        seen.add(head)
+        quads = [q for q in kb.match(head, graph=home) if q.predicate in (_FIRST, _REST)]
+        found += [(quad.subject, quad.predicate, quad.object) for quad in quads]
+        head = next((quad.object for quad in quads if quad.predicate == _REST), _NIL)
+    return found
 
 
 def named(graph: Graph) -> NamedNode | None:

@@ -3,39 +3,46 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterable
+from decimal import Decimal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pyoxigraph as ox
 
 import ontology
 from rtask.model.codec import python_type
+from rtask.model.instance import Model, Registry
 from rtask.model.limits import Limits
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
 
-__all__ = ["generate", "generate_rtask", "rtask_schema", "write_rtask"]
+if TYPE_CHECKING:
+    from rtask.vocabulary.source import Module
 
-_HEADER = '''"""Typed classes for the vocabulary of RTASK; generated, do not edit.
+__all__ = ["generate", "generate_for", "generate_rtask", "rtask_schema", "write_rtask"]
+
+_ORIGIN = """Typed classes for the vocabulary of RTASK; generated, do not edit.
 
 Written by ``rtask.model.generate.generate_rtask()`` from the modules and shapes of the room
 ``ontology``.
 """
-
+_HEADER = """
 # fmt: off
 # ruff: noqa: E501 - one field is one line, however long
 
 from __future__ import annotations
 
 import datetime
-from typing import ClassVar
+{decimal}from typing import ClassVar
 
 import ontology
 from rtask.kb.terms import NamedNode
 from rtask.model.fields import Link, Links, Many, One
-from rtask.model.instance import Identity, Model, Registry
+{extends}from rtask.model.instance import Identity, Model, Registry
 from rtask.model.limits import Limits
-
-REGISTRY = Registry()
-'''
+{lists}
+REGISTRY = Registry({parent})
+"""
 
 
 def _triples(paths: list[Path]) -> Triples:
@@ -64,55 +71,118 @@ def write_rtask(path: Path | None = None) -> Path:
     return file
 
 
-def generate(schema: Schema) -> str:
+def generate(schema: Schema, origin: str = _ORIGIN, parent: Registry | None = None) -> str:
     """Return the source of a module with one class for each class of a schema.
 
     The same schema always gives the same text.
+
+    Parameters
+    ----------
+    origin
+        The docstring of the module.
+    parent
+        The classes of RTASK, if the module extends them instead of repeating them.
     """
-    used = {iri for spec in schema.classes.values() for iri in _iris(spec)}
+    write = _Writer(schema, parent)
+    own = write.own
+    fields = [prop for spec in own for prop in write.fields(spec)]
+    used = {iri for spec in own for iri in _iris(spec, write.fields(spec))}
     used |= set(schema.individuals.values())
-    prefixes = {
+    write.prefixes = {
         name: namespace
         for name, namespace in ontology.PREFIXES.items()
         if any(iri.startswith(namespace) for iri in used)
     }
-    write = _Writer(schema, prefixes)
-    constants = "\n".join(f'_{name.upper()} = ontology.PREFIXES["{name}"]' for name in prefixes)
-    parts = [_HEADER + constants]
-    parts += [write.model(spec) for spec in schema.classes.values()]
+    header = _HEADER.format(
+        decimal="import decimal\n" if any(map(_is_decimal, fields)) else "",
+        extends="from rtask.model.generated import rtask as RTASK\n" if parent else "",
+        lists="from rtask.model.lists import Ordered\n" if any(p.is_list for p in fields) else "",
+        parent="RTASK.REGISTRY" if parent else "",
+    )
+    constants = "\n".join(
+        f'_{name.upper()} = ontology.PREFIXES["{name}"]' for name in write.prefixes
+    )
+    parts = [f'"""{origin}"""\n{header}{constants}'.rstrip()]
+    parts += [write.model(spec) for spec in own]
     individuals = [
         f"{name} = NamedNode({write.iri(iri)})" for name, iri in sorted(schema.individuals.items())
     ]
     return "\n\n\n".join([*parts, "\n".join(individuals)]).rstrip() + "\n"
 
 
-def _iris(spec: ClassSpec) -> list[str]:
-    values = [v for prop in spec.properties for v in (prop.iri, prop.value, *prop.limits.one_of)]
-    return [spec.iri, *values, *(p.inverse for p in spec.properties if p.inverse)]
+def generate_for(modules: Iterable[Module]) -> str:
+    """Return the source of typed classes for any ontology, below those of RTASK where it says so.
+
+    Parameters
+    ----------
+    modules
+        What :func:`rtask.vocabulary.read_source` gives.
+    """
+    from rtask.model.generated.rtask import REGISTRY
+
+    modules = list(modules)
+    named = [module.iri for module in modules if module.iri]
+    primary = min(named, default="")
+    triples = [triple for module in modules for triple in module.triples]
+    space = primary if primary.endswith(("#", "/")) else f"{primary}#"
+    schema = read_schema(triples, primary=space, is_known=REGISTRY.find)
+    title = ", ".join(sorted(named)) or ", ".join(module.name for module in modules)
+    origin = f"Typed classes for {title}; generated, do not edit.\n\n``rtask model generate``.\n"
+    return generate(schema, origin.replace("\\", "/").replace('"', "'"), REGISTRY)
+
+
+def _is_decimal(prop: PropertySpec) -> bool:
+    return not prop.is_link and not prop.is_list and python_type(prop.value) is Decimal
+
+
+def _iris(spec: ClassSpec, fields: list[PropertySpec]) -> list[str]:
+    values = [v for prop in fields for v in (prop.iri, prop.value, *prop.limits.one_of)]
+    return [spec.iri, *values, *(p.inverse for p in fields if p.inverse)]
 
 
 class _Writer:
     """Writes classes of one schema."""
 
-    def __init__(self, schema: Schema, prefixes: dict[str, str]) -> None:
+    def __init__(self, schema: Schema, parent: Registry | None) -> None:
         self._schema = schema
-        self._prefixes = prefixes
+        self._parent = parent
+        self.prefixes: dict[str, str] = {}
+        self.own = [spec for spec in schema.classes.values() if self._known(spec.iri) is None]
         specs = [prop for spec in schema.classes.values() for prop in spec.properties]
         self._names = {prop.iri: prop.name for prop in specs}
 
+    def _known(self, iri: str) -> type[Model] | None:
+        return self._parent.find(iri) if self._parent is not None else None
+
+    def _class(self, iri: str) -> str:
+        """Return what names a class in the module."""
+        known = self._known(iri)
+        return f"RTASK.{known.__name__}" if known else self._schema.classes[iri].name
+
+    def fields(self, spec: ClassSpec) -> list[PropertySpec]:
+        """Return the fields that a class adds, and what the ontology adds to RTASK's above it."""
+        known = [model for iri in spec.parents if (model := self._known(iri)) is not None]
+        above = {model for base in known for model in base.__mro__}
+        found = {prop.iri: prop for prop in spec.properties}
+        for other in self._schema.classes.values():
+            if self._known(other.iri) in above:
+                found |= {prop.iri: prop for prop in other.properties}
+        inherited = {iri for model in known for iri in model.__by_iri__}
+        return sorted((p for p in found.values() if p.iri not in inherited), key=lambda p: p.name)
+
     def iri(self, iri: str) -> str:
         """Return an expression for an IRI."""
-        for name, namespace in self._prefixes.items():
+        for name, namespace in self.prefixes.items():
             if iri.startswith(namespace):
-                return f'_{name.upper()} + "{iri[len(namespace) :]}"'
-        return f'"{iri}"'
+                return f"_{name.upper()} + {_quoted(iri[len(namespace) :])}"
+        return _quoted(iri)
 
     def model(self, spec: ClassSpec) -> str:
         """Return one class."""
-        bases = ", ".join(self._schema.classes[p].name for p in spec.parents) or "Model"
+        bases = ", ".join(map(self._class, spec.parents)) or "Model"
         lines = [f"class {spec.name}({bases}):", self._docstring(spec), ""]
         lines.append(f"    __iri__: ClassVar[str] = {self.iri(spec.iri)}")
-        if spec.iri == THING:
+        if spec.iri == THING or self._parent is not None:
             lines.append("    __registry__ = REGISTRY")
         required = sorted(self._names[iri] for iri in spec.required)
         if required:
@@ -121,14 +191,14 @@ class _Writer:
         lines.append("")
         if spec.iri == THING:
             lines.append("    iri: Identity = Identity()")
-        lines += [self._field(prop) for prop in sorted(spec.properties, key=lambda p: p.name)]
+        lines += [self._field(prop) for prop in self.fields(spec)]
         return "\n".join(lines).rstrip()
 
     def _docstring(self, spec: ClassSpec) -> str:
-        text = spec.comment or "The root of all classes."
-        lines = textwrap.wrap(text, 94)
-        lines += ["", f"``{_short(spec.iri)}``"]
-        own = sorted(spec.properties, key=lambda p: p.name)
+        text = spec.comment or ("The root of all classes." if spec.iri == THING else "")
+        lines = [*textwrap.wrap(text, 94), ""] if text else []
+        lines.append(f"``{_short(spec.iri)}``")
+        own = self.fields(spec)
         if own:
             lines += ["", "Attributes", "----------"]
         for prop in own:
@@ -138,17 +208,20 @@ class _Writer:
                 prop.comment + unit, 90, initial_indent="    ", subsequent_indent="    "
             )
         body = "\n".join(f"    {line}".rstrip() for line in lines).replace("\\", "\\\\")
+        body = body.replace('""', "''")
         return f'    """{body.strip()}\n    """'
 
     def _field(self, prop: PropertySpec) -> str:
-        if prop.is_link:
+        if prop.is_list:
+            kind, inner = "Ordered", "object"
+        elif prop.is_link:
             kind = "Link" if prop.single else "Links"
-            inner = self._schema.classes[prop.value].name
+            inner = self._class(prop.value)
         else:
             kind = "One" if prop.single else "Many"
             plain = python_type(prop.value)
-            dated = plain.__module__ == "datetime"
-            inner = f"datetime.{plain.__name__}" if dated else plain.__name__
+            far = plain.__module__ in ("datetime", "decimal")
+            inner = f"{plain.__module__}.{plain.__name__}" if far else plain.__name__
         options = [self.iri(prop.iri), self.iri(prop.value)]
         if prop.functional:
             options.append("functional=True")
@@ -173,6 +246,11 @@ class _Writer:
             listed = ", ".join(self.iri(iri) for iri in limits.one_of)
             options.append(f"one_of=({listed},)")
         return f"Limits({', '.join(options)})" if options else ""
+
+
+def _quoted(text: str) -> str:
+    """Return a string literal with double quotes."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _short(iri: str) -> str:

@@ -12,6 +12,7 @@ from rtask.errors import FieldError, UsageError
 from rtask.kb.terms import NamedNode, Term, iri
 
 if TYPE_CHECKING:
+    from rtask.model.annotations import Annotation
     from rtask.model.fields import Field
     from rtask.model.session import Session
 
@@ -161,6 +162,8 @@ class State:
         Property IRI to values in the graph.
     asked
         The properties that were asked for: one that has no values in ``loaded`` has none.
+    lists
+        Property IRI to the members of an RDF list that was read.
     pending
         Property IRI to what changed.
     origin
@@ -176,6 +179,7 @@ class State:
     deleted: bool = False
     loaded: dict[str, tuple[Term, ...]] = field(default_factory=dict)
     asked: Container[str] = frozenset()
+    lists: dict[str, tuple[Term, ...]] = field(default_factory=dict)
     pending: dict[str, Pending] = field(default_factory=dict)
     origin: str | None = None
     companions: list[Model] = field(default_factory=list)
@@ -198,7 +202,7 @@ class State:
 
     def forget(self) -> None:
         """Forget what was read; changes stay."""
-        self.loaded = {}
+        self.loaded, self.lists = {}, {}
         self.asked = frozenset()
         self.origin = None
 
@@ -252,6 +256,12 @@ class Model(metaclass=ModelType):
         _born.append(None)
         if "__iri__" in cls.__dict__ and cls.__iri__:
             cls.__registry__.models[cls.__iri__] = cls
+
+    def annotations(self, name: str) -> list[Annotation]:
+        """Return what is said about each statement of a field, such as its confidence."""
+        from rtask.model.annotations import read_annotations
+
+        return read_annotations(self, name)
 
     def __setattr__(self, name: str, value: object) -> None:
         if name != "iri" and name not in type(self).__fields__:

@@ -87,7 +87,7 @@ def _constant(step: Field, value: object) -> Term:
         return NamedNode(value.iri)
     if isinstance(value, NamedNode | Literal):
         return value
-    if step.is_link:
+    if step.is_link or step.is_list:
         return term(step.item(value))
     try:  # limits do not apply to what is only compared with
         return encode(value, step.value)
@@ -129,6 +129,8 @@ class Scope:
 
     def property(self, step: Field) -> str:
         """Return the property, or what stands for it where nothing is derived."""
+        if step.is_list:
+            return f"{short(step.iri)}/rdf:rest*/rdf:first"
         if self.inferred or step.stored or step.inverse is None:
             return short(step.iri)
         return f"({short(step.iri)}|^{short(step.inverse)})"

@@ -7,9 +7,8 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
-import ontology
 from rtask.errors import LazyLoadError, UnknownTermError
-from rtask.kb.terms import DEFAULT, BlankNode, NamedNode, Subject, Term
+from rtask.kb.terms import DEFAULT, NamedNode, Term
 from rtask.model.compile import fetch_filter
 from rtask.model.fields import Field
 from rtask.model.instance import EVERYTHING, Model, Registry, vocabularies_of
@@ -27,7 +26,6 @@ Facts: TypeAlias = "Mapping[str, Sequence[Term]]"
 
 _WHOLE = 500
 """An object with more statements than this is read by the properties that are wanted."""
-_FIRST, _REST = (ontology.PREFIXES["rdf"] + name for name in ("first", "rest"))
 
 
 class Reader:
@@ -230,19 +228,6 @@ class Reader:
             for cell, first, rest in self._session.select(text)
             if cell is not None and first is not None and rest is not None
         }
-
-
-def own_cells(session: Session, head: Term) -> list[tuple[Subject, NamedNode, Term]]:
-    """Return the statements of an RDF list that the session's own graph holds."""
-    found: list[tuple[Subject, NamedNode, Term]] = []
-    seen: set[Term] = set()
-    while isinstance(head, NamedNode | BlankNode) and head not in seen:
-        seen.add(head)
-        quads = session.kb.match(head, graph=session.home)
-        quads = [quad for quad in quads if quad.predicate.value in (_FIRST, _REST)]
-        found += [(quad.subject, quad.predicate, quad.object) for quad in quads]
-        head = next((q.object for q in quads if q.predicate.value == _REST), NamedNode(_REST))
-    return found
 
 
 def _iris(terms: Iterable[Term]) -> frozenset[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import ontology
@@ -21,7 +21,12 @@ OWL, RDF, RDFS = (ontology.PREFIXES[name] for name in ("owl", "rdf", "rdfs"))
 SH, RT = ontology.PREFIXES["sh"], ontology.NS
 THING = OWL + "Thing"
 _TYPE = RDF + "type"
-_RESERVED = {"iri"}
+_RESERVED = {
+    *("iri", "annotations", "registry", "str", "int", "float", "bool", "object", "datetime"),
+    *("ontology", "Model", "One", "Many", "Link", "Links", "Ordered", "Identity", "Limits"),
+    *("Registry", "NamedNode", "ClassVar", "REGISTRY"),
+}
+"""Names that classes and generated modules use themselves."""
 _CLOSED = RT + "CodedValue"
 _COMMENTS = {
     RDFS + "label": "A name for people, in a language.",
@@ -38,6 +43,7 @@ class PropertySpec:
     is_link: bool
     value: str
     domains: list[str]
+    is_list: bool = False
     functional: bool = False
     single: bool = False
     inverse: str | None = None
@@ -178,13 +184,15 @@ def _hierarchy(graph: _Graph, iris: set[str]) -> dict[str, list[str]]:
 def _superclasses_first(above: dict[str, list[str]]) -> list[str]:
     """Return one order of all classes; the bases of a class, taken against it, always agree."""
     depth: dict[str, int] = {}
-
-    def measure(iri: str) -> int:
-        if iri not in depth:
-            depth[iri] = 1 + max(map(measure, above[iri]), default=-1)
-        return depth[iri]
-
-    order = sorted(above, key=lambda iri: (measure(iri), iri))
+    open_ = sorted(above)
+    while open_:  # classes nest deeper than Python's stack
+        iri = open_[-1]
+        waiting = [parent for parent in above[iri] if parent not in depth]
+        if waiting:
+            open_ += waiting
+        else:
+            depth[open_.pop()] = 1 + max((depth[parent] for parent in above[iri]), default=-1)
+    order = sorted(above, key=lambda iri: (depth[iri], iri))
     place = {iri: at for at, iri in enumerate(order)}
     for parents in above.values():
         parents.sort(key=lambda iri: -place[iri])
@@ -203,7 +211,8 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
     names = _names(links | plain, primary, _field_name)
     found = {}
     for iri in sorted(links | plain):
-        is_link = iri in links
+        is_list = RDF + "List" in graph.iris(iri, RDFS + "range")
+        is_link = iri in links and not is_list
         units = graph.iris(iri, RT + "unit")
         found[iri] = PropertySpec(
             iri,
@@ -211,6 +220,7 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
             is_link,
             _range(graph, iri, is_link, classes),
             _domains(graph, iri, classes),
+            is_list,
             functional=iri in functional,
             single=iri in functional,
             inverse=inverse.get(iri),
@@ -336,7 +346,8 @@ def _individuals(
     for spec in properties.values():
         if spec.is_link and spec.value in closed and members[spec.value]:
             spec.limits = Limits(one_of=tuple(members[spec.value]))
-    return {_field_name(_local(iri)): iri for iri in named if iri.startswith(primary or "")}
+    own = {iri for iri in named if iri.startswith(primary or "")}
+    return {name: iri for iri, name in _names(own, primary, _field_name).items()}
 
 
 # Names
@@ -364,6 +375,11 @@ def _prefix(iri: str) -> str:
     return re.sub(r"\W", "_", parts[-2]) if len(parts) > 1 and parts[-2] else "other"
 
 
+def _is_taken(name: str, taken: Container[str]) -> bool:
+    special = keyword.iskeyword(name) or name.startswith("__") or name in _RESERVED
+    return special or name in taken
+
+
 def _names(iris: set[str], primary: str, make: object) -> dict[str, str]:
     """Give each IRI its own Python name."""
     assert callable(make)
@@ -371,9 +387,11 @@ def _names(iris: set[str], primary: str, make: object) -> dict[str, str]:
     order = sorted(iris, key=lambda iri: (not primary or not iri.startswith(primary), iri))
     for iri in order:
         name = make(_local(iri))
-        if not name.isidentifier() or keyword.iskeyword(name) or name in _RESERVED | set(taken):
+        if not name.isidentifier() or _is_taken(name, taken):
             name = make(f"{_prefix(iri)}-{_local(iri)}")
-        while name in taken or not name.isidentifier():
-            name = f"{name}_" if name.isidentifier() else f"n_{name}"
+        if not name.isidentifier():
+            name = f"n_{name}" if f"n_{name}".isidentifier() else "unnamed"
+        while _is_taken(name, taken):
+            name = f"{name.lstrip('_')}_"
         taken[name] = iri
     return {iri: name for name, iri in taken.items()}
