@@ -333,7 +333,7 @@ def _adaptive(
         if done == codes.shape[1]:
             break
         wins = (codes[alive, :done] > 0).sum(axis=1)
-        keep = max(1, math.floor((1 - plan.share) * len(alive) + 0.5))
+        keep = max(1, math.floor((1 - plan.share) * len(alive) + 0.5 + 1e-9))
         order = np.lexsort((_lots(trials.rows[alive], seed + done), -wins))
         gone[alive[order[keep:]]] = done
         alive = np.sort(alive[order[:keep]])

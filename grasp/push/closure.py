@@ -78,16 +78,28 @@ def _flush(x, y, n, lo, hi, top, c1, c2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _slips_shut(x, y, n, left, i, j, lo, w, a, e, mu):  # type: ignore[no-untyped-def]
-    """Return SLIP when the corner on the steep edge i-j comes to rest in the notch below it.
+def _is_straight(x, y, i, j, k):  # type: ignore[no-untyped-def]
+    """Return whether vertex k continues the line from i to j."""
+    ax, ay, bx, by = x[j] - x[i], y[j] - y[i], x[k] - x[j], y[k] - y[j]
+    return abs(ax * by - ay * bx) <= _LEVEL * math.hypot(ax, ay) and ax * bx + ay * by > 0.0
 
-    The corner runs down the edge to its lower vertex, the window with it; there the next edge must
-    hold it (Kehoe 2014, 3.4, third condition). One slip only.
+
+@njit(cache=True, nogil=True)
+def _slips_shut(x, y, n, left, i, j, lo, w, a, e, mu):  # type: ignore[no-untyped-def]
+    """Return SLIP when the corner on the steep edge i-j comes to rest against the edge below it.
+
+    The corner runs down the edge, the window with it, until it lies in the notch at the edge's
+    lower vertex q or another feature stops it; there the second jaw must close (Kehoe 2014, 3.4,
+    third condition). One slip only.
     """
     if y[j] < y[i]:
-        q, beyond = j, (j + 1 if j + 1 < n else 0)
+        top, q, step = i, j, 1
     else:
-        q, beyond = i, (i - 1 if i > 0 else n - 1)
+        top, q, step = j, i, n - 1
+    beyond = (q + step) % n
+    # Collinear vertices divide the steep edge without ending it.
+    while beyond != top and y[beyond] < y[q] and _is_straight(x, y, top, q, beyond):
+        q, beyond = beyond, (beyond + step) % n
     foot = x[q]
     inwards = x[beyond] - foot if left else foot - x[beyond]
     if foot <= lo or foot >= lo + w or inwards <= 0.0:
@@ -95,11 +107,6 @@ def _slips_shut(x, y, n, left, i, j, lo, w, a, e, mu):  # type: ignore[no-untype
     if abs(y[beyond] - y[q]) > mu * inwards:
         return OPEN
     moved = foot if left else foot - w
-    if not max(a, moved) <= foot <= min(e, moved + w):
-        return OPEN
-    kind, _, _, top = highest(x, y, n, moved, moved + w)
-    if kind == NOTHING or top > y[q] + _LEVEL:
-        return OPEN
     # Where the first jaw goes with the window it must meet nothing else.
     for k in range(n):
         m = k + 1 if k + 1 < n else 0
@@ -107,7 +114,35 @@ def _slips_shut(x, y, n, left, i, j, lo, w, a, e, mu):  # type: ignore[no-untype
             at = x[k] + (x[m] - x[k]) * (-_LEVEL - y[k]) / (y[m] - y[k])
             if moved < at < moved + w:
                 return OPEN
-    return SLIP
+    kind, _, x2, peak = highest(x, y, n, moved, moved + w)
+    if kind == NOTHING:
+        return OPEN
+    if peak > y[q] + _LEVEL:
+        return _stopped(x, y, n, left, y[q], kind == VERTEX, x2, lo, moved, w, a, e, mu)
+    return SLIP if max(a, moved) <= foot <= min(e, moved + w) else OPEN
+
+
+@njit(cache=True, nogil=True)
+def _stopped(x, y, n, left, floor, by_vertex, x2, lo, moved, w, a, e, mu):  # type: ignore[no-untyped-def]
+    """Return SLIP when the feature that stops a slip before the notch closes the grasp.
+
+    The window stops somewhere between ``lo`` and ``moved``; what follows must hold for all of it,
+    and only one feature may rise above ``floor``.
+    """
+    far, far_moved = (lo + w, moved + w) if left else (lo, moved)
+    low, high = max(a, lo, moved), min(e, lo + w, moved + w)
+    rising = 0
+    for k in range(n):
+        if moved < x[k] < moved + w and y[k] > floor + _LEVEL:
+            rising += 1
+    height, slope = _top_at(x, y, n, far)
+    height_moved, slope_moved = _top_at(x, y, n, far_moved)
+    if by_vertex:
+        alone = rising == 1 and height_moved <= floor + _LEVEL
+        return SLIP if alone and low <= x2 <= high and lo < x2 < lo + w else OPEN
+    same = height > -np.inf and slope == slope_moved
+    within = a <= min(far, far_moved) and max(far, far_moved) <= e
+    return SLIP if rising == 0 and same and abs(slope) <= mu and within else OPEN
 
 
 @njit(cache=True, nogil=True)

@@ -144,6 +144,23 @@ def _to_edge_frame(x, y, n, ox, oy, mirror, tx, ty):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
+def _reach(x, y, n, i, j):  # type: ignore[no-untyped-def]
+    """Return the end of the straight boundary on y = 0 that runs from vertex i through j.
+
+    Collinear vertices divide an edge without changing the part.
+    """
+    step = n - 1 if (i + n - 1) % n == j else 1
+    if n > 2 and (i + 1) % n == j:
+        step = 1
+    end = x[j]
+    k = (j + step) % n
+    while k != i and abs(y[k]) <= _LEVEL and (x[k] - end) * (end - x[i]) > 0.0:
+        end = x[k]
+        k = (k + step) % n
+    return end
+
+
+@njit(cache=True, nogil=True)
 def _corner_push(x, y, n, mx, my, i, w, bx, by, left, mu, passes, nguyen, scratch):  # type: ignore[no-untyped-def]
     """Pass 1: a corner of the jaw on the edge from vertex ``i`` (Kehoe 2014, 3.4, Fig. 3.5)."""
     j = i + 1 if i + 1 < n else 0
@@ -163,7 +180,7 @@ def _corner_push(x, y, n, mx, my, i, w, bx, by, left, mu, passes, nguyen, scratc
     if f < r * slope:
         return TURNS_AWAY
     _to_edge_frame(x, y, n, bx, by, mirror, tx, ty)
-    a, e = x[i0], x[i1]
+    a, e = _reach(x, y, n, i1, i0), _reach(x, y, n, i0, i1)
     aligned = slope <= _LEVEL
     if f > mu * r and not aligned:
         if not passes & 4:
@@ -224,9 +241,10 @@ def _vertex_push(x, y, n, mx, my, i, lo, hi, mu, nguyen):  # type: ignore[no-unt
     ahead = hi - bx if side > 0.0 else bx - lo
     if foot > ahead:
         return BEYOND_JAW
+    _to_edge_frame(x, y, n, bx, by, side, tx, ty)
+    length = _reach(x, y, n, i, edge)
     if foot > length:
         return BEYOND_EDGE
-    _to_edge_frame(x, y, n, bx, by, side, tx, ty)
     if not aligned and _obstructed(x, y, n, i, edge, ahead, max(flattest, 0.0)):
         return OBSTRUCTED
     w = hi - lo
