@@ -17,6 +17,7 @@ from typing import Any, cast
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
+from endpoint.changes import Changes, Stream
 from endpoint.exchange import RefusedError, Request, Response
 from endpoint.gateway import Gateway, Job
 from endpoint.protocol.negotiation import prefers_html
@@ -52,6 +53,8 @@ class Front:
         self._gateway = gateway
         self._held = 0
         self.connections = Connections(bridge, gateway.auth)
+        self.changes = Changes(gateway)
+        gateway.more_gauges["rtask_subscribers"] = lambda: len(self.changes)
         gateway.more_gauges["rtask_robots_connected"] = lambda: len(self.connections)
         gateway.more_gauges["rtask_upload_bytes_held"] = lambda: self._held
         # a2wsgi types the same interfaces in words of its own.
@@ -71,7 +74,11 @@ class Front:
         if scope["type"] == "lifespan":
             await self._lifespan(receive, transmit)
         elif scope["type"] == "websocket":
-            await self.connections.serve(self._request(scope, b""), scope, receive, transmit)
+            request = self._request(scope, b"")
+            if self.changes.serves(request.raw_path):
+                await self.changes.serve_socket(request, scope, receive, transmit)
+            else:
+                await self.connections.serve(request, scope, receive, transmit)
         else:
             await self._http(scope, receive, transmit)
 
@@ -89,6 +96,7 @@ class Front:
         while True:
             await asyncio.sleep(REVOCATION_CHECK_S)
             await self.connections.close_revoked()
+            await self.changes.close_revoked()
 
     async def _http(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
         request = self._request(scope, b"")
@@ -102,10 +110,32 @@ class Front:
         if body is None:  # cut off half-way: nothing may be executed
             return
         request = replace(request, body=body) if body else request
-        if self._gateway.serves(request.raw_path) and not _wants_page(request):
+        if self.changes.serves(request.raw_path) and request.method != "OPTIONS":
+            await self._follow(request, Wire(scope, receive, transmit))
+        elif self._gateway.serves(request.raw_path) and not _wants_page(request):
             await self._program(request, Wire(scope, receive, transmit))
         else:
             await self._page(request, scope, transmit)
+
+    async def _follow(self, request: Request, wire: Wire) -> None:
+        """Let a program follow the graph; the answer ends when either side has enough."""
+        gateway = self._gateway
+        started = time.perf_counter()
+        try:
+            answer = self.changes.open(request)
+        except Exception as error:  # noqa: BLE001 - every error is an answer
+            job = gateway.refused(error, request)
+            response = gateway.run(job)
+        else:
+            job = Job(request, Plan.ready(Response()), started=started)
+            if isinstance(answer, Stream):
+                sent = await answer.send(wire)
+                gateway.report(job, Response(200), sent)
+                return
+            job.plan = Plan.ready(answer)
+            response = gateway.run(job)
+        sent, whole = await send(response, request.method, wire)
+        gateway.report(job, response, sent, whole=whole)
 
     async def _program(self, request: Request, wire: Wire) -> None:
         """Answer a program."""

@@ -203,6 +203,7 @@ async def _drain(server: uvicorn.Server, front: Front) -> None:
     deadline = time.monotonic() + front.drain_delay_s
     while time.monotonic() < deadline and not server.force_exit:
         await asyncio.sleep(0.05)
+    await front.changes.close_all()
     await front.connections.close_all()
 
 

@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
 from endpoint.auth import Authenticator, Caller
-from endpoint.exchange import Request, Response
+from endpoint.exchange import Request
 from endpoint.outbox import Outbox
 from endpoint.problems import problem
 from endpoint.rosbridge.session import Bridge, Session
@@ -54,7 +54,7 @@ class Connections:
             self._auth.check_origin(request, caller)
         except RtaskError as error:
             _log.warning("refused a robot from %s: %s", request.client, error)
-            await _refuse(scope, transmit, problem(error))
+            await refuse_handshake(scope, transmit, error)
             return
         await transmit({"type": "websocket.accept"})
         connection = Connection(self._bridge, caller, receive, transmit)
@@ -155,8 +155,9 @@ class Connection:
             await self._transmit({"type": "websocket.close", "code": code, "reason": reason})
 
 
-async def _refuse(scope: Message, transmit: Transmit, response: Response) -> None:
+async def refuse_handshake(scope: Message, transmit: Transmit, error: RtaskError) -> None:
     """Answer the handshake with a status, where the server can; else it becomes 403."""
+    response = problem(error)
     if "websocket.http.response" not in scope.get("extensions", {}):
         await transmit({"type": "websocket.close", "code": POLICY})
         return
