@@ -1,0 +1,113 @@
+"""Which pixels may belong to the object: its segment, and segments that touch it.
+
+A segmenter that is not told what it looks at cuts a handle from its mug. The stored model says how
+large the whole may be, and so which neighbours can be parts of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+__all__ = ["Hypothesis", "hypotheses", "spread"]
+
+_DILATION_PX = 9
+_GAP_M = 0.012
+_MOST_NEIGHBOURS = 5
+_LARGER = 1.1
+_ENOUGH_POINTS = 600
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Segments that are one object.
+
+    Parameters
+    ----------
+    labels
+        The segment asked for first.
+    mask : (h, w) bool
+    """
+
+    labels: tuple[int, ...]
+    mask: NDArray[np.bool_]
+
+
+def hypotheses(
+    points: NDArray[np.float32],
+    labels: NDArray[np.int32],
+    label: int,
+    diameter_m: float,
+) -> list[Hypothesis]:
+    """Return the segment alone, with each touching neighbour, and with all of them.
+
+    Parameters
+    ----------
+    points : (h, w, 3) float32, m, camera
+        NaN = missing.
+    labels : (h, w) int32
+        0 = no object.
+    label
+        The segment.
+    diameter_m
+        Of the model: what is larger together is not one object.
+    """
+    alone = labels == label
+    found = [Hypothesis((label,), alone)]
+    mine = _some(points[alone])
+    joined = [
+        other
+        for other in _touching(points, labels, label, mine)
+        if spread(np.vstack([mine, _some(points[labels == other])])) <= _LARGER * diameter_m
+    ][:_MOST_NEIGHBOURS]
+    found += [Hypothesis((label, other), alone | (labels == other)) for other in joined]
+    if len(joined) > 1:
+        together = np.isin(labels, [label, *joined])
+        if spread(_some(points[together])) <= _LARGER * diameter_m:
+            found.append(Hypothesis((label, *joined), together))
+    return found
+
+
+def spread(points: NDArray[np.floating]) -> float:
+    """Return the largest extent in m of points (n, 3) over many directions, outliers left out."""
+    k = np.arange(60) + 0.5
+    height, turn = 1 - k / 60, np.pi * (1 + 5**0.5) * k
+    flat = np.sqrt(1 - height**2)
+    ways = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    low, high = np.percentile(points @ ways.T, [1, 99], axis=0)
+    return float((high - low).max())
+
+
+def _some(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    points = points[np.isfinite(points).all(axis=1)]
+    return points[:: max(len(points) // _ENOUGH_POINTS, 1)]
+
+
+def _touching(
+    points: NDArray[np.float32], labels: NDArray[np.int32], label: int, mine: NDArray[np.float32]
+) -> list[int]:
+    """Return the segments beside this one without a gap in space, nearest first."""
+    rows, columns = np.nonzero(labels == label)
+    top, left = max(rows.min() - _DILATION_PX, 0), max(columns.min() - _DILATION_PX, 0)
+    box = (
+        slice(top, rows.max() + _DILATION_PX + 1),
+        slice(left, columns.max() + _DILATION_PX + 1),
+    )
+    mask = (labels[box] == label).astype(np.uint8)
+    grown = cv2.dilate(mask, np.ones((_DILATION_PX, _DILATION_PX), np.uint8)).astype(bool)
+    beside = grown & (labels[box] > 0) & (labels[box] != label)
+    numbers = labels[box][beside]
+    places = points[box][beside]
+    finite = np.isfinite(places).all(axis=1)
+    if not finite.any() or len(mine) == 0:
+        return []
+    edge = points[box][mask.astype(bool)]
+    gaps, _ = cKDTree(edge[np.isfinite(edge).all(axis=1)]).query(places[finite])
+    nearest: dict[int, float] = {}
+    for number, gap in zip(numbers[finite].tolist(), gaps.tolist(), strict=True):
+        nearest[number] = min(gap, nearest.get(number, np.inf))
+    return sorted((n for n, gap in nearest.items() if gap <= _GAP_M), key=nearest.__getitem__)

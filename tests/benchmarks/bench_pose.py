@@ -1,0 +1,209 @@
+"""How often, how exactly and how fast the pose of a known object is found.
+
+    python tests/benchmarks/bench_pose.py                      # 8 scenes, true and predicted masks
+    python tests/benchmarks/bench_pose.py --scenes 100:130     # more of them
+    python tests/benchmarks/bench_pose.py --starts 72          # a faster search
+    python tests/benchmarks/bench_pose.py --fit                # refit the confidence
+
+Tables of ``tabletop_scenes.py``, kind ``normal``: occluding, mostly strongly concave objects, of
+which at least 400 px are visible; identity and model known. A pose is right within 5 mm and 5
+degrees, modulo symmetry. Predicted masks are what the segmenter gives, the segment of best overlap
+standing for its object; an object that it misses counts as a failure. The peer is multi-start ICP
+without free space, merging and collected points.
+"""
+
+from __future__ import annotations
+
+import argparse
+import pickle
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from tabletop_scenes import TableScene, Thing, make_scene
+
+from features.pose import (
+    PoseEstimate,
+    PoseModel,
+    PoseParams,
+    build_pose_model,
+    estimate_pose,
+    pose_error,
+)
+from features.segmentation import SegmentParams, segment_scene
+
+LEAST_PX = 400
+CONCAVE = SegmentParams(tolerance_deg=35, bad_sanity=0.10, min_points=60)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One object in one scene."""
+
+    source: str
+    overlap: float
+    estimate: PoseEstimate | None
+    is_right: bool
+    add_s_ok: bool
+    errors: tuple[float, float]
+    seconds: float
+
+
+def scenes_of(seeds: range, cache: Path | None) -> list[TableScene]:
+    """Make the scenes, or read them from a cache."""
+    found = []
+    for seed in seeds:
+        known = None if cache is None else cache / f"normal-{seed}.pickle"
+        if known is not None and known.is_file():
+            found.append(pickle.loads(known.read_bytes()))
+            continue
+        found.append(make_scene("normal", seed))
+        if known is not None:
+            known.parent.mkdir(parents=True, exist_ok=True)
+            known.write_bytes(pickle.dumps(found[-1]))
+    return found
+
+
+class Models:
+    """Models of all geometries met so far."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, PoseModel] = {}
+
+    def of(self, thing: Thing) -> PoseModel:
+        """Return the model of a thing, made from its mesh."""
+        if thing.key not in self._known:
+            self._known[thing.key] = build_pose_model(*thing.load())
+        return self._known[thing.key]
+
+
+def predicted(scene: TableScene) -> np.ndarray:
+    """Segment a scene."""
+    cut = segment_scene(scene.frame.points(), scene.frame.rgb, CONCAVE, scene.down)
+    return cut.labels
+
+
+def best_overlap(labels: np.ndarray, mask: np.ndarray) -> tuple[int, float]:
+    """Return the segment that overlaps a mask best, and by how much (IoU)."""
+    shares = []
+    for number in np.unique(labels[mask & (labels > 0)]).tolist():
+        mine = labels == number
+        shares.append((float((mine & mask).sum() / (mine | mask).sum()), number))
+    overlap, number = max(shares, default=(0.0, 0))
+    return number, overlap
+
+
+def run(scenes: list[TableScene], models: Models, params: PoseParams, masks: str) -> list[Trial]:
+    """Estimate every pose that is asked for."""
+    trials = []
+    for scene in scenes:
+        visible = scene.frame.depth_m > 0
+        labels = np.where(visible, np.maximum(scene.labels, 0), 0).astype(np.int32)
+        cut = predicted(scene) if masks == "predicted" else labels
+        for thing in scene.things:
+            if thing.pixels < LEAST_PX:
+                continue
+            number, overlap = best_overlap(cut, labels == thing.number)
+            estimate, seconds = None, 0.0
+            model = models.of(thing)
+            if number:
+                start = time.thread_time()
+                estimate = estimate_pose(model, scene.frame, cut, number, params, scene.plane)
+                seconds = time.thread_time() - start
+            trials.append(_trial(thing, model, overlap, estimate, seconds))
+    return trials
+
+
+def _trial(
+    thing: Thing, model: PoseModel, overlap: float, estimate: PoseEstimate | None, seconds: float
+) -> Trial:
+    if estimate is None:
+        return Trial(thing.source, overlap, None, False, False, (np.inf, np.inf), seconds)
+    error = pose_error(model, estimate.camera_from_object, thing.camera_from_mesh)
+    return Trial(
+        thing.source,
+        overlap,
+        estimate,
+        error.is_within(),
+        error.add_s_m < 0.005,
+        (error.translation_m, float(np.rad2deg(error.rotation_rad))),
+        seconds,
+    )
+
+
+def _share(of: np.ndarray) -> float:
+    return float(of.mean()) if len(of) else float("nan")
+
+
+def report(title: str, trials: list[Trial], threshold: float) -> None:
+    """Print one line."""
+    right = np.array([t.is_right for t in trials])
+    took = 1e3 * np.array([t.seconds for t in trials if t.estimate is not None])
+    accepted = np.array([bool(t.estimate and t.estimate.confidence >= threshold) for t in trials])
+    errors = np.array([t.errors for t in trials])[right]
+    print(
+        f"{title:32s} failure {1 - right.mean():.3f} of {len(right)}, "
+        f"ADD-S {np.mean([t.add_s_ok for t in trials]):.3f}, median error "
+        f"{1e3 * np.median(errors[:, 0]):.1f} mm {np.median(errors[:, 1]):.1f} deg, "
+        f"accepted {accepted.mean():.2f}, of these right {_share(right[accepted]):.3f}, "
+        f"CPU ms median {np.median(took):.0f} p95 {np.percentile(took, 95):.0f}",
+        flush=True,
+    )
+
+
+def refit(trials: list[Trial]) -> None:
+    """Print logistic weights of fit and violation, fitted by Newton's method."""
+    rows = [(t.estimate.fit, t.estimate.violation, 1.0) for t in trials if t.estimate]
+    right = np.array([t.is_right for t in trials if t.estimate], float)
+    x, w = np.array(rows), np.zeros(3)
+    for _ in range(50):
+        p = 1 / (1 + np.exp(-x @ w))
+        step = x.T @ (right - p) - 0.05 * w * (1, 1, 0)
+        w += np.linalg.solve(
+            (x * (p * (1 - p))[:, None]).T @ x + 0.05 * np.diag([1, 1, 1e-6]), step
+        )
+    p = 1 / (1 + np.exp(-x @ w))
+    brier = np.mean((p - right) ** 2)
+    print(f"fit {w[0]:.2f} violation {w[1]:.2f} offset {w[2]:.2f}; Brier {brier:.3f}")
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", default="100:108", help="seeds, first:last")
+    parser.add_argument("--starts", type=int, default=PoseParams().starts)
+    parser.add_argument("--masks", choices=("true", "predicted", "both"), default="both")
+    parser.add_argument("--cache", type=Path, help="keep the scenes here")
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--failures", action="store_true", help="list them")
+    parser.add_argument("--no-peer", action="store_true")
+    args = parser.parse_args()
+    first, last = map(int, args.scenes.split(":"))
+    scenes, models = scenes_of(range(first, last), args.cache), Models()
+    params = PoseParams(starts=args.starts, more_starts=max(args.starts // 2, 1))
+    run(scenes[:1], models, params, "true")  # compile
+    bare = replace(params, merge=False, recollected=0, penalty=0.0, most_violation=1.0)
+    everything = []
+    for masks in ("true", "predicted") if args.masks == "both" else (args.masks,):
+        trials = run(scenes, models, params, masks)
+        everything += trials
+        report(f"{masks} masks", trials, params.confidence.threshold)
+        if not args.no_peer:
+            report(f"{masks} masks, ICP alone", run(scenes, models, bare, masks), 2.0)
+        if args.failures:
+            for t in trials:
+                if not t.is_right:
+                    e = t.estimate
+                    print(
+                        f"   {t.source[-20:]:20s} IoU {t.overlap:.2f} error {t.errors[0]:.4f} "
+                        f"{t.errors[1]:.0f} conf {e.confidence if e else 0:.2f} "
+                        f"fit {e.fit if e else 0:.2f} vio {e.violation if e else 0:.2f} "
+                        f"amb {e.ambiguous if e else 0}"
+                    )
+    if args.fit:
+        refit(everything)
+
+
+if __name__ == "__main__":
+    main()
