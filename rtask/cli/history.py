@@ -15,6 +15,9 @@ from rtask.cli.options import data_option, open_to_read, term
 @click.option("--graph", "-g", help="Only this graph.")
 @click.option("--agent", help="Only what this robot or person wrote.")
 @click.option("--since", default=0, help="Only commits after this number.")
+@click.option("--upto", type=int, help="Only commits up to this number.")
+@click.option("--from", "start", help="Only commits at this time (ISO 8601) or later.")
+@click.option("--until", "end", help="Only commits before this time.")
 @click.option("--statements", "-s", is_flag=True, help="Show the statements too.")
 def history(
     subject: str | None,
@@ -22,12 +25,18 @@ def history(
     graph: str | None,
     agent: str | None,
     since: int,
+    upto: int | None,
+    start: str | None,
+    end: str | None,
     statements: bool,
 ) -> None:
     """Say who wrote or withdrew what, and when."""
     with open_to_read(data) as kb:
         about = None if subject is None else term(subject, kb.base)
-        for entry in kb.history(about, graph=graph, agent=agent, since=since):
+        entries = kb.history(
+            about, graph=graph, agent=agent, since=since, upto=upto, start=start, end=end
+        )
+        for entry in entries:
             note = f"  {entry.note}" if entry.note else ""
             click.echo(
                 f"{entry.seq:6d}  {entry.time[:19]}  {entry.agent or '-':12s}  "

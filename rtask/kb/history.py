@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pyoxigraph import Quad
 
-from rtask.errors import UnsupportedError
-from rtask.kb.journal import JournalFile, Record
+from rtask.kb.feed import Feed
+from rtask.kb.journal import JournalFile
 from rtask.kb.terms import Graph
+from rtask.kb.times import moment
 
-__all__ = ["HistoryEntry", "history"]
+__all__ = ["HistoryEntry", "Period", "history", "matcher"]
 
 
 @dataclass(frozen=True)
@@ -34,38 +36,75 @@ class HistoryEntry:
     removed: tuple[Quad, ...]
 
 
+@dataclass(frozen=True)
+class Period:
+    """Which commits are asked for.
+
+    Parameters
+    ----------
+    after, upto
+        Numbers of commits: those behind ``after``, up to ``upto``.
+    start, end
+        Moments: those at ``start`` or later, before ``end``.
+    agent
+        Name of the writer.
+    """
+
+    after: int = 0
+    upto: int | None = None
+    start: dt.datetime | None = None
+    end: dt.datetime | None = None
+    agent: str | None = None
+
+    def holds(self, time: object, agent: object) -> bool:
+        """Whether a commit of this time and writer is meant."""
+        if self.agent is not None and agent != self.agent:
+            return False
+        if self.start is None and self.end is None:
+            return True
+        at = moment(str(time or ""))
+        return (self.start is None or at >= self.start) and (self.end is None or at < self.end)
+
+
 def history(
-    journal: object,
-    matches: Callable[[Quad], bool],
-    agent: str | None = None,
-    since: int = 0,
+    feed: Feed, journal: object, matches: Callable[[Quad], bool], period: Period
 ) -> Iterator[HistoryEntry]:
     """Yield the commits that touched matching statements, oldest first.
 
-    Raises
-    ------
-    UnsupportedError
-        For a store in memory, which keeps no journal.
+    A store in memory keeps no journal; there it reaches back as far as the feed remembers.
     """
+    for entry in _entries(feed, journal, period):
+        added = tuple(filter(matches, entry.added))
+        removed = tuple(filter(matches, entry.removed))
+        if added or removed:
+            yield replace(entry, added=added, removed=removed)
+
+
+def _entries(feed: Feed, journal: object, period: Period) -> Iterator[HistoryEntry]:
+    upto = feed.last_seq if period.upto is None else period.upto
     if not isinstance(journal, JournalFile):
-        raise UnsupportedError("this store keeps no journal; its provenance graph can be queried")
-    for record in journal.records(since):
-        if agent is not None and record.header.get("agent") != agent:
-            continue
-        entry = _entry(record, matches)
-        if entry.added or entry.removed:
-            yield entry
-
-
-def _entry(record: Record, matches: Callable[[Quad], bool]) -> HistoryEntry:
-    return HistoryEntry(
-        record.seq,
-        str(record.header.get("time", "")),
-        record.header.get("agent"),
-        record.header.get("note"),
-        tuple(filter(matches, record.added())),
-        tuple(filter(matches, record.removed())),
-    )
+        for change in feed.changes(period.after, upto):
+            time = change.commit.time.isoformat()
+            if period.holds(time, change.agent):
+                added = (*change.added, *change.inferred_added)
+                removed = (*change.removed, *change.inferred_removed)
+                yield HistoryEntry(
+                    change.commit.seq, time, change.agent, change.note, added, removed
+                )
+        return
+    for record in journal.records(period.after):
+        if record.seq > upto:
+            return
+        header = record.header
+        if period.holds(header.get("time"), header.get("agent")):
+            yield HistoryEntry(
+                record.seq,
+                str(header.get("time", "")),
+                header.get("agent"),
+                header.get("note"),
+                tuple(record.added()),
+                tuple(record.removed()),
+            )
 
 
 def matcher(

@@ -15,6 +15,7 @@ from rtask.kb.objects import Objects
 from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
 from rtask.kb.standing import RowChange, require_select
+from rtask.kb.stating import Stating
 from rtask.kb.subscriptions import Subscription
 from rtask.kb.terms import NamedNode
 from rtask.kb.watching import Watching
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["KnowledgeBase"]
 
 
-class KnowledgeBase(Reading, Watching, Reasoning, Objects):
+class KnowledgeBase(Reading, Watching, Reasoning, Stating, Objects):
     """A graph that robots share; made by :func:`rtask.open`.
 
     Reading is possible from any thread, writing is one commit at a time. Use it as a context
@@ -105,6 +106,15 @@ class KnowledgeBase(Reading, Watching, Reasoning, Objects):
 
         return everything(self.store, self.graphs)
 
+    def as_of(self, seq: int) -> KnowledgeBase:
+        """Return what was known after a commit, as a copy in memory for reading only.
+
+        Close it when it is no longer needed. See :func:`rtask.kb.past.as_of`.
+        """
+        from rtask.kb.past import as_of
+
+        return as_of(self, self._files, seq)
+
     def verify(self, repair: bool = False) -> list[Finding]:
         """Compare what is derived with what it is derived from; see :mod:`rtask.kb.verify`."""
         from rtask.kb.verify import verify
@@ -132,6 +142,7 @@ class KnowledgeBase(Reading, Watching, Reasoning, Objects):
         """Finish the running write, make everything durable and let the folder go."""
         if not self.store.is_open:
             return
+        self.expiry.close()
         self._writer.close()
         self.feed.close()
         self.readers.close()

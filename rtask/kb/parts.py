@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from rtask.kb.access import Access
 from rtask.kb.catalogue import Catalogue
+from rtask.kb.expiry import Expiry
 from rtask.kb.feed import Feed
 from rtask.kb.folder import Files
 from rtask.kb.index import SideIndex
@@ -58,6 +60,9 @@ class Parts:
         tables = (self.texts, self.places)
         self.index = SideIndex(files.store, self.feed, path, self._is_indexed, tables)
         writer.listen(self.index.announce)
+        access = Access().bind(self.graphs, catalogue.is_ontology, self.plain)
+        self.expiry = Expiry(files.store, writer, access, self._is_indexed)
+        writer.listen(self.expiry.announce)
 
     def _is_indexed(self, graph: object) -> bool:
         """Whether a graph's words and places are found; the others repeat or derive."""

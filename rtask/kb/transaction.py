@@ -6,7 +6,8 @@ before the commit. Do slow work before.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import datetime as dt
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -18,10 +19,12 @@ from rtask.kb.blobs import BlobStore
 from rtask.kb.commit import Commit, Request
 from rtask.kb.delta import UpdateDataset, run_update
 from rtask.kb.overlay import Overlay
+from rtask.kb.statements import notes, reification, reifier_of
 from rtask.kb.terms import (
     DEFAULT,
     Graph,
     Subject,
+    Term,
     Value,
     iri,
     object_term,
@@ -52,6 +55,7 @@ class Transaction:
         self._request = request
         self._overlay: Overlay | None = None
         self._commit: Commit | None = None
+        self._said: dict[tuple[NamedNode, NamedNode], list[Quad]] = {}
 
     @property
     def commit(self) -> Commit:
@@ -92,6 +96,10 @@ class Transaction:
         predicate: NamedNode | str,
         value: Value,
         graph: NamedNode | str | None = None,
+        *,
+        confidence: float | None = None,
+        valid_until: dt.datetime | str | None = None,
+        source: NamedNode | str | None = None,
     ) -> None:
         """Assert a statement.
 
@@ -103,8 +111,33 @@ class Transaction:
             A term, or a Python value that becomes a literal.
         graph
             Where; the caller's own graph if it is not given.
+        confidence
+            In [0, 1]; said about the statement, as ``valid_until`` and ``source``, on its reifier.
+            Saying it again replaces what was said.
+        valid_until
+            The statement is withdrawn then.
+        source
+            IRI of what it was derived from.
         """
-        self._pending().add(self._quad(subject, predicate, value, graph))
+        quad = self._quad(subject, predicate, value, graph)
+        self._pending().add(quad)
+        said = notes(confidence, valid_until, source)
+        if said:
+            self._annotate(quad, said)
+
+    def _annotate(self, quad: Quad, said: Mapping[NamedNode, Term]) -> None:
+        pending, where = self._pending(), quad.graph_name
+        base = self._request.access.graphs.base if self._request.access.graphs else ""
+        reifier = reifier_of(base, quad)
+        pending.add(reification(reifier, quad))
+        for predicate, value in said.items():
+            own = self._said.setdefault((reifier, predicate), [])
+            before = list(pending.store.quads_for_pattern(reifier, predicate, None, where))
+            for old in (*before, *own):
+                pending.remove(old)
+            note = Quad(reifier, predicate, value, where)
+            pending.add(note)
+            own.append(note)
 
     def remove(
         self,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Callable
 
 from rtask.kb.commit import Change
-from rtask.kb.history import HistoryEntry, history, matcher
+from rtask.kb.history import HistoryEntry, Period, history, matcher
 from rtask.kb.parts import Parts
 from rtask.kb.subscriptions import QUEUE, Filter, Subscription
 from rtask.kb.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
+from rtask.kb.times import moment
 
 __all__ = ["Watching"]
 
@@ -84,10 +86,23 @@ class Watching(Parts):
         graph: NamedNode | str | None = None,
         agent: str | None = None,
         since: int = 0,
+        *,
+        upto: int | None = None,
+        start: dt.datetime | str | None = None,
+        end: dt.datetime | str | None = None,
     ) -> list[HistoryEntry]:
         """Return the commits that touched matching statements, oldest first.
 
         Without a graph, derived statements and the commits' own records are left out.
+
+        Parameters
+        ----------
+        agent
+            Only what this robot or person wrote.
+        since, upto
+            Only commits after one number, up to another.
+        start, end
+            Only commits at this moment or later, before that one.
         """
         matches = matcher(
             None if subject is None else subject_term(subject),
@@ -96,4 +111,11 @@ class Watching(Parts):
             None if graph is None else iri(graph),
             {self.graphs.inferred, self.graphs.meta, self.graphs.provenance},
         )
-        return list(history(self._files.journal, matches, agent, since))
+        period = Period(
+            since,
+            upto,
+            None if start is None else moment(start),
+            None if end is None else moment(end),
+            agent,
+        )
+        return list(history(self.feed, self._files.journal, matches, period))
