@@ -9,30 +9,47 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import IO
 
-from pyoxigraph import Quad
+from pyoxigraph import Quad, RdfFormat
 
 from rtask.kb.access import Access
-from rtask.kb.commit import MAX_QUADS, Commit, Request
+from rtask.kb.commit import MAX_QUADS, Commit, Committer, Request
 from rtask.kb.folder import Files
 from rtask.kb.inference import Inference
 from rtask.kb.settings import write_durably
-from rtask.kb.terms import DEFAULT, DefaultGraph, Graph, NamedNode, iri
+from rtask.kb.terms import DEFAULT, Graph, NamedNode, iri
+from rtask.kb.union import is_joined
 from rtask.kb.writer import Writer
 
-__all__ = ["bulk_add", "complete", "finish_bulk"]
+__all__ = ["TripleText", "bulk_add", "complete", "finish_bulk"]
 
 _MARK = "loading.json"
+
+
+@dataclass(frozen=True)
+class TripleText:
+    """A document that the store reads by itself: triples without blank nodes.
+
+    Parameters
+    ----------
+    open
+        Gives the text from its start, as often as asked.
+    """
+
+    open: Callable[[], IO[bytes]]
+    format: RdfFormat
+    base: str | None = None
 
 
 def bulk_add(
     writer: Writer,
     files: Files,
     inference: Inference | None,
-    quads: Iterable[Quad],
+    data: Iterable[Quad] | TripleText,
     graph: Graph,
     request: Request,
 ) -> int:
@@ -40,22 +57,25 @@ def bulk_add(
 
     Parameters
     ----------
-    quads
-        Read once, not kept.
+    data
+        Read once, not kept; or a text that the store reads, which is faster. Of a text the graph
+        is there a moment before the union.
     graph
         Where they go; named in the mark.
     """
-    committer, plain = writer.committer, files.settings.plain
-    touched: set[Graph] = {graph}
+    committer = writer.committer
     inferred = committer.graphs.inferred
     before = committer.catalogue.triple_count(inferred)
     with writer.exclusive():
         request.access.require_write(graph, "load")
+        _checkpoint(files, committer.last_seq)
         _mark(files, graph)
+        if isinstance(data, TripleText):
+            touched = _add_text(files, committer, data, graph)
+        else:
+            touched = _add_quads(files, data, graph, request.access)
         _checkpoint(files, committer.last_seq)
-        files.store.raw.bulk_extend(_with_union(quads, request.access, touched, plain))
-        _checkpoint(files, committer.last_seq)
-    if not plain:
+    if not files.settings.plain:
         named = frozenset(g for g in touched if isinstance(g, NamedNode))
         finish_bulk(writer, inference, replace(request, trusted=True, recount=named))
         _checkpoint(files, committer.last_seq)
@@ -63,17 +83,39 @@ def bulk_add(
     return committer.catalogue.triple_count(inferred) - before
 
 
-def _with_union(
-    quads: Iterable[Quad], access: Access, touched: set[Graph], plain: bool
-) -> Iterator[Quad]:
-    """Yield each statement, and its copy for the union; the store keeps one of equal ones."""
-    for quad in quads:
-        if quad.graph_name not in touched:
-            access.require_write(quad.graph_name, "load")
-            touched.add(quad.graph_name)
-        yield quad
-        if not plain and not isinstance(quad.graph_name, DefaultGraph):
-            yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
+def _add_text(files: Files, committer: Committer, text: TripleText, graph: Graph) -> set[Graph]:
+    for target in (graph, DEFAULT) if files.settings.is_merged else (graph,):
+        try:
+            with text.open() as stream:
+                files.store.raw.bulk_load(stream, text.format, base_iri=text.base, to_graph=target)
+        except BaseException:
+            if target == graph:
+                _unmark(files)
+            else:
+                committer.interrupted = True
+            raise
+    return {graph}
+
+
+def _add_quads(files: Files, quads: Iterable[Quad], graph: Graph, access: Access) -> set[Graph]:
+    joined: dict[Graph, bool] = {graph: files.settings.is_merged and is_joined(graph)}
+
+    def with_union() -> Iterator[Quad]:
+        for quad in quads:
+            name = quad.graph_name
+            if name not in joined:
+                access.require_write(name, "load")
+                joined[name] = files.settings.is_merged and is_joined(name)
+            yield quad
+            if joined[name]:
+                yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
+
+    try:
+        files.store.raw.bulk_extend(with_union())
+    except BaseException:
+        _unmark(files)
+        raise
+    return set(joined)
 
 
 def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -> Commit:
@@ -92,7 +134,7 @@ def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -
             if rest is not None:
                 graph = writer.committer.graphs.inferred
                 quads = itertools.chain(overlay.added, (rest,), missing)
-                overlay.store.raw.bulk_extend(_with_copies(quads))
+                overlay.store.raw.bulk_extend(_with_copies(quads, not overlay.store.is_view))
                 overlay.added.clear()
                 request = replace(request, recount=request.recount | {graph})
     except BaseException:
@@ -101,11 +143,12 @@ def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -
     return writer.finish(overlay, request)
 
 
-def _with_copies(quads: Iterable[Quad]) -> Iterator[Quad]:
+def _with_copies(quads: Iterable[Quad], merged: bool) -> Iterator[Quad]:
     """Yield each statement, and its copy for the union; the store keeps one of equal ones."""
     for quad in quads:
         yield quad
-        yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
+        if merged:
+            yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
 
 
 def complete(writer: Writer, files: Files, inference: Inference | None, access: Access) -> bool:
@@ -115,10 +158,17 @@ def complete(writer: Writer, files: Files, inference: Inference | None, access: 
         return False
     name = json.loads(mark.read_text("utf-8"))["graph"]
     if name and not files.settings.plain:
+        store, catalogue = files.store, writer.committer.catalogue
+        if files.settings.is_merged:
+            store.raw.bulk_extend(
+                Quad(quad.subject, quad.predicate, quad.object)
+                for quad in store.quads_for_pattern(None, None, None, iri(name))
+            )
+        kept = (writer.committer.graphs.meta, writer.committer.graphs.provenance)
+        changed = {g for g in store.named_graphs() if store.count(g) != catalogue.triple_count(g)}
+        recount = frozenset(changed - {*kept} | {iri(name)})
         note = "complete an interrupted load"
-        recount: frozenset[Graph] = frozenset({iri(name)})
-        request = Request(access, note=note, trusted=True, recount=recount)
-        finish_bulk(writer, inference, request)
+        finish_bulk(writer, inference, Request(access, note=note, trusted=True, recount=recount))
     _unmark(files)
     return True
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pyoxigraph import Quad
 
@@ -21,9 +21,11 @@ from rtask.kb.graphs import Graphs
 from rtask.kb.inference import Inference, Staged
 from rtask.kb.journal import Journal
 from rtask.kb.overlay import Overlay
+from rtask.kb.quarantine import set_aside
 from rtask.kb.store import GraphStore
 from rtask.kb.terms import Graph, NamedNode
 from rtask.kb.union import union_change
+from rtask.kb.validation import Validator, Violation
 
 __all__ = ["Change", "Commit", "Committer", "Request"]
 
@@ -48,6 +50,10 @@ class Commit:
         UTC.
     activity
         The ``rt:WriteActivity``, or ``None`` where nothing changed or none is kept.
+    quarantined
+        Statements that were kept aside because they contradict the rest.
+    warnings
+        What validation found and did not refuse.
     """
 
     seq: int
@@ -56,6 +62,8 @@ class Commit:
     derived: int
     time: dt.datetime
     activity: NamedNode | None
+    quarantined: int = 0
+    warnings: tuple[Violation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -96,6 +104,8 @@ class Request:
         Refuse larger changes.
     trusted
         The knowledge base itself writes (derived data); rights are not asked.
+    strict
+        Refuse what contradicts the rest even where the policy is to keep it aside.
     """
 
     access: Access
@@ -106,6 +116,7 @@ class Request:
     if_version: int | None = None
     check_blobs: bool = True
     trusted: bool = False
+    strict: bool = False
     max_quads: int = MAX_QUADS
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
@@ -118,11 +129,15 @@ class Committer:
     ----------
     inference
         ``None`` where nobody reasons.
+    validator
+        ``None`` where shapes are not asked.
     journal
         Takes each change before it is stored.
     interrupted
         Ctrl-C came while a commit was being stored. Whether the store has it is not known here;
         the journal has it, so opening again completes it.
+    quarantines
+        Keep aside what contradicts the rest, instead of refusing the whole commit.
     """
 
     store: GraphStore
@@ -132,9 +147,11 @@ class Committer:
     catalogue: Catalogue
     inference: Inference | None
     journal: Journal
+    validator: Validator | None = None
     last_seq: int = 0
     last_time: dt.datetime = LONG_AGO
     interrupted: bool = False
+    quarantines: bool = False
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change wholly, with what follows from it, or raise and store nothing."""
@@ -146,9 +163,11 @@ class Committer:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
             self._check_blobs(change)
-        derived, staged = self._derive(change)
+        derived, staged, aside = self._derive(change, request)
         try:
-            return self._store(change, derived, staged, request)
+            found = () if self.validator is None else self.validator.check(change, derived)
+            stored = self._store(change, derived, staged, request)
+            return replace(stored, commit=replace(stored.commit, warnings=found, quarantined=aside))
         except BaseException:
             if staged is not None:
                 staged.discard()
@@ -190,10 +209,12 @@ class Committer:
                     blob=digest,
                 )
 
-    def _derive(self, change: Overlay) -> tuple[Overlay, Staged | None]:
+    def _derive(self, change: Overlay, request: Request) -> tuple[Overlay, Staged | None, int]:
         if self.inference is None:
-            return Overlay(self.store), None
-        return self.inference.stage(change)
+            return Overlay(self.store), None, 0
+        if self.quarantines and not request.strict:
+            return set_aside(change, self.inference, self.graphs, self.last_seq + 1)
+        return *self.inference.stage(change), 0
 
     def _store(
         self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request
@@ -209,7 +230,8 @@ class Committer:
             )
             notes = self.catalogue.record(everything, record, facts)
             everything = _joined(self.store, everything, notes)
-            union = union_change(self.store, everything.removed, everything.added)
+            if not self.store.is_view:
+                union = union_change(self.store, everything.removed, everything.added)
         writes = Writes(
             [*everything.removed, *union.removed],
             [*everything.added, *union.added],
@@ -241,7 +263,7 @@ class Committer:
 
     def _sizes(self, request: Request, change: Overlay) -> dict[Graph, int]:
         return {
-            graph: sum(1 for _ in self.store.quads_for_pattern(None, None, None, graph))
+            graph: self.store.count(graph)
             + sum(quad.graph_name == graph for quad in change.added)
             - sum(quad.graph_name == graph for quad in change.removed)
             for graph in request.recount

@@ -198,6 +198,9 @@ class _Runner:
             return Literal(1)
 
         operations, functions = as_update(self._pending())
+        if default is None and self.overlay.store.is_view:
+            names_now = self.overlay.named_graphs()
+            default = named = [g for g in names_now if isinstance(g, NamedNode)]
         functions[_RECORD] = record
         functions[_UNBOUND] = lambda: unbound
         values = ", ".join(f"COALESCE(?{name}, {_UNBOUND}())" for name in names)
@@ -213,7 +216,7 @@ class _Runner:
     def _pending(self) -> Writes:
         pending = self.overlay
         union = Overlay(pending.store)
-        if not self.access.plain:
+        if not (self.access.plain or pending.store.is_view):
             union = union_change(pending.store, pending.removed, pending.added)
         return Writes(
             [*pending.removed, *union.removed],

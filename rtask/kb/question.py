@@ -16,6 +16,8 @@ class Question:
     ----------
     default_graphs, named_graphs
         IRIs, or ``None`` for what the text or the store says.
+    union
+        Whether the default graph is the union of all.
     media_type
         ``None`` for the one that is read fastest here.
     max_rows, max_bytes
@@ -30,6 +32,7 @@ class Question:
     gzip: bool = False
     max_rows: int | None = None
     max_bytes: int | None = None
+    union: bool = False
 
     def encode(self) -> bytes:
         """Return the message's payload."""
@@ -43,5 +46,6 @@ class Question:
                 "gzip": self.gzip,
                 "rows": self.max_rows,
                 "bytes": self.max_bytes,
+                "union": self.union,
             }
         ).encode()

@@ -362,6 +362,8 @@ def _dataset(question: dict[str, Any]) -> dict[str, Any]:
         options["default_graph"] = [ox.NamedNode(name) for name in question["default"]]
     if question["named"] is not None:
         options["named_graphs"] = [ox.NamedNode(name) for name in question["named"]]
+    if question["union"]:
+        options["use_default_graph_as_union"] = True
     return options
 
 

@@ -133,7 +133,7 @@ def recover(
     journal.cut_torn_end()
     last, redone = checkpoint.seq, 0
     for record in journal.records(checkpoint.seq):
-        replay(store, record, settings.plain)
+        replay(store, record, settings.is_merged)
         last, redone = record.seq, redone + 1
     _log.info("recovered after an unclean end: %d commits replayed", redone)
     if not checkpoint.durable and checkpoint.boot != boot_id():
@@ -144,11 +144,11 @@ def recover(
     return settings, last
 
 
-def replay(store: GraphStore, record: Record, plain: bool) -> None:
+def replay(store: GraphStore, record: Record, merged: bool) -> None:
     """Apply a record to a store that may hold it already."""
     removed = [quad for quad in record.removed() if quad in store]
     added = [quad for quad in record.added() if quad not in store]
-    union = Overlay(store) if plain else union_change(store, removed, added)
+    union = union_change(store, removed, added) if merged else Overlay(store)
     created, dropped = record.graphs("created"), record.graphs("dropped")
     writes = Writes([*removed, *union.removed], [*added, *union.added], created, dropped)
     if removed or added or created or dropped:

@@ -16,6 +16,7 @@ from rtask.kb.blobs import sync_folder
 __all__ = ["Settings"]
 
 FORMAT = 1
+UNIONS = ("merged", "view")
 _FILE = "kb.json"
 
 
@@ -35,6 +36,11 @@ class Settings:
         A bare SPARQL 1.1 dataset: no union, inference, provenance.
     created
         UTC, ISO 8601.
+    union
+        ``merged`` keeps each distinct triple once in the default graph; ``view`` lets each query
+        compute it.
+    parent
+        Store and commit of the backup that this was restored from.
     """
 
     store_id: str
@@ -43,17 +49,34 @@ class Settings:
     plain: bool
     created: str
     format: int = FORMAT
+    union: str = "merged"
+    parent: str | None = None
 
     @classmethod
-    def new(cls, base: str | None = None, plain: bool = False) -> Settings:
+    def new(
+        cls, base: str | None = None, plain: bool = False, union: str | None = None
+    ) -> Settings:
         """Make the settings of a new knowledge base."""
         store_id = secrets.token_hex(6)
         if base is None:
             base = f"{ontology.BASE}{store_id}/"
         if not base.endswith(("/", "#", ":")):
             raise UsageError(f"a base must end in '/', '#' or ':', got {base!r}")
+        union = union or "merged"
+        if union not in UNIONS:
+            raise UsageError(f"unknown union {union!r}; one of {', '.join(UNIONS)}")
         now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
-        return cls(store_id, secrets.token_hex(4), base, plain, now)
+        return cls(store_id, secrets.token_hex(4), base, plain, now, union=union)
+
+    @property
+    def is_view(self) -> bool:
+        """Whether queries compute the union."""
+        return self.union == "view" and not self.plain
+
+    @property
+    def is_merged(self) -> bool:
+        """Whether the union is kept."""
+        return self.union == "merged" and not self.plain
 
     @classmethod
     def load(cls, folder: Path) -> Settings:
@@ -81,16 +104,23 @@ class Settings:
                 f"{folder} has the {age} format {found}, this version reads {FORMAT}; {cure}",
                 format=found,
             )
-        return cls(**{name: record[name] for name in cls.__dataclass_fields__})
+        try:
+            return cls(**{n: record[n] for n in cls.__dataclass_fields__ if n in record})
+        except TypeError as error:
+            raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
 
     def save(self, folder: Path) -> None:
         """Write the settings durably."""
         write_durably(folder / _FILE, json.dumps(asdict(self), indent=2) + "\n")
 
-    def require(self, folder: Path, base: str | None, plain: bool) -> None:
+    def require(
+        self, folder: Path, base: str | None, plain: bool, union: str | None = None
+    ) -> None:
         """Raise unless this is the kind of knowledge base that the caller asked for."""
         if base is not None and base != self.base:
             raise StoreFormatError(f"{folder} has the base {self.base}, not {base}")
+        if union is not None and union != self.union:
+            raise StoreFormatError(f"{folder} was made with union={self.union!r}, not {union!r}")
         if plain and not self.plain:
             raise StoreFormatError(f"{folder} was not made with plain=True and cannot become so")
 

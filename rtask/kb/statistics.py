@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 __all__ = ["closure_state", "collect"]
 
 _COUNT = "SELECT (COUNT(*) AS ?n) { ?s ?p ?o }"
+_COUNT_DISTINCT = "SELECT (COUNT(*) AS ?n) { SELECT DISTINCT ?s ?p ?o { ?s ?p ?o } }"
 _COUNT_BY_GRAPH = "SELECT ?g (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } } GROUP BY ?g"
 
 
@@ -26,7 +27,8 @@ def collect(kb: KnowledgeBase) -> dict[str, Any]:
     :meth:`rtask.kb.readers.Readers.stats`.
     """
     sizes = _sizes(kb)
-    distinct = int(str(kb.select(_COUNT)[0].value("n")))
+    count = _COUNT_DISTINCT if kb.store.is_view else _COUNT
+    distinct = int(str(kb.select(count)[0].value("n")))
     total = sum(sizes.values())
     inferred = sizes.get(kb.graphs.inferred.value, 0)
     records = sum(sizes.get(g.value, 0) for g in (kb.graphs.meta, kb.graphs.provenance))

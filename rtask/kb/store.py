@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from pyoxigraph import BlankNode, NamedNode, Quad, Store
+from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 
 from rtask.errors import ClosedError
+from rtask.kb.graphs import Graphs
+from rtask.kb.lexer import names_dataset
 from rtask.kb.terms import Graph, Subject, Term, stored
 
 __all__ = ["GraphStore"]
@@ -27,15 +29,19 @@ class GraphStore:
 
     Attributes
     ----------
+    is_view
+        Whether the default graph is a view of all named graphs, computed by each query, and not
+        kept; see :mod:`rtask.kb.union`.
     followers
         Called with what each commit wrote, right after it, by :func:`rtask.kb.apply.apply`.
     """
 
-    __slots__ = ("_store", "followers")
+    __slots__ = ("_store", "followers", "is_view")
 
     def __init__(self, store: Store) -> None:
         self._store: Store | None = store
         self.followers: list[Callable[[Any], None]] = []
+        self.is_view = False
 
     @property
     def raw(self) -> Store:
@@ -76,11 +82,32 @@ class GraphStore:
 
         Read to its end, the iterator lets the store go.
         """
+        if self.is_view and isinstance(graph, DefaultGraph):
+            yield from self._view(subject, predicate, value)
+            return
         if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
             yield from self.raw.quads_for_pattern(subject, predicate, value, graph)
             return
         found = self.raw.quads_for_pattern(subject, predicate, value, graph)
         yield from _fitting(found, subject, value, graph)
+
+    def _view(
+        self, subject: Subject | None, predicate: NamedNode | None, value: Term | None
+    ) -> Iterator[Quad]:
+        seen: set[Quad] = set()
+        for quad in self.quads_for_pattern(subject, predicate, value, None):
+            one = Quad(quad.subject, quad.predicate, quad.object)
+            if one not in seen and not Graphs.is_quarantine(quad.graph_name):
+                seen.add(one)
+                yield one
+
+    def count(self, graph: Graph) -> int:
+        """Return the number of triples in a named graph."""
+        if not isinstance(graph, NamedNode):
+            return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
+        text = f"SELECT (COUNT(*) AS ?n) {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
+        [row] = self.raw.query(text)  # type: ignore[misc]
+        return int(row["n"].value)
 
     def named_graphs(self) -> Iterator[Graph]:
         """Yield the names of the named graphs, empty ones included."""
@@ -92,6 +119,8 @@ class GraphStore:
 
     def query(self, text: str, **options: Any) -> Any:
         """Evaluate a query; consume the answer in this thread."""
+        if self.is_view and "default_graph" not in options and not names_dataset(text):
+            options["use_default_graph_as_union"] = True
         return self.raw.query(text, **options)
 
     def update(self, text: str, **options: Any) -> None:

@@ -13,7 +13,8 @@ from rtask.kb.apply import Writes, apply
 from rtask.kb.blobs import PREFIX, digest_of
 from rtask.kb.commit import Request
 from rtask.kb.journal import JournalFile
-from rtask.kb.terms import DEFAULT, DefaultGraph, Graph, triple_key
+from rtask.kb.terms import DEFAULT, Graph, triple_key
+from rtask.kb.union import is_joined
 
 if TYPE_CHECKING:
     from rtask.kb.inference import Inference
@@ -101,17 +102,19 @@ def _blobs(kb: KnowledgeBase) -> Iterator[Finding]:
 
 def _union(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
     store = kb.store
+    if store.is_view:
+        return
     missing = [
         Quad(*triple_key(quad), DEFAULT)
         for quad in store.quads_for_pattern(None, None, None, None)
-        if not isinstance(quad.graph_name, DefaultGraph)
+        if is_joined(quad.graph_name)
         if Quad(*triple_key(quad), DEFAULT) not in store
     ]
     surplus = [
         quad
         for quad in store.quads_for_pattern(None, None, None, DEFAULT)
-        if all(
-            isinstance(other.graph_name, DefaultGraph)
+        if not any(
+            is_joined(other.graph_name)
             for other in store.quads_for_pattern(*triple_key(quad), None)
         )
     ]

@@ -17,6 +17,7 @@ __all__ = ["Document"]
 
 MAX_UNPACKED = 4 << 30
 _HEAD = 4096
+_BUFFER = 1 << 18
 _PACKINGS = (".gz", ".zst", ".zip")
 
 
@@ -88,7 +89,7 @@ class Document:
         """
         packed = self.path.open("rb") if self.path else io.BytesIO(self.data)
         try:
-            stream = io.BufferedReader(_Limited(self._unpack(packed), packed, self.name))
+            stream = io.BufferedReader(_Limited(self._unpack(packed), packed, self.name), _BUFFER)
             head = stream.peek(_HEAD)[:_HEAD]
             _refuse_binary(self.name, head)
         except BaseException:

@@ -142,7 +142,7 @@ def statements(document: Document, form: Format, base: str | None = None) -> Ite
             rdf = form.rdf or RdfFormat.RDF_XML
             yield from parse(stream, format=rdf, base_iri=base, rename_blank_nodes=True)
     except (SyntaxError, UnicodeDecodeError) as error:
-        raise _explain(error, document, form) from error
+        raise explain(error, document, form) from error
     except ValueError as error:
         raise ParseError(f"{document.name}: {error}") from error
 
@@ -168,7 +168,8 @@ def _readable(document: Document, form: Format) -> IO[bytes]:
     return document.open()
 
 
-def _explain(error: Exception, document: Document, form: Format) -> ParseError:
+def explain(error: Exception, document: Document, form: Format) -> ParseError:
+    """Return a parser's error with file, line and column."""
     line = getattr(error, "lineno", None)
     column = getattr(error, "offset", None)
     where = f"{document.name}:{line}:{column}" if line else document.name

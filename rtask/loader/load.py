@@ -21,7 +21,7 @@ from rtask.kb.access import Access
 from rtask.kb.blobs import digest_of
 from rtask.kb.commit import MAX_QUADS, Request
 from rtask.kb.terms import DEFAULT, DefaultGraph, Graph, iri
-from rtask.loader.bulk import load_bulk
+from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.documents import Document
 from rtask.loader.formats import Format, detect, find_format, statements
@@ -210,6 +210,10 @@ class _Loader:
         started = time.perf_counter()
         form = self.options.format or detect(document)
         base = self.options.base or (document.path.resolve().as_uri() if document.path else None)
+        if self._is_text(document, form):
+            item = Item(document, Header(), self._target(document, Header()), True)
+            self._report(item, form, load_text(self, item, form, base), started)
+            return
         quads = statements(document, form, base)
         first = list(islice(quads, MAX_QUADS))
         header = header_of(first)
@@ -224,10 +228,19 @@ class _Loader:
             counts = self._commit(item, first)
         else:
             counts = load_bulk(self, item, chain(first, [rest], quads))
+        self._report(item, form, counts, started)
+
+    def _report(
+        self, item: Item, form: Format, counts: tuple[int, int, int, int], started: float
+    ) -> None:
         elapsed = round(time.perf_counter() - started, 3)
-        where = item.graph.value if loose and isinstance(item.graph, NamedNode) else ""
-        report = FileReport(document.name, form.name, where, *counts, elapsed)
-        self.report.files.append(report)
+        where = item.graph.value if item.loose and isinstance(item.graph, NamedNode) else ""
+        self.report.files.append(FileReport(item.document.name, form.name, where, *counts, elapsed))
+
+    def _is_text(self, document: Document, form: Format) -> bool:
+        if self.options.dry_run or self.kb.plain:
+            return False
+        return readable_by_the_store(document, form)
 
     def _import(self, name: NamedNode, importer: Document) -> None:
         if self.kb.catalogue.is_ontology(name):

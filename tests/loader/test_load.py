@@ -11,11 +11,19 @@ import pytest
 
 import ontology
 import rtask
-from rtask.errors import DataError, ForbiddenError, ParseError, UnknownTermError, UsageError
+from rtask.errors import (
+    DataError,
+    ForbiddenError,
+    ParseError,
+    StoreError,
+    UnknownTermError,
+    UsageError,
+)
 from rtask.kb.access import Access
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.terms import BlankNode, NamedNode, iri
 from rtask.loader.catalogue import OntologyCatalogue
+from rtask.loader.documents import Document
 from rtask.loader.export import original
 from rtask.loader.load import uuid7
 
@@ -315,3 +323,62 @@ def test_uuids_sort_by_time() -> None:
     assert first[14] == "7"
     assert first[19] in "89ab"
     assert len({uuid7() for _ in range(100)}) == 100
+
+
+@pytest.mark.parametrize("union", ["merged", "view"])
+def test_what_the_store_reads_by_itself_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, union: str
+) -> None:
+    lines = [f"<urn:s{n}> <urn:p> {n}, {n + 1} .\n" for n in range(100)]
+    (tmp_path / "data.ttl").write_text("".join(lines) + lines[0])
+    contents = []
+    for limit in (1 << 40, 10):
+        monkeypatch.setattr("rtask.loader.bulk.TEXT_BYTES", limit)
+        folder = tmp_path / f"{union}{limit}"
+        with rtask.open(folder, base="urn:lab/", ontologies=False, union=union) as kb:
+            report = kb.load(tmp_path / "data.ttl")
+            assert (report.files[0].added, kb.seq) == (200, 1)
+            assert kb.select("SELECT (COUNT(*) AS ?n) { ?s <urn:p> ?o }")[0].value("n") == 200
+            assert kb.verify() == []
+            contents.append({str(quad) for quad in kb.match(predicate="urn:p")})
+    assert contents[0] == contents[1]
+
+
+def test_a_large_text_that_is_malformed_at_its_end_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.loader.bulk.TEXT_BYTES", 10)
+    (tmp_path / "data.nt").write_text("<urn:a> <urn:p> <urn:b> .\n" * 50 + "<urn:a> <urn:p\n")
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb:
+        with pytest.raises(ParseError, match=r"data\.nt:51:"):
+            kb.load(tmp_path / "data.nt")
+        assert kb.seq == 0
+        assert len(kb.store) == 0
+        assert not (tmp_path / "kb" / "loading.json").exists()
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+
+
+def test_a_load_that_stopped_before_the_union_is_completed_by_opening_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.loader.bulk.TEXT_BYTES", 10)
+    (tmp_path / "data.nt").write_text("<urn:a> <urn:p> <urn:b> .\n" * 50)
+    opened = []
+
+    def stop_at_the_union(document: Document) -> object:
+        opened.append(document)
+        if len(opened) == 3:  # marks, graph, union
+            raise KeyboardInterrupt
+        return open_document(document)
+
+    open_document = Document.open
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb:
+        monkeypatch.setattr(Document, "open", stop_at_the_union)
+        with pytest.raises(KeyboardInterrupt):
+            kb.load(tmp_path / "data.nt", format="ntriples")
+        monkeypatch.undo()
+        with pytest.raises(StoreError, match="open the knowledge base again"):
+            kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb:
+        assert kb.query("ASK { <urn:a> <urn:p> <urn:b> }") is True
+        assert [f for f in kb.verify() if f.severity == "error"] == []
