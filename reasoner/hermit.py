@@ -7,9 +7,12 @@ undeclared properties (Glimm et al. 2014, "HermiT: An OWL 2 Reasoner").
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -91,22 +94,18 @@ def check(
         If there is no answer.
     """
     java, jar = find_java(), find_jar()
-    with tempfile.TemporaryDirectory(prefix="rtask-dl-") as folder:
-        path = Path(folder).resolve() / "ontology.nt"
-        if " " in str(path):
-            raise DLError(f"HermiT takes no path with a space: {path}; set TMPDIR")
-        path.write_bytes(_prepare(triples))
+    with ontology_file(triples, "ontology.nt") as path:
         command = [java, f"-Xmx{memory_mb}M", "-cp", f"{jar.parent}:{jar}", _MAIN]
-        code, output = _run([*command, "-k", path.as_uri()], timeout_s)
+        code, output = run_java([*command, "-k", path.as_uri()], timeout_s)
         if "InconsistentOntologyException" in output:
             return DLReport(is_consistent=False)
         if code != 0 or "is satisfiable" not in output:
-            raise DLError(f"HermiT gave no answer: {_reason(output)}")
+            raise DLError(f"HermiT gave no answer: {reason_in(output)}")
         answer = path.with_name("answer")
         wanted = ["-c", "-O", "-D", "-I"] if classify else ["-c"]
-        code, output = _run([*command, *wanted, "-o", str(answer), path.as_uri()], timeout_s)
+        code, output = run_java([*command, *wanted, "-o", str(answer), path.as_uri()], timeout_s)
         if code != 0 or not answer.exists():
-            raise DLError(f"HermiT did not classify: {_reason(output)}")
+            raise DLError(f"HermiT did not classify: {reason_in(output)}")
         axioms = tuple(_read(answer.read_text(encoding="utf-8")))
     return DLReport(True, _unsatisfiable(axioms), axioms if classify else ())
 
@@ -127,8 +126,8 @@ def find_java() -> str:
     return java
 
 
-def find_jar() -> Path:
-    """Return HermiT's jar in the installed owlready2.
+def find_jar(name: str = "hermit/HermiT.jar") -> Path:
+    """Return a jar in the installed owlready2.
 
     Raises
     ------
@@ -136,10 +135,27 @@ def find_jar() -> Path:
         If owlready2 or the jar is missing.
     """
     found = importlib.util.find_spec("owlready2")
-    jar = Path(found.origin).parent / "hermit" / "HermiT.jar" if found and found.origin else None
+    jar = Path(found.origin).parent / name if found and found.origin else None
     if jar is None or not jar.exists():
         raise DLUnavailableError("OWL 2 DL needs the package owlready2; pip install owlready2")
     return jar
+
+
+@contextlib.contextmanager
+def ontology_file(triples: Iterable[Triple], name: str) -> Iterator[Path]:
+    """Write triples to a file that Java reasoners read; it goes with the block.
+
+    Raises
+    ------
+    DLError
+        If the folder for temporary files has a space in its name.
+    """
+    with tempfile.TemporaryDirectory(prefix="rtask-dl-") as folder:
+        path = Path(folder).resolve() / name
+        if " " in str(path):
+            raise DLError(f"HermiT and Pellet take no path with a space: {path}; set TMPDIR")
+        path.write_bytes(_prepare(triples))
+        yield path
 
 
 def _prepare(triples: Iterable[Triple]) -> bytes:
@@ -160,17 +176,38 @@ def _prepare(triples: Iterable[Triple]) -> bytes:
     return serialize(lines, format=RdfFormat.N_TRIPLES) or b""
 
 
-def _run(command: list[str], timeout_s: float) -> tuple[int, str]:
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=timeout_s, check=False
-        )
-    except subprocess.TimeoutExpired as error:
-        raise DLError(f"HermiT did not finish within {timeout_s:g} s") from error
-    return done.returncode, done.stdout + done.stderr
+def run_java(command: list[str], timeout_s: float) -> tuple[int, str]:
+    """Run Java; return its exit code and all that it printed.
+
+    Raises
+    ------
+    DLError
+        If it did not finish in time; the process is gone then.
+    """
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as java:
+        try:
+            output, _ = java.communicate(timeout=timeout_s)
+        except BaseException as error:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(java.pid, signal.SIGKILL)
+            java.wait()
+            if isinstance(error, subprocess.TimeoutExpired):
+                raise DLError(
+                    f"no answer within {timeout_s:g} s, stopped; "
+                    "give it more time, or a smaller part of the ontology"
+                ) from error
+            raise
+    return java.returncode, output
 
 
-def _reason(output: str) -> str:
+def reason_in(output: str) -> str:
+    """Return the first line of an answer that is no trace."""
     lines = [line for line in output.splitlines() if line.strip() and "\tat " not in line]
     return lines[0].strip() if lines else "no output"
 
@@ -193,3 +230,27 @@ def subclasses(report: DLReport) -> Iterator[tuple[Term, Term]]:
         if axiom.kind == "SubClassOf":
             below, above = axiom.terms
             yield NamedNode(below), NamedNode(above)
+
+
+def hierarchy(report: DLReport) -> frozenset[tuple[str, str]]:
+    """Return all pairs of class and superclass that a classification implies.
+
+    Left out are owl:Thing, owl:Nothing and what is below it, and a class as its own superclass.
+    """
+    above: dict[str, set[str]] = {}
+    for axiom in report.axioms:
+        if axiom.kind == "SubClassOf":
+            above.setdefault(axiom.terms[0], set()).add(axiom.terms[1])
+        elif axiom.kind == "EquivalentClasses":
+            for name in axiom.terms:
+                above.setdefault(name, set()).update(axiom.terms)
+    apart = {_NOTHING, OWL + "Thing", *report.unsatisfiable}
+    pairs: set[tuple[str, str]] = set()
+    for name in above.keys() - apart:
+        seen, queue = {name}, [name]
+        while queue:
+            for upper in above.get(queue.pop(), set()) - seen - apart:
+                seen.add(upper)
+                queue.append(upper)
+        pairs.update((name, upper) for upper in seen - {name})
+    return frozenset(pairs)

@@ -18,6 +18,9 @@ __all__ = ["Graphs"]
 
 _RT = ontology.NS
 _QUARANTINE = "quarantine"
+_KEPT_BY_COMMITS = frozenset(
+    {"InferredGraph", "MetaGraph", "ProvenanceGraph", "RuleGraph", "QuarantineGraph"}
+)
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,7 @@ class Graphs:
             "shared": "SharedGraph",
             "meta": "MetaGraph",
             "provenance": "ProvenanceGraph",
+            _QUARANTINE: "QuarantineGraph",
         }
         if path in fixed:
             return fixed[path]
@@ -121,12 +125,7 @@ class Graphs:
 
     def is_kept_by_commits(self, graph: Graph) -> bool:
         """Whether only the knowledge base itself writes this graph."""
-        return graph == self.quarantine or self.kind(graph) in (
-            "InferredGraph",
-            "MetaGraph",
-            "ProvenanceGraph",
-            "RuleGraph",
-        )
+        return self.kind(graph) in _KEPT_BY_COMMITS
 
     def is_input(self, graph: Graph) -> bool:
         """Whether the reasoner draws conclusions from this graph.

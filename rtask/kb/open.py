@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from rtask.errors import UnsupportedError, UsageError
+from rtask.errors import UsageError
 from rtask.kb.catalogue import Catalogue
 from rtask.kb.commit import LONG_AGO, Committer
 from rtask.kb.folder import (
@@ -24,6 +24,7 @@ from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.recovery import fill_gap
 from rtask.kb.settings import Settings
 from rtask.kb.statistics import closure_state
+from rtask.kb.validation import Validator, policy
 from rtask.kb.writer import Writer
 from rtask.loader.bundled import refresh
 
@@ -39,6 +40,8 @@ class _Options:
     durable: bool
     reason: bool
     ontologies: bool
+    quarantines: bool
+    validate: str
 
 
 def open_knowledge_base(
@@ -48,8 +51,10 @@ def open_knowledge_base(
     base: str | None = None,
     flush: str = "commit",
     plain: bool = False,
+    union: str | None = None,
     reason: bool = True,
-    validate: bool = False,
+    validate: bool | str = False,
+    on_inconsistency: str = "error",
     ontologies: bool = True,
     token: str | None = None,
     timeout_s: float = 30.0,
@@ -72,10 +77,18 @@ def open_knowledge_base(
         it survives the end of the process.
     plain
         A bare SPARQL 1.1 dataset: no union default graph, inference or provenance.
+    union
+        What triple patterns outside ``GRAPH`` see: ``"merged"`` (default) keeps one copy of each
+        distinct triple; ``"view"`` loads faster and takes less room, but a triple that two graphs
+        hold comes twice. Fixed when the folder is made.
     reason
         Derive what follows within each commit.
     validate
-        Check SHACL shapes on write.
+        Hold what a commit touches against the SHACL shapes: ``True`` or ``"refuse"`` refuses
+        violations, ``"warn"`` reports them in the commit. A millisecond for each shape concerned.
+    on_inconsistency
+        What becomes of a commit that contradicts the ontology or what is known: ``"error"``
+        refuses it, ``"quarantine"`` keeps the statements to blame aside and stores the rest.
     ontologies
         Load the ontology that comes with RTASK into a new knowledge base, and its newer version
         into an old one.
@@ -94,23 +107,26 @@ def open_knowledge_base(
         raise UsageError(f"unknown mode {mode!r}; one of {', '.join(_MODES)}")
     if flush not in ("commit", "os"):
         raise UsageError(f"unknown flush policy {flush!r}; one of commit, os")
-    if validate:
-        raise UnsupportedError("validation on write is not available yet")
+    if on_inconsistency not in ("error", "quarantine"):
+        raise UsageError(
+            f"unknown policy on_inconsistency={on_inconsistency!r}; one of error, quarantine"
+        )
     text = str(target)
     if text.startswith(("http://", "https://", "sparql+http")):
         from rtask.kb.remote import open_remote
 
         # The same methods; those that need the embedded store raise UnsupportedError.
         return cast("KnowledgeBase", open_remote(text, token, timeout_s))
-    options = _Options(mode, flush == "commit", reason, ontologies)
+    quarantines = on_inconsistency == "quarantine"
+    options = _Options(mode, flush == "commit", reason, ontologies, quarantines, policy(validate))
     if text == ":memory:":
-        return _assemble(open_in_memory(Settings.new(base, plain)), options)
+        return _assemble(open_in_memory(Settings.new(base, plain, union)), options)
     folder = Path(text)
     settings = find(folder, mode)
     if settings is None:
-        settings = Settings.new(base, plain)
+        settings = Settings.new(base, plain, union)
         make(folder, settings)
-    settings.require(folder, base, plain)
+    settings.require(folder, base, plain, union)
     if mode == "r":
         return _assemble(open_for_reading(folder, settings), options)
     return _assemble(open_for_writing(folder, settings, options.durable), options)
@@ -121,6 +137,7 @@ def _assemble(files: Files, options: _Options) -> KnowledgeBase:
         kb = _connect(files, options)
         if options.mode != "r":
             _bring_up_to_date(kb, files, options)
+            kb.expiry.start()
     except BaseException:
         files.abandon()
         raise
@@ -128,6 +145,7 @@ def _assemble(files: Files, options: _Options) -> KnowledgeBase:
 
 
 def _connect(files: Files, options: _Options) -> KnowledgeBase:
+    files.store.is_view = files.settings.is_view
     graphs = Graphs(files.settings.base)
     catalogue = Catalogue(files.store, graphs)
     inference = None
@@ -141,13 +159,21 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
         catalogue,
         inference,
         files.journal,
+        _validator(files, graphs, options.validate),
         last_seq=max(catalogue.seq, files.last_seq),
         last_time=catalogue.last_time() or LONG_AGO,
+        quarantines=options.quarantines,
     )
     writer = Writer(committer, files.checkpoints)
     if options.mode == "r":
         writer.close()
     return KnowledgeBase(files, catalogue, inference, writer)
+
+
+def _validator(files: Files, graphs: Graphs, validate: str) -> Validator | None:
+    if validate == "off" or files.settings.plain:
+        return None
+    return Validator(files.store, graphs, refuse=validate == "refuse")
 
 
 def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> None:

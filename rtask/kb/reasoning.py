@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.bulk import complete, finish_bulk
 from rtask.kb.commit import Commit, Request
 from rtask.kb.inference import Inference
+from rtask.kb.quarantine import Quarantined, reinstate, statements
 from rtask.kb.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
 from rtask.kb.writing import Writing
 
@@ -38,6 +40,40 @@ class Reasoning(Writing):
         triple = (subject_term(subject), iri(predicate), stored(object_term(value)))
         with self._writer.exclusive():
             return self._reasoner().explain(triple)
+
+    def quarantined(self) -> list[Quarantined]:
+        """Return the statements that are kept aside because they contradict the rest."""
+        return statements(self.store, self.graphs)
+
+    def release(
+        self, nodes: Iterable[str] | None = None, agent: str | None = None, drop: bool = False
+    ) -> Commit:
+        """Put statements from the quarantine back into their graphs; one commit.
+
+        Parameters
+        ----------
+        nodes
+            IRIs of their records, see :meth:`quarantined`; all of them if not given.
+        agent
+            Who does it; needs the right to write these graphs.
+        drop
+            Forget them instead.
+
+        Raises
+        ------
+        InconsistentError
+            The cause is still there; nothing changes.
+        """
+        access = self.access(agent)
+        overlay = self._writer.begin()
+        try:
+            reinstate(overlay, self.graphs, nodes, drop, access)
+        except BaseException:
+            self._writer.cancel()
+            raise
+        note = "forget what is in quarantine" if drop else "release from quarantine"
+        request = Request(access, note=note, trusted=True, strict=True)
+        return self._writer.finish(overlay, request)
 
     def _reasoner(self) -> Inference:
         if self._inference is None:

@@ -17,7 +17,6 @@ from rtask.errors import (
     StoreError,
     StoreFormatError,
     StoreLockedError,
-    UnsupportedError,
     UsageError,
 )
 
@@ -131,7 +130,7 @@ def test_the_kind_of_a_store_is_fixed_when_it_is_made(tmp_path: Path) -> None:
         ({"mode": "a"}, UsageError),
         ({"flush": "later"}, UsageError),
         ({"base": "urn:lab"}, UsageError),
-        ({"validate": True}, UnsupportedError),
+        ({"validate": "maybe"}, UsageError),
     ],
 )
 def test_wrong_options_are_named(options: dict[str, object], error: type[Exception]) -> None:

@@ -1,54 +1,12 @@
-"""HermiT, SHACL and the profile checker: small coats over large engines, on small inputs."""
+"""SHACL and the profile checker on small inputs."""
 
 from __future__ import annotations
-
-import shutil
 
 import pytest
 from ttl import triple, triples
 
-from reasoner import hermit
 from reasoner.profile import check_profile
 from reasoner.shacl import validate
-
-FAMILY = """
-:Parent a owl:Class ; rdfs:subClassOf :Person . :Person a owl:Class .
-:Nobody a owl:Class ; rdfs:subClassOf :Person, [ owl:complementOf :Person ; a owl:Class ] .
-:has a owl:ObjectProperty .
-"""
-needs_java = pytest.mark.skipif(shutil.which("java") is None, reason="HermiT needs Java")
-
-
-@needs_java
-def test_hermit_finds_unsatisfiable_classes_and_the_hierarchy():
-    report = hermit.check(triples(FAMILY + ":a a :Parent ."), classify=True, timeout_s=60)
-    assert report.is_consistent
-    assert report.unsatisfiable == ("urn:t:Nobody",)
-    assert (triple(":Parent a :x")[0], triple(":Person a :x")[0]) in set(hermit.subclasses(report))
-
-
-@needs_java
-def test_hermit_finds_an_inconsistency():
-    assert not hermit.check(triples(FAMILY + ":a a :Nobody ."), timeout_s=60).is_consistent
-
-
-@needs_java
-def test_hermit_drops_imports_that_it_could_not_fetch():
-    header = "<urn:t:onto> a owl:Ontology ; owl:imports <http://nowhere.invalid/x> ."
-    assert hermit.check(triples(header + FAMILY), timeout_s=60).is_consistent
-
-
-@needs_java
-def test_hermit_is_stopped_in_time():
-    with pytest.raises(hermit.DLError, match="did not finish within"):
-        hermit.check(triples(FAMILY), timeout_s=0.01)
-
-
-def test_without_java_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(hermit.DLUnavailableError, match="apt-get install"):
-        hermit.check(triples(FAMILY))
-
 
 SHAPES = """
 @prefix sh: <http://www.w3.org/ns/shacl#> .
