@@ -165,6 +165,7 @@ class Reading(Searching):
             base=dataset.base,
             default_graphs=names[0],
             named_graphs=names[1],
+            union="use_default_graph_as_union" in graphs,
         )
         return self.readers.ask(question, timeout_s, on_start)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, cast
 from pyoxigraph import Quad
 
 from rtask.kb.access import Access
-from rtask.kb.bulk import bulk_add
+from rtask.kb.bulk import TripleText, bulk_add
 from rtask.kb.commit import Commit, Request
 from rtask.kb.delta import UpdateDataset, run_update
 from rtask.kb.searching import Searching
@@ -108,7 +108,7 @@ class Writing(Searching):
 
         return load(cast("KnowledgeBase", self), source, format=format, **options)
 
-    def bulk_add(self, quads: Iterable[Quad], graph: Graph, request: Request) -> int:
+    def bulk_add(self, quads: Iterable[Quad] | TripleText, graph: Graph, request: Request) -> int:
         """Add more statements than a commit may hold; return how many were derived.
 
         One atomic step for the statements, then a commit for what follows from them.
