@@ -103,6 +103,10 @@ class Solutions(Sequence[Row]):
     def __len__(self) -> int:
         return len(self._rows)
 
+    def tuples(self) -> Sequence[tuple[Term | None, ...]]:
+        """Return the rows as plain tuples in the order of the variables, for large answers."""
+        return self._rows
+
     def to_dicts(self) -> list[dict[str, object]]:
         """Return the rows as dictionaries of JSON-able Python values."""
         return [row.to_dict() for row in self]

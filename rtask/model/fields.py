@@ -144,11 +144,13 @@ class Field:
     def items(self, instance: Model) -> list[Item]:
         """Return the values as the program sees them: those of the graph, and its own changes."""
         state = instance.__state__
-        pending = state.pending.get(self.iri, Pending())
-        if pending.replace:
+        pending = state.pending.get(self.iri)
+        if pending is not None and pending.replace:
             return list(pending.added)
         if not state.new and state.session is not None and not state.knows(self.iri):
             state.session.reader.load(instance, self)
+        if pending is None:
+            return list(state.loaded.get(self.iri, ()))
         removed = {key(item) for item in pending.removed}
         seen: dict[object, Item] = {}
         for item in (*state.loaded.get(self.iri, ()), *pending.added):
@@ -355,7 +357,9 @@ class Values(Collection[T]):
         self._field = field
 
     def __iter__(self) -> Iterator[T]:
-        items = sorted(self._field.items(self._instance), key=lambda item: str(key(item)))
+        items = self._field.items(self._instance)
+        if len(items) > 1:
+            items.sort(key=lambda item: str(key(item)))
         return iter(self._field.python(self._instance, items))
 
     def __len__(self) -> int:

@@ -244,15 +244,18 @@ class _Assembly:
         self._plan = plan
         self._order: dict[str, list[tuple[int, Any]]] = {}
         self._facts: dict[str, dict[str, list[Term]]] = {}
-        facts, order = self._facts, self._order
-        for root, subject, predicate, value, *keys in rows:
-            name = subject.value  # type: ignore[union-attr]
-            known = facts.get(name)
-            if known is None:
-                known = facts[name] = {}
+        found: dict[tuple[str, str], dict[str, list[Term]]] = {}
+        last: tuple[Term | None, Term | None] = (None, None)
+        known: dict[str, list[Term]] = {}
+        for root, subject, predicate, value, *keys in rows.tuples():
+            if subject != last[1] or root != last[0]:  # one subject's rows mostly come together
+                last, name = (root, subject), _name(root)
+                known = found.setdefault((name, _name(subject)), {})
+                if subject == root and name not in self._order:  # each root comes with its type
+                    self._order[name] = [_sort_key(key) for key in keys]
             known.setdefault(predicate.value, []).append(value)  # type: ignore[union-attr,arg-type]
-            if root == subject or _name(root) not in order:
-                order.setdefault(_name(root), [_sort_key(key) for key in keys])
+        for (_, name), facts in found.items():  # what several roots share came with each
+            self._facts[name] = facts | self._facts.get(name, {})
 
     def objects(self) -> list[Any]:
         """Return the roots in order; everything prefetched is in the identity map."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
@@ -11,7 +11,7 @@ from rtask.errors import LazyLoadError, UnknownTermError
 from rtask.kb.terms import DEFAULT, NamedNode, Term
 from rtask.model.compile import fetch_filter
 from rtask.model.fields import Field
-from rtask.model.instance import EVERYTHING, Model, Registry, vocabularies_of
+from rtask.model.instance import EVERYTHING, Model, Registry, generation, vocabularies_of
 from rtask.model.plan import RDF_TYPE, eager, short
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ __all__ = ["Facts", "Lazy", "Reader"]
 
 M = TypeVar("M", bound=Model)
 Lazy = Literal["raise", "warn", "allow"]
-Facts: TypeAlias = "Mapping[str, Sequence[Term]]"
+Facts: TypeAlias = dict[str, list[Term]]
 """Property IRI to values."""
 
 _WHOLE = 500
@@ -34,6 +34,7 @@ class Reader:
     def __init__(self, session: Session, lazy: Lazy) -> None:
         self._session = session
         self._lazy = lazy
+        self._classes: dict[object, type[Model]] = {}
 
     # Statements
 
@@ -58,7 +59,7 @@ class Reader:
         assert isinstance(made, model)
         return made
 
-    def _everything(self, name: str) -> tuple[dict[str, list[Term]] | None, Container[str]]:
+    def _everything(self, name: str) -> tuple[Facts | None, Container[str]]:
         """Return all statements about a thing: a look-up in the store, unless they are many."""
         session = self._session
         session.check_open()
@@ -73,14 +74,14 @@ class Reader:
             count += 1
         return (facts, EVERYTHING) if count <= _WHOLE else (None, ())
 
-    def _facts(self, names: Iterable[str], model: type[Model]) -> dict[str, dict[str, list[Term]]]:
+    def _facts(self, names: Iterable[str], model: type[Model]) -> dict[str, Facts]:
         """Read what comes along with objects of a class; property IRI to values, for each IRI."""
         subjects = " ".join(str(NamedNode(name)) for name in names)
         pattern = f"VALUES ?s {{ {subjects} }} ?s ?p ?o FILTER(?p IN ({fetch_filter(model)}))"
         return self._gather(names, pattern)
 
-    def _gather(self, names: Iterable[str], pattern: str) -> dict[str, dict[str, list[Term]]]:
-        facts: dict[str, dict[str, list[Term]]] = {name: {} for name in names}
+    def _gather(self, names: Iterable[str], pattern: str) -> dict[str, Facts]:
+        facts: dict[str, Facts] = {name: {} for name in names}
         for row in self._session.select(f"SELECT DISTINCT ?s ?p ?o WHERE {{ {pattern} }}"):
             subject, predicate, value = row
             assert isinstance(subject, NamedNode)
@@ -129,33 +130,41 @@ class Reader:
         Parameters
         ----------
         facts
-            Property IRI to values.
+            Property IRI to values; the object keeps it.
         fetched
             The properties that were asked for; those without a value have none.
         """
         known = self._session.identities.find(name)
+        kinds = tuple(facts.get(RDF_TYPE, ()))
         if known is None:
-            known = self._blank(asked, name, origin)
-        registry = getattr(asked, "__registry__", None)
-        if registry is not None:
+            known = self._blank(self._best(asked, kinds), name, origin)
+        else:
             wider = type(known) if issubclass(type(known), asked) else asked
-            others = vocabularies_of(self._session.kb).values()
-            best = registry.most_specific(_iris(facts.get(RDF_TYPE, ())), wider, others)
+            best = self._best(wider, kinds)
             if best is not type(known):
                 object.__setattr__(known, "__class__", best)
-        state = known.__state__
-        fields = type(known).__by_iri__
+        state, fields = known.__state__, type(known).__by_iri__
+        if state.loaded:
+            state.loaded.update(facts)
+        else:
+            state.loaded = facts
         for predicate, values in facts.items():
-            if predicate not in fetched:
-                continue
-            field = fields.get(predicate)
-            crowded = len(values) > 1 and field is not None and field.single
-            state.loaded[predicate] = tuple(
-                self._own_first(name, predicate, values) if crowded else values
-            )
+            if len(values) > 1 and predicate in fields and fields[predicate].single:
+                state.loaded[predicate] = self._own_first(name, predicate, values)
         state.note(fetched)
         state.origin = origin
         return known
+
+    def _best(self, asked: type[Model], kinds: tuple[Term, ...]) -> type[Model]:
+        """Return the most specific known class of a thing of these types."""
+        key = (asked, kinds, generation())
+        if key not in self._classes:
+            registry = getattr(asked, "__registry__", None)
+            others = vocabularies_of(self._session.kb).values()
+            self._classes[key] = (
+                registry.most_specific(_iris(kinds), asked, others) if registry else asked
+            )
+        return self._classes[key]
 
     def _own_first(self, name: str, predicate: str, values: Sequence[Term]) -> list[Term]:
         """Return values with the agent's own first: of a single field that is the one shown."""
