@@ -26,13 +26,17 @@ class Deadlines:
     def add(self, at: float, stream: ReaderStream) -> None:
         """End the stream at this time of the monotonic clock."""
         with self._changed:
-            heapq.heappush(self._heap, (at, next(self._numbers), weakref.ref(stream)))
+            while self._heap and _is_over(self._heap[0][2]):
+                heapq.heappop(self._heap)
+            number = next(self._numbers)
+            heapq.heappush(self._heap, (at, number, weakref.ref(stream)))
             if self._thread is None:
                 self._thread = threading.Thread(
                     target=self._run, name="rtask-deadlines", daemon=True
                 )
                 self._thread.start()
-            self._changed.notify()
+            elif self._heap[0][1] == number:  # nobody else's time is over before
+                self._changed.notify()
 
     def _run(self) -> None:
         while True:

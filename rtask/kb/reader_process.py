@@ -35,6 +35,8 @@ _log = logging.getLogger(__name__)
 _PIPE_BYTES = 1 << 20
 _DUMP_PIECE = 256 << 10
 _SEND_TIMEOUT_S = 30.0
+_COALESCE_S = 0.005
+_FEW = 64
 # -I: the folder of the script and the environment must not get in front of the standard library
 _START = "import runpy, sys; sys.path.append(sys.argv.pop()); runpy.run_path(sys.argv.pop(), None, '__main__')"  # noqa: E501
 
@@ -145,8 +147,8 @@ class ReaderProcess:
             self._flush(message(b"Q", question))
 
     def follow(self) -> None:
-        """Send the waiting commits now, if nobody uses the reader."""
-        if not self._frames or not self._lock.acquire(blocking=False):
+        """Send the waiting commits now, if nobody uses the reader; a few may wait."""
+        if len(self._frames) < _FEW or not self._lock.acquire(blocking=False):
             return
         try:
             if not self.busy and self._pid > 0 and not self._closed:
@@ -312,10 +314,15 @@ class KeeperProcess:
                 self._send_batch(batch)
                 for reader in self.readers:
                     reader.follow()
+                with self._changed:  # so that commits in quick succession go together
+                    self._changed.wait_for(self._is_urgent, _COALESCE_S)
         except (OSError, ClosedError) as error:
             _log.debug("the keeper cannot be reached: %s", error)
         finally:
             self._fail()
+
+    def _is_urgent(self) -> bool:
+        return self.failed or bool(self._orders)
 
     def _send_dump(self, store: GraphStore) -> None:
         # Commits stored from now on wait in the outbox. Some may be in the dump, too; applying
