@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import datetime as dt
+import errno
 import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rtask.errors import StoreFormatError, UnsupportedError, UsageError
-from rtask.kb.blobs import copy_blob
+from pyoxigraph import Store
+
+from rtask.errors import (
+    StorageFullError,
+    StoreError,
+    StoreFormatError,
+    UnsupportedError,
+    UsageError,
+)
+from rtask.kb.blobs import BlobStore, copy_blob
 from rtask.kb.folder import Files
 from rtask.kb.journal import JournalFile
-from rtask.kb.recovery import Checkpoint, boot_id
+from rtask.kb.recovery import Checkpoint, Checkpoints, boot_id
 from rtask.kb.settings import Settings, write_durably
 from rtask.kb.writer import Writer
 
@@ -25,9 +34,11 @@ _FILE = "backup.json"
 def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
     """Copy an open knowledge base; writers wait a moment, readers do not.
 
+    The copy is opened and counted before it counts as complete.
+
     Returns
     -------
-    ``seq`` (the last commit it holds), ``created``, ``store_id``.
+    ``seq`` (the last commit it holds), ``created``, ``store_id``, ``quads``.
 
     Raises
     ------
@@ -41,20 +52,38 @@ def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
             "only a folder open for writing is backed up; export a store in memory"
         )
     if target.exists():
-        raise UsageError(f"{target} exists; name a new folder")
+        raise UsageError(f"{target} exists{_what_it_is(target)}; name a new folder")
+    try:
+        return _copy(files, writer, files.folder, files.checkpoints, target)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise StorageFullError(f"no room for a backup in {target}; remove it") from error
+        raise
+
+
+def _what_it_is(target: Path) -> str:
+    if (target / "store").is_dir() and not (target / _FILE).exists():
+        return " and is a backup that was interrupted"
+    return ""
+
+
+def _copy(
+    files: Files, writer: Writer, folder: Path, checkpoints: Checkpoints, target: Path
+) -> dict[str, Any]:
     target.mkdir(parents=True)
     with writer.exclusive():
         seq = writer.committer.last_seq
-        files.checkpoints.make(seq)
+        checkpoints.make(seq)
         files.store.raw.backup(str(target / "store"))
         _copy_journal(files.journal, target / "journal")
-    for blob in sorted((files.folder / "blobs").glob("??/??/*")):
-        copy_blob(blob, target / "blobs" / blob.relative_to(files.folder / "blobs"))
+    for blob in sorted((folder / "blobs").glob("??/??/*")):
+        copy_blob(blob, target / "blobs" / blob.relative_to(folder / "blobs"))
     (target / "blobs" / "tmp").mkdir(parents=True, exist_ok=True)
     files.settings.save(target)
     Checkpoint(seq, True, boot_id()).save(target)
     created = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
-    record = {"seq": seq, "created": created, "store_id": files.settings.store_id}
+    record: dict[str, Any] = {"seq": seq, "created": created}
+    record |= {"store_id": files.settings.store_id, "quads": _count(target)}
     write_durably(target / _FILE, json.dumps(record, indent=2) + "\n")
     return record
 
@@ -66,23 +95,59 @@ def _copy_journal(journal: object, target: Path) -> None:
             shutil.copyfile(segment, target / segment.name)
 
 
-def restore(source: Path, target: Path) -> dict[str, Any]:
-    """Make a knowledge base from a backup; it gets a new epoch.
+def _count(folder: Path) -> int:
+    try:
+        return len(Store.read_only(str(folder / "store")))
+    except (OSError, RuntimeError) as error:
+        raise StoreFormatError(f"the store in {folder} cannot be read: {error}") from error
+
+
+def check(source: Path) -> dict[str, Any]:
+    """Return the record of a backup whose store, journal and blobs are whole.
 
     Raises
     ------
     StoreFormatError
-        If the source is no complete backup.
-    UsageError
-        If the target is not empty.
+        Saying what is missing or damaged.
     """
     try:
         record: dict[str, Any] = json.loads((source / _FILE).read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise StoreFormatError(f"{source} is no complete backup (no {_FILE})") from error
+    found = _count(source)
+    if found != record.get("quads", found):
+        raise StoreFormatError(f"{source} holds {found} statements, not {record['quads']}")
+    blobs = BlobStore(source / "blobs", writable=False)
+    for digest in blobs.digests():
+        if not blobs.is_sound(digest):
+            raise StoreFormatError(f"{source}: the blob {digest} holds other bytes")
+    journal = JournalFile(source / "journal")
+    last = 0 if journal.segments() else record["seq"]
+    try:
+        for entry in journal.records():
+            last = entry.seq
+    except StoreError as error:
+        raise StoreFormatError(f"{source}: {error}") from error
+    if last != record["seq"]:
+        raise StoreFormatError(f"{source}: its journal ends at {last}, not at {record['seq']}")
+    return record
+
+
+def restore(source: Path, target: Path) -> dict[str, Any]:
+    """Make a knowledge base from a backup; it gets a new epoch and knows where it comes from.
+
+    Raises
+    ------
+    StoreFormatError
+        If the source is no complete backup, or a damaged one.
+    UsageError
+        If the target is not empty.
+    """
+    record = check(source)
     settings = Settings.load(source)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise UsageError(f"{target} is not empty; name a new folder")
     shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(_FILE))
-    replace(settings, epoch=Settings.new().epoch).save(target)
+    parent = f"{record['store_id']}@{record['seq']}"
+    replace(settings, epoch=Settings.new().epoch, parent=parent).save(target)
     return record

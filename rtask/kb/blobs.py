@@ -13,6 +13,7 @@ import os
 import re
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -183,6 +184,16 @@ class BlobStore:
             return
         for file in sorted(self._folder.glob("??/??/*")):
             yield file.name
+
+    def discard(self, digest: str, older_than_s: float) -> bool:
+        """Delete a blob that was put long enough ago; whether it was."""
+        if self._folder is None:
+            return older_than_s <= 0 and self._memory.pop(digest, None) is not None
+        file = self._place(digest)
+        if time.time() - file.stat().st_mtime < older_than_s:
+            return False
+        file.unlink()
+        return True
 
     def is_sound(self, digest: str) -> bool:
         """Whether the bytes still have the digest that they are filed under."""

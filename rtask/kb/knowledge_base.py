@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -115,11 +115,17 @@ class KnowledgeBase(Reading, Watching, Reasoning, Stating, Objects):
 
         return as_of(self, self._files, seq)
 
-    def verify(self, repair: bool = False) -> list[Finding]:
+    def verify(self, repair: bool = False, parts: Collection[str] | None = None) -> list[Finding]:
         """Compare what is derived with what it is derived from; see :mod:`rtask.kb.verify`."""
-        from rtask.kb.verify import verify
+        from rtask.kb.verify import PARTS, verify
 
-        return verify(self, self._writer, self._inference, repair)
+        return verify(self, self._writer, self._inference, repair, parts or PARTS)
+
+    def collect_blobs(self, older_than_s: float = 86_400.0) -> int:
+        """Delete the blobs that no statement names; return how many."""
+        from rtask.kb.verify import collect_blobs
+
+        return collect_blobs(self, self._writer, older_than_s)
 
     def backup(self, target: Path | str) -> dict[str, Any]:
         """Copy the knowledge base to a new folder; see :func:`rtask.kb.backup.backup`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from rtask.kb.knowledge_base import KnowledgeBase
     from rtask.kb.writer import Writer
 
-__all__ = ["Finding", "verify"]
+__all__ = ["PARTS", "Finding", "collect_blobs", "verify"]
 
+PARTS = ("journal", "blobs", "union", "catalogue", "closure", "index")
 _LISTED = 20
+_DAY_S = 86_400.0
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Finding:
     severity
         ``error``, or ``note`` for what costs room only.
     part
-        ``journal``, ``union``, ``catalogue``, ``blobs`` or ``closure``.
+        One of :data:`PARTS`.
     detail
         What was found.
     """
@@ -46,23 +48,38 @@ class Finding:
 
 
 def verify(
-    kb: KnowledgeBase, writer: Writer, inference: Inference | None, repair: bool = False
+    kb: KnowledgeBase,
+    writer: Writer,
+    inference: Inference | None,
+    repair: bool = False,
+    parts: Collection[str] = PARTS,
 ) -> list[Finding]:
     """Compare what is derived with what it is derived from.
 
     Parameters
     ----------
     repair
-        Put right what follows from the graph: union, catalogue, closure. Lost bytes stay lost.
+        Put right what follows from the graph: union, catalogue, closure, index. Lost bytes stay
+        lost.
+    parts
+        Only these.
     """
-    findings = [*_journal(writer.committer.journal, kb.seq), *_blobs(kb)]
+    findings: list[Finding] = []
+    if "journal" in parts:
+        findings += _journal(writer.committer.journal, kb.seq)
+    if "blobs" in parts:
+        findings += _blobs(kb)
     if kb.plain:
         return findings
-    with writer.exclusive():
-        findings += _union(kb, repair)
-    findings += _catalogue(kb, repair)
-    if inference is not None:
+    if "union" in parts:
+        with writer.exclusive():
+            findings += _union(kb, repair)
+    if "catalogue" in parts:
+        findings += _catalogue(kb, repair)
+    if "closure" in parts and inference is not None:
         findings += _closure(kb, writer, inference, repair)
+    if "index" in parts and repair:
+        kb.index.rebuild()
     return findings
 
 
@@ -83,13 +100,7 @@ def _journal(journal: object, seq: int) -> Iterator[Finding]:
 
 
 def _blobs(kb: KnowledgeBase) -> Iterator[Finding]:
-    named = {
-        digest
-        for quad in kb.store.quads_for_pattern(None, None, None, None)
-        for term in (quad.subject, quad.object)
-        if isinstance(term, NamedNode) and term.value.startswith(PREFIX)
-        if (digest := digest_of(term)) is not None
-    }
+    named = _named_blobs(kb)
     kept = set(kb.blobs.digests())
     for digest in sorted(named - kept):
         yield Finding("error", "blobs", f"{PREFIX}{digest} is named, its bytes are not here")
@@ -98,6 +109,31 @@ def _blobs(kb: KnowledgeBase) -> Iterator[Finding]:
             yield Finding("error", "blobs", f"{PREFIX}{digest} holds other bytes")
     if kept - named:
         yield Finding("note", "blobs", f"{len(kept - named)} are named by no statement")
+
+
+def _named_blobs(kb: KnowledgeBase) -> set[str]:
+    return {
+        digest
+        for quad in kb.store.quads_for_pattern(None, None, None, None)
+        for term in (quad.subject, quad.object)
+        if isinstance(term, NamedNode) and term.value.startswith(PREFIX)
+        if (digest := digest_of(term)) is not None
+    }
+
+
+def collect_blobs(kb: KnowledgeBase, writer: Writer, older_than_s: float = _DAY_S) -> int:
+    """Delete the blobs that no statement names; return how many.
+
+    Parameters
+    ----------
+    older_than_s
+        Younger ones stay: somebody may be about to name them. A blob that is put again is young
+        again.
+    """
+    with writer.exclusive():
+        named = _named_blobs(kb)
+        idle = [digest for digest in kb.blobs.digests() if digest not in named]
+        return sum(kb.blobs.discard(digest, older_than_s) for digest in idle)
 
 
 def _union(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
