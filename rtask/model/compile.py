@@ -239,31 +239,45 @@ def aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[Ag
 
 
 def _aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[Aggregate]) -> str:
-    """Write one sub-select a number, so that the values of one do not multiply those of another."""
+    """Write one sub-select a path, so that the values of one do not multiply those of another."""
     by = [f"?group{at}" for at in range(len(groups))]
-    parts = [_number_text(plan, groups, column, at) for at, column in enumerate(columns)]
-    if not parts:
-        parts = [_number_text(plan, groups, Aggregate("COUNT", None), 0)]
+    parts: dict[tuple[Field, ...] | None, dict[int, Aggregate]] = {}
+    for at, column in enumerate(columns):
+        path = None if column.path is None else steps(column.path)
+        parts.setdefault(path, {})[at] = column
+    if len(parts) > 1 and None in parts:  # roots are counted once, whatever multiplies them
+        counts = parts.pop(None)
+        next(iter(parts.values())).update(counts)
+    texts = [_numbers_text(plan, groups, path, part) for path, part in parts.items()]
+    texts = texts or [_numbers_text(plan, groups, None, {})]
     picks = [*by, *(f"?column{at}" for at in range(len(columns)))]
     tail = f" ORDER BY {' '.join(by)}" if by else ""
-    joined = "\n  ".join(f"{{ {part} }}" for part in parts)
+    joined = "\n  ".join(f"{{ {text} }}" for text in texts)
     return f"SELECT {' '.join(picks)} WHERE {{\n  {joined}\n}}{tail}"
 
 
-def _number_text(plan: Plan, groups: Sequence[Path[Any]], column: Aggregate, at: int) -> str:
+def _numbers_text(
+    plan: Plan,
+    groups: Sequence[Path[Any]],
+    along: tuple[Field, ...] | None,
+    columns: dict[int, Aggregate],
+) -> str:
     names = Names()
     lines, _ = _group(plan, names)
     scope = Scope(names, plan.inferred)
     by = [scope.walk(steps(path)) for path in groups]
     lines += scope.lines
-    picks = [f"({variable} AS ?group{n})" for n, variable in enumerate(by)]
-    if column.path is None:
-        picks.append(f"(COUNT(DISTINCT ?root) AS ?column{at})")
-    else:
+    variable = ""
+    if along is not None:
         inner = Scope(names, plan.inferred)
-        variable = inner.walk(steps(column.path))
+        variable = inner.walk(along)
         lines.append(f"OPTIONAL {inner.group()}")
-        distinct = "DISTINCT " if column.function == "COUNT" else ""
-        picks.append(f"({column.function}({distinct}{variable}) AS ?column{at})")
+    picks = [f"({name} AS ?group{at})" for at, name in enumerate(by)]
+    for at, column in columns.items():
+        what = "DISTINCT ?root" if column.path is None else variable
+        if column.path is not None and column.function == "COUNT":
+            what = f"DISTINCT {variable}"
+        picks.append(f"({column.function}({what}) AS ?column{at})")
     tail = f" GROUP BY {' '.join(by)}" if by else ""
-    return f"SELECT {' '.join(picks)} WHERE {{ {' '.join(lines)} }}{tail}"
+    chosen = " ".join(picks) or "*"
+    return f"SELECT {chosen} WHERE {{ {' '.join(lines)} }}{tail}"
