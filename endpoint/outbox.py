@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections import deque
 
 MAX_MESSAGES = 256
@@ -19,11 +20,13 @@ class Outbox:
     Parameters
     ----------
     loop
-        The loop that the socket lives on.
+        The loop that the socket lives on; the box is made on its thread.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
+        self._thread = threading.get_ident()
+        self._inbox: deque[tuple[str | bytes, str]] = deque()
         self._entries: deque[tuple[str | bytes, str]] = deque()
         self._bytes = 0
         self._filled = asyncio.Event()
@@ -36,7 +39,17 @@ class Outbox:
         """Add a text; may be called from any thread, and never waits."""
         if self._closed or self._loop.is_closed():
             return
-        self._loop.call_soon_threadsafe(self._put, text, topic)
+        # One queue for all threads keeps the order in which things were said; on the loop's own
+        # thread there is no need to wake it.
+        self._inbox.append((text, topic))
+        if threading.get_ident() == self._thread:
+            self._take_in()
+        else:
+            self._loop.call_soon_threadsafe(self._take_in)
+
+    def _take_in(self) -> None:
+        while self._inbox:
+            self._put(*self._inbox.popleft())
 
     def _put(self, text: str | bytes, topic: str) -> None:
         if self._closed:

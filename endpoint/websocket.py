@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
 from endpoint.auth import Authenticator, Caller
-from endpoint.exchange import Request
+from endpoint.exchange import RefusedError, Request
 from endpoint.outbox import Outbox
 from endpoint.problems import problem
 from endpoint.rosbridge.session import Bridge, Session
@@ -21,6 +21,8 @@ Transmit = Callable[[Message], Awaitable[None]]
 
 ADDRESSES = ("/", "/rosbridge")
 LARGE_MESSAGE = 64 << 10
+MAX_CONNECTIONS = 2_000
+MAX_PER_TOKEN = 20
 STALL_S = 120.0
 GOING_AWAY, POLICY, INTERNAL, TRY_LATER, RESTART = 1001, 1008, 1011, 1013, 1012
 _log = logging.getLogger(__name__)
@@ -52,6 +54,7 @@ class Connections:
                 raise RtaskError(f"robots connect to {' or '.join(ADDRESSES)}")
             caller = self._auth.identify(request, token_in_url=True)
             self._auth.check_origin(request, caller)
+            self._admit(caller)
         except RtaskError as error:
             _log.warning("refused a robot from %s: %s", request.client, error)
             await refuse_handshake(scope, transmit, error)
@@ -65,6 +68,22 @@ class Connections:
         finally:
             self._open.discard(connection)
             _log.info("robot %s left", caller.name)
+
+    def _admit(self, caller: Caller) -> None:
+        """Refuse before the upgrade what would be too many.
+
+        Raises
+        ------
+        RefusedError
+            503, with the time to wait.
+        """
+        own = 0
+        if caller.token is not None:
+            own = sum(other.caller.key == caller.key for other in self._open)
+        if own < MAX_PER_TOKEN and len(self._open) < MAX_CONNECTIONS:
+            return
+        held = f"{own} connections with this token" if own >= MAX_PER_TOKEN else "too many robots"
+        raise RefusedError(503, "busy", f"{held}; try later", headers=(("Retry-After", "10"),))
 
     async def close_revoked(self) -> None:
         """Close connections whose token was revoked meanwhile."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -199,6 +200,56 @@ def test_a_token_in_the_url_or_the_header_names_the_robot(
             assert json.loads(robot.recv(timeout=20))["result"] is True
             robot.send(json.dumps({**call_, "args": {"name": "another", **ROBOT}}))
             assert json.loads(robot.recv(timeout=20))["result"] is False
+
+
+def test_one_token_holds_a_bounded_number_of_connections(
+    guarded: RunningServer, make_token: Any
+) -> None:
+    token = make_token("--robot", "ws-many")
+    with contextlib.ExitStack() as stack:
+        for _ in range(20):
+            stack.enter_context(connect(f"{guarded.websocket}?token={token}"))
+        with pytest.raises(InvalidStatus) as refused, connect(f"{guarded.websocket}?token={token}"):
+            pass
+        assert refused.value.response.status_code == 503
+        assert refused.value.response.headers["Retry-After"]
+    assert status_of_handshake(f"{guarded.websocket}?token={token}") == 101
+
+
+def test_a_flood_of_calls_is_answered_in_full_and_harms_no_other_robot(
+    server: RunningServer,
+) -> None:
+    """Beyond 8 running and 32 waiting calls the rest are refused, each with its own id."""
+    call_ = {"op": "call_service", "service": "/rtask/recall_grasps", "args": {"object": "none"}}
+    with connect(server.websocket) as flood, connect(server.websocket) as other:
+        for number in range(500):
+            flood.send(json.dumps({**call_, "id": number}))
+        other.send(json.dumps({"op": "call_service", "service": "/rosapi/get_time"}))
+        assert json.loads(other.recv(timeout=20))["result"] is True
+        answers = [json.loads(flood.recv(timeout=30)) for _ in range(500)]
+    assert sorted(answer["id"] for answer in answers) == list(range(500))
+    assert {answer["result"] for answer in answers} == {False}
+    assert {answer["status"] for answer in answers} <= {422, 503}
+
+
+def test_a_robot_cannot_write_for_another_over_any_way_in(
+    guarded: RunningServer, make_token: Any
+) -> None:
+    token = make_token("--robot", "ws-own")
+    other = {"name": "ws-other", **ROBOT}
+    with connect(f"{guarded.websocket}?token={token}") as robot:
+        robot.send(
+            json.dumps({"op": "call_service", "service": "/rtask/register_robot", "args": other})
+        )
+        refused = json.loads(robot.recv(timeout=20))
+    assert (refused["result"], refused["status"]) == (False, 403)
+    bearer = {"Authorization": f"Bearer {token}"}
+    over_http = httpx.post(f"{guarded.url}/engine/register_robot", json=other, headers=bearer)
+    assert over_http.status_code == 403
+    asked = 'ASK { ?robot ?p "ws-other" }'
+    found = httpx.get(f"{guarded.url}/sparql", params={"query": asked},
+                      headers={**bearer, "Accept": "application/sparql-results+json"})  # fmt: skip
+    assert found.json()["boolean"] is False
 
 
 def test_revoking_a_token_closes_its_connections(guarded: RunningServer, make_token: Any) -> None:
