@@ -196,6 +196,18 @@ def _meeting(height, slope, other, other_slope, low, high):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True)
+def _sort(values, count):  # type: ignore[no-untyped-def]
+    """Sort the first few numbers in place; NumPy's sort takes seconds to compile."""
+    for i in range(1, count):
+        value = values[i]
+        j = i - 1
+        while j >= 0 and values[j] > value:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = value
+
+
+@njit(cache=True, nogil=True)
 def closes_over(x, y, n, shift, w, a, e, mu, nguyen, breaks):  # type: ignore[no-untyped-def]
     """Return the mode at 0 when every window position in [0, shift] closes, else OPEN.
 
@@ -222,10 +234,10 @@ def closes_over(x, y, n, shift, w, a, e, mu, nguyen, breaks):  # type: ignore[no
         if 0.0 < x[i] - w < shift:
             breaks[m] = x[i] - w
             m += 1
-    pieces = np.sort(breaks[:m])
+    _sort(breaks, m)
     inner = np.empty(5)
     for g in range(m - 1):
-        low, high = pieces[g], pieces[g + 1]
+        low, high = breaks[g], breaks[g + 1]
         if high - low < TIE:
             continue
         middle = (low + high) / 2
@@ -239,7 +251,7 @@ def closes_over(x, y, n, shift, w, a, e, mu, nguyen, breaks):  # type: ignore[no
         inner[1] = _meeting(left, left_slope, right, right_slope, low, high)
         inner[2] = _meeting(left, left_slope, peak, 0.0, low, high)
         inner[3] = _meeting(right, right_slope, peak, 0.0, low, high)
-        inner.sort()
+        _sort(inner, 5)
         for k in range(4):
             if inner[k + 1] - inner[k] < TIE:
                 continue

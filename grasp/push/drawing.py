@@ -118,7 +118,9 @@ def chart(
     """Return curves over a common x as an SVG document."""
     at = np.asarray(x, dtype=np.float64)
     low, high = float(at.min()), float(at.max())
-    canvas = Canvas((low, y_range[0]), (high, y_range[1]), 720, 48, 420, title)
+    # The names of the curves stand behind their ends.
+    room = 0.22 * (high - low)
+    canvas = Canvas((low, y_range[0]), (high + room, y_range[1]), 720, 48, 420, title)
     for k in range(6):
         level = y_range[0] + (y_range[1] - y_range[0]) * k / 5
         place = low + (high - low) * k / 5

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from grasp.push.analysis import Analysis, PushTest, Trials, _summed
+from grasp.push.analysis import Analysis, CodeArray, PushTest, Trials, _summed
 from grasp.push.candidates import Grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import FloatArray, Part
@@ -111,7 +111,7 @@ def analyse_early(
     return EarlyAnalysis(analysis, np.array(numbers), bias, early, spent)
 
 
-def _compared(trials: Trials, early: Analysis, rest: np.ndarray, began: float) -> BiasCheck:  # type: ignore[type-arg]
+def _compared(trials: Trials, early: Analysis, rest: CodeArray, began: float) -> BiasCheck:
     gone = np.zeros(len(trials.rows), np.int64)
     late = _summed(trials, early.grasps, rest, gone, "mean", began)
     difference = early.quality - late.quality

@@ -92,11 +92,14 @@ def as_polygon(points: ArrayLike) -> FloatArray:
         # Sizes whose squares leave the range of a double would end as NaN far from here.
         if size and not 1e-100 < size < 1e100:
             raise ValueError(f"the polygon's extent {size:g} is out of range; change the unit")
-        gap = np.abs(ring - np.roll(ring, 1, axis=0)).max(axis=1)
-        ring = ring[gap > _DUPLICATE * size]
+        apart = np.abs(np.diff(ring, axis=0)).max(axis=1) > _DUPLICATE * size
+        ring = ring[np.concatenate([[True], apart])]
+        if len(ring) > 1 and np.abs(ring[-1] - ring[0]).max() <= _DUPLICATE * size:
+            ring = ring[:-1]
     if len(ring) < 3:
         raise ValueError(f"a polygon needs three different vertices, got {len(ring)}")
-    if abs(_area(ring)) <= _COLLINEAR * size * size:
+    spread = np.linalg.svd(ring - ring.mean(axis=0), compute_uv=False)
+    if spread[1] <= _COLLINEAR * spread[0]:
         raise ValueError("the polygon's vertices are collinear: it has no area")
     first, second = crossing(np.ascontiguousarray((ring - ring.mean(axis=0)) / size))
     if first >= 0:

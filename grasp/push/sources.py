@@ -418,8 +418,8 @@ def outline_from_image(data: bytes | NDArray[np.uint8]) -> FloatArray:
         raise ValueError(f"an image of at least 8 x 8 pixels is needed, got {pixels.shape}")
     border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
     apart = np.abs(pixels.astype(np.int16) - np.median(border, axis=0)).max(axis=2)
-    level, mask = cv2.threshold(apart.astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    if apart.max() < 16 or level <= 0:
+    _, mask = cv2.threshold(apart.astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    if apart.max() < 16:
         raise ValueError("nothing stands out from the image's border")
     mask = np.pad(np.asarray(mask), 1)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)

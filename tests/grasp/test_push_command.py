@@ -1,0 +1,119 @@
+"""`rtask grasp plan`: parts, clouds, and objects of the graph; what is stored is recalled."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import ontology
+import rtask
+from rtask.cli import cli
+from rtask.engine.engine import Engine
+
+
+def _run(*args: str) -> Result:
+    return CliRunner().invoke(cli, ["grasp", "plan", *args])
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    path = tmp_path / "part.json"
+    path.write_text("[[0, 0], [4, 0], [4, 1], [0, 2]]")
+    return path
+
+
+def test_a_part_gives_a_table(part: Path) -> None:
+    done = _run(str(part), "--samples", "20", "--top", "3")
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert lines[0].startswith("4 vertices")
+    assert [line.split()[0] for line in lines[2:5]] == ["1", "2", "3"]
+
+
+def test_json_and_drawings(part: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "drawings"
+    done = _run(str(part), "--samples", "20", "--eliminate", "5,0.8", "--json", "--plots",
+                str(folder))  # fmt: skip
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.output)
+    qualities = [g["quality"] for g in found["grasps"]]
+    assert qualities[0] == max(qualities)
+    assert all(g["lower_95"] <= g["quality"] for g in found["grasps"])
+    names = {path.stem for path in folder.iterdir()}
+    assert names == {"whiskers", "best", "tolerance", "pose", "eliminated"}
+    for path in folder.iterdir():
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
+
+
+def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    path = tmp_path / "box.npy"
+    np.save(path, rng.uniform(0, 1, (4000, 3)) * (0.08, 0.04, 0.05))
+    done = _run(str(path), "--samples", "10", "--plots", str(tmp_path / "d"), "--json")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "d" / "candidates_3d.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--friction", "-1"], "friction"),
+        (["--max-opening", "0.1"], "stroke"),
+        (["--eliminate", "many"], "two numbers"),
+        (["--store"], "object of the graph"),
+        (["--angles", "2"], "odd"),
+    ],
+)
+def test_bad_calls_are_one_line(part: Path, args: list[str], words: str) -> None:
+    done = _run(str(part), *args)
+    assert done.exit_code != 0
+    assert words in str(done.exception)
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
+    done = _run(str(tmp_path / "none.json"), "-d", str(tmp_path / "no-store"))
+    assert "no such file" in str(done.exception)
+
+
+def _seen_box() -> dict[str, object]:
+    """Return a box of 9 x 5 x 6 cm as an upright cloud in a robot's base frame."""
+    from features.codec import encode_cloud, to_wire
+
+    rng = np.random.default_rng(3)
+    size = np.array([0.09, 0.05, 0.06])
+    points = rng.uniform(-0.5, 0.5, (9000, 3)) * size
+    face = rng.integers(0, 3, len(points))
+    points[np.arange(len(points)), face] = np.sign(rng.uniform(-1, 1, len(points))) * size[face] / 2
+    points += (0.3, 0.0, 0.03)
+    return {"data": to_wire(encode_cloud(points.astype(np.float32))), "frame_id": "base_link",
+            "support_height": 0.0}  # fmt: skip
+
+
+def test_planned_grasps_of_an_object_are_stored_and_recalled(tmp_path: Path) -> None:
+    data = tmp_path / "store"
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        stored = engine.call("insert_object", {"objects": [_seen_box()]})
+        thing = stored["objects"][0]["object"]
+    done = _run(thing, "-d", str(data), "--jaw-width", "0.02", "--samples", "20", "--store",
+                "--top", "3", "--vertex-std", "0.001", "--com-std", "0.002", "--json")  # fmt: skip
+    assert done.exit_code == 0, (done.output, done.exception)
+    found = json.loads(done.output)
+    assert found["note"].startswith(thing)
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        recalled = engine.call("recall_grasps", {"object": thing})["grasps"]
+        rows = kb.select(
+            f"PREFIX rt: <{ontology.NS}> SELECT ?g ?q ?n WHERE "
+            "{ ?g rt:hasEvaluation ?e . ?e rt:forceClosureLowerBound ?q ; rt:sampleCount ?n }"
+        )
+        assert not kb.validate()
+        bounds = {str(row.value("g")): float(str(row.value("q"))) for row in rows}
+    assert {g["id"] for g in recalled} == set(found["stored"]["grasps"]) == set(bounds)
+    best = max(g["grasp_quality"] for g in recalled)
+    assert best == pytest.approx(found["grasps"][0]["quality"], abs=1e-6)
+    assert best == pytest.approx(max(bounds.values()))
+    assert all(abs(g["x"]) < 0.05 and abs(g["y"]) < 0.05 for g in recalled)
