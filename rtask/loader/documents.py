@@ -7,7 +7,8 @@ import hashlib
 import io
 import sys
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, cast
 
@@ -33,11 +34,14 @@ class Document:
         The file, where there is one.
     data
         The bytes, where there is no file.
+    on_read
+        Told how many bytes of it, packed as it lies there, have been read.
     """
 
     name: str
     path: Path | None = None
     data: bytes = b""
+    on_read: Callable[[int], None] | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def of(cls, source: Path | str | bytes | IO[bytes]) -> Document:
@@ -89,7 +93,7 @@ class Document:
         """
         packed = self.path.open("rb") if self.path else io.BytesIO(self.data)
         try:
-            stream = io.BufferedReader(_Limited(self._unpack(packed), packed, self.name), _BUFFER)
+            stream = io.BufferedReader(_Limited(self._unpack(packed), packed, self), _BUFFER)
             head = stream.peek(_HEAD)[:_HEAD]
             _refuse_binary(self.name, head)
         except BaseException:
@@ -152,10 +156,11 @@ class Document:
 class _Limited(io.RawIOBase):
     """Counts what is unpacked, so that a small file cannot fill the memory."""
 
-    def __init__(self, stream: IO[bytes], packed: IO[bytes], name: str) -> None:
+    def __init__(self, stream: IO[bytes], packed: IO[bytes], document: Document) -> None:
         self._stream = stream
         self._packed = packed
-        self._name = name
+        self._name = document.name
+        self._on_read = document.on_read
         self._left = MAX_UNPACKED
 
     def readable(self) -> bool:
@@ -170,6 +175,8 @@ class _Limited(io.RawIOBase):
         self._left -= len(data)
         if self._left < 0:
             raise TooLargeError(f"{self._name}: larger than {MAX_UNPACKED >> 30} GiB unpacked")
+        if self._on_read is not None:
+            self._on_read(self._packed.tell())
         view[: len(data)] = data
         return len(data)
 

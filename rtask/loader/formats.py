@@ -57,6 +57,7 @@ _BY_NAME = {form.name: form for form in FORMATS} | {
     extension: form for form in FORMATS for extension in form.extensions
 }
 _SCANNED_BYTES = 64 << 20
+_QUOTED = re.compile(r"'(?P<text>[^']+)'|prefix (?P<prefix>\S+:)")
 _SPACE = re.compile(
     rb"(?:\s|#[^\n]*\n|<!--.*?-->|<\?.*?\?>|<!DOCTYPE[^\[>]*(?:\[.*?\]\s*)?>)*", re.S
 )
@@ -172,6 +173,8 @@ def explain(error: Exception, document: Document, form: Format) -> ParseError:
     """Return a parser's error with file, line and column."""
     line = getattr(error, "lineno", None)
     column = getattr(error, "offset", None)
+    if line is None:
+        line, column = _locate(str(error), document)
     where = f"{document.name}:{line}:{column}" if line else document.name
     looks = sniff(document.head())
     hint = ""
@@ -179,6 +182,23 @@ def explain(error: Exception, document: Document, form: Format) -> ParseError:
         hint = f" (read as {form.name}; it looks like {looks.name})"
     message = getattr(error, "msg", None) or str(error)
     return ParseError(f"{where}: {message}{hint}", line=line, column=column)
+
+
+def _locate(message: str, document: Document) -> tuple[int, int] | tuple[None, None]:
+    """Return where the text is that a message quotes, for parsers that do not say where.
+
+    The first place; RDF/XML (and a prefix or IRI that is wrong is mostly wrong at once).
+    """
+    found = _QUOTED.search(message)
+    if found is None:
+        return None, None
+    wanted = (found["text"] or found["prefix"]).encode()
+    with document.open() as stream:
+        for number, line in enumerate(stream, 1):
+            at = line.find(wanted)
+            if at >= 0:
+                return number, len(line[:at].decode("utf-8", "replace")) + 1
+    return None, None
 
 
 def read_document(

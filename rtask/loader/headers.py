@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
+from typing import TYPE_CHECKING
 
 from pyoxigraph import NamedNode, Quad
 
@@ -13,13 +14,22 @@ from rtask.kb.terms import RDF_TYPE
 from rtask.loader.documents import Document
 from rtask.loader.formats import detect, statements
 
-__all__ = ["Header", "header_of", "peek"]
+if TYPE_CHECKING:
+    from rtask.kb.knowledge_base import KnowledgeBase
+
+__all__ = ["Header", "Terms", "header_of", "peek"]
 
 _OWL = "http://www.w3.org/2002/07/owl#"
 _ONTOLOGY = NamedNode(_OWL + "Ontology")
 _IMPORTS = NamedNode(_OWL + "imports")
 _VERSION_IRI = NamedNode(_OWL + "versionIRI")
 _PEEKED = 5_000
+_STANDARDS = (
+    "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
+    "http://www.w3.org/2000/01/rdf-schema#",
+    _OWL,
+    "http://www.w3.org/2001/XMLSchema#",
+)
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,30 @@ class Header:
     iri: NamedNode | None = None
     version_iri: NamedNode | None = None
     imports: tuple[NamedNode, ...] = ()
+
+
+@dataclass
+class Terms:
+    """Properties and classes that documents use, and terms that they say something about."""
+
+    used: set[NamedNode] = field(default_factory=set)
+    described: set[object] = field(default_factory=set)
+
+    def read(self, quads: Iterable[Quad]) -> None:
+        """Take note of some statements."""
+        for quad in quads:
+            self.used.add(quad.predicate)
+            self.described.add(quad.subject)
+            if quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
+                self.used.add(quad.object)
+
+    def undeclared(self, kb: KnowledgeBase) -> list[str]:
+        """Return what is used and nothing is known of, sorted; the standards' own terms aside."""
+        return sorted(
+            term.value
+            for term in self.used - self.described
+            if not term.value.startswith(_STANDARDS) and not kb.match(term)
+        )
 
 
 def header_of(quads: Iterable[Quad]) -> Header:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import logging
 import secrets
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -25,7 +25,7 @@ from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.documents import Document
 from rtask.loader.formats import Format, detect, find_format, statements
-from rtask.loader.headers import Header, header_of, peek
+from rtask.loader.headers import Header, Terms, header_of, peek
 
 if TYPE_CHECKING:
     from rtask.kb.knowledge_base import KnowledgeBase
@@ -64,10 +64,21 @@ class FileReport:
 
 @dataclass
 class LoadReport:
-    """What came of a load."""
+    """What came of a load.
+
+    Parameters
+    ----------
+    undeclared
+        Of a dry run: properties and classes that neither the documents nor the knowledge base say
+        anything about.
+    warnings
+        What validation found and did not refuse.
+    """
 
     files: list[FileReport] = field(default_factory=list)
     missing_imports: list[str] = field(default_factory=list)
+    undeclared: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     dry_run: bool = False
 
     @property
@@ -96,6 +107,7 @@ class Options:
     dry_run: bool
     missing_imports: str
     access: Access
+    on_read: Callable[[str, int, int], None] | None = None
 
 
 def load(
@@ -111,6 +123,7 @@ def load(
     missing_imports: str = "error",
     agent: str | None = None,
     access: Access | None = None,
+    on_read: Callable[[str, int, int], None] | None = None,
 ) -> LoadReport:
     """Load a file, a folder, ``-`` (standard input), bytes, or the IRI of a known ontology.
 
@@ -131,6 +144,9 @@ def load(
         Folders and catalogue files in which ``owl:imports`` are looked up first.
     missing_imports
         ``error``, ``warn`` or ``ignore``.
+    on_read
+        Told the name of the document, how many of its bytes have been read, and how many it has;
+        from the start again for each time that it is read.
 
     Raises
     ------
@@ -149,10 +165,13 @@ def load(
         dry_run,
         missing_imports,
         kb.access(agent, access),
+        on_read,
     )
     loader = _Loader(kb, options, OntologyCatalogue(Path(place) for place in catalogs))
     for document in loader.documents(source):
         loader.load(document)
+    if dry_run:
+        loader.report.undeclared = loader.terms.undeclared(kb)
     return loader.report
 
 
@@ -180,6 +199,7 @@ class _Loader:
         self.options = options
         self.catalogue = catalogue
         self.report = LoadReport(dry_run=options.dry_run)
+        self.terms = Terms()
         self._done: set[Path] = set()
 
     def documents(self, source: Path | str | bytes | IO[bytes]) -> list[Document]:
@@ -207,6 +227,7 @@ class _Loader:
             if document.path.resolve() in self._done:
                 return
             self._done.add(document.path.resolve())
+        document = self._watched(document)
         started = time.perf_counter()
         form = self.options.format or detect(document)
         base = self.options.base or (document.path.resolve().as_uri() if document.path else None)
@@ -217,6 +238,8 @@ class _Loader:
         quads = statements(document, form, base)
         first = list(islice(quads, MAX_QUADS))
         header = header_of(first)
+        if self.options.dry_run:
+            self.terms.read(first)
         for name in header.imports:
             self._import(name, document)
         loose = any(isinstance(quad.graph_name, DefaultGraph) for quad in first)
@@ -242,6 +265,13 @@ class _Loader:
             return False
         return readable_by_the_store(document, form)
 
+    def _watched(self, document: Document) -> Document:
+        on_read = self.options.on_read
+        if on_read is None:
+            return document
+        size = document.size
+        return replace(document, on_read=lambda read: on_read(document.name, read, size))
+
     def _import(self, name: NamedNode, importer: Document) -> None:
         if self.kb.catalogue.is_ontology(name):
             return
@@ -249,6 +279,7 @@ class _Loader:
         if found is not None:
             nested = _Loader(self.kb, _for_imports(self.options), self.catalogue)
             nested.report, nested._done = self.report, self._done
+            nested.terms = self.terms
             nested.load(Document.of(found))
             return
         self.report.missing_imports.append(name.value)
@@ -288,6 +319,7 @@ class _Loader:
                     raise _DryRun
         except _DryRun:
             return (len(quads), added, removed, 0)
+        self.report.warnings += map(str, transaction.commit.warnings)
         return (len(quads), added, removed, transaction.commit.derived)
 
     def request(self, item: Item) -> Request:
@@ -352,6 +384,7 @@ def _for_imports(options: Options) -> Options:
         options.dry_run,
         options.missing_imports,
         options.access,
+        options.on_read,
     )
 
 
