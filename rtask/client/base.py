@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Unpack, cast
@@ -16,6 +16,7 @@ from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
 
 if TYPE_CHECKING:
     from rtask.client import requests
+    from rtask.client.following import FollowedChange
     from rtask.engine import answers
 
 __all__ = ["Client"]
@@ -58,6 +59,42 @@ class Client(ABC):
     @abstractmethod
     def update(self, sparql: str) -> None:
         """Carry out a SPARQL update."""
+
+    @abstractmethod
+    def follow(
+        self,
+        s: str | None = None,
+        p: str | None = None,
+        o: str | None = None,
+        graph: str | None = None,
+        *,
+        cls: str | None = None,
+        inferred: bool = True,
+        since: str | None = None,
+    ) -> Iterator[FollowedChange]:
+        """Yield commits that touch matching statements, as they come.
+
+        A lost connection is opened again, and nothing is missed or heard twice. Iterate in a
+        thread of its own; leave the loop, or close the iterator, to end.
+
+        Parameters
+        ----------
+        s, p, o, graph
+            IRIs, or terms as N-Triples write them; None fits everything.
+        cls
+            Statements about instances of a class.
+        inferred
+            Whether derived statements count.
+        since
+            ``version`` of the last change that was heard; None = from now on.
+
+        Raises
+        ------
+        GoneError, EpochChangedError
+            What was missed is no longer kept; read everything again.
+        RemoteUnavailableError
+            Nobody answered for the client's time.
+        """
 
     @abstractmethod
     def close(self) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from rtask.client.base import Client
+from rtask.client.following import FollowedChange
 from rtask.engine.engine import Engine
 from rtask.errors import UsageError
 from rtask.kb.access import Access
@@ -57,7 +59,49 @@ class LocalClient(Client):
         """Carry out a SPARQL update with this client's rights."""
         self.engine.kb.update(sparql, access=self._access)
 
+    def follow(
+        self,
+        s: str | None = None,
+        p: str | None = None,
+        o: str | None = None,
+        graph: str | None = None,
+        *,
+        cls: str | None = None,
+        inferred: bool = True,
+        since: str | None = None,
+    ) -> Iterator[FollowedChange]:
+        """Yield commits as they come; see :meth:`Client.follow`."""
+        kb = self.engine.kb
+        value = None if o is None else _term(o)
+        subscription = kb.subscribe(
+            s and s.strip("<>"), p and p.strip("<>"), value, graph and graph.strip("<>"),
+            cls=cls and cls.strip("<>"), inferred=inferred,
+            since=since or kb.feed.position(kb.feed.last_seq),
+        )  # fmt: skip
+
+        def followed() -> Iterator[FollowedChange]:
+            with subscription:
+                for change in subscription:
+                    yield FollowedChange.of(change, kb.feed.position(change.commit.seq))
+
+        return followed()
+
     def close(self) -> None:
         """Let the engine go if it was made for this client."""
         if self._owns_engine:
             self.engine.close()
+
+
+def _term(text: str) -> Any:
+    """Return a term written as a plain IRI or as in N-Triples."""
+    from pyoxigraph import RdfFormat, parse
+
+    from rtask.kb.terms import iri
+
+    if not text.startswith(('"', "<")):
+        return iri(text)
+    try:
+        (quad,) = parse(f"<urn:s> <urn:p> {text} .".encode(), format=RdfFormat.N_TRIPLES)
+    except (ValueError, SyntaxError) as error:
+        raise UsageError(f"o: {text[:100]!r} is no term: {error}") from None
+    return quad.object

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from rtask.client.base import Client
+from rtask.client.following import FollowedChange, Pattern, follow_remote
 from rtask.client.patience import TEMPORARY, Patience
 from rtask.client.websocket import ServiceSocket
 from rtask.errors import (
@@ -21,7 +22,7 @@ from rtask.errors import (
 if TYPE_CHECKING:
     import httpx
 
-__all__ = ["RemoteClient", "addresses"]
+__all__ = ["RemoteClient", "addresses", "failure_of"]
 
 
 def addresses(url: str) -> tuple[str, str]:
@@ -111,6 +112,21 @@ class RemoteClient(Client):
         kind = {"Content-Type": "application/sparql-update"}
         self._post("/update", sparql, kind, may_repeat=False)
 
+    def follow(
+        self,
+        s: str | None = None,
+        p: str | None = None,
+        o: str | None = None,
+        graph: str | None = None,
+        *,
+        cls: str | None = None,
+        inferred: bool = True,
+        since: str | None = None,
+    ) -> Iterator[FollowedChange]:
+        """Yield commits as they come; see :meth:`Client.follow`."""
+        pattern = Pattern(s, p, o, graph, cls, inferred)
+        return follow_remote(self._session, pattern, since, self._timeout_s)
+
     def close(self) -> None:
         """Close both connections."""
         self._socket.close()
@@ -131,7 +147,7 @@ class RemoteClient(Client):
         except httpx.TransportError as error:
             raise RemoteUnavailableError(f"{self.url} cannot be reached: {error}") from error
         if answer.is_error:
-            raise _failure(answer)
+            raise failure_of(answer)
         return answer
 
     def _session(self) -> httpx.Client:
@@ -171,7 +187,7 @@ def _patiently(
                 return answer
 
 
-def _failure(answer: httpx.Response) -> Exception:
+def failure_of(answer: httpx.Response) -> Exception:
     """Return the error of an answer, with the words of its problem details (RFC 9457)."""
     try:
         problem = answer.json()

@@ -36,6 +36,9 @@ class Flaky(Client):
     def update(self, sparql):
         pass
 
+    def follow(self, *pattern, **options):
+        return iter(())
+
     def close(self):
         pass
 
