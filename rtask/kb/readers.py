@@ -17,14 +17,15 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rtask.errors import BusyError, ClosedError, QueryTimeout, QueryTooExpensive
 from rtask.kb.apply import Writes
 from rtask.kb.deadlines import Deadlines
+from rtask.kb.lanes import is_point_query
 from rtask.kb.question import Question
+from rtask.kb.reader_limits import ReaderLimits
 from rtask.kb.reader_process import CommitFrame, KeeperProcess, ReaderGone, ReaderProcess
 from rtask.kb.snapshots import Snapshot, Snapshots
 from rtask.kb.store import GraphStore
@@ -39,28 +40,6 @@ _MAX_GROWTH = 256 << 20
 _MAX_WAITING = 64 << 20
 _SMALL = 50_000
 _KILLED = (None, -signal.SIGKILL, -signal.SIGTERM)
-
-
-@dataclass(frozen=True)
-class ReaderLimits:
-    """How many readers there are and what they may take.
-
-    Parameters
-    ----------
-    count
-        Queries that run at a time.
-    queue
-        Queries that may wait for a reader.
-    memory_bytes
-        What one query may take.
-    replica_max
-        Largest store, in quads, that is copied into memory; readers of larger ones open snapshots.
-    """
-
-    count: int = field(default_factory=lambda: 2 + (os.cpu_count() or 1))
-    queue: int = 64
-    memory_bytes: int = 2 << 30
-    replica_max: int = 1_000_000
 
 
 class Readers:
@@ -98,7 +77,7 @@ class Readers:
         self._idle: list[ReaderProcess] = []
         self._used: dict[int, Snapshot] = {}
         self._running: weakref.WeakSet[ReaderStream] = weakref.WeakSet()
-        self._taken = self._waiting = self._killed = self._answered = 0
+        self._taken = self._heavy = self._waiting = self._killed = self._answered = 0
         self._refused: dict[bytes, tuple[float, str]] = {}
         self._deadlines = Deadlines()
         self._closed = False
@@ -158,13 +137,13 @@ class Readers:
         at = None if timeout_s is None else time.monotonic() + timeout_s
         key = hashlib.sha256(question.text.encode()).digest()
         self._refuse_again(key)
-        self._enter(at, timeout_s)
+        leave = self._enter(not is_point_query(question.text), at, timeout_s)
         try:
             stream = self._ask(question, at, timeout_s, key, on_start)
         except BaseException:
-            self._leave()
+            leave()
             raise
-        stream.hold(self._leave)
+        stream.hold(leave)
         return stream
 
     def _ask(
@@ -227,13 +206,14 @@ class Readers:
                 raise QueryTooExpensive(reason + "; refused for ten minutes")
             del self._refused[key]
 
-    def _enter(self, at: float | None, timeout_s: float | None) -> None:
+    def _enter(self, heavy: bool, at: float | None, timeout_s: float | None) -> Callable[[], None]:
+        """Wait for a place; return what gives it back."""
         with self._changed:
-            if self._taken >= self.limits.count and self._waiting >= self.limits.queue:
+            if not self._is_room(heavy) and self._waiting >= self.limits.queue:
                 raise BusyError(f"{self._waiting} queries wait already; try again later")
             self._waiting += 1
             try:
-                while self._taken >= self.limits.count and not self._closed:
+                while not self._is_room(heavy) and not self._closed:
                     _require_time(at, timeout_s)
                     self._changed.wait(None if at is None else at - time.monotonic())
             finally:
@@ -241,11 +221,20 @@ class Readers:
             if self._closed:
                 raise ClosedError("the knowledge base is closed")
             self._taken += 1
+            self._heavy += heavy
+        return functools.partial(self._leave, heavy)
 
-    def _leave(self) -> None:
+    def _is_room(self, heavy: bool) -> bool:
+        limits = self.limits
+        if heavy and self._heavy >= max(1, limits.count - limits.reserved):
+            return False
+        return self._taken < limits.count
+
+    def _leave(self, heavy: bool) -> None:
         with self._changed:
             self._taken -= 1
-            self._changed.notify()
+            self._heavy -= heavy
+            self._changed.notify_all()
 
     def _done(self, reader: ReaderProcess, reusable: bool) -> None:
         """A query has ended; its reader takes the next or goes."""
@@ -337,8 +326,8 @@ class Readers:
         reader.busy = True
         return reader
 
-    def _ready_replica(self, at: float | None) -> KeeperProcess | None:
-        """Return the replica; ``None`` if a snapshot is to be read."""
+    def _ready_replica(self, at: float | None, wait: bool = False) -> KeeperProcess | None:
+        """Return the replica; ``None`` if a snapshot is to be read, unless it can be waited for."""
         with self._starting:
             if self._closed:
                 raise ClosedError("the knowledge base is closed")
@@ -355,16 +344,14 @@ class Readers:
                 self._replica = replica
                 replica.start()
         if not replica.ready.is_set():
-            if self._snapshots is not None and self._size > _SMALL:
+            if self._snapshots is not None and self._size > _SMALL and not wait:
                 return None
             replica.ready.wait(None if at is None else max(0.0, at - time.monotonic()))
         return replica
 
     def start(self) -> None:
         """Start what the first query would start, and wait for it."""
-        replica = self._ready_replica(None)
-        if replica is not None:
-            replica.ready.wait()
+        self._ready_replica(None, wait=True)
         reader = self._reader(time.monotonic() + _HELLO_S)
         with self._changed:
             reader.busy = False

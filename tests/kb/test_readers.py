@@ -31,6 +31,7 @@ from rtask.errors import (
     UsageError,
 )
 from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.lanes import is_point_query
 from rtask.kb.readers import ReaderLimits
 from rtask.kb.results import Solutions, Triples
 
@@ -386,6 +387,54 @@ def test_waiting_for_a_reader_counts(memory: KnowledgeBase) -> None:
         next(stream)
         with pytest.raises(QueryTimeout, match="waited"):
             memory.query("ASK {}", timeout_s=0.2)
+
+
+def test_short_queries_do_not_wait_behind_long_ones(memory: KnowledgeBase) -> None:
+    memory.readers.limits = ReaderLimits(count=3, reserved=2)
+    with memory.stream(_PAIRS) as stream:
+        next(stream)
+        with pytest.raises(QueryTimeout, match="waited"):
+            memory.query(_COUNT, timeout_s=0.2)
+        assert memory.query("ASK { <urn:thing:1> <urn:number> 1 }", timeout_s=30.0) is True
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("SELECT * { <urn:a> ?p ?o ; <urn:q> ?x . ?o <urn:r> ?y }", True),
+        ("PREFIX : <urn:> ASK WHERE { ?s :p 'label' . ?s a :C }", True),
+        ("SELECT * { ?s a <urn:C> }", False),
+        ("SELECT * { ?s ?p <urn:C> }", False),
+        ("SELECT * { <urn:a> ?p ?o . ?x <urn:q> ?y }", False),
+        ("SELECT * { <urn:a> <urn:p>+ ?o }", False),
+        ("SELECT (COUNT(*) AS ?n) { <urn:a> ?p ?o }", False),
+        ("SELECT DISTINCT ?o { <urn:a> ?p ?o }", False),
+        ("SELECT * { <urn:a> ?p ?o } ORDER BY ?o", False),
+        ("SELECT * { <urn:a> ?p ?o FILTER(?o > 1) }", False),
+        ("SELECT * { { <urn:a> ?p ?o } UNION { ?a ?b ?c } }", False),
+        ("SELECT * { " + "<urn:a> ?p ?o . " * 9 + "}", False),
+        ("SELECT * {", False),
+        ("CONSTRUCT { ?s ?p ?o } WHERE { ?s ?p ?o }", False),
+    ],
+)
+def test_point_queries_are_told_from_others(text: str, expected: bool) -> None:
+    assert is_point_query(text) is expected
+
+
+def test_a_folder_is_read_from_a_snapshot_while_its_replica_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rtask.kb.readers._SMALL", -1)
+    with rtask.open(tmp_path / "kb", reason=False, ontologies=False) as kb:
+        _fill(kb)
+        for number in range(5):
+            kb.update(f"INSERT DATA {{ <urn:last> <urn:is> {number} }}")
+            asked = f"ASK {{ <urn:last> <urn:is> {number} }}"
+            assert kb.query(asked, timeout_s=30.0) is True
+        kb.readers.start()
+        assert kb.readers.stats()["kind"] == "replica"
+        kb.update("INSERT DATA { <urn:last> <urn:is> 9 }")
+        assert kb.query("ASK { <urn:last> <urn:is> 9 }", timeout_s=30.0) is True
 
 
 def test_memory_is_limited_and_the_text_is_remembered(memory: KnowledgeBase) -> None:
