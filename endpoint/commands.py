@@ -126,6 +126,12 @@ _LIMITS = _options(
 )
 _LOGS = _options(
     click.option(
+        "--backup-dir",
+        type=click.Path(path_type=Path, file_okay=False),
+        metavar="DIR",
+        help="Where POST /backup copies to; beside the data folder unless given.",
+    ),
+    click.option(
         "--log-level",
         type=click.Choice(["debug", "info", "warning", "error"]),
         default="info",
@@ -227,6 +233,7 @@ def _config(options: dict[str, Any]) -> Config:
         tls_key=key,
         behind_proxy=options["behind_proxy"],
         drain_delay_s=options["drain_delay"],
+        backup_dir=options["backup_dir"],
         log_queries=options["log_queries"],
         limits=limits_of(options["limit"]),
     )

@@ -58,6 +58,8 @@ class Config:
         and this machine has no privileges.
     drain_delay_s
         From "not ready" to the end of listening.
+    backup_dir
+        Where backups go; beside the data folder unless given.
     log_queries
         Write the text of every query to the log, not of slow ones only.
     limits
@@ -87,6 +89,7 @@ class Config:
     tls_key: Path | None = None
     behind_proxy: bool = False
     drain_delay_s: float = 0.0
+    backup_dir: Path | None = None
     log_queries: bool = False
     limits: Limits = field(default_factory=Limits)
 
@@ -98,6 +101,12 @@ class Config:
     def site(self, scheme: str, host: str) -> str:
         """Return scheme and authority under which a request came in."""
         return self.public_url.rstrip("/") or f"{scheme}://{host}"
+
+    def backups_of(self, folder: Path | None) -> Path:
+        """Return the folder of the backups of a data folder."""
+        if self.backup_dir is not None or folder is None:
+            return self.backup_dir or Path("backups")
+        return folder.resolve().with_name(f"{folder.resolve().name}-backups")
 
     def effective_timeout(self, wanted: float | None, role: str = "admin") -> float:
         """Return the seconds a query gets: what was asked for, up to what the role may have."""

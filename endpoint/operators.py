@@ -5,7 +5,9 @@ Open to a token of role ``admin``, and to this machine while nobody needs a toke
 
 from __future__ import annotations
 
+import datetime as dt
 import json
+import secrets
 import shutil
 import time
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,7 @@ from endpoint.auth import Caller, require_scope
 from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
 from endpoint.metrics import CONTENT_TYPE
 from endpoint.protocol.plan import Plan
+from rtask.errors import UnsupportedError
 
 if TYPE_CHECKING:
     from endpoint.gateway import Gateway
@@ -23,7 +26,7 @@ _COUNT_EVERY_S = 60.0
 
 
 class Operators:
-    """The addresses ``/metrics``, ``/queries`` and ``/api/history``.
+    """The addresses ``/metrics``, ``/queries``, ``/api/history`` and ``/backup``.
 
     Parameters
     ----------
@@ -47,12 +50,33 @@ class Operators:
         """
         if address.startswith("/queries"):
             return self._queries(request, caller, address)
+        if address == "/backup":
+            return self._plan_backup(request, caller)
         _only(request, "GET", "HEAD")
         if caller.access.role != "anonymous" and not self._is_local(caller, address):
             require_scope(caller.access, "admin")
         if address == "/metrics":
             return Plan(self._metrics)
         return Plan(lambda: _json({"events": self._gateway.audit.recent(_HISTORY)}))
+
+    def _plan_backup(self, request: Request, caller: Caller) -> Plan:
+        """Prepare a copy of the knowledge base, in a folder that the server chooses."""
+        _only(request, "POST")
+        gateway = self._gateway
+        gateway.auth.check_origin(request, caller)
+        if caller.access.role != "anonymous":
+            require_scope(caller.access, "admin")
+        if gateway.kb.folder is None:
+            raise UnsupportedError("this server keeps everything in memory; GET /store instead")
+
+        def run() -> Response:
+            target = gateway.config.backups_of(gateway.kb.folder) / backup_name()
+            record = gateway.kb.backup(target)
+            gateway.audit.event("backup", folder=str(target), by=caller.name, seq=record["seq"])
+            members = {**record, "folder": str(target)}
+            return Response(201, json.dumps(members).encode(), JSON_TYPE)
+
+        return Plan(run)
 
     def _is_local(self, caller: Caller, address: str) -> bool:
         """Tell whether a collector on this machine reads the numbers, which hold no names."""
@@ -102,6 +126,12 @@ class Operators:
             return Response(204)
 
         return Plan(stop)
+
+
+def backup_name() -> str:
+    """Return a name that sorts by time and is new."""
+    now = dt.datetime.now(dt.UTC).strftime("%Y%m%dT%H%M%SZ")
+    return f"{now}-{secrets.token_hex(3)}"
 
 
 def _only(request: Request, *methods: str) -> None:
