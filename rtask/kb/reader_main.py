@@ -279,8 +279,6 @@ class _Answer:
     def finish(self) -> None:
         """Send what is left and the end."""
         self._send(last=True)
-        facts = {"bytes": self._total, "rss": _resident()}
-        _send_all(self._pipe, message(b"E", json.dumps(facts).encode()))
 
     def _send(self, last: bool) -> None:
         data = b"".join(self._parts)
@@ -288,7 +286,7 @@ class _Answer:
         self._size = 0
         self._total += len(data)
         self._check(data)
-        head = b""
+        head = tail = b""
         if self._sent == 0:
             packed = self._wants_gzip and not (last and len(data) < _MIN_GZIP)
             if packed:
@@ -302,7 +300,10 @@ class _Answer:
         self._sent += 1
         if data:
             head += HEADER.pack(b"C", len(data))
-        _send_all(self._pipe, head + data)
+        if last:
+            facts = {"bytes": self._total, "rss": _resident()}
+            tail = message(b"E", json.dumps(facts).encode())
+        _send_all(self._pipe, b"".join((head, data, tail)))
 
     def _check(self, data: bytes) -> None:
         if self._max_bytes is not None and self._total > self._max_bytes:

@@ -26,6 +26,8 @@ from rtask.kb.syntax import syntax_error
 
 __all__ = ["Stream", "WholeStream"]
 
+_READ_AHEAD = 8 << 10
+
 
 class Stream(Iterator[bytes]):
     """The answer of a query, in pieces; made by :meth:`KnowledgeBase.stream`.
@@ -107,6 +109,7 @@ class ReaderStream(Stream):
         self._crash = crash
         self._release: Callable[[], None] | None = None
         self._first: bytes | None = None
+        self._read_ahead = b""
         self._reading = threading.Lock()
 
     @property
@@ -206,20 +209,20 @@ class ReaderStream(Stream):
             raise ReaderGone from None
 
     def _exactly(self, length: int) -> bytes:
+        """Return so many bytes; small messages that come together are read together."""
         if self._done is None:
             raise EOFError
-        pipe = self.reader.answers
-        data = os.read(pipe, length)
-        if len(data) == length:
-            return data
-        parts = [data]
-        left = length - len(data)
-        while left:
-            if not parts[-1]:
+        have = self._read_ahead
+        parts, left = [have[:length]], length - len(have)
+        self._read_ahead = have[length:]
+        while left > 0:
+            data = os.read(self.reader.answers, max(left, _READ_AHEAD))
+            if not data:
                 raise EOFError
-            parts.append(os.read(pipe, left))
-            left -= len(parts[-1])
-        return b"".join(parts)
+            parts.append(data[:left])
+            self._read_ahead = data[left:]
+            left -= len(data)
+        return b"".join(parts) if len(parts) > 1 else parts[0]
 
     def expire(self) -> None:
         """The deadline has come."""
