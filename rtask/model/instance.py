@@ -177,7 +177,7 @@ class State:
     iri: str | None = None
     new: bool = True
     deleted: bool = False
-    loaded: dict[str, list[Term]] = field(default_factory=dict)
+    loaded: dict[str, tuple[Term, ...] | list[Term]] = field(default_factory=dict)
     asked: Container[str] = frozenset()
     lists: dict[str, tuple[Term, ...]] = field(default_factory=dict)
     pending: dict[str, Pending] = field(default_factory=dict)

@@ -32,6 +32,7 @@ from rtask.model.expressions import (
 from rtask.model.fields import Field
 from rtask.model.instance import Model
 from rtask.model.plan import Plan, check_root, eager
+from rtask.model.reading import Facts, collect
 
 if TYPE_CHECKING:
     from rtask.model.session import Session
@@ -243,17 +244,17 @@ class _Assembly:
         self._session = session
         self._plan = plan
         self._order: dict[str, list[tuple[int, Any]]] = {}
-        self._facts: dict[str, dict[str, list[Term]]] = {}
-        found: dict[tuple[str, str], dict[str, list[Term]]] = {}
+        self._facts: dict[str, Facts] = {}
+        found: dict[tuple[str, str], Facts] = {}
         last: tuple[Term | None, Term | None] = (None, None)
-        known: dict[str, list[Term]] = {}
+        known: Facts = {}
         for root, subject, predicate, value, *keys in rows.tuples():
             if subject != last[1] or root != last[0]:  # one subject's rows mostly come together
                 last, name = (root, subject), _name(root)
                 known = found.setdefault((name, _name(subject)), {})
                 if subject == root and name not in self._order:  # each root comes with its type
                     self._order[name] = [_sort_key(key) for key in keys]
-            known.setdefault(predicate.value, []).append(value)  # type: ignore[union-attr,arg-type]
+            collect(known, _name(predicate), value)
         for (_, name), facts in found.items():  # what several roots share came with each
             self._facts[name] = facts | self._facts.get(name, {})
 

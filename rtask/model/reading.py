@@ -17,11 +17,11 @@ from rtask.model.plan import RDF_TYPE, eager, short
 if TYPE_CHECKING:
     from rtask.model.session import Session
 
-__all__ = ["Facts", "Lazy", "Reader"]
+__all__ = ["Facts", "Lazy", "Reader", "collect"]
 
 M = TypeVar("M", bound=Model)
 Lazy = Literal["raise", "warn", "allow"]
-Facts: TypeAlias = dict[str, list[Term]]
+Facts: TypeAlias = "dict[str, tuple[Term, ...] | list[Term]]"
 """Property IRI to values."""
 
 _WHOLE = 500
@@ -67,10 +67,10 @@ class Reader:
             return None, ()
         store = session.kb.store
         found = store.quads_for_pattern(NamedNode(name), None, None, DEFAULT)
-        facts: dict[str, list[Term]] = {}
+        facts: Facts = {}
         count = 0
         for quad in islice(found, _WHOLE + 1):
-            facts.setdefault(quad.predicate.value, []).append(quad.object)
+            collect(facts, quad.predicate.value, quad.object)
             count += 1
         return (facts, EVERYTHING) if count <= _WHOLE else (None, ())
 
@@ -87,7 +87,7 @@ class Reader:
             assert isinstance(subject, NamedNode)
             assert isinstance(predicate, NamedNode)
             assert value is not None
-            facts[subject.value].setdefault(predicate.value, []).append(value)
+            collect(facts[subject.value], predicate.value, value)
         return facts
 
     # Objects
@@ -237,6 +237,18 @@ class Reader:
             for cell, first, rest in self._session.select(text)
             if cell is not None and first is not None and rest is not None
         }
+
+
+def collect(facts: Facts, predicate: str, value: Term | None) -> None:
+    """Add a value. Most properties have one: a tuple, which costs the garbage collector nothing."""
+    assert value is not None
+    values = facts.get(predicate)
+    if values is None:
+        facts[predicate] = (value,)
+    elif isinstance(values, tuple):
+        facts[predicate] = [*values, value]
+    else:
+        values.append(value)
 
 
 def _iris(terms: Iterable[Term]) -> frozenset[str]:
