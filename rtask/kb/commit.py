@@ -12,7 +12,13 @@ from dataclasses import dataclass, field, replace
 
 from pyoxigraph import Quad
 
-from rtask.errors import MissingBlobError, StoreError, TooLargeError, VersionConflictError
+from rtask.errors import (
+    MissingBlobError,
+    StorageFullError,
+    StoreError,
+    TooLargeError,
+    VersionConflictError,
+)
 from rtask.kb.access import Access
 from rtask.kb.apply import Writes, apply
 from rtask.kb.blobs import PREFIX, Blob, BlobStore, digest_of
@@ -157,6 +163,8 @@ class Committer:
         """Store a change wholly, with what follows from it, or raise and store nothing."""
         if self.interrupted:
             raise StoreError("a write was interrupted; open the knowledge base again")
+        if self.store.is_stuck:
+            self.store.reopen()
         self._check_version(request)
         self._check_rights(change, request)
         if change.is_empty() and not request.recount:
@@ -242,9 +250,12 @@ class Committer:
         self.interrupted = True
         try:
             apply(self.store, writes)
-        except Exception:
+        except Exception as error:
             self.journal.withdraw()
             self.interrupted = False
+            if "No space left" in str(error):
+                self.store.is_stuck = True
+                raise StorageFullError("no room in the store; nothing was stored") from error
             raise
         if staged is not None:
             staged.apply()

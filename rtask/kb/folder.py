@@ -50,7 +50,7 @@ class Files:
     def close(self, seq: int) -> None:
         """Make everything durable, then let the files go."""
         try:
-            if self.checkpoints is not None and self.store.is_open:
+            if self.checkpoints is not None and self.store.is_open and not self.store.is_stuck:
                 self.checkpoints.make(seq, clean=True)
         finally:
             self.abandon()
@@ -142,6 +142,6 @@ def _lock(folder: Path, shared: bool) -> FolderLock:
 def _open_store(folder: Path, reading: bool) -> GraphStore:
     path = str(folder / "store")
     try:
-        return GraphStore(Store.read_only(path) if reading else Store(path))
+        return GraphStore(Store.read_only(path)) if reading else GraphStore(Store(path), path)
     except OSError as error:
         raise StoreError(f"the store in {folder} cannot be opened: {error}") from error

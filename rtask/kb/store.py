@@ -6,17 +6,21 @@ everything else holds this, which lets go when told.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 
-from rtask.errors import ClosedError
+from rtask.errors import ClosedError, StorageFullError
 from rtask.kb.graphs import Graphs
 from rtask.kb.lexer import names_dataset
 from rtask.kb.terms import Graph, Subject, Term, stored
 
 __all__ = ["GraphStore"]
+
+_ATTEMPTS = 20
+_PAUSE_S = 0.05
 
 
 class GraphStore:
@@ -29,6 +33,8 @@ class GraphStore:
 
     Attributes
     ----------
+    is_stuck
+        Whether the disk was full; see :meth:`reopen`.
     is_view
         Whether the default graph is a view of all named graphs, computed by each query, and not
         kept; see :mod:`rtask.kb.union`.
@@ -36,10 +42,12 @@ class GraphStore:
         Called with what each commit wrote, right after it, by :func:`rtask.kb.apply.apply`.
     """
 
-    __slots__ = ("_store", "followers", "is_view")
+    __slots__ = ("_path", "_store", "followers", "is_stuck", "is_view")
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, path: str | None = None) -> None:
         self._store: Store | None = store
+        self._path = path
+        self.is_stuck = False
         self.followers: list[Callable[[Any], None]] = []
         self.is_view = False
 
@@ -60,6 +68,28 @@ class GraphStore:
     def is_open(self) -> bool:
         """Whether it can still be used."""
         return self._store is not None
+
+    def reopen(self) -> None:
+        """Start the store again; after a full disk it refuses every write until then.
+
+        Raises
+        ------
+        StorageFullError
+            There is still no room, or somebody still reads.
+        """
+        if self._path is None:
+            return
+        self._store = None
+        for attempt in range(_ATTEMPTS):
+            try:
+                self._store = Store(self._path)
+                self.is_stuck = False
+                return
+            except OSError as error:
+                if attempt + 1 == _ATTEMPTS:
+                    self._store = Store.read_only(self._path)
+                    raise StorageFullError(f"the store cannot be written: {error}") from error
+                time.sleep(_PAUSE_S)
 
     def close(self) -> None:
         """Let the files go."""
