@@ -6,7 +6,15 @@ closes. `plan_push_grasps` ranks candidates by a lower bound on the probability 
 
 from __future__ import annotations
 
-from grasp.push.analysis import Analysis, Elimination, PushTest, analyse, running_best, stop_at
+from grasp.push.analysis import (
+    Analysis,
+    Elimination,
+    PushTest,
+    Racing,
+    analyse,
+    running_best,
+    stop_at,
+)
 from grasp.push.candidates import Grasps, make_grasps, sample_grasps
 from grasp.push.conditions import CODES
 from grasp.push.perturb import Tolerance
@@ -24,6 +32,7 @@ __all__ = [
     "Part",
     "PushPlan",
     "PushTest",
+    "Racing",
     "Tolerance",
     "analyse",
     "analyse_push_grasps",
@@ -38,4 +47,12 @@ __all__ = [
     "sample_grasps",
     "simplify",
     "stop_at",
+    "warm_up",
 ]
+
+
+def warm_up() -> None:
+    """Compile the kernels; they are kept on disk."""
+    square = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+    for method in ("bound", "simulation"):
+        plan_push_grasps(square, jaw_width=0.5, samples=1, method=method)

@@ -18,7 +18,16 @@ from grasp.push.polygon import FloatArray, Part
 from grasp.push.quality import IntArray, best_first, density_quality, lower_bound
 from grasp.push.shards import Executor, Serial, shard
 
-__all__ = ["Analysis", "Elimination", "PushTest", "Trials", "analyse", "running_best", "stop_at"]
+__all__ = [
+    "Analysis",
+    "Elimination",
+    "PushTest",
+    "Trials",
+    "analyse",
+    "running_best",
+    "stop_at",
+    "summed",
+]
 
 CodeArray = NDArray[np.int8]
 
@@ -191,6 +200,38 @@ class Elimination:
 
 
 @dataclass(frozen=True)
+class Racing:
+    """Removal of grasps that are worse than the best one beyond doubt; beside the thesis's rule.
+
+    All grasps see the same perturbations. After every batch those go whose upper confidence bound
+    lies below the best one's lower bound; none is removed by lot.
+
+    Parameters
+    ----------
+    samples, batch
+        Perturbations in all, and between removals.
+    confidence
+        Of each one-sided bound.
+    """
+
+    samples: int = 100
+    batch: int = 10
+    confidence: float = 0.95
+
+    def __post_init__(self) -> None:
+        if self.samples < 1 or self.batch < 1:
+            raise ValueError("samples and batch must be at least 1")
+        if not 0.5 < self.confidence < 1:
+            raise ValueError(f"confidence must lie between 0.5 and 1, got {self.confidence}")
+
+    @property
+    def batches(self) -> tuple[int, ...]:
+        """Numbers of perturbations between removals."""
+        full, rest = divmod(self.samples, self.batch)
+        return (self.batch,) * full + ((rest,) if rest else ())
+
+
+@dataclass(frozen=True)
 class Analysis:
     """Grasps and how often they succeeded.
 
@@ -245,7 +286,7 @@ def analyse(
     tolerance: Tolerance,
     *,
     samples: int = 100,
-    elimination: Elimination | None = None,
+    elimination: Elimination | Racing | None = None,
     stop: bool = False,
     weighting: Literal["mean", "density"] = "mean",
     seed: int = 0,
@@ -277,7 +318,7 @@ def analyse(
         codes, gone = _until_settled(trials, samples, run), np.zeros(len(grasps), np.int64)
     else:
         codes, gone = _all(trials, 0, samples, run), np.zeros(len(grasps), np.int64)
-    return _summed(trials, grasps, codes, gone, weighting, began)
+    return summed(trials, grasps, codes, gone, weighting, began)
 
 
 def _all(trials: Trials, first: int, count: int, run: Executor) -> CodeArray:
@@ -316,7 +357,7 @@ def stop_at(curve: FloatArray) -> int:
 
 
 def _adaptive(
-    trials: Trials, plan: Elimination, seed: int, run: Executor
+    trials: Trials, plan: Elimination | Racing, seed: int, run: Executor
 ) -> tuple[CodeArray, IntArray]:
     count = len(trials.rows)
     alive = np.arange(count)
@@ -333,11 +374,24 @@ def _adaptive(
         if done == codes.shape[1]:
             break
         wins = (codes[alive, :done] > 0).sum(axis=1)
-        keep = max(1, math.floor((1 - plan.share) * len(alive) + 0.5 + 1e-9))
-        order = np.lexsort((_lots(trials.rows[alive], seed + done), -wins))
-        gone[alive[order[keep:]]] = done
-        alive = np.sort(alive[order[:keep]])
+        lots = _lots(trials.rows[alive], seed + done)
+        kept = _kept(plan, wins, done, lots)
+        gone[np.delete(alive, kept)] = done
+        alive = alive[kept]
     return codes, gone
+
+
+def _kept(
+    plan: Elimination | Racing, wins: IntArray, done: int, lots: NDArray[np.uint64]
+) -> IntArray:
+    """Return which grasps stay, ascending."""
+    if isinstance(plan, Racing):
+        tried = np.full(len(wins), done)
+        upper = 1 - lower_bound(tried - wins, tried, plan.confidence)
+        best = lower_bound(wins, tried, plan.confidence).max()
+        return np.flatnonzero(upper >= best)
+    count = max(1, math.floor((1 - plan.share) * len(wins) + 0.5 + 1e-9))
+    return np.sort(np.lexsort((lots, -wins))[:count])
 
 
 def _lots(rows: FloatArray, seed: int) -> NDArray[np.uint64]:
@@ -349,9 +403,10 @@ def _lots(rows: FloatArray, seed: int) -> NDArray[np.uint64]:
     return z
 
 
-def _summed(
+def summed(
     trials: Trials, grasps: Grasps, codes: CodeArray, gone: IntArray, weighting: str, began: float
 ) -> Analysis:
+    """Return the analysis that codes (g, N) amount to; ``gone`` as in `Analysis`."""
     success, done = codes > 0, codes != UNTRIED
     wins, tried = success.sum(axis=1), done.sum(axis=1)
     quality = wins / tried

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from grasp.push.analysis import Analysis, CodeArray, PushTest, Trials, _summed
+from grasp.push.analysis import Analysis, CodeArray, PushTest, Trials, summed
 from grasp.push.candidates import Grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import FloatArray, Part
@@ -103,7 +103,7 @@ def analyse_early(
             break
     gone = np.zeros(len(grasps), np.int64)
     taken = np.concatenate(pieces, axis=1)
-    analysis = _summed(trials, grasps, taken, gone, "mean", began)
+    analysis = summed(trials, grasps, taken, gone, "mean", began)
     bias = None
     if check and others:
         bias = _compared(trials, analysis, np.concatenate(others, axis=1), began)
@@ -113,7 +113,7 @@ def analyse_early(
 
 def _compared(trials: Trials, early: Analysis, rest: CodeArray, began: float) -> BiasCheck:
     gone = np.zeros(len(trials.rows), np.int64)
-    late = _summed(trials, early.grasps, rest, gone, "mean", began)
+    late = summed(trials, early.grasps, rest, gone, "mean", began)
     difference = early.quality - late.quality
     pooled = (early.successes + late.successes) / (early.tried + late.tried)
     error = np.sqrt(pooled * (1 - pooled) * (1 / early.tried + 1 / late.tried))

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasp.push.analysis import Analysis, CodeArray, Elimination, PushTest, Trials, analyse
+from grasp.push.analysis import Analysis, CodeArray, Elimination, PushTest, Racing, Trials, analyse
 from grasp.push.candidates import Grasps, needed_openings, sample_grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import MAX_VERTICES, FloatArray, Part, as_part
@@ -88,7 +88,7 @@ def plan_push_grasps(
     angles: int = 5,
     max_angle_deg: float = 15.0,
     samples: int = 100,
-    elimination: Elimination | None = None,
+    elimination: Elimination | Racing | None = None,
     stop: bool = False,
     method: Literal["bound", "simulation"] = "bound",
     closure: Literal["strict", "nguyen"] = "strict",

@@ -135,13 +135,13 @@ def _outline(source: str, data: Path, store: bool) -> tuple[Any, str]:
         if store:
             raise UsageError("--store needs an object of the graph, not a file")
         return read_outline(path), ""
-    if path.suffix and not data.exists():
-        raise UsageError(f"{source}: no such file")
-    import rtask
+    if not data.exists():
+        raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
+    from rtask.cli.options import open_to_read
     from rtask.engine.engine import Engine
     from rtask.engine.planned import object_cloud
 
-    with rtask.open(data) as kb, Engine(kb) as engine:
+    with open_to_read(data) as kb, Engine(kb) as engine:
         thing, points = object_cloud(engine, source)
     ring, height = outline_from_cloud(points)
     note = f"{thing}: footprint of {len(points)} points"

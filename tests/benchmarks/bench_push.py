@@ -25,6 +25,7 @@ from grasp.push import (
     Elimination,
     Part,
     PushTest,
+    Racing,
     Tolerance,
     analyse,
     as_part,
@@ -282,6 +283,19 @@ def fig_3_15() -> None:
         print(f"M_1 {first:2d}, R {share}: eta {found[:, 0].mean():.3f}, expected "
               f"{found[:, 1].mean():.3f}, worst on average {found[:, 2].mean():.3f}, worst of all "
               f"{found[:, 2].min():.3f}")  # fmt: skip
+    for label, rule in (("one elimination (5, .95)", Elimination((5, 65), 0.95)),
+                        ("racing", Racing(70, 5))):  # fmt: skip
+        shares_done, ratios = [], []
+        for name in BRACKETS:
+            part, test, tolerance = usual(name)
+            grasps = sample_grasps(part, filter_distance=0.06, density=6.0)
+            full = analyse(part, grasps, test, tolerance, samples=70)
+            less = analyse(part, grasps, test, tolerance, elimination=rule)
+            shares_done.append(less.spent)
+            final = (full.codes > 0).mean(axis=1)
+            ratios.append(final[less.best] / max(final.max(), 1e-9))
+        print(f"{label}: eta {np.mean(shares_done):.3f}, Q* {np.mean(ratios):.3f} of the full one, "
+              f"least {min(ratios):.3f}")  # fmt: skip
     above = [p for p in points if p[0] >= 0.08]
     nearest = sorted(above, key=lambda p: p[0])[:6]
     print(f"240 part and perturbation sets (thesis says 120); from eta .08 on: expected "

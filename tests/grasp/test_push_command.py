@@ -76,8 +76,10 @@ def test_bad_calls_are_one_line(part: Path, args: list[str], words: str) -> None
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
-    done = _run(str(tmp_path / "none.json"), "-d", str(tmp_path / "no-store"))
-    assert "no such file" in str(done.exception)
+    for name in ("none.json", "urn:lab/object/7"):
+        done = _run(str(tmp_path / name), "-d", str(tmp_path / "no-store"))
+        assert "no such file" in str(done.exception)
+    assert not (tmp_path / "no-store").exists()
 
 
 def _seen_box() -> dict[str, object]:
@@ -99,6 +101,8 @@ def test_planned_grasps_of_an_object_are_stored_and_recalled(tmp_path: Path) -> 
     with rtask.open(data) as kb, Engine(kb) as engine:
         stored = engine.call("insert_object", {"objects": [_seen_box()]})
         thing = stored["objects"][0]["object"]
+    unknown = _run("no-such-object", "-d", str(data))
+    assert "unknown object" in str(unknown.exception)
     done = _run(thing, "-d", str(data), "--jaw-width", "0.02", "--samples", "20", "--store",
                 "--top", "3", "--vertex-std", "0.001", "--com-std", "0.002", "--json")  # fmt: skip
     assert done.exit_code == 0, (done.output, done.exception)

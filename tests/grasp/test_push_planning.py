@@ -11,6 +11,7 @@ import pytest
 from grasp.push import (
     Elimination,
     PushTest,
+    Racing,
     Tolerance,
     analyse,
     as_part,
@@ -88,6 +89,15 @@ def test_survivors_of_elimination_have_the_results_of_the_full_run() -> None:
     assert less.analysis.spent == pytest.approx((95 * 5 + 10 * 65) / (95 * 70))
     assert np.all(less.analysis.tried[~kept] == 5)
     assert kept[less.best]
+
+
+def test_racing_keeps_the_best_and_saves_evaluations() -> None:
+    for name in ("A", "B", "J"):
+        full, raced = _plan(name, samples=300), _plan(name, elimination=Racing(300, 20))
+        assert raced.quality >= full.quality - 0.02
+        assert raced.analysis.spent < 0.6
+        kept = raced.analysis.eliminated_after == 0
+        assert np.array_equal(raced.analysis.codes[kept], full.analysis.codes[kept])
 
 
 def test_elimination_does_not_depend_on_the_order_of_the_candidates() -> None:
