@@ -129,8 +129,8 @@ def _two_nearest(
     count: int,
     histogram: Rows,
     short: Rows,
-) -> tuple[int, int, int]:
-    """Measure the candidates of least Hamming distance: best row, its distance, the rival's.
+) -> tuple[int, int, int, int]:
+    """Measure the candidates of least Hamming distance: best row and distance, rival's likewise.
 
     ``histogram`` of the Hamming distances is used up; ``short`` is scratch of ``count`` rows.
     """
@@ -144,7 +144,7 @@ def _two_nearest(
             if distance < nearest or (distance == nearest and row < best):
                 best, nearest = row, distance
     if best < 0:
-        return -1, FAR, FAR
+        return -1, FAR, -1, FAR
     own = labels[views[best]]
     for _ in range(2):
         histogram[:] = 0
@@ -158,12 +158,14 @@ def _two_nearest(
         # Many views of one object crowd the list: look at all candidates, which is rarely needed.
         kept = _shortlist(hamming, count, 128, short)
     limit = max(limit, _distance_reached(histogram, KEPT_RIVALS, 128))
-    rival = FAR
+    rival_row, rival = -1, FAR
     for k in range(kept):
         row = candidates[short[k]]
         if hamming[short[k]] <= limit and labels[views[row]] != own:
-            rival = min(rival, _squared_distance(query, stored[row]))
-    return best, nearest, rival
+            distance = _squared_distance(query, stored[row])
+            if distance < rival or (distance == rival and row < rival_row):
+                rival_row, rival = row, distance
+    return best, nearest, rival_row, rival
 
 
 @nb.njit(cache=True, nogil=True)
@@ -180,7 +182,7 @@ def match_tables(
     alive: UInt8Array,
     stamps: NDArray[np.int64],
     first_stamp: int,
-) -> tuple[Rows, Rows, Rows]:
+) -> tuple[Rows, Rows, Rows, Rows]:
     """Match against hash tables.
 
     Parameters
@@ -198,15 +200,17 @@ def match_tables(
 
     Returns
     -------
-    best : (n,) int32
-        Row of the nearest descriptor found, or -1.
-    nearest, rival : (n,) int32
-        Squared distances to it and to the nearest of another object; ``FAR`` where none.
+    best, nearest : (n,) int32
+        Row of the nearest descriptor found, and the squared distance to it; -1 and ``FAR`` where
+        there is none.
+    rival_row, rival : (n,) int32
+        The same of the nearest of another object.
     """
     n, tables = query_buckets.shape
     mask = offsets.shape[1] - 2
     best = np.full(n, -1, np.int32)
     nearest = np.full(n, FAR, np.int32)
+    rival_row = np.full(n, -1, np.int32)
     rival = np.full(n, FAR, np.int32)
     histogram = np.zeros(129, np.int32)
     room = 4096
@@ -235,10 +239,10 @@ def match_tables(
                 histogram[h] += 1
                 count += 1
         if count:
-            best[i], nearest[i], rival[i] = _two_nearest(
+            best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
                 query[i], stored, labels, views, candidates, hamming, count, histogram, short
             )
-    return best, nearest, rival
+    return best, nearest, rival_row, rival
 
 
 @nb.njit(cache=True, nogil=True)
@@ -250,7 +254,7 @@ def match_flat(
     labels: Rows,
     views: Rows,
     alive: UInt8Array,
-) -> tuple[Rows, Rows, Rows]:
+) -> tuple[Rows, Rows, Rows, Rows]:
     """Match against every stored code: no tables to build, best recall; for what is still small.
 
     Parameters and results as in :func:`match_tables`.
@@ -258,6 +262,7 @@ def match_flat(
     n, rows = len(query), len(stored)
     best = np.full(n, -1, np.int32)
     nearest = np.full(n, FAR, np.int32)
+    rival_row = np.full(n, -1, np.int32)
     rival = np.full(n, FAR, np.int32)
     histogram = np.zeros(129, np.int32)
     candidates = np.arange(rows).astype(np.int32)
@@ -272,10 +277,10 @@ def match_flat(
                 histogram[h] += 1
             else:
                 hamming[row] = _REMOVED
-        best[i], nearest[i], rival[i] = _two_nearest(
+        best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
             query[i], stored, labels, views, candidates, hamming, rows, histogram, short
         )
-    return best, nearest, rival
+    return best, nearest, rival_row, rival
 
 
 def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float32]:
@@ -288,7 +293,7 @@ def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float
 
 def match_exact(
     query: UInt8Array, stored: UInt8Array, row_labels: NDArray[np.int32]
-) -> tuple[Rows, Rows, Rows]:
+) -> tuple[Rows, Rows, Rows, Rows]:
     """Match by the full product: the truth that the other two approach.
 
     Parameters
@@ -300,26 +305,26 @@ def match_exact(
 
     Returns
     -------
-    best, nearest, rival
+    best, nearest, rival_row, rival
         As in :func:`match_tables`.
 
     Examples
     --------
     >>> stored = np.array([[0] * 128, [9] * 128, [10] * 128], np.uint8)
-    >>> best, nearest, rival = match_exact(stored[2:], stored, np.array([0, 1, 1], np.int32))
-    >>> best.tolist(), nearest.tolist(), rival.tolist()
-    ([2], [0], [12800])
+    >>> answer = match_exact(stored[2:], stored, np.array([0, 1, 1], np.int32))
+    >>> [numbers.tolist() for numbers in answer]
+    [[2], [0], [0], [12800]]
     """
     n = len(query)
+    rival_row, rival = np.full(n, -1, np.int32), np.full(n, FAR, np.int32)
     if len(stored) == 0 or n == 0:
-        far = np.full(n, FAR, np.int32)
-        return np.full(n, -1, np.int32), far, far.copy()
+        return rival_row.copy(), rival.copy(), rival_row, rival
     distances = squared_distances(query, stored)
     best = distances.argmin(axis=1).astype(np.int32)
     nearest = distances[np.arange(n), best].astype(np.int32)
     distances[row_labels[None, :] == row_labels[best][:, None]] = np.inf
-    rival_distance = distances.min(axis=1)
-    rival = np.full(n, FAR, np.int32)
-    known = np.isfinite(rival_distance)
-    rival[known] = rival_distance[known].astype(np.int32)
-    return best, nearest, rival
+    second = distances.argmin(axis=1)
+    second_distance = distances[np.arange(n), second]
+    known = np.isfinite(second_distance)
+    rival_row[known], rival[known] = second[known], second_distance[known].astype(np.int32)
+    return best, nearest, rival_row, rival

@@ -34,6 +34,13 @@ class Evidence:
         The same minus that of the most similar other object.
     size_ok
         Whether the measured size fits the stored ones; None without depth.
+    size_gap
+        Absolute logarithm of the measured size over that of the most similar view; None without
+        depth. Two views from the same side measure the same.
+    keypoints
+        Of the query: where there are many and geometry found nothing, the look says nothing.
+    is_twin
+        Another object carries the same print: which of the two it is cannot be seen.
     """
 
     inliers: int
@@ -41,6 +48,9 @@ class Evidence:
     appearance: float
     appearance_lead: float
     size_ok: bool | None = None
+    size_gap: float | None = None
+    keypoints: int = 0
+    is_twin: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,6 +61,12 @@ class ConfidenceParams:
     ----------
     inliers, rival, appearance, lead, offset
         Weights of the logistic function in :func:`confidences`.
+    look_lead, look_gap, look_offset
+        Weights of the second logistic function, for objects without texture: it speaks only when
+        the size is known to fit, the similarity reaches ``look_least``, and the query has at most
+        ``look_most_keypoints``.
+    look_least, look_most_keypoints
+        See above; what carries a print is to be recognised by it.
     threshold
         Kehoe's c_I: the least confidence of an accepted answer.
     listed
@@ -60,14 +76,19 @@ class ConfidenceParams:
     decisive_inliers
         Fewer inliers may suggest an object, but not decide, unless the size is known to fit.
     undecided
-        The most confidence without that.
+        The most confidence without that, and of twins.
     """
 
-    inliers: float = 2.87
-    rival: float = -0.92
-    appearance: float = 2.71
-    lead: float = 12.46
-    offset: float = -8.48
+    inliers: float = 2.79
+    rival: float = -1.18
+    appearance: float = 6.87
+    lead: float = 11.22
+    offset: float = -12.03
+    look_lead: float = 23.2
+    look_gap: float = -30.6
+    look_offset: float = -0.4
+    look_least: float = 0.87
+    look_most_keypoints: int = 80
     threshold: float = 0.7
     listed: float = 0.2
     most_rival_share: float = 0.5
@@ -107,9 +128,23 @@ def confidences(
     for k, e in enumerate(evidence):
         if e.size_ok is False:
             confidence[k] = 0.0
-        elif e.inliers < params.decisive_inliers and not e.size_ok:
+            continue
+        confidence[k] = max(confidence[k], _by_look(e, params))
+        if e.is_twin or (e.inliers < params.decisive_inliers and not e.size_ok):
             confidence[k] = min(confidence[k], params.undecided)
     return confidence
+
+
+def _by_look(e: Evidence, params: ConfidenceParams) -> float:
+    """Return how sure the look alone makes, where the size is measured too."""
+    if not e.size_ok or e.size_gap is None:
+        return 0.0
+    if e.appearance < params.look_least or e.keypoints > params.look_most_keypoints:
+        return 0.0
+    lead = min(max(e.appearance_lead, -0.2), 0.2)
+    gap = min(e.size_gap, 0.5)
+    score = params.look_lead * lead + params.look_gap * gap + params.look_offset
+    return float(1.0 / (1.0 + np.exp(-score)))
 
 
 def is_size_plausible(size_m: float, is_cut: bool, stored_m: NDArray[np.floating]) -> bool | None:

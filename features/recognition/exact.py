@@ -50,7 +50,7 @@ class ExactMatcher:
     def match(
         self, query: UInt8Array
     ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """Return best row, squared distance to it and to the nearest of another label (n,)."""
+        """Return best row and squared distances to it and to the nearest of another label (n,)."""
         n, total = len(query), len(self._labels)
         best, nearest = np.full(n, -1, np.int32), np.full(n, FAR, np.int32)
         rival = np.full(n, FAR, np.int32)

@@ -62,14 +62,11 @@ class Manifest:
         In the order of their views.
     journal
         File with the changes since.
-    next_number
-        Above all numbers in names of files.
     """
 
     header: str
     segments: tuple[SegmentEntry, ...]
     journal: str
-    next_number: int
 
     def to_json(self) -> bytes:
         """Return the text of the file."""
@@ -83,7 +80,6 @@ class Manifest:
             "header": self.header,
             "segments": segments,
             "journal": self.journal,
-            "next": self.next_number,
         }
         return json.dumps(content, indent=1).encode()
 
@@ -99,7 +95,7 @@ class Manifest:
             for s in content["segments"]
         )
         header, journal = str(content["header"]), str(content["journal"])
-        return cls(header, segments, journal, int(content["next"]))
+        return cls(header, segments, journal)
 
 
 class IndexFolder:
@@ -182,7 +178,7 @@ class IndexFolder:
         sync_folder(self.path)
 
     def next_free_number(self) -> int:
-        """Return a number above those of all files, for a manifest that cannot be read."""
+        """Return a number above those in all names: no name is ever used for something else."""
         numbers = [
             int(path.name.split("-")[1].split(".")[0])
             for pattern in ("seg-*", "delta-*.log")

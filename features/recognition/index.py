@@ -8,6 +8,7 @@ be made again from (view, object, class, bytes of the features).
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -33,6 +34,8 @@ from features.recognition.snapshot import Part, Snapshot
 from features.recognition.view import EXTRACTOR, ViewFeatures
 
 __all__ = ["RecognitionIndex"]
+
+log = logging.getLogger(__name__)
 
 SEAL_ROWS = 20_000
 
@@ -91,8 +94,6 @@ class RecognitionIndex:
             self.close()
             raise
 
-    # ---- reading --------------------------------------------------------------------------
-
     def __len__(self) -> int:
         """Return the number of stored views."""
         return len(self._number)
@@ -121,8 +122,6 @@ class RecognitionIndex:
             self._open(self._folder)
             return True
 
-    # ---- changing -------------------------------------------------------------------------
-
     def add(self, view_iri: str, object_iri: str, class_iri: str, features: ViewFeatures) -> None:
         """Store a view; one of the same IRI is replaced. Found by the next query.
 
@@ -142,7 +141,10 @@ class RecognitionIndex:
             self._record(Change("add", *name, features=features.to_bytes()))
             self._apply_add(name, block)
             if self._delta_rows() >= self._seal_rows:
-                self.save()
+                try:
+                    self.save()
+                except OSError as error:  # the view itself is safe in the journal
+                    log.warning("cannot seal the index, trying again later: %s", error)
 
     def remove(self, view_iri: str) -> bool:
         """Forget a view; return whether there was one."""
@@ -176,8 +178,8 @@ class RecognitionIndex:
             if not self._writable:
                 raise ValueError("this index is closed, or open for reading only")
             pieces = sealed_pieces(self._pieces())
-            if self._folder is not None and self._manifest is not None:
-                pieces = self._commit(self._folder, self._manifest.next_number, pieces)
+            if self._folder is not None:
+                pieces = self._commit(self._folder, pieces)
             self._start(pieces)
 
     def close(self) -> None:
@@ -223,13 +225,11 @@ class RecognitionIndex:
         folder = IndexFolder(Path(path), writable=True)
         try:
             folder.write_header(memory._hasher)
-            memory._commit(folder, folder.next_free_number(), memory._pieces())
+            memory._commit(folder, memory._pieces())
         finally:
             memory.close()
             folder.release()
         return cls(path)
-
-    # ---- the folder -----------------------------------------------------------------------
 
     def _open(self, folder: IndexFolder) -> None:
         """Load what the manifest names and make the journal's changes again."""
@@ -239,7 +239,7 @@ class RecognitionIndex:
             if not self._writable:
                 raise FileNotFoundError(f"{folder.path} holds no index")
             folder.write_header(self._hasher)
-            self._commit(folder, folder.next_free_number(), [])
+            self._commit(folder, [])
             return
         self._hasher = folder.read_header()
         try:
@@ -254,9 +254,9 @@ class RecognitionIndex:
             folder.sweep(self._manifest)
             self._journal = Journal(folder.path / self._manifest.journal, length)
 
-    def _commit(self, folder: IndexFolder, number: int, pieces: list[Piece]) -> list[Piece]:
+    def _commit(self, folder: IndexFolder, pieces: list[Piece]) -> list[Piece]:
         """Write the pieces that have no folder yet and make them the index."""
-        stored = []
+        number, stored = folder.next_free_number(), []
         for piece in pieces:
             if piece.folder is None:
                 fresh = f"seg-{number:06d}"
@@ -266,7 +266,7 @@ class RecognitionIndex:
             stored.append(piece)
         journal = Journal(folder.path / f"delta-{number:06d}.log")
         entries = tuple(piece.entry(str(piece.folder)) for piece in stored)
-        manifest = Manifest(self._hasher.digest(), entries, journal.path.name, number + 1)
+        manifest = Manifest(self._hasher.digest(), entries, journal.path.name)
         folder.commit(manifest)
         if self._journal is not None:
             self._journal.close()
@@ -289,8 +289,6 @@ class RecognitionIndex:
             self._apply_remove(change.view_iri)
         elif change.view_iri in self._number:
             self._apply_relabel(name)
-
-    # ---- state in memory ------------------------------------------------------------------
 
     def _start(self, pieces: list[Piece]) -> None:
         """Take over sealed pieces and begin an empty delta."""

@@ -2,58 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition.cascade import match_flat, squared_distances
-from features.recognition.confidence import (
-    ConfidenceParams,
-    Evidence,
-    confidences,
-    decide,
-    is_size_plausible,
-)
+from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
+from features.recognition.cascade import match_flat
+from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
 from features.recognition.index import RecognitionIndex
-from features.recognition.snapshot import Matches, Snapshot
-from features.recognition.verify import VerifyParams, fit_affine, fit_rigid
+from features.recognition.snapshot import Snapshot
 from features.recognition.view import ViewFeatures, describe_view
 
 __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
-
-
-@dataclass(frozen=True)
-class RecogniserParams:
-    """How candidates are found and checked.
-
-    Parameters
-    ----------
-    distance_cap
-        Squared distance of RootSIFT beyond which nothing matches: (0.5 * 512)**2. It also stands
-        in for a rival that is farther: among few objects nothing else is near, and the ratio rule
-        alone would let everything through.
-    ratio
-        Lowe's ratio, on squared distances.
-    least_votes, most_views
-        Views with so many votes are verified, the best ones first.
-    appearance_views
-        Views of most similar look that are compared in full when votes were few.
-    enough_inliers
-        With so many, no second look is taken.
-    verify, confidence
-        Constants of the two steps that follow.
-    """
-
-    distance_cap: int = 65536
-    ratio: float = 0.72
-    least_votes: int = 4
-    most_views: int = 8
-    appearance_views: int = 5
-    enough_inliers: int = 10
-    verify: VerifyParams = field(default_factory=VerifyParams)
-    confidence: ConfidenceParams = field(default_factory=ConfidenceParams)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +72,6 @@ class Recognition:
     matches: tuple[Match, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class _Verified:
-    """A stored view whose matches agree."""
-
-    view: int
-    inliers: int
-    query_from_view: NDArray[np.float64] | None
-
-
 class Recogniser:
     """Recognises views against an index; keeps no state of its own.
 
@@ -169,92 +122,9 @@ class Recogniser:
         if not snapshot.alive.any():
             return []
         similarity = snapshot.appearance(features.appearance)
-        verified = self._verify(features, snapshot, similarity)
-        best: dict[int, list[_Verified]] = {}
-        for fit in sorted(verified, key=lambda f: (-f.inliers, f.view)):
-            best.setdefault(int(snapshot.object_of_view[fit.view]), []).append(fit)
-        look = np.full(len(snapshot.object_iris), -1.0)
-        np.maximum.at(look, snapshot.object_of_view, similarity)
-        by_look = [int(o) for o in np.argsort(-look, kind="stable")[:4] if look[o] >= 0]
-        by_inliers = sorted(best, key=lambda o: -best[o][0].inliers)
-        chosen = list(dict.fromkeys(by_inliers[:3] + by_look[:3]))
-        return [
-            _candidate(features, snapshot, similarity, obj, best, look, by_look) for obj in chosen
-        ]
-
-    def _verify(
-        self, features: ViewFeatures, snapshot: Snapshot, similarity: NDArray[np.float32]
-    ) -> list[_Verified]:
-        params = self.params
-        matches = snapshot.match(features.descriptors)
-        good = self._is_good(matches.nearest, matches.rival)
-        votes = np.bincount(matches.view[good], minlength=len(snapshot.alive))
-        voted = np.argsort(-votes, kind="stable")[: params.most_views]
-        voted = voted[votes[voted] >= params.least_votes]
-        verified = []
-        for view in voted.tolist():
-            rows = np.flatnonzero(good & (matches.view == view))
-            fit = self._fit(features, view, rows, matches.keypoints[rows], matches.points3d[rows])
-            if fit is not None:
-                verified.append(fit)
-        if max((fit.inliers for fit in verified), default=0) >= params.enough_inliers:
-            return verified
-        alike = np.argsort(-similarity, kind="stable")[: params.appearance_views]
-        again = dict.fromkeys(
-            [fit.view for fit in verified] + alike[similarity[alike] >= 0].tolist()
-        )
-        closer = [self._look_again(features, snapshot, matches, view) for view in again]
-        most: dict[int, _Verified] = {}
-        for fit in [*verified, *(fit for fit in closer if fit is not None)]:
-            if fit.view not in most or fit.inliers > most[fit.view].inliers:
-                most[fit.view] = fit
-        return list(most.values())
-
-    def _is_good(
-        self, nearest: NDArray[np.integer], rival: NDArray[np.integer]
-    ) -> NDArray[np.bool_]:
-        """Apply the cap and the ratio rule; where nothing else is near, the cap stands in."""
-        cap = self.params.distance_cap
-        good: NDArray[np.bool_] = (nearest < cap) & (
-            nearest < self.params.ratio * np.minimum(rival, 1.2 * cap)
-        )
-        return good
-
-    def _look_again(
-        self, features: ViewFeatures, snapshot: Snapshot, matches: Matches, view: int
-    ) -> _Verified | None:
-        """Compare with one view in full: the index lets a descriptor vote for one view only."""
-        stored = snapshot.stored_view(view)
-        if len(stored.descriptors) == 0 or len(features) == 0:
-            return None
-        distances = squared_distances(features.descriptors, stored.descriptors)
-        row = distances.argmin(axis=1)
-        nearest = distances[np.arange(len(row)), row].astype(np.int64)
-        label = snapshot.object_of_view
-        is_own = (matches.view >= 0) & (label[matches.view] == label[view])
-        rival = np.where(is_own, matches.rival, matches.nearest)
-        rows = np.flatnonzero(self._is_good(nearest, rival))
-        return self._fit(
-            features, view, rows, stored.keypoints[row[rows]], stored.points3d[row[rows]]
-        )
-
-    def _fit(
-        self,
-        features: ViewFeatures,
-        view: int,
-        rows: NDArray[np.intp],
-        keypoints: NDArray[np.float32],
-        points3d: NDArray[np.float32],
-    ) -> _Verified | None:
-        params = self.params.verify
-        affine = fit_affine(features.keypoints[rows], keypoints, features.side_px, params)
-        if affine is None:
-            return None
-        agreed = affine.inliers
-        rigid = fit_rigid(
-            features.points3d[rows[agreed]], points3d[agreed], features.size_m, params, seed=view
-        )
-        return _Verified(view, affine.places, None if rigid is None else rigid.query_from_view)
+        found = verified_views(features, snapshot, similarity, self.params)
+        ranking = _Ranking(features, snapshot, similarity, found, self.params)
+        return [ranking.candidate(number) for number in ranking.chosen()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +133,7 @@ class Candidate:
 
     object_number: int
     evidence: Evidence
-    fits: tuple[_Verified, ...]
+    fits: tuple[VerifiedView, ...]
     most_similar_view: int
 
     def as_match(self, snapshot: Snapshot, confidence: float) -> Match:
@@ -282,28 +152,69 @@ class Candidate:
         )
 
 
-def _candidate(
-    features: ViewFeatures,
-    snapshot: Snapshot,
-    similarity: NDArray[np.float32],
-    number: int,
-    best: dict[int, list[_Verified]],
-    look: NDArray[np.float64],
-    by_look: list[int],
-) -> Candidate:
-    fits = tuple(best.get(number, ()))
-    others = [fits_[0].inliers for other, fits_ in best.items() if other != number]
-    other_look = next((float(look[other]) for other in by_look if other != number), 0.0)
-    views = np.flatnonzero((snapshot.object_of_view == number) & snapshot.alive)
-    sizes = snapshot.measures(views)[:, 1]
-    evidence = Evidence(
-        inliers=fits[0].inliers if fits else 0,
-        rival_inliers=max(others, default=0),
-        appearance=float(look[number]),
-        appearance_lead=float(look[number]) - other_look,
-        size_ok=is_size_plausible(features.size_m, features.is_cut, sizes),
-    )
-    return Candidate(number, evidence, fits, int(views[similarity[views].argmax()]))
+class _Ranking:
+    """Objects by their verified views and by their looks."""
+
+    def __init__(
+        self,
+        features: ViewFeatures,
+        snapshot: Snapshot,
+        similarity: NDArray[np.float32],
+        found: list[VerifiedView],
+        params: RecogniserParams,
+    ) -> None:
+        self._params = params
+        self._features, self._snapshot, self._similarity = features, snapshot, similarity
+        self._fits: dict[int, list[VerifiedView]] = {}
+        for fit in sorted(found, key=lambda f: (f.is_twin, -f.places, f.view)):
+            self._fits.setdefault(int(snapshot.object_of_view[fit.view]), []).append(fit)
+        self._look = np.full(len(snapshot.object_iris), -1.0)
+        np.maximum.at(self._look, snapshot.object_of_view, similarity)
+        order = np.argsort(-self._look, kind="stable")[:4]
+        self._has_many = np.count_nonzero(self._look >= 0) >= params.look_least_objects
+        self._by_look = [int(number) for number in order if self._look[number] >= 0]
+
+    def chosen(self) -> list[int]:
+        """Return the three best objects of each sort."""
+        by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
+        return list(dict.fromkeys(by_places[:3] + self._by_look[:3]))
+
+    def candidate(self, number: int) -> Candidate:
+        """Collect what speaks for an object."""
+        fits = tuple(self._fits.get(number, ()))
+        is_twin = bool(fits) and fits[0].is_twin
+        # Twins say the same; what they have in common speaks against neither.
+        rivals = [
+            others[0].places
+            for other, others in self._fits.items()
+            if other != number and not (is_twin and others[0].is_twin)
+        ]
+        next_look = next((float(self._look[k]) for k in self._by_look if k != number), 0.0)
+        next_look = max(next_look, self._params.usual_look)
+        snapshot, features = self._snapshot, self._features
+        views = np.flatnonzero((snapshot.object_of_view == number) & snapshot.alive)
+        sizes = snapshot.measures(views)[:, 1]
+        most_similar = int(views[self._similarity[views].argmax()])
+        evidence = Evidence(
+            inliers=fits[0].places if fits else 0,
+            rival_inliers=max(rivals, default=0),
+            appearance=float(self._look[number]),
+            appearance_lead=float(self._look[number]) - next_look,
+            size_ok=is_size_plausible(features.size_m, features.is_cut, sizes),
+            size_gap=_size_gap(features.size_m, float(sizes[views == most_similar][0]))
+            if self._has_many
+            else None,
+            keypoints=len(features),
+            is_twin=is_twin,
+        )
+        return Candidate(number, evidence, fits, most_similar)
+
+
+def _size_gap(size_m: float, stored_m: float) -> float | None:
+    """Return the absolute logarithm of the ratio of two sizes, None where one is unknown."""
+    if not (np.isfinite(size_m) and np.isfinite(stored_m)) or min(size_m, stored_m) <= 0:
+        return None
+    return float(abs(np.log(size_m / stored_m)))
 
 
 def warm_up() -> None:

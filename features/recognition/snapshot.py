@@ -40,6 +40,8 @@ class Matches:
         Its place in space, NaN where unknown.
     nearest, rival : (n,) int32
         Squared distances to it and to the nearest of another object; ``FAR`` where none.
+    rival_view : (n,) int32
+        View of the nearest of another object, -1 where none.
     """
 
     view: NDArray[np.int32]
@@ -47,6 +49,7 @@ class Matches:
     points3d: NDArray[np.float32]
     nearest: NDArray[np.int32]
     rival: NDArray[np.int32]
+    rival_view: NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +64,19 @@ class Part:
         """Return the numbers of its views."""
         return slice(self.first_view, self.first_view + len(self.block.looks))
 
+    def view_of(self, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Return the numbers of the views that rows belong to."""
+        views: NDArray[np.int32] = self.block.view_of_row[rows] + np.int32(self.first_view)
+        return views
+
     def match(
         self,
         query: UInt8Array,
         codes: NDArray[np.uint64],
         buckets: NDArray[np.uint32],
         labels: NDArray[np.int32],
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """Return best row, squared distance to it and to the nearest of another label.
+    ) -> tuple[NDArray[np.int32], ...]:
+        """Return best row and squared distance to it, and those of the nearest of another label.
 
         Parameters
         ----------
@@ -87,12 +95,12 @@ class Part:
             )
         if len(block) < EXACT_BELOW:
             rows = np.flatnonzero(self.alive).astype(np.int32)
-            best, nearest, rival = match_exact(
+            best, nearest, rival_row, rival = match_exact(
                 query, block.descriptors[rows], labels[block.view_of_row[rows]]
             )
-            found = best >= 0
-            best[found] = rows[best[found]]
-            return best, nearest, rival
+            best[best >= 0] = rows[best[best >= 0]]
+            rival_row[rival_row >= 0] = rows[rival_row[rival_row >= 0]]
+            return best, nearest, rival_row, rival
         return match_flat(
             *(query, codes, block.descriptors, block.codes),
             *(labels, block.view_of_row, self.alive),
@@ -146,13 +154,13 @@ class Snapshot:
     class_iris: Sequence[str]
     hasher: Hasher
 
-    def match(self, descriptors: UInt8Array, by_class: bool = False) -> Matches:
+    def match(self, descriptors: UInt8Array, labels: NDArray[np.int32] | None = None) -> Matches:
         """Match descriptors (n, 128) against everything that is stored.
 
         Parameters
         ----------
-        by_class
-            Take the rival from another class instead of another object.
+        labels : (V,) int32, optional
+            What a rival has to differ in, default :attr:`object_of_view`.
         """
         n = len(descriptors)
         matches = Matches(
@@ -161,29 +169,32 @@ class Snapshot:
             points3d=np.full((n, 3), np.nan, np.float32),
             nearest=np.full(n, FAR, np.int32),
             rival=np.full(n, FAR, np.int32),
+            rival_view=np.full(n, -1, np.int32),
         )
         parts = [part for part in self.parts if len(part.block)]
         if n == 0 or not parts:
             return matches
         codes, buckets = self.hasher.encode(descriptors)
-        labels = self.class_of_view if by_class else self.object_of_view
+        labels = self.object_of_view if labels is None else labels
         answers = [part.match(descriptors, codes, buckets, labels[part.views()]) for part in parts]
         nearest = np.stack([answer[1] for answer in answers])
         winner = nearest.argmin(axis=0)
-        for p, (part, (row, distance, _)) in enumerate(zip(parts, answers, strict=True)):
+        for p, (part, (row, distance, *_)) in enumerate(zip(parts, answers, strict=True)):
             won = (winner == p) & (row >= 0)
             rows = row[won]
-            matches.view[won] = part.first_view + part.block.view_of_row[rows]
+            matches.view[won] = part.view_of(rows)
             matches.keypoints[won] = part.block.keypoints[rows]
             matches.points3d[won] = part.block.points3d[rows]
             matches.nearest[won] = distance[won]
         # The rival is the nearest whose label is not the winner's: of each part its first where
         # that has another label, else its second.
         winner_label = labels[matches.view]
-        for part, (row, distance, second) in zip(parts, answers, strict=True):
-            label = labels[part.first_view + part.block.view_of_row[row]]
-            own = (row >= 0) & (label == winner_label)
-            np.minimum(matches.rival, np.where(own, second, distance), out=matches.rival)
+        for part, (row, distance, second_row, second) in zip(parts, answers, strict=True):
+            own = (row >= 0) & (labels[part.view_of(row)] == winner_label)
+            rival = np.where(own, second, distance)
+            nearer = rival < matches.rival
+            matches.rival[nearer] = rival[nearer]
+            matches.rival_view[nearer] = part.view_of(np.where(own, second_row, row)[nearer])
         return matches
 
     def appearance(self, look: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,7 +14,15 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AffineFit", "RigidFit", "VerifyParams", "fit_affine", "fit_rigid", "kabsch"]
+__all__ = [
+    "AffineFit",
+    "RigidFit",
+    "VerifyParams",
+    "count_places",
+    "fit_affine",
+    "fit_rigid",
+    "kabsch",
+]
 
 Mask = NDArray[np.bool_]
 
@@ -35,7 +43,8 @@ class VerifyParams:
     least_inliers
         Fewer places do not verify anything.
     rigid_tolerance, rigid_tolerance_m
-        Of the object's visible diagonal, but at least so many m (the noise of depth).
+        Of the object's visible diagonal, but at least so many m: the noise of depth after the
+        median over a keypoint's surroundings.
     rigid_least_side
         Least side of a triple of matches, of the visible diagonal; never asked more than 15 mm.
     rigid_rounds
@@ -47,8 +56,8 @@ class VerifyParams:
     most_turn_deg: float = 40.0
     most_scale: float = 2.0
     least_inliers: int = 4
-    rigid_tolerance: float = 0.08
-    rigid_tolerance_m: float = 0.003
+    rigid_tolerance: float = 0.04
+    rigid_tolerance_m: float = 0.002
     rigid_least_side: float = 0.10
     rigid_rounds: int = 200
 
@@ -61,13 +70,10 @@ class AffineFit:
     ----------
     query_from_view : (2, 3) float64, px
     inliers : (m,) bool
-    places
-        Number of different places among the inliers: the measure of how much they say.
     """
 
     query_from_view: NDArray[np.float64]
     inliers: Mask
-    places: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +120,7 @@ def fit_affine(
     >>> turned = np.hstack([places[:, ::-1] * (1, -1), np.tile((5.0, -90.0), (5, 1))])
     >>> stored = np.hstack([places, np.tile((5.0, 0.0), (5, 1))])
     >>> fit = fit_affine(turned.astype(np.float32), stored.astype(np.float32), 50)
-    >>> fit.places
+    >>> int(fit.inliers.sum())
     5
     """
     params = params or VerifyParams()
@@ -127,18 +133,29 @@ def fit_affine(
         np.deg2rad(params.most_turn_deg),
         np.log(params.most_scale),
     )
-    cell = side_px / params.cells_per_side
-    # Many query keypoints on one stored spot say no more than one does, and vice versa.
-    places = min(_cells(query[inliers], cell), _cells(view[inliers], 0.5))
-    fit = AffineFit(matrix, inliers, places)
-    if places < params.least_inliers or not _is_sound(fit, query, view):
+    fit = AffineFit(matrix, inliers)
+    if count_places(
+        query[inliers], view[inliers], side_px, params
+    ) < params.least_inliers or not _is_sound(fit, query, view):
         return None
     return fit
 
 
-def _cells(keypoints: NDArray[np.float32], cell_px: float) -> int:
-    """Return how many cells of a grid the keypoints lie in."""
-    return len(np.unique(np.floor(keypoints[:, :2] / cell_px), axis=0))
+def count_places(
+    query: NDArray[np.float32],
+    view: NDArray[np.float32],
+    side_px: float,
+    params: VerifyParams | None = None,
+) -> int:
+    """Return at how many different places matched keypoints (m, 4) lie: how much they say.
+
+    Many query keypoints on one stored spot say no more than one does, and vice versa.
+    """
+    cell = side_px / (params or VerifyParams()).cells_per_side
+    return min(
+        len(np.unique(np.floor(places[:, :2] / size), axis=0))
+        for places, size in ((query, cell), (view, 0.5))
+    )
 
 
 def _is_sound(fit: AffineFit, query: NDArray[np.float32], view: NDArray[np.float32]) -> bool:

@@ -3,7 +3,9 @@
     python tests/benchmarks/bench_recognition.py tables          # open set, as the robot sees
     python tests/benchmarks/bench_recognition.py tables --tables 60 --products 60
     python tests/benchmarks/bench_recognition.py speed           # time of every step
-    python tests/benchmarks/bench_recognition.py turntable       # 78 YCB objects, Kehoe 4.6
+    python tests/benchmarks/bench_recognition.py turntable       # a quarter of it, Kehoe 4.6
+    python tests/benchmarks/bench_recognition.py turntable --every 1 --step 5 --cache FOLDER
+    python tests/benchmarks/bench_recognition.py index --views 10000
 
 ``tables`` lays products on simulated tables, each with its own light, turns the head to both
 sides, and describes what perception cut out, sent through the wire format: what robots really
@@ -15,15 +17,15 @@ then every view that was not stored is asked. ``turntable`` needs the YCB models
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from turntable import described_views, without_depth, ycb_folder, ycb_names
 
 from features.codec import decode, encode_frame
 from features.geometry import Frame
@@ -33,7 +35,6 @@ from features.recognition import (
     RecognitionIndex,
     ViewFeatures,
     describe_frame,
-    describe_view,
     warm_up,
 )
 from features.recognition.metrics import expected_calibration_error, score_open_set
@@ -160,64 +161,47 @@ def run_tables(args: argparse.Namespace) -> None:
 
 
 def run_turntable(args: argparse.Namespace) -> None:
-    """Random 35 % of 148 views stored, the rest asked; size carries no information."""
-    folder = Path(os.environ.get("RTASK_SHARED_DATA", "shared/data")) / "ycb"
-    if not folder.is_dir():
-        print(f"skipped: {folder} not found (78 textured objects); set RTASK_SHARED_DATA")
+    """Random 35 % of the views stored, the rest asked: all objects known, then a third unknown."""
+    folder = ycb_folder()
+    if folder is None:
+        print("skipped: ycb not found (78 textured objects); set RTASK_SHARED_DATA to its parent")
         return
     rng = np.random.default_rng(args.seed)
-    names = sorted(p.stem for p in folder.glob("*.urdf"))[:: args.every]
-    views = [view for name in names for view in _turntable_views(folder, name, rng, args.step)]
+    names = ycb_names(folder)[:: args.every]
+    views = [
+        View(name, "ycb", None, features)
+        for name in names
+        for features in described_views(folder, name, args.step, 0, args.cache)
+    ]
     print(f"{len(views)} views of {len(names)} objects")
     for unknown in (0, len(names) // 3):
         absent = set(rng.permutation(names)[:unknown].tolist())
-        index, asked = RecognitionIndex(), []
-        for k, view in enumerate(views):
-            if rng.random() < 0.35 and view.product not in absent:
-                index.add(f"view:{k}", view.product, "class:ycb", view.features)
-            else:
-                asked.append(view)
-        index.save()
-        recogniser, answers = Recogniser(index), []
-        for k in rng.permutation(len(asked))[: args.queries].tolist():
-            view = asked[k]
-            truth = None if view.product in absent else view.product
-            answers.append((view, truth, recogniser.recognise(view.features)))
-        report(f"{unknown} of {len(names)} unknown", answers)
+        kept = [view.product not in absent and rng.random() < 0.35 for view in views]
+        asked = [view for view, is_kept in zip(views, kept, strict=True) if not is_kept]
+        asked = [asked[k] for k in rng.permutation(len(asked))[: args.queries]]
+        for title, seen in (("with depth", lambda f: f), ("colour only", without_depth)):
+            index = RecognitionIndex()
+            for k, (view, is_kept) in enumerate(zip(views, kept, strict=True)):
+                if is_kept:
+                    index.add(f"view:{k}", view.product, "class:ycb", seen(view.features))
+            index.save()
+            recogniser, answers = Recogniser(index), []
+            for view in asked:
+                truth = None if view.product in absent else view.product
+                answers.append((view, truth, recogniser.recognise(seen(view.features))))
+            report(f"{unknown} of {len(names)} unknown, {title}", answers)
+            _report_confusions(answers)
 
 
-def _turntable_views(folder: Path, name: str, rng: np.random.Generator, step: int) -> list[View]:
-    from simulate.world import World
-
-    with World() as world:
-        client = world.client
-        client.setAdditionalSearchPath(str(folder))
-        body = client.loadURDF(f"{name}.urdf")
-        low, high = (np.array(corner) for corner in client.getAABB(body))
-        centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-        projection = client.computeProjectionMatrixFOV(45, 1, 0.1 * radius, 20 * radius)
-        poses = [(math_azimuth, e) for e in (0.25, 0.6) for math_azimuth in range(0, 360, step)]
-        found = []
-        for azimuth, elevation in [*poses, *((a, 1.35) for a in range(0, 360, 90))]:
-            a = np.deg2rad(azimuth)
-            towards = np.array(
-                [np.cos(a) * np.cos(elevation), np.sin(a) * np.cos(elevation), np.sin(elevation)]
-            )
-            look = client.computeViewMatrix(
-                (centre + 3.6 * radius * towards).tolist(), centre.tolist(), [0, 0, 1]
-            )
-            _, _, rgba, _, bodies = client.getCameraImage(
-                320, 320, look, projection, renderer=client.ER_TINY_RENDERER
-            )
-            image = np.asarray(rgba, np.uint8).reshape(320, 320, 4)[..., :3].astype(np.float64)
-            mask = np.asarray(bodies).reshape(320, 320) == body
-            if not mask.any():
-                continue
-            noisy = np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
-            data = cv2.imencode(".jpg", noisy[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
-            sent = np.ascontiguousarray(np.asarray(cv2.imdecode(data, 1))[..., ::-1])
-            found.append(View(name, "ycb", None, describe_view(sent, mask)))
-        return found
+def _report_confusions(answers: list[tuple[View, str | None, Recognition]]) -> None:
+    """Name the wrong answers: look-alikes are worth knowing by name."""
+    wrong = Counter(
+        f"{view.product} as {answer.matches[0].object_iri}"
+        for view, truth, answer in answers
+        if answer.accepted and answer.matches[0].object_iri != truth
+    )
+    for pair, count in wrong.most_common(8):
+        print(f"    {count} x {pair}")
 
 
 # ---- speed ------------------------------------------------------------------------------------
@@ -258,15 +242,89 @@ def _milliseconds(steps: list) -> str:
     )
 
 
+# ---- a large index ----------------------------------------------------------------------------
+
+
+def run_index(args: argparse.Namespace) -> None:
+    """Time queries against many stored views, opening, and the same against exact matching.
+
+    Descriptors of one rendered table, each view's resampled with noise: ten views of each object.
+    """
+    from dataclasses import replace
+
+    import faiss
+
+    rng = np.random.default_rng(args.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        seen = [view.features for view in views_of_tables(2, 12, args.seed, Path(folder))]
+        base = np.concatenate([f.descriptors for f in seen])
+        per_view = 300
+        mean, spread = base.mean(axis=0), base.std(axis=0)
+
+        def described(thing: int, k: int) -> ViewFeatures:
+            own = np.random.default_rng([thing, 1])
+            rows = base[own.integers(0, len(base), per_view)].astype(np.float64)
+            rows = rows[:, own.permutation(128).reshape(8, 16).ravel()] * 0.5 + 0.5 * (
+                mean + spread * own.normal(size=(per_view, 128))
+            )
+            rows += np.random.default_rng([thing, 2, k]).normal(0, 6, rows.shape)
+            keypoints = np.column_stack(
+                [own.uniform(0, 200, (per_view, 2)), np.full(per_view, 5), np.zeros(per_view)]
+            )
+            return replace(
+                seen[thing % len(seen)],
+                keypoints=keypoints.astype(np.float32),
+                descriptors=np.clip(rows, 0, 255).astype(np.uint8),
+                points3d=np.full((per_view, 3), np.nan, np.float32),
+            )
+
+        path = Path(folder) / "index"
+        objects = args.views // 10
+        stored = []
+        start = time.perf_counter()
+        with RecognitionIndex(path) as index:
+            for thing in range(objects):
+                for k in range(10):
+                    features = described(thing, k)
+                    stored.append(features.descriptors)
+                    index.add(f"v:{thing}-{k}", f"o:{thing}", "class:x", features)
+            index.save()
+        print(f"{args.views} views added in {time.perf_counter() - start:.0f} s")
+        start = time.perf_counter()
+        index = RecognitionIndex(path)
+        recogniser = Recogniser(index)
+        first = recogniser.recognise(described(1, 99))
+        print(f"open and first answer {time.perf_counter() - start:.2f} s, {first.outcome}")
+        asked = [(int(t), described(int(t), 99)) for t in rng.integers(0, objects, 30)]
+        right = []
+
+        def ask(thing: int, features: ViewFeatures) -> None:
+            matches = recogniser.recognise(features).matches
+            right.append(bool(matches) and matches[0].object_iri == f"o:{thing}")
+
+        ours = [lambda t=t, f=f: ask(t, f) for t, f in asked]
+        print(f"recognise             {_milliseconds(ours)}, right {np.mean(right):.2f}")
+        snapshot = index.snapshot()
+        matching = [lambda f=f: snapshot.match(f.descriptors) for _, f in asked]
+        print(f"matching only         {_milliseconds(matching)}")
+        faiss.omp_set_num_threads(1)
+        flat = faiss.IndexFlatL2(128)
+        flat.add(np.concatenate(stored).astype(np.float32))
+        peer = [lambda f=f: flat.search(f.descriptors.astype(np.float32), 2) for _, f in asked[:3]]
+        print(f"exact (faiss Flat)    {_milliseconds(peer)}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("command", nargs="?", choices=("tables", "speed", "turntable"))
+    parser.add_argument("command", nargs="?", choices=("tables", "speed", "turntable", "index"))
     parser.add_argument("--tables", type=int, default=24, help="tables of six products")
     parser.add_argument("--products", type=int, default=30, help="in the pool of tables")
     parser.add_argument("--draws", type=int, default=4, help="of what is known and stored")
     parser.add_argument("--seed", type=int, default=5)
+    parser.add_argument("--views", type=int, default=10_000, help="index: stored views")
     parser.add_argument("--every", type=int, default=4, help="turntable: every so many objects")
     parser.add_argument("--step", type=int, default=15, help="turntable: degrees between views")
+    parser.add_argument("--cache", type=Path, help="turntable: keep described views here")
     parser.add_argument("--queries", type=int, default=400, help="turntable: views asked")
     args = parser.parse_args()
     if args.command in (None, "tables"):
@@ -275,6 +333,8 @@ def main() -> None:
         run_speed(args)
     if args.command == "turntable":
         run_turntable(args)
+    if args.command == "index":
+        run_index(args)
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ def by_codes(query, stored, alive=None):
 def test_the_full_product_is_the_exhaustive_search(stored) -> None:
     descriptors, view, _, _ = stored
     query = noisy(descriptors[::7])
-    _, nearest, rival = match_exact(query, descriptors, view)
+    _, nearest, _, rival = match_exact(query, descriptors, view)
     best, true_nearest, true_rival = ExactMatcher(descriptors, view).match(query)
     assert np.array_equal(nearest, true_nearest)
     assert np.array_equal(rival, true_rival)
@@ -66,7 +66,7 @@ def test_hashing_finds_what_the_exhaustive_search_finds(stored, matcher, least) 
     descriptors, view, _, _ = stored
     query = noisy(descriptors[::5])
     truth, _, true_rival = ExactMatcher(descriptors, view).match(query)
-    best, nearest, rival = matcher(query, stored)
+    best, nearest, _, rival = matcher(query, stored)
     assert (best == truth).mean() > least
     assert (nearest[best == truth] < FAR).all()
     # A rival that was missed can only seem farther than it is.
@@ -78,7 +78,7 @@ def test_removed_rows_are_never_found(stored) -> None:
     alive = (view != 4).astype(np.uint8)
     query = noisy(descriptors[view == 4])
     for matcher in (by_codes, by_tables):
-        best, _, _ = matcher(query, stored, alive=alive)
+        best, _, _, _ = matcher(query, stored, alive=alive)
         assert not (view[best[best >= 0]] == 4).any()
 
 
@@ -90,7 +90,7 @@ def test_other_views_of_the_same_object_are_no_rivals(stored) -> None:
     same[1:] = 0
     together = by_tables(query, stored, labels=same)
     assert np.array_equal(alone[0], together[0])
-    assert (together[2] == FAR).all()
+    assert (together[3] == FAR).all()
 
 
 def test_too_many_table_bits_leave_matches_without_a_rival(stored) -> None:
@@ -100,7 +100,7 @@ def test_too_many_table_bits_leave_matches_without_a_rival(stored) -> None:
     query = noisy(few[0])
 
     def without_rival(bits: int) -> float:
-        best, _, rival = by_tables(query, few, bits=bits)
+        best, _, _, rival = by_tables(query, few, bits=bits)
         return float((rival[best >= 0] == FAR).mean())
 
     assert without_rival(used_table_bits(len(few[0]))) < 0.05
@@ -117,7 +117,7 @@ def test_an_object_of_many_views_still_meets_its_rivals(stored) -> None:
     labels = np.array([0] * 14 + [1], np.int32)
     query, packed = copies[0], (crowd, crowd_view.astype(np.int32), codes, buckets)
     _, _, truth = ExactMatcher(crowd, labels[crowd_view]).match(query)
-    for best, _, rival in (
+    for best, _, _, rival in (
         by_tables(query, packed, labels=labels),
         match_flat(
             *(query, Hasher.seeded().encode(query)[0], crowd, codes, labels),
@@ -163,16 +163,20 @@ def test_the_rival_comes_from_another_object_in_any_part(card_views) -> None:
         np.repeat([0, 0, 1], [len(first), len(second), len(card_views(1, 1)[0])]).astype(np.int32),
     )
     assert (whole.nearest == 0).all()
-    assert (whole.rival >= truth[2]).all()
-    assert np.median(whole.rival[whole.rival < FAR]) == pytest.approx(np.median(truth[2]), rel=0.2)
+    assert (whole.rival >= truth[3]).all()
+    assert np.median(whole.rival[whole.rival < FAR]) == pytest.approx(np.median(truth[3]), rel=0.2)
 
 
 def test_rivals_can_be_asked_by_class(card_views) -> None:
     with RecognitionIndex() as index:
         for card in range(3):
             index.add(f"view:{card}", f"object:{card}", "class:card", card_views(card, 1)[0])
-        matches = index.snapshot().match(card_views(0, 1)[0].descriptors, by_class=True)
-    assert (matches.rival == FAR).all()
+        snapshot = index.snapshot()
+    query = card_views(0, 1)[0].descriptors
+    by_object, by_class = snapshot.match(query), snapshot.match(query, snapshot.class_of_view)
+    assert (by_class.rival == FAR).all()
+    assert (by_class.rival_view == -1).all()
+    assert set(by_object.rival_view.tolist()) == {1, 2}
 
 
 def test_nothing_stored_and_nothing_asked() -> None:

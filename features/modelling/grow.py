@@ -1,0 +1,253 @@
+"""One cloud of an object, grown from registered views (Kehoe 2014, 4.3: models from scans).
+
+The first view gives the object's frame. A later view joins when its movement is known, or follows
+from matched keypoints or from its shape, and when its points then lie on what is known already:
+a view that does not fit is refused rather than smeared over the model.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import Frame
+from features.modelling.surface import surface_of
+from features.pose.estimate import PoseParams, estimate_pose
+from features.pose.icp import distances
+from features.pose.model import PoseModel, build_pose_model
+from features.pose.search import Poses, refine, scene_points
+from features.recognition.pairs import match_views
+from features.recognition.view import ViewFeatures
+
+__all__ = ["ObjectModel", "Registration"]
+
+_VOXEL_M = 0.0015
+_MOST_POINTS = 6000
+_OVERLAP_M = 0.004
+_LEAST_OVERLAP = 0.35
+_LEAST_FIT = 0.45
+_GRAZING = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """How a view came to the model.
+
+    Parameters
+    ----------
+    object_from_camera : (4, 4) float64, m
+    how
+        ``first``, ``given``, ``keypoints`` or ``shape``.
+    overlap
+        Share of the view's points that lay on the model already.
+    """
+
+    object_from_camera: NDArray[np.float64]
+    how: str
+    overlap: float
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectModel:
+    """What is known of an object's surface. Adding returns a new model.
+
+    Parameters
+    ----------
+    cloud : (n, 6) float32
+        Places (m, object frame) and outward normals, at most one in 1.5 mm.
+    colours : (n, 3) uint8 RGB
+    weights : (n,) float32
+        Measurements behind each point.
+    views : tuple of (ViewFeatures, object_from_camera (4, 4))
+        Registered ones: later views are matched with them.
+
+    Examples
+    --------
+    >>> ObjectModel().is_empty
+    True
+    """
+
+    cloud: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 6), np.float32))
+    colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 3), np.uint8))
+    weights: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    views: tuple[tuple[ViewFeatures, NDArray[np.float64]], ...] = ()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no view was added."""
+        return len(self.cloud) == 0
+
+    def add(
+        self,
+        frame: Frame,
+        features: ViewFeatures | None = None,
+        object_from_camera: NDArray[np.float64] | None = None,
+    ) -> tuple[ObjectModel, Registration | None]:
+        """Register a view and take its points in.
+
+        Parameters
+        ----------
+        frame
+            Of the object: its mask, or its depth, says which pixels.
+        features
+            Described from the same frame; lets keypoints give the movement.
+        object_from_camera : (4, 4) float64, optional
+            The movement, where it is known; it is refined.
+
+        Returns
+        -------
+        ObjectModel
+            The same one when the view was refused.
+        Registration or None
+            None when it was refused.
+        """
+        oriented, colours = _oriented(frame)
+        if len(oriented) < 30:
+            return self, None
+        if self.is_empty:
+            pose = np.eye(4) if object_from_camera is None else object_from_camera
+            found: Registration | None = Registration(pose, "first", 1.0)
+        else:
+            found = self._registered(frame, oriented, features, object_from_camera)
+        if found is None:
+            return self, None
+        pose = found.object_from_camera
+        moved = np.hstack(
+            [oriented[:, :3] @ pose[:3, :3].T + pose[:3, 3], oriented[:, 3:] @ pose[:3, :3].T]
+        )
+        cloud, inks, weights = _merged(self, moved.astype(np.float32), colours)
+        views = self.views if features is None else (*self.views, (features, pose))
+        return ObjectModel(cloud, inks, weights, views), found
+
+    def pose_model(self) -> PoseModel:
+        """Return what poses are estimated against."""
+        cloud = self.cloud.astype(np.float64)
+        return build_pose_model(cloud[:, :3], normals=cloud[:, 3:])
+
+    def mesh(
+        self, cell_m: float = 0.003
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
+        """Return vertices (v, 3) m, faces (f, 3), colours (v, 3); open where nothing was seen."""
+        return surface_of(self.cloud, self.colours, cell_m)
+
+    def to_bytes(self) -> bytes:
+        """Return an ``.npz`` of the cloud; views are kept by whoever stores them."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            cloud=self.cloud.astype("<f4"),
+            colours=self.colours,
+            weights=self.weights.astype("<f4"),
+        )
+        return buffer.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> ObjectModel:
+        """Read what :meth:`to_bytes` wrote."""
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                cloud = arrays["cloud"].astype(np.float32).reshape(-1, 6)
+                return cls(
+                    cloud,
+                    arrays["colours"].astype(np.uint8).reshape(len(cloud), 3),
+                    arrays["weights"].astype(np.float32).reshape(len(cloud)),
+                )
+        except (zipfile.BadZipFile, KeyError, OSError, EOFError, ValueError) as error:
+            raise ValueError(f"these bytes are no object model: {error}") from error
+
+    def _registered(
+        self,
+        frame: Frame,
+        oriented: NDArray[np.float64],
+        features: ViewFeatures | None,
+        given: NDArray[np.float64] | None,
+    ) -> Registration | None:
+        model = self.pose_model()
+        if given is not None:
+            return _refined(model, oriented, given, "given")
+        for stored, pose in reversed(self.views if features is not None else ()):
+            assert features is not None
+            movement = match_views(stored, features).first_from_second
+            if movement is not None:
+                found = _refined(model, oriented, pose @ movement, "keypoints")
+                if found is not None:
+                    return found
+        labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
+        estimate = estimate_pose(model, frame, labels, 1, PoseParams(merge=False))
+        if estimate is None or estimate.ambiguous or estimate.fit < _LEAST_FIT:
+            return None
+        inverse = np.linalg.inv(estimate.camera_from_object).astype(np.float64)
+        return _refined(model, oriented, inverse, "shape")
+
+
+def _oriented(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Return places and normals (n, 6) in the camera's frame, and colours (n, 3)."""
+    points = frame.points()
+    mask = frame.object_mask() & np.isfinite(points).all(axis=-1)
+    places = points[mask]
+    rng = np.random.default_rng(0)
+    order = np.sort(rng.permutation(len(places))[:_MOST_POINTS])
+    chosen = scene_points(places[order], _MOST_POINTS, np.inf, np.random.default_rng(0))
+    shuffled = np.random.default_rng(0).permutation(len(order))[:_MOST_POINTS]
+    inks = np.full((len(places), 3), 128, np.uint8) if frame.rgb is None else frame.rgb[mask]
+    towards = -chosen.places / np.maximum(np.linalg.norm(chosen.places, axis=1), 1e-9)[:, None]
+    # Depth at grazing incidence is smeared between the object and what is behind it.
+    steady = np.einsum("ni,ni->n", towards, chosen.normals) > _GRAZING
+    both = np.hstack([chosen.places, chosen.normals])[steady]
+    return both, inks[order][shuffled][steady]
+
+
+def _refined(
+    model: PoseModel,
+    oriented: NDArray[np.float64],
+    object_from_camera: NDArray[np.float64],
+    how: str,
+) -> Registration | None:
+    camera_from_object = np.linalg.inv(object_from_camera).astype(np.float64)
+    rotation = camera_from_object[:3, :3]
+    start = Poses(
+        rotation[None].copy(),
+        (camera_from_object[:3, 3] + rotation @ model.centre)[None].copy(),
+        np.zeros(1),
+    )
+    points = scene_points(
+        oriented[:, :3].astype(np.float32), 2000, np.inf, np.random.default_rng(0)
+    )
+    found = refine(model, points, start)
+    away = distances(
+        *(points.places, found.rotations[0], found.translations[0], model.samples),
+        *(model.grid, model.corner, model.cell_m),
+    )
+    overlap = float((away < _OVERLAP_M + model.cell_m / 2).mean())
+    if overlap < _LEAST_OVERLAP:
+        return None
+    pose = model.camera_from_object(found.rotations[0], found.translations[0])
+    return Registration(np.linalg.inv(pose).astype(np.float64), how, overlap)
+
+
+def _merged(
+    model: ObjectModel, moved: NDArray[np.float32], colours: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]]:
+    """Average what lies in one voxel and faces one way."""
+    rows = np.vstack([model.cloud, moved]).astype(np.float64)
+    inks = np.vstack([model.colours, colours]).astype(np.float64)
+    weights = np.concatenate([model.weights, np.ones(len(moved), np.float32)]).astype(np.float64)
+    side = np.abs(rows[:, 3:]).argmax(axis=1)
+    sign = np.take_along_axis(rows[:, 3:], side[:, None], axis=1)[:, 0] > 0
+    keys = np.floor(rows[:, :3] / _VOXEL_M).astype(np.int64)
+    keys = np.column_stack([keys, 2 * side + sign])
+    _, number = np.unique(keys, axis=0, return_inverse=True)
+    number = number.ravel()
+    total = np.bincount(number, weights)
+
+    def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        columns = [np.bincount(number, weights * column) / total for column in values.T]
+        return np.stack(columns, axis=1)
+
+    cloud = mean(rows)
+    cloud[:, 3:] /= np.maximum(np.linalg.norm(cloud[:, 3:], axis=1, keepdims=True), 1e-9)
+    return cloud.astype(np.float32), np.rint(mean(inks)).astype(np.uint8), total.astype(np.float32)

@@ -1,0 +1,75 @@
+"""Matches between two views, one by one: for pictures, and for joining views into one model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.recognition.cascade import squared_distances
+from features.recognition.verify import VerifyParams, fit_affine, fit_rigid
+from features.recognition.view import ViewFeatures
+
+__all__ = ["PairMatches", "match_views"]
+
+_CAP, _RATIO = 65536, 0.72
+
+
+@dataclass(frozen=True, eq=False)
+class PairMatches:
+    """Which keypoints of two views are the same places.
+
+    Parameters
+    ----------
+    first, second : (n,) intp
+        Rows of each view's keypoints.
+    agreed : (n,) bool
+        Those that follow one movement.
+    first_from_second : (4, 4) float64 or None, m
+        The movement in space of the second camera's frame into the first's, where both have depth.
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    agreed: NDArray[np.bool_]
+    first_from_second: NDArray[np.float64] | None
+
+
+def match_views(
+    first: ViewFeatures, second: ViewFeatures, params: VerifyParams | None = None
+) -> PairMatches:
+    """Match two views by Lowe's rule in both directions, and verify the matches.
+
+    Examples
+    --------
+    >>> from features.recognition.view import describe_view
+    >>> rng = np.random.default_rng(0)
+    >>> spots = (rng.random((12, 12)).repeat(10, axis=0).repeat(10, axis=1) * 255).astype(np.uint8)
+    >>> view = describe_view(spots, np.ones(spots.shape, bool))
+    >>> bool(match_views(view, view).agreed.sum() >= 4)
+    True
+    """
+    nothing = np.empty(0, np.intp)
+    none = PairMatches(nothing, nothing, np.empty(0, bool), None)
+    if len(first) < 2 or len(second) < 2:
+        return none
+    distances = squared_distances(first.descriptors, second.descriptors).astype(np.int64)
+    nearest = distances.argmin(axis=1)
+    two = np.partition(distances, 1, axis=1)
+    mutual = distances.argmin(axis=0)[nearest] == np.arange(len(nearest))
+    rows = np.flatnonzero((two[:, 0] < _CAP) & (two[:, 0] < _RATIO * two[:, 1]) & mutual)
+    columns = nearest[rows]
+    fit = fit_affine(first.keypoints[rows], second.keypoints[columns], first.side_px, params)
+    if fit is None:
+        return PairMatches(rows, columns, np.zeros(len(rows), bool), None)
+    agreed, movement = fit.inliers, None
+    solid = np.isfinite(first.points3d[rows]).all(axis=1)
+    solid &= np.isfinite(second.points3d[columns]).all(axis=1)
+    chosen = np.flatnonzero(agreed & solid)
+    rigid = fit_rigid(
+        first.points3d[rows[chosen]], second.points3d[columns[chosen]], first.size_m, params
+    )
+    if rigid is not None:
+        movement = rigid.query_from_view
+    return PairMatches(rows, columns, agreed, movement)

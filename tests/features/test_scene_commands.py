@@ -1,0 +1,193 @@
+"""``rtask segment`` and ``rtask recognise``: pictures and labels, and one line for bad input."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from features.codec import encode_cloud, encode_frame
+from features.geometry import Frame, Intrinsics
+from features.pictures import draw_box, draw_matches
+from rtask.cli import main
+
+CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+
+
+def table() -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
+    """Return depth (mm) and colours of a table seen from above with three blocks on it."""
+    depth = np.full((480, 640), 800, np.uint16)
+    colour = np.full((480, 640, 3), 120, np.uint8)
+    rng = np.random.default_rng(0)
+    for row, column, height in ((120, 150, 60), (260, 320, 80), (150, 480, 50)):
+        depth[row : row + 80, column : column + 70] = 800 - height
+        block = colour[row : row + 80, column : column + 70]
+        for _ in range(60):
+            centre, radius = rng.uniform(0, 75, 2), rng.uniform(2, 9)
+            place = np.rint(centre).astype(int).tolist()
+            ink = rng.integers(0, 255, 3).tolist()
+            painted = cv2.circle(block.copy(), place, int(radius), ink, -1, cv2.LINE_AA)
+            block[:] = painted
+    return depth, colour
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    depth, colour = table()
+    files = tmp_path / "depth.png", tmp_path / "colour.png"
+    for file, image in zip(files, (depth, colour), strict=True):
+        cv2.imwrite(str(file), image)
+    return files
+
+
+def failed(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """Run a command that must fail with one line, and return the line."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    assert stopped.value.code in (1, 2)
+    said = capsys.readouterr().err.strip()
+    assert "Traceback" not in said
+    return said
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(a) for a in arguments])
+    assert stopped.value.code == 0
+    return capsys.readouterr().out
+
+
+def test_a_pair_of_images_gives_labels_and_a_picture(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labels, plot = tmp_path / "labels.png", tmp_path / "plot.png"
+    said = run(
+        capsys, "segment", pair[0], "--colour", pair[1], "--labels", labels, "--save-plot", plot
+    )
+    assert said.startswith("ok: 3 objects")
+    written = cv2.imread(str(labels), cv2.IMREAD_UNCHANGED)
+    assert written.dtype == np.uint16
+    assert set(np.unique(written)) == {0, 1, 2, 3}
+    assert len({int(written[r, c]) for r, c in ((160, 185), (300, 355), (190, 515))}) == 3
+    shown = cv2.imread(str(plot))
+    assert shown.shape == (480, 640, 3)
+    assert (shown != table()[1])[written > 0].mean() > 0.5
+
+
+def test_clouds_in_files_are_cut_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    depth, _ = table()
+    points = Frame((depth / 1000).astype(np.float32), CAMERA).points()[::2, ::2].reshape(-1, 3)
+    file = tmp_path / "cloud.ply"
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    head += "property float x\nproperty float y\nproperty float z\nend_header\n"
+    file.write_bytes(head.encode() + points.astype("<f4").tobytes())
+    plot, labels = tmp_path / "plot.jpg", tmp_path / "labels.npy"
+    said = run(capsys, "segment", file, "--json", "--save-plot", plot, "--labels", labels)
+    found = json.loads(said)
+    assert found["status"] == "ok"
+    assert len(found["objects"]) == 3
+    assert np.load(labels).shape == (len(points),)
+    assert plot.stat().st_size > 1000
+
+
+def test_a_table_without_objects_and_nothing_at_all_are_answers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, depth, status in (
+        ("bare", np.full((480, 640), 800, np.uint16), "table_only"),
+        ("nothing", np.zeros((480, 640), np.uint16), "empty"),
+    ):
+        file = tmp_path / f"{name}.png"
+        cv2.imwrite(str(file), depth)
+        assert run(capsys, "segment", file).startswith(status)
+
+
+def test_bad_files_are_refused_in_one_line(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    depth_file, colour_file = pair
+    assert "16-bit depth image" in failed(capsys, "segment", colour_file)
+    grey = tmp_path / "grey.png"
+    cv2.imwrite(str(grey), np.zeros((48, 64), np.uint8))
+    assert "8 bits" in failed(capsys, "segment", grey)
+    cut = tmp_path / "cut.png"
+    cut.write_bytes(depth_file.read_bytes()[:-400])
+    assert "cut off" in failed(capsys, "segment", cut)
+    huge = tmp_path / "huge.png"
+    data = bytearray(depth_file.read_bytes())
+    data[16:24] = struct.pack(">II", 2**30, 2**30)
+    huge.write_bytes(data)
+    assert "px" in failed(capsys, "segment", huge)
+    bomb = tmp_path / "bomb.pcd"
+    bomb.write_bytes(
+        b"# .PCD v.7\nVERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        b"WIDTH 400000000\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 400000000\nDATA binary\n"
+    )
+    assert "points" in failed(capsys, "segment", bomb)
+    future = tmp_path / "future.rtkc"
+    crop = bytearray(encode_cloud(np.zeros((10, 3), np.float32) + 0.5))
+    crop[4] = 9
+    future.write_bytes(crop)
+    assert "version" in failed(capsys, "segment", future)
+    text = tmp_path / "notes.txt"
+    text.write_text("no cloud")
+    assert "not a point cloud" in failed(capsys, "segment", text)
+    small = tmp_path / "small.png"
+    cv2.imwrite(str(small), np.zeros((48, 64, 3), np.uint8))
+    assert "shape" in failed(capsys, "segment", depth_file, "--colour", small)
+
+
+def test_a_camera_that_cannot_be_is_refused(
+    pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "fx" in failed(capsys, "segment", pair[0], "--focal", "-525")
+    assert "cannot belong" in failed(capsys, "segment", pair[0], "--focal", "525000")
+    assert "cannot belong" in failed(capsys, "segment", pair[0], "--centre", "-900", "240")
+    assert "depth-unit" in failed(capsys, "segment", pair[0], "--depth-unit", "0")
+
+
+def test_recognition_names_what_it_knows_and_draws_it(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import rtask
+    from features.segmentation import segment_scene
+    from rtask.engine import Engine
+
+    depth, colour = table()
+    frame = Frame((depth / 1000).astype(np.float32), CAMERA, colour[..., ::-1].copy())
+    scene = segment_scene(frame.points(), frame.rgb)
+    number = scene.labels[300, 355]
+    crop = frame.crop(scene.labels == number)
+    store = tmp_path / "store"
+    with rtask.open(store) as kb, Engine(kb) as engine:
+        engine.call(
+            "insert_object",
+            {"objects": [{"data": encode_frame(crop), "class_description": "box"}]},
+        )
+    plot = tmp_path / "plot.png"
+    said = run(
+        capsys, "recognise", pair[0], "--colour", pair[1], "-d", store, "--json",
+        "--save-plot", plot,
+    )  # fmt: skip
+    rows = {row["label"]: row for row in json.loads(said)}
+    assert len(rows) == 3
+    assert rows[number]["accepted"]
+    assert rows[number]["matches"][0]["inliers"] >= 10
+    assert not any(row["accepted"] for label, row in rows.items() if label != number)
+    assert cv2.imread(str(plot)).shape[0] > 480
+    assert "needs colours" in failed(capsys, "recognise", pair[0], "-d", store)
+
+
+def test_pictures_refuse_what_does_not_fit_and_survive_what_lies_outside() -> None:
+    image = np.zeros((40, 60, 3), np.uint8)
+    nothing = np.zeros((0, 2))
+    assert draw_matches(image, image, (nothing, nothing), np.zeros(0, bool)).shape[2] == 3
+    behind = np.eye(4)
+    behind[2, 3] = -1.0
+    drawn = draw_box(image, Intrinsics(60, 40, 50, 50, 30, 20), behind, np.full(3, 0.1))
+    assert not drawn.any()
