@@ -496,4 +496,4 @@ def outline_from_cloud(points: FloatArray, cell_m: float | None = None) -> tuple
     if len(largest) < 4 or cv2.contourArea(largest) < 4:
         return np.asarray(cv2.convexHull(flat.astype(np.float32))[:, 0, :], np.float64), height
     ring = low + (largest[:, 0, :] - 4 + 0.5) * cell
-    return np.asarray(simplify(ring, 32, 0.6 * cell / size)), height
+    return np.asarray(simplify(ring, 32, 1.5 * cell / size)), height

@@ -169,6 +169,7 @@ def _store(
     from grasp.spatial.planar import tip_heights
     from rtask.engine.engine import Engine
     from rtask.engine.planned import PlannedGrasp, store_planned
+    from rtask.errors import UsageError
 
     sigma = float(np.mean(found.tolerance.vertex_std))
     planned = []
@@ -187,6 +188,10 @@ def _store(
                 int(found.analysis.tried[i]), sigma,
             )
         )  # fmt: skip
+    if not planned:
+        raise UsageError(
+            "nothing stored, no candidate closes: try more of them (--density, --angles)"
+        )
     with rtask.open(data) as kb, Engine(kb) as engine:
         return store_planned(engine, thing, planned, options["gripper_type"])
 
@@ -246,6 +251,8 @@ def _print(found: PushPlan, note: str, top: int) -> None:
             f"{row['opening']:9.4g}  {row['quality']:8.3f}  {row['lower_95']:10.3f}  "
             f"{'closes' if row['nominal'] else 'fails'}"
         )
+    if found.quality == 0:
+        click.echo("no candidate closes: try more of them (--density, --angles) or another jaw")
     click.echo("what happened, over all candidates:")
     for reason, count in list(analysis.reasons().items())[:8]:
         click.echo(f"{count / analysis.codes.size:8.1%}  {reason}")

@@ -96,15 +96,23 @@ def _seen_box() -> dict[str, object]:
             "support_height": 0.0}  # fmt: skip
 
 
-def test_planned_grasps_of_an_object_are_stored_and_recalled(tmp_path: Path) -> None:
+HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.08, "max_payload": 0.3}
+
+
+def test_planned_grasps_of_an_object_are_stored_recalled_and_offered(tmp_path: Path) -> None:
     data = tmp_path / "store"
     with rtask.open(data) as kb, Engine(kb) as engine:
+        engine.call("register_robot", {"name": "r", "model": "m", "end_effectors": [HAND]})
         stored = engine.call("insert_object", {"objects": [_seen_box()]})
         thing = stored["objects"][0]["object"]
     unknown = _run("no-such-object", "-d", str(data))
     assert "unknown object" in str(unknown.exception)
-    done = _run(thing, "-d", str(data), "--jaw-width", "0.02", "--samples", "20", "--store",
-                "--top", "3", "--vertex-std", "0.001", "--com-std", "0.002", "--json")  # fmt: skip
+    asked = ["-d", str(data), "--jaw-width", "0.015", "--samples", "20", "--store", "--top", "3",
+             "--vertex-std", "0.001", "--com-std", "0.002", "--gripper-type", "nao_hand",
+             "--json"]  # fmt: skip
+    sparse = _run(thing, *asked, "--max-opening", "0.08")
+    assert "no candidate closes" in str(sparse.exception)
+    done = _run(thing, *asked, "--max-opening", "0.08", "--density", "8")
     assert done.exit_code == 0, (done.output, done.exception)
     found = json.loads(done.output)
     assert found["note"].startswith(thing)
@@ -114,10 +122,17 @@ def test_planned_grasps_of_an_object_are_stored_and_recalled(tmp_path: Path) -> 
             f"PREFIX rt: <{ontology.NS}> SELECT ?g ?q ?n WHERE "
             "{ ?g rt:hasEvaluation ?e . ?e rt:forceClosureLowerBound ?q ; rt:sampleCount ?n }"
         )
-        assert not [v for v in kb.validate() if "/grasp/" in v.focus]
         bounds = {str(row.value("g")): float(str(row.value("q"))) for row in rows}
+        assert not [v for v in kb.validate() if "/grasp/" in v.focus]
+        seen = {k: v for k, v in _seen_box().items() if k != "support_height"}
+        answer = engine.call(
+            "recognise_for_grasp",
+            {**seen, "task": "pick", "gripper_id": "hand", "propose": True, "max_grasps": 20},
+        )
     assert {g["id"] for g in recalled} == set(found["stored"]["grasps"]) == set(bounds)
     best = max(g["grasp_quality"] for g in recalled)
     assert best == pytest.approx(found["grasps"][0]["quality"], abs=1e-6)
     assert best == pytest.approx(max(bounds.values()))
     assert all(abs(g["x"]) < 0.05 and abs(g["y"]) < 0.05 for g in recalled)
+    offered = {g["id"] for g in answer["grasps"] if g["source"] == "memory"}
+    assert offered & set(bounds)
