@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import sqlite3
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from pyoxigraph import NamedNode, Quad
 
@@ -21,6 +20,9 @@ from rtask.errors import ClosedError, GoneError, StoreError
 from rtask.kb.commit import Change
 from rtask.kb.feed import Feed
 from rtask.kb.store import GraphStore
+
+if TYPE_CHECKING:
+    import sqlite3
 
 __all__ = ["SideIndex", "Table"]
 
@@ -110,6 +112,8 @@ class SideIndex:
         StoreError
             It cannot be made, e.g. the disk is full.
         """
+        import sqlite3
+
         with self._lock:
             if self._closed:
                 raise ClosedError("the knowledge base is closed")
@@ -141,6 +145,8 @@ class SideIndex:
         return db
 
     def _connect(self) -> sqlite3.Connection:
+        import sqlite3
+
         if self._path is None:
             return self._prepare(":memory:")
         try:
@@ -151,6 +157,8 @@ class SideIndex:
             return self._prepare(str(self._path))
 
     def _prepare(self, name: str) -> sqlite3.Connection:
+        import sqlite3
+
         db = sqlite3.connect(name, check_same_thread=False, isolation_level=None)
         try:
             db.execute("PRAGMA synchronous = OFF")  # losing it loses nothing
@@ -242,6 +250,8 @@ class SideIndex:
 
     def close(self) -> None:
         """Index what is left and let the file go."""
+        import sqlite3
+
         with self._lock:
             self._closed = True
             db, self._db = self._db, None

@@ -46,12 +46,15 @@ class KnowledgeBase(Reading, Watching, Reasoning, Stating, Objects):
     """
 
     def warm_up(self) -> None:
-        """Build the closure and start the readers now instead of at the first use."""
+        """Build the closure and start the readers now instead of at the first use.
+
+        The replica of a large folder is finished in the background.
+        """
         if self._inference is not None:
             with self._writer.exclusive():
                 self._inference.closure()
         if self.readers.possible:
-            self.readers.start()
+            self.readers.start(wait=False)
 
     def subscribe_query(
         self,

@@ -52,7 +52,9 @@ def as_of(kb: KnowledgeBase, files: Files, seq: int) -> KnowledgeBase:
     catalogue = Catalogue(GraphStore(store), kb.graphs)
     if not kb.plain:
         _require_whole(store, kb.graphs, catalogue, seq)
-        store.bulk_extend([Quad(q.subject, q.predicate, q.object, DEFAULT) for q in store])
+        if not files.settings.is_view:
+            union = [q for q in store if not Graphs.is_quarantine(q.graph_name)]
+            store.bulk_extend(Quad(q.subject, q.predicate, q.object, DEFAULT) for q in union)
     return _opened(kb, files, store, seq)
 
 
@@ -84,6 +86,7 @@ def _opened(kb: KnowledgeBase, files: Files, store: Store, seq: int) -> Knowledg
     from rtask.kb.knowledge_base import KnowledgeBase
 
     copy = Files(files.settings, GraphStore(store), files.blobs, NoJournal(), last_seq=seq)
+    copy.store.is_view = files.settings.is_view
     catalogue = Catalogue(copy.store, kb.graphs)
     committer = Committer(
         copy.store, kb.graphs, kb.plain, copy.blobs, catalogue, None, copy.journal, last_seq=seq

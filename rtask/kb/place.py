@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-import sqlite3
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pyoxigraph import Literal, NamedNode, Quad
 
 import ontology
 from rtask.errors import UsageError
 from rtask.kb.store import GraphStore
+
+if TYPE_CHECKING:
+    import sqlite3
 
 __all__ = ["Place", "PlaceTable"]
 

@@ -13,12 +13,11 @@ import logging
 import os
 import signal
 import socket
-import subprocess
 import sys
 import threading
 from collections import deque
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyoxigraph as ox
 from pyoxigraph import NamedNode, Quad, RdfFormat
@@ -28,6 +27,9 @@ from rtask.kb import reader_main
 from rtask.kb.apply import Writes
 from rtask.kb.reader_main import Incoming, encode_commit, message
 from rtask.kb.store import GraphStore
+
+if TYPE_CHECKING:
+    import subprocess
 
 __all__ = ["CommitFrame", "KeeperProcess", "ReaderGone", "ReaderProcess"]
 
@@ -397,6 +399,8 @@ class KeeperProcess:
 
     def close(self) -> None:
         """End the keeper and with it its readers; returns when the process is gone."""
+        import subprocess
+
         with contextlib.suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
         self._fail()
@@ -413,6 +417,8 @@ class KeeperProcess:
 
 
 def _start(connection: socket.socket) -> subprocess.Popen[bytes]:
+    import subprocess
+
     site = str(Path(ox.__file__).parent.parent)
     script = str(Path(reader_main.__file__))
     descriptor = connection.fileno()

@@ -349,9 +349,15 @@ class Readers:
             replica.ready.wait(None if at is None else max(0.0, at - time.monotonic()))
         return replica
 
-    def start(self) -> None:
-        """Start what the first query would start, and wait for it."""
-        self._ready_replica(None, wait=True)
+    def start(self, wait: bool = True) -> None:
+        """Start what the first query would start.
+
+        Parameters
+        ----------
+        wait
+            For the replica, even where snapshots can be read while it is being built.
+        """
+        self._ready_replica(None, wait)
         reader = self._reader(time.monotonic() + _HELLO_S)
         with self._changed:
             reader.busy = False

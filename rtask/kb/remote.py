@@ -36,6 +36,8 @@ _ROWS = "application/sparql-results+json"
 _TRIPLES = "application/n-triples"
 _PIECE = 20_000
 _WITHOUT = {
+    "annotations": "query the reifiers",
+    "as_of": "restore a backup on the server",
     "backup": "back up the server's folder",
     "blobs": "keep blobs on the server",
     "catalogue": "query the meta graph",
@@ -44,7 +46,10 @@ _WITHOUT = {
     "graphs": "name the graph by its IRI",
     "history": "query the provenance graph",
     "on_commit": "subscribe at the server",
+    "near": "ask the server",
     "rebuild": "run `rtask rebuild` on the server",
+    "retract": "send an update",
+    "search": "run `rtask search` on the server",
     "session": "open a folder",
     "stream": "use serialize()",
     "subscribe": "subscribe at the server",

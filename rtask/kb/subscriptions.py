@@ -6,7 +6,6 @@ last commit it saw.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import threading
 import time
@@ -241,6 +240,8 @@ class Subscription(Generic[_T]):
         return self._follow()
 
     async def _follow(self) -> AsyncIterator[_T]:
+        import asyncio
+
         event = asyncio.Event()
         loop = asyncio.get_running_loop()
 

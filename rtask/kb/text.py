@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pyoxigraph import Literal, NamedNode, Quad
 
 from rtask.errors import UsageError
+
+if TYPE_CHECKING:
+    import sqlite3
 
 __all__ = ["TextHit", "TextTable", "words_of"]
 

@@ -227,6 +227,15 @@ def _state(rows: object) -> set[str]:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_replica_equals_the_store_after_random_commits(memory: KnowledgeBase, seed: int) -> None:
+    _compare_random_commits(memory, seed)
+
+
+def test_a_replica_of_a_view_equals_it_too() -> None:
+    with rtask.open(":memory:", union="view", reason=False, ontologies=False) as kb:
+        _compare_random_commits(kb, 7)
+
+
+def _compare_random_commits(memory: KnowledgeBase, seed: int) -> None:
     chance = random.Random(seed)
     everything = "SELECT * { { ?s ?p ?o } UNION { GRAPH ?g { ?s ?p ?o } } }"
     graphs = "SELECT ?g { GRAPH ?g {} }"

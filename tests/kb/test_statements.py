@@ -7,6 +7,7 @@ import random
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -159,10 +160,10 @@ def _everything(kb: KnowledgeBase) -> set[Quad]:
     return set(kb.store.quads_for_pattern(None, None, None, None))
 
 
-@pytest.mark.parametrize("plain", [False, True])
-def test_the_past_is_as_it_was(tmp_path: Path, plain: bool) -> None:
+@pytest.mark.parametrize("options", [{}, {"union": "view"}, {"plain": True}], ids=str)
+def test_the_past_is_as_it_was(tmp_path: Path, options: dict[str, Any]) -> None:
     chance = random.Random(2)
-    with rtask.open(tmp_path / "kb", plain=plain, ontologies=False, flush="os") as kb:
+    with rtask.open(tmp_path / "kb", ontologies=False, flush="os", **options) as kb:
         then: dict[int, set[Quad]] = {kb.seq: _everything(kb)}
         for _ in range(25):
             graph, number = f"<urn:g{chance.randrange(2)}>", chance.randrange(4)
