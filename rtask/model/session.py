@@ -45,7 +45,8 @@ class Session:
         What happens if a loop over results reads what the query did not bring: ``"raise"``
         :class:`LazyLoadError`, ``"warn"``, or ``"allow"`` one query an object.
     inferred
-        Whether derived statements are seen.
+        Whether derived statements are seen; if not, subclasses and inverses are spelled out in
+        queries. As the knowledge base has it if not given.
     check_required
         Whether new objects must have what their shapes ask for.
 
@@ -70,7 +71,7 @@ class Session:
         *,
         note: str | None = None,
         lazy: Lazy = "raise",
-        inferred: bool = True,
+        inferred: bool | None = None,
         check_required: bool = True,
     ) -> None:
         if lazy not in ("raise", "warn", "allow"):
@@ -78,7 +79,7 @@ class Session:
         self.kb = kb
         self.agent = agent
         self.note = note
-        self.inferred = inferred
+        self.inferred = _derives(kb) if inferred is None else inferred
         self.check_required = check_required
         self._new: dict[Model, None] = {}
         self._dirty: dict[Model, None] = {}
@@ -302,3 +303,9 @@ class Session:
 
     def __repr__(self) -> str:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"
+
+
+def _derives(kb: KnowledgeBase) -> bool:
+    """Whether what follows is in the graph: it is kept so, or was when the graph was written."""
+    found = kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred)
+    return kb.reasons or next(iter(found), None) is not None

@@ -71,13 +71,13 @@ class Work:
         self.raw.extend([ox.Quad(q.subject, q.predicate, q.object) for q in quads])
         self.world = self.kb.owlready()
         self.names = [f"urn:o:{n}" for n in random.Random(1).sample(range(objects), objects)]
-        with self.kb.session() as s:
+        with self.kb.session(inferred=True) as s:
             self.prefetch = self._prefetched(s).sparql()
 
     # One object by its IRI, six of its values
 
     def get_ours(self) -> float:
-        with self.kb.session() as s:
+        with self.kb.session(inferred=True) as s:
             return sum(s.get(RTASK.Mug, name).mass or 0.0 for name in self.names)
 
     def get_raw(self) -> float:
@@ -102,7 +102,7 @@ class Work:
         )
 
     def prefetch_ours(self) -> float:
-        with self.kb.session() as s:
+        with self.kb.session(inferred=True) as s:
             return sum(
                 evaluation.grasp_confidence or 0.0
                 for thing in self._prefetched(s)
@@ -131,7 +131,7 @@ class Work:
     # A filter over a path, sorted, the ten best
 
     def best_ours(self) -> list[str]:
-        with self.kb.session() as s:
+        with self.kb.session(inferred=True) as s:
             grasps = RTASK.GraspConfiguration
             plan = s.query(RTASK.PlanarGrasp).where(grasps.grasp_quality > 0.9)
             return [str(g.iri) for g in plan.order_by(-grasps.grasp_quality).limit(10)]
@@ -150,7 +150,7 @@ class Work:
     # Numbers about groups
 
     def group_ours(self) -> list[tuple[str, int]]:
-        with self.kb.session() as s:
+        with self.kb.session(inferred=True) as s:
             rows = s.query(Thing).group_by(Thing.surface_material)
             found = rows.aggregate(n=count(), mean=avg(Thing.mass))
             return sorted((row["surface_material"], row["n"]) for row in found)

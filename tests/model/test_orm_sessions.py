@@ -254,3 +254,28 @@ def test_a_session_on_a_plain_store(tmp_path: object) -> None:
             s.add(RTASK.Mug(iri="urn:mug", object_id="lab/mug-1"))
         with Session(kb, inferred=False) as s:
             assert s.get(RTASK.Mug, "urn:mug").object_id == "lab/mug-1"
+
+
+def test_without_reasoning_subclasses_and_inverses_are_found_all_the_same() -> None:
+    with rtask.open(":memory:", reason=False) as kb:
+        with kb.session("ann") as s:
+            mug = RTASK.Mug(object_id="lab/mug-1")
+            s.add(RTASK.PlanarGrasp(grasp_of=mug, gripper_type="nao_hand", grasp_pose=_pose()))
+        with kb.session() as s:
+            found = s.query(RTASK.Container).one()
+            assert isinstance(found, RTASK.Mug)
+            (grasp,) = found.has_grasp
+            assert list(grasp.grasp_of) == [found]
+
+
+def _pose() -> RTASK.PlanarPose:
+    return RTASK.PlanarPose(x=0.0, y=0.0, theta=0.0, in_frame=RTASK.Frame(frame_id="table"))
+
+
+def test_an_object_with_very_many_statements_is_read_by_its_fields(kb: KnowledgeBase) -> None:
+    with kb.session("ann") as s:
+        names = [f"mug {n}" for n in range(700)]
+        s.add(RTASK.Mug(iri="urn:hub", object_id="lab/mug-1", name=names, mass=0.3))
+    with kb.session() as s:
+        mug = s.get(RTASK.Mug, "urn:hub")
+        assert (len(mug.name), mug.mass, len(mug.has_grasp)) == (700, 0.3, 0)
