@@ -6,6 +6,7 @@ rules, negation, literals of one value in several spellings) are left to the wor
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 from . import arrays
 from .arrays import NO_KEYS, Column, Ids, Keys, TooManyRowsError
-from .delta import ClosureTooLargeError
+from .delta import ClosureTooLargeError, too_large
 from .dictionary import Dictionary, Fact
 from .equality import Equality, ranking
+from .paths import reachable, transitive_property
 from .rules import Atom, Clash, Condition, Differ, InDatatype, Rule, Step, arrange
 from .strata import Program
 from .vocabulary import (
@@ -32,6 +34,11 @@ Table = dict[int, Ids]
 """Bindings of rows of solutions: one array per variable, all of one length."""
 
 _LITERAL = np.uint64(LITERAL)
+
+LONG_PATHS = 3
+"""Rounds after which transitive properties are closed along paths: each round doubles the length,
+but joins a pair as often as there are places to cut its path.
+"""
 
 
 class Bulk:
@@ -78,12 +85,20 @@ class Bulk:
         hierarchy = _Hierarchy(plain)
         others = [rule for rule in plain if not hierarchy.covers(rule)]
         delta = dict(self.columns)
-        is_first = True
-        while delta:
+        for number in itertools.count():
+            if not delta:
+                break
             found: dict[int, list[Keys]] = defaultdict(list)
             if TYPE in delta:
                 found[TYPE].append(hierarchy.above(delta[TYPE].keys))
-            tables = self._all(others) if is_first else self._changed(others, delta)
+            if number == LONG_PATHS:
+                paths = {p for rule in others if (p := transitive_property(rule)) is not None}
+                others = [rule for rule in others if transitive_property(rule) is None]
+            if number >= LONG_PATHS:
+                for p in paths & delta.keys():
+                    pairs = reachable(self.columns[p], self._max_facts, self._terms, p)
+                    found[p].append(_proper(p, pairs))
+            tables = self._changed(others, delta) if number else self._all(others)
             for rule, table in tables:
                 self._conclude(rule, table, found)
             delta = self._absorb(found)
@@ -91,13 +106,9 @@ class Bulk:
             if united:
                 self.touched_schema |= not united.isdisjoint(constants)
                 delta = self._rewrite(delta)
-            is_first = False
             if sum(map(len, self.columns.values())) > self._max_facts:
                 largest = max(delta, key=lambda p: len(delta[p]), default=TYPE)
-                raise ClosureTooLargeError(
-                    f"more than {self._max_facts} facts follow; the last ones were about "
-                    f"{self._terms.iri(largest)}"
-                )
+                raise too_large(self._max_facts, self._terms, largest)
         return left
 
     def suspects(self, checks: Iterable[Rule], program: Program) -> list[Rule]:

@@ -45,7 +45,8 @@ class Config:
     max_inferred : int
         Bound on derived facts, above 50 per asserted one.
     bulk_from : int
-        Number of asserted triples from which all is derived by joins of whole relations.
+        Size of a change from which all is derived by joins of whole relations; from nothing, a
+        tenth of it.
     """
 
     on_contradiction: str = "report"

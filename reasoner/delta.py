@@ -22,11 +22,24 @@ class ClosureTooLargeError(RuntimeError):
     """The closure would outgrow the configured bounds."""
 
 
+def too_large(most: int, terms: Dictionary, p: int) -> ClosureTooLargeError:
+    """Return the error that names the bound and the property that broke it."""
+    return ClosureTooLargeError(
+        f"more than {most} facts follow; the last ones were about {terms.iri(p)}"
+    )
+
+
+class TooMuchWorkError(Exception):
+    """Joining whole relations from nothing is quicker than going on fact by fact."""
+
+
 class Derivation:
     """The insertion half of a stage: adds facts and all that follows to a layer.
 
     Attributes
     ----------
+    budget : int or None
+        Derivations after which `TooMuchWorkError` is raised.
     layer : Layer
         Staged facts, on representatives.
     equality : Equality
@@ -49,6 +62,8 @@ class Derivation:
         self.schema_changed = False
         self._is_asserted = is_asserted
         self._max_facts = max_facts
+        self.budget: int | None = None
+        self._done = 0
         self._queue: list[Fact] = []
         self._program: Program | None = None
 
@@ -102,10 +117,9 @@ class Derivation:
                 continue  # rewritten since; the new form is queued
             self._fire(stratum, fact)
             if len(self.layer) > self._max_facts:
-                raise ClosureTooLargeError(
-                    f"more than {self._max_facts} facts follow; the last one was about "
-                    f"{self.terms.iri(fact[1])}"
-                )
+                raise too_large(self._max_facts, self.terms, fact[1])
+            if self.budget is not None and self._done > self.budget:
+                raise TooMuchWorkError
 
     def _fire(self, stratum: Stratum, fact: Fact) -> None:
         s, _, o = fact
@@ -127,7 +141,9 @@ class Derivation:
             for trigger in stratum.triggers.get(key, ()):
                 rule = trigger.rule
                 instances = trigger.fire(layer, self.terms, fact)
-                for head in [rule.conclude(env) for env in instances]:
+                heads = [rule.conclude(env) for env in instances]
+                self._done += len(heads)
+                for head in heads:
                     self.insert(head)
 
     def _merge(self, left: int, right: int) -> None:

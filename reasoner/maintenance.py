@@ -11,7 +11,7 @@ from .bulk import Bulk
 from .checks import LISTED, Inconsistency, find_all, find_equal, find_ill_typed, find_new
 from .compile import compile_lists, compile_schema
 from .deletion import CannotRetractError, Retraction, candidates
-from .delta import Derivation
+from .delta import Derivation, TooMuchWorkError
 from .dictionary import Dictionary, Fact
 from .equality import Equality
 from .export import Asserted
@@ -27,6 +27,12 @@ log = logging.getLogger(__name__)
 
 REDUCED = frozenset({"cax-sco", "prp-spo1", "prp-dom", "prp-rng"})
 """Rules that may vanish when the schema grows, because others then imply them."""
+
+WORTH_A_REBUILD = 100_000
+"""Derivations of one change, above one for each asserted fact, after which a rebuild is quicker."""
+
+REBUILD_RATIO = 10
+"""From nothing, whole relations are joined from so many times fewer facts on than for a change."""
 
 BULK_RATIO = 8
 """A change of more than one part in so many is quicker derived from nothing, by whole relations."""
@@ -102,8 +108,11 @@ class Maintainer:
         except CannotRetractError as reason:
             log.info("deriving all anew: %s", reason)
             return self.rebuild(asserted)
+        except TooMuchWorkError:
+            log.info("deriving all anew: too much follows to go fact by fact")
+            return self.rebuild(asserted, in_bulk=True)
 
-    def rebuild(self, asserted: Asserted) -> Draft:
+    def rebuild(self, asserted: Asserted, in_bulk: bool = False) -> Draft:
         """Return the state that follows from what is asserted alone."""
         layer = Layer(Facts())
         equality = Equality()
@@ -113,7 +122,7 @@ class Maintainer:
         draft = Draft(asserted, layer, equality, program, (), is_rebuilt=True)
         facts = tuple(asserted)
         bulk = None
-        if len(facts) >= self.settings.bulk_from:
+        if in_bulk or len(facts) * REBUILD_RATIO >= self.settings.bulk_from:
             bulk = self._derive_in_bulk(draft, derivation, facts)
         else:
             for fact in facts:
@@ -222,6 +231,7 @@ class _Revision:
         self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
         self.derivation = maintainer._derivation(self.layer, self.equality, asserted)
         self.derivation.use(state.program)
+        self.derivation.budget = WORTH_A_REBUILD + len(state.asserted)
         self.come_back: dict[int, list[Fact]] = defaultdict(list)
         self.was_split = False
 

@@ -21,7 +21,10 @@ Projection = tuple[int, int, int]
 
 
 class StratificationError(ValueError):
-    """The rules negate what they derive from; the message shows the circle."""
+    """The rules negate what they derive from, or make values from values that they made.
+
+    The message shows the circle.
+    """
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,7 @@ class Program:
         self.rules = tuple(dict.fromkeys(rules))
         self.distinct = tuple(distinct)
         deriving = [rule for rule in self.rules if rule.head is not None]
+        require_end(deriving, terms)
         self._levels = _levels(deriving, terms)
         layers: dict[int, list[Rule]] = defaultdict(list)
         for rule in deriving:
@@ -231,6 +235,36 @@ def constants_of(rules: Iterable[Rule]) -> Iterator[int]:
         atoms = [*rule.body, *(atom for atom, _ in _negated_atoms(rule.absences, ()))]
         for atom in (*atoms, *((rule.head,) if rule.head else ()), *rule.because):
             yield from (x for x in atom if x >= RESERVED)
+
+
+def require_end(rules: Iterable[Rule], terms: Dictionary | None) -> None:
+    """Raise where a rule that makes new values (`BIND`) may feed itself through other rules."""
+    deriving = [(rule, rule.head) for rule in rules if rule.head is not None]
+    minting = [
+        (rule, head)
+        for rule, head in deriving
+        if any(condition.gives & head.variables for condition in rule.conditions)
+    ]
+    if not minting:
+        return
+    after: dict[int, set[int]] = defaultdict(set)
+    for rule, head in deriving:
+        for atom in rule.body:
+            after[atom.key].add(head.key)
+    for rule, head in minting:
+        came_from: dict[int, int] = {}
+        queue = deque([head.key])
+        while queue:
+            key = queue.popleft()
+            for other in after[key] - came_from.keys():
+                came_from[other] = key
+                queue.append(other)
+        fed = next((atom.key for atom in rule.body if atom.key in (*came_from, head.key)), None)
+        if fed is not None:
+            raise StratificationError(
+                f"{rule.name} makes new values from its own results and would not end: "
+                f"{_name(head.key, terms)} <- {_chain(fed, came_from, terms)}"
+            )
 
 
 def _levels(rules: list[Rule], terms: Dictionary | None) -> dict[int, int]:

@@ -1,4 +1,4 @@
-"""One grasp outcome in a store of a million triples: adding it, deleting it, opening, the first write.
+"""One grasp outcome in a store of a million triples: add, delete; opening and the first write.
 
     python tests/benchmarks/bench_reasoner.py
     python tests/benchmarks/bench_reasoner.py --facts 1000000 --folder /var/tmp/million
@@ -27,8 +27,8 @@ from pyoxigraph import Quad, RdfFormat, Store, parse
 
 import ontology
 import rtask
-from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.commit import Request
+from rtask.kb.knowledge_base import KnowledgeBase
 
 LAB = "https://w3id.org/rtask-kg/kb/sample/"
 OUTCOME = """
@@ -38,7 +38,8 @@ OUTCOME = """
 @prefix n: <{lab}{number}/> .
 n:pe a rt:PoseEstimate ; rt:poseOf :mug ; rt:estimatedPose n:p ; rt:poseConfidence 0.9e0 .
 n:p a rt:Pose ; rt:inFrame :camF ; rt:atTime "{time}"^^xsd:dateTimeStamp ;
-    rt:x 0.5e0 ; rt:y 0.{number}e0 ; rt:z 0.8e0 ; rt:qx 0.0e0 ; rt:qy 0.0e0 ; rt:qz 0.0e0 ; rt:qw 1.0e0 .
+    rt:x 0.5e0 ; rt:y 0.{number}e0 ; rt:z 0.8e0 ;
+    rt:qx 0.0e0 ; rt:qy 0.0e0 ; rt:qz 0.0e0 ; rt:qw 1.0e0 .
 n:a a rt:GraspAttempt ; rt:performedBy :pr2 ; rt:activates :pr2Hand ; rt:executesGrasp :g1 ;
     rt:usedPoseEstimate n:pe ; rt:hasOutcome n:o .
 n:o a rt:GraspOutcome ; rt:success true ; rt:hasReason rt:reason_ok ; rt:hasFeedback n:f .
@@ -84,6 +85,14 @@ def report(what: str, samples: list[tuple[float, float]], target: str = "") -> N
     )
 
 
+def sync(folder: Path) -> None:
+    """Write some kilobytes durably."""
+    with (folder.parent / "probe").open("wb") as file:
+        file.write(b"x" * 8_000)
+        file.flush()
+        os.fdatasync(file.fileno())
+
+
 def change(kb: KnowledgeBase, quads: list[Quad], add: bool) -> None:
     """Commit an outcome or its deletion."""
     graph = kb.graphs.agent("pr2")
@@ -101,7 +110,8 @@ def measure(folder: Path, rounds: int) -> None:
     kb = rtask.open(folder)
     with kb, tempfile.TemporaryDirectory(dir=folder.parent) as beside:
         size = kb.stats()
-        print(f"  {size['triples']} triples: {size['asserted']} asserted, {size['inferred']} inferred")
+        parts = ", ".join(f"{size[part]} {part}" for part in ("asserted", "inferred"))
+        print(f"  {size['triples']} triples: {parts}")
         report("open and close", [opening])
         report("first write, closure loaded", [timed(lambda: change(kb, outcome(0), add=True))])
         bare = Store(beside)
@@ -113,6 +123,8 @@ def measure(folder: Path, rounds: int) -> None:
         for quads in batches:
             removed.append(timed(lambda q=quads: change(kb, q, add=False)))
         report(f"add an outcome ({len(batches[0])} triples)", added, "target 10 ms")
+        synced = [timed(lambda: sync(folder)) for _ in range(rounds)]
+        report("of this one fsync on this disk", synced)
         report("the same, bare store and flush", extended)
         report("delete it", removed, "target 50 ms")
         ratio = statistics.median(a for a, _ in added) / statistics.median(e for e, _ in extended)
