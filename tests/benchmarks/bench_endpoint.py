@@ -29,11 +29,13 @@ from urllib.parse import quote
 
 import httpx
 
+import rtask
 from endpoint.testing import RunningServer, running_server
+from endpoint.tokens import TokenStore
 
 SUBJECTS, EACH = 20_000, 5
 CONNECTIONS, SECONDS, ROUNDS = 8, 2.0, 5
-SOCKETS = 1_000
+SOCKETS, ROBOTS = 1_000, 60
 LOOKUP = "SELECT ?p ?o WHERE {{ <urn:bench:s{number}> ?p ?o }}"
 JOIN = "SELECT ?o ?q WHERE {{ <urn:bench:s{number}> <urn:bench:p1> ?o . ?o <urn:bench:p2> ?q }}"
 EVERYTHING = "SELECT ?s ?p ?o WHERE { ?s ?p ?o FILTER(STRSTARTS(STR(?s), 'urn:bench:')) }"
@@ -54,7 +56,13 @@ class Peer:
 
     name: str
     port: int
+    pid: int
     token: str = ""
+
+    def cpu_s(self) -> float:
+        """Return the processor time that the server has used, all its threads together."""
+        fields = Path(f"/proc/{self.pid}/stat").read_text("ascii").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def request(self, query: str) -> bytes:
         """Return the bytes of one request."""
@@ -109,8 +117,17 @@ class Asker(asyncio.Protocol):
             self._ask()
 
 
-async def ask_for_a_while(peer: Peer, requests: list[bytes]) -> tuple[float, float]:
-    """Return answers a second and the 99th percentile of their times in milliseconds."""
+@dataclass(frozen=True)
+class Rate:
+    """Answers a second, 99th percentile of their times in ms, processor time of one in µs."""
+
+    per_s: float
+    p99_ms: float
+    cpu_us: float
+
+
+async def ask_for_a_while(peer: Peer, requests: list[bytes]) -> Rate:
+    """Keep all connections busy for some seconds."""
     loop, done = asyncio.get_running_loop(), asyncio.Event()
     pairs = [
         await loop.create_connection(
@@ -118,10 +135,10 @@ async def ask_for_a_while(peer: Peer, requests: list[bytes]) -> tuple[float, flo
         )
         for start in range(CONNECTIONS)
     ]
-    started = time.perf_counter()
+    started, cpu_before = time.perf_counter(), peer.cpu_s()
     await asyncio.sleep(SECONDS)
     done.set()
-    spent = time.perf_counter() - started
+    spent, cpu = time.perf_counter() - started, peer.cpu_s() - cpu_before
     askers = [asker for _, asker in pairs]
     for transport, _ in pairs:
         transport.close()
@@ -129,16 +146,17 @@ async def ask_for_a_while(peer: Peer, requests: list[bytes]) -> tuple[float, flo
     if faults:
         raise SystemExit(f"{peer.name}: {faults} answers were no 200")
     times = sorted(time_ for asker in askers for time_ in asker.times)
-    return len(times) / spent, 1e3 * times[int(0.99 * len(times))]
+    p99 = 1e3 * times[int(0.99 * len(times))]
+    return Rate(len(times) / spent, p99, 1e6 * cpu / len(times))
 
 
-def rates(peers: list[Peer], query: str) -> dict[str, list[tuple[float, float]]]:
+def rates(peers: list[Peer], query: str) -> dict[str, list[Rate]]:
     """Ask all peers in turn, several rounds."""
     requests = {
         peer.name: [peer.request(query.format(number=i * 7 % SUBJECTS)) for i in range(SUBJECTS)]
         for peer in peers
     }
-    found: dict[str, list[tuple[float, float]]] = {peer.name: [] for peer in peers}
+    found: dict[str, list[Rate]] = {peer.name: [] for peer in peers}
     for number in range(ROUNDS + 1):
         for peer in peers:
             result = asyncio.run(ask_for_a_while(peer, requests[peer.name]))
@@ -163,23 +181,36 @@ def download(peer: Peer) -> tuple[float, float, int]:
             if piece.endswith(b"0\r\n\r\n"):
                 break
         spent = time.perf_counter() - started
-    body = b"".join(pieces)
-    return len(body) / spent / 1e6, 1e3 * first, body.count(b'"s":{')
+    body = unchunked(b"".join(pieces).partition(b"\r\n\r\n")[2])
+    rows = len(json.loads(body)["results"]["bindings"])
+    return len(body) / spent / 1e6, 1e3 * first, rows
 
 
-def idle_sockets(server: RunningServer, token: str) -> tuple[int, float]:
-    """Open a thousand robots that say nothing; return how many stay and the slowest of /health."""
+def unchunked(data: bytes) -> bytes:
+    """Return a body without the lengths between its pieces (RFC 9112, 7.1)."""
+    pieces, at = [], 0
+    while True:
+        end = data.index(b"\r\n", at)
+        length = int(data[at:end], 16)
+        if not length:
+            return b"".join(pieces)
+        pieces.append(data[end + 2 : end + 2 + length])
+        at = end + 4 + length
+
+
+def idle_sockets(server: RunningServer, tokens: list[str]) -> tuple[int, list[float]]:
+    """Open a thousand robots that say nothing; return how many stay, and times of /health."""
     key = base64.b64encode(os.urandom(16)).decode()
     hello = (
         f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
-        f"Connection: Upgrade\r\nAuthorization: Bearer {token}\r\n"
-        f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n"
-    ).encode()
+        f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n"
+    )
     with contextlib.ExitStack() as stack:
         open_ones = 0
-        for _ in range(SOCKETS):
+        for number in range(SOCKETS):
             robot = stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
-            robot.sendall(hello)
+            token = tokens[number % len(tokens)]
+            robot.sendall(f"{hello}Authorization: Bearer {token}\r\n\r\n".encode())
             open_ones += robot.recv(4096).startswith(b"HTTP/1.1 101")
         with httpx.Client(base_url=server.url) as client:
             client.get("/health")
@@ -188,12 +219,12 @@ def idle_sockets(server: RunningServer, token: str) -> tuple[int, float]:
                 started = time.perf_counter()
                 client.get("/health").raise_for_status()
                 times.append(time.perf_counter() - started)
-    return open_ones, 1e3 * max(times)
+    return open_ones, sorted(1e3 * spent for spent in times)
 
 
 @contextlib.contextmanager
-def process(command: list[str], port: int) -> Iterator[None]:
-    """Run a server until it listens, and end it at the end."""
+def process(command: list[str], port: int) -> Iterator[int]:
+    """Run a server until it listens, and end it at the end; gives its process id."""
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
         deadline = time.monotonic() + 60
         try:
@@ -203,7 +234,7 @@ def process(command: list[str], port: int) -> Iterator[None]:
                 if running.poll() is not None or time.monotonic() > deadline:
                     raise SystemExit(f"{command[0]} did not start")
                 time.sleep(0.1)
-            yield
+            yield running.pid
         finally:
             running.terminate()
 
@@ -215,8 +246,10 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def peers_of(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Peer], RunningServer]:
-    """Start all servers with the same triples."""
+def peers_of(
+    stack: contextlib.ExitStack, folder: Path
+) -> tuple[list[Peer], RunningServer, list[str]]:
+    """Start all servers with the same triples; returns also the tokens of some robots."""
     triples = "".join(
         f"<urn:bench:s{i}> <urn:bench:p{p}> <urn:bench:s{(i * 31 + p) % SUBJECTS}> .\n"
         for i in range(SUBJECTS)
@@ -225,9 +258,10 @@ def peers_of(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Peer], Run
     file = folder / "data.nt"
     file.write_text(triples, encoding="utf-8")
     data = folder / "store"
-    make = [sys.executable, "-m", "rtask", "token", "create", "--data", str(data), "--json"]
-    made = subprocess.run([*make, "--role", "admin"], capture_output=True, check=True, text=True)
-    token = json.loads(made.stdout)["token"]
+    rtask.open(data).close()
+    with contextlib.closing(TokenStore(data)) as store:
+        token = store.create("admin")[0]
+        robots = [store.create("robot", agent=f"robot-{i}")[0] for i in range(ROBOTS)]
     # The rate is above what one machine can ask, so that the limiter works and does not bite.
     ours = stack.enter_context(running_server(data, "--rate", "1e6", "--write-rate", "1e6"))
     load = httpx.put(
@@ -237,19 +271,20 @@ def peers_of(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Peer], Run
         timeout=120,
     )
     load.raise_for_status()
-    peers = [Peer("rtask", ours.port, token)]
+    peers = [Peer("rtask", ours.port, ours.process.pid, token)]
     if shutil.which("oxigraph", path=str(Path(sys.executable).parent)):
         port, binary = free_port(), str(Path(sys.executable).parent / "oxigraph")
-        stack.enter_context(process([binary, "serve", "--bind", f"127.0.0.1:{port}"], port))
+        serve = [binary, "serve", "--bind", f"127.0.0.1:{port}"]
+        pid = stack.enter_context(process(serve, port))
         headers = {"Content-Type": "application/n-triples"}
         httpx.post(f"http://127.0.0.1:{port}/store?default", content=triples, headers=headers)
-        peers.append(Peer("oxigraph serve", port))
+        peers.append(Peer("oxigraph serve", port, pid))
     if importlib.util.find_spec("rdflib_endpoint") and importlib.util.find_spec("oxrdflib"):
         port = free_port()
         command = [sys.executable, "-W", "ignore", "-c", RDFLIB_SERVER, str(file), str(port)]
-        stack.enter_context(process(command, port))
-        peers.append(Peer("rdflib-endpoint", port))
-    return peers, ours
+        pid = stack.enter_context(process(command, port))
+        peers.append(Peer("rdflib-endpoint", port, pid))
+    return peers, ours, robots
 
 
 def median_of(values: Iterator[float] | list[float]) -> float:
@@ -257,22 +292,26 @@ def median_of(values: Iterator[float] | list[float]) -> float:
     return statistics.median(values)
 
 
-def report(title: str, found: dict[str, list[tuple[float, float]]]) -> None:
-    """Print rates, and our ratio to each peer."""
+def report(title: str, found: dict[str, list[Rate]]) -> None:
+    """Print rates, and our ratio to each peer: by the clock, and by processor time used."""
     print(f"\n{title}, {CONNECTIONS} connections, {ROUNDS} rounds of {SECONDS:g} s")
-    ours = median_of([rate for rate, _ in found["rtask"]])
+    rate = median_of([one.per_s for one in found["rtask"]])
+    cost = median_of([one.cpu_us for one in found["rtask"]])
     for name, results in found.items():
-        found_rates = [rate for rate, _ in results]
-        middle, p99 = median_of(found_rates), median_of([late for _, late in results])
-        spread = f"{min(found_rates):.0f}-{max(found_rates):.0f}"
-        ratio = "" if name == "rtask" else f"   ours / theirs {ours / middle:.2f}"
-        print(f"  {name:16} {middle:8.0f}/s ({spread}), p99 {p99:6.1f} ms{ratio}")
+        rates_found = [one.per_s for one in results]
+        middle, cpu = median_of(rates_found), median_of([one.cpu_us for one in results])
+        p99 = median_of([one.p99_ms for one in results])
+        spread = f"{min(rates_found):.0f}-{max(rates_found):.0f}"
+        line = f"  {name:16} {middle:8.0f}/s ({spread}), p99 {p99:6.1f} ms, {cpu:6.0f} µs each"
+        if name != "rtask":
+            line += f"   ours / theirs {rate / middle:.2f} by the clock, {cpu / cost:.2f} by cost"
+        print(line)
 
 
 def main() -> None:
     """Measure and print."""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        peers, ours = peers_of(stack, Path(folder))
+        peers, ours, robots = peers_of(stack, Path(folder))
         missing = {"oxigraph serve", "rdflib-endpoint"} - {peer.name for peer in peers}
         for name in missing:
             print(f"{name} is not installed and left out")
@@ -299,7 +338,7 @@ def main() -> None:
                 f"  {name:16} {speed[name]:6.0f} MB/s, first byte {first:5.1f} ms, "
                 f"{found[-1][2]} rows{ratio}"
             )
-        held, slowest = idle_sockets(ours, peers[0].token)
+        held, times = idle_sockets(ours, robots)
         print(
             f"\n{held} of {SOCKETS} idle websockets held; slowest of 200 /health {slowest:.1f} ms"
         )
