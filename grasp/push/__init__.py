@@ -9,7 +9,6 @@ from __future__ import annotations
 from grasp.push.analysis import (
     Analysis,
     Elimination,
-    PushTest,
     Racing,
     analyse,
     running_best,
@@ -22,6 +21,7 @@ from grasp.push.plan import PushPlan, analyse_push_grasps, plan_push_grasps
 from grasp.push.polygon import Part, as_part, as_polygon, simplify
 from grasp.push.shards import open_executor
 from grasp.push.sources import Outline, outline_from_cloud, read_outline
+from grasp.push.trials import PushTest
 
 __all__ = [
     "CODES",

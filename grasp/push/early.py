@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from grasp.push.analysis import Analysis, CodeArray, PushTest, Trials, summed
+from grasp.push.analysis import Analysis, summed
 from grasp.push.candidates import Grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import FloatArray, Part
 from grasp.push.quality import IntArray
 from grasp.push.shards import Executor, Serial, shard
+from grasp.push.trials import CodeArray, PushTest, Trials
 
 __all__ = ["BiasCheck", "EarlyAnalysis", "analyse_early", "finish_times"]
 

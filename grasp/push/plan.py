@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasp.push.analysis import Analysis, CodeArray, Elimination, PushTest, Racing, Trials, analyse
+from grasp.push.analysis import Analysis, Elimination, Racing, analyse
 from grasp.push.candidates import Grasps, needed_openings, sample_grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import MAX_VERTICES, FloatArray, Part, as_part
 from grasp.push.shards import Executor
+from grasp.push.trials import CodeArray, PushTest, Trials
 
 __all__ = ["PushPlan", "analyse_push_grasps", "plan_push_grasps", "tolerance_of"]
 

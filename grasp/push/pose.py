@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from grasp.push.analysis import CodeArray, PushTest, Trials
 from grasp.push.candidates import Grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import FloatArray, Part
 from grasp.push.quality import density_weights
 from grasp.push.quasistatic import simulate
 from grasp.push.shards import Executor, Serial, shard
+from grasp.push.trials import CodeArray, PushTest, Trials
 
 __all__ = ["PoseMap", "PoseTrials", "centred_grasp", "pose_map"]
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln
 
-from grasp.push.analysis import CodeArray, PushTest, analyse
+from grasp.push.analysis import analyse
 from grasp.push.candidates import sample_grasps
 from grasp.push.perturb import Tolerance
 from grasp.push.plan import PushPlan
 from grasp.push.polygon import FloatArray, Part
+from grasp.push.trials import CodeArray, PushTest
 
 __all__ = [
     "ANGLE_COUNTS",

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasp.push.analysis import Trials
 from grasp.push.drawing import Canvas
 from grasp.push.plan import PushPlan
 from grasp.push.polygon import FloatArray
+from grasp.push.trials import Trials
 
 __all__ = ["best_grasp_svg", "eliminated_svg", "whisker_segments", "whisker_svg"]
 

@@ -35,7 +35,6 @@ from grasp.push import (
     sample_grasps,
     stop_at,
 )
-from grasp.push.analysis import Trials
 from grasp.push.box2d_check import is_available, simulate_in_box2d
 from grasp.push.drawing import chart, heat_map
 from grasp.push.early import analyse_early, finish_times
@@ -51,6 +50,7 @@ from grasp.push.pose import PoseTrials, centred_grasp, pose_map
 from grasp.push.quasistatic import NO_POINTS, simulate_on_points
 from grasp.push.studies import elimination_outcome, nominal_only, sensitivity_grid
 from grasp.push.tolerancing import near_vertices, optimise_tolerance, quality_at
+from grasp.push.trials import Trials
 from grasp.push.whiskers import best_grasp_svg, eliminated_svg, whisker_svg
 
 # Table 3.1: part, Q* in per cent, MATLAB seconds on four cores, d_C, rho, |Phi|.

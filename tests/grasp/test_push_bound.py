@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from grasp.push import PushTest, Tolerance, as_part, sample_grasps
-from grasp.push.analysis import Trials
 from grasp.push.parts import stand_in
 from grasp.push.quasistatic import NO_POINTS, simulate_on_points
+from grasp.push.trials import Trials
 
 Pairs = tuple[Trials, NDArray[np.int64], NDArray[np.int64], NDArray[np.int8]]
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from grasp.push import PushTest, Tolerance, as_part, make_grasps, plan_push_grasps, sample_grasps
-from grasp.push.analysis import Trials
 from grasp.push.closure import closes
 from grasp.push.conditions import evaluate
 from grasp.push.parts import BRACKETS, SHAPES, stand_in
 from grasp.push.perturb import normals, valid_outlines
+from grasp.push.trials import Trials
 
 Floats = NDArray[np.float64]
 

@@ -23,8 +23,9 @@ from grasp.push import (
     sample_grasps,
     simplify,
 )
-from grasp.push.sources import outline_from_dxf, outline_from_image, outline_from_json
-from grasp.push.sources import outline_from_svg as from_svg
+from grasp.push.dxf import outline_from_dxf
+from grasp.push.sources import outline_from_image, outline_from_json
+from grasp.push.svg import outline_from_svg as from_svg
 
 SQUARE = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]
 

@@ -21,7 +21,6 @@ from grasp.push import (
     sample_grasps,
     stop_at,
 )
-from grasp.push.analysis import Trials
 from grasp.push.box2d_check import is_available, simulate_in_box2d
 from grasp.push.early import analyse_early, finish_times
 from grasp.push.parts import (
@@ -37,6 +36,7 @@ from grasp.push.pose import PoseTrials, centred_grasp, pose_map
 from grasp.push.quality import density_quality, lower_bound
 from grasp.push.studies import elimination_outcome, nominal_only, refined, sensitivity_grid
 from grasp.push.tolerancing import near_vertices, optimise_tolerance, tolerance_limit
+from grasp.push.trials import Trials
 from grasp.push.whiskers import whisker_segments
 
 

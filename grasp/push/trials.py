@@ -1,0 +1,159 @@
+"""Trials: one grasp on one perturbed part, many at a time, in any order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.push.candidates import Grasps
+from grasp.push.conditions import evaluate
+from grasp.push.perturb import Tolerance, normals, part_key, perturbed, valid_outlines
+from grasp.push.polygon import FloatArray, Part
+
+__all__ = ["CodeArray", "PushTest", "Trials"]
+
+CodeArray = NDArray[np.int8]
+
+_CHUNK = 512
+
+
+@dataclass(frozen=True)
+class PushTest:
+    """How one grasp is judged on one part.
+
+    Parameters
+    ----------
+    jaw_width
+        Of both jaws, in the part's unit.
+    friction
+        Coefficient between jaw and part, a conservative estimate.
+    method
+        ``bound``: the conservative conditions, right for every distribution of pressure under the
+        part. ``simulation``: the quasi-static simulation with an ellipsoidal limit surface.
+    closure
+        ``strict``: a vertical line between the contacts; ``nguyen``: any line in both cones.
+    vertex_pushes, slip_pushes
+        Whether these kinds count.
+    step
+        Of the simulation, in part diameters.
+    moment_arm
+        Of the support's friction in the simulation: largest moment over largest force, in part
+        radii.
+    """
+
+    jaw_width: float
+    friction: float = 0.7
+    method: Literal["bound", "simulation"] = "bound"
+    closure: Literal["strict", "nguyen"] = "strict"
+    vertex_pushes: bool = True
+    slip_pushes: bool = True
+    step: float = 0.004
+    moment_arm: float = 0.4
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.jaw_width) and self.jaw_width > 0):
+            raise ValueError(f"jaw_width must be positive, got {self.jaw_width}")
+        if not (math.isfinite(self.friction) and self.friction >= 0):
+            raise ValueError(f"friction must be at least 0, got {self.friction}")
+        if self.method not in ("bound", "simulation"):
+            raise ValueError(f"method is bound or simulation, got {self.method!r}")
+        if self.closure not in ("strict", "nguyen"):
+            raise ValueError(f"closure is strict or nguyen, got {self.closure!r}")
+        if not 1e-4 <= self.step <= 0.05 or not self.moment_arm > 0:
+            raise ValueError("step must lie in 0.0001..0.05 and moment_arm be positive")
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What a shard needs; called with a range of trial numbers.
+
+    Parameters
+    ----------
+    ring : (n, 2), com : (2,), rows : (g, 5)
+        Part and grasps with the centroid as origin and the radius as unit.
+    width, diameter
+        Of jaw and part in radii.
+    tolerance
+        In radii.
+    """
+
+    ring: FloatArray
+    com: FloatArray
+    rows: FloatArray
+    width: float
+    diameter: float
+    tolerance: Tolerance
+    test: PushTest
+    key: int
+
+    @classmethod
+    def of(
+        cls, part: Part, grasps: Grasps, test: PushTest, tolerance: Tolerance, seed: int
+    ) -> Trials:
+        """Scale everything to the part."""
+        unit = part.radius
+        lateral, turn = tolerance.pose_std
+        scaled = Tolerance(
+            np.asarray(tolerance.vertex_std, dtype=np.float64) / unit,
+            tolerance.com_std / unit,
+            (lateral / unit, turn),
+            tolerance.com_follows,
+        )
+        return cls(
+            (part.vertices - part.centroid) / unit,
+            (part.com - part.centroid) / unit,
+            grasps.rows(part),
+            test.jaw_width / unit,
+            part.diameter / unit,
+            scaled,
+            test,
+            part_key(part, seed),
+        )
+
+    def draws(self, first: int, count: int) -> FloatArray:
+        """Return the standard normals (count, n + 3, 2) of trials."""
+        drawn: FloatArray = normals(self.key, first, count, len(self.ring) + 3)
+        return drawn
+
+    def parts(
+        self, first: int, count: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return x and y (count, n), centres of mass (count, 2) and validity of trials."""
+        draws = self.draws(first, count)
+        vx, vy, mass = perturbed(self.ring, self.com, self.tolerance, draws)
+        return vx, vy, mass, valid_outlines(vx, vy)
+
+    def __call__(self, first: int, count: int) -> CodeArray:
+        """Return the codes (g, count) of trials."""
+        out = np.empty((len(self.rows), count), np.int8)
+        for at in range(0, count, _CHUNK):
+            size = min(_CHUNK, count - at)
+            out[:, at : at + size] = self._judge(*self.parts(first + at, size))
+        return out
+
+    def nominal(self) -> CodeArray:
+        """Return the codes (g,) on the nominal part."""
+        x, y = (np.ascontiguousarray(self.ring[None, :, k]) for k in (0, 1))
+        return self._judge(x, y, self.com[None].copy(), np.ones(1, np.bool_))[:, 0]
+
+    def _judge(
+        self, vx: FloatArray, vy: FloatArray, mass: FloatArray, valid: NDArray[np.bool_]
+    ) -> CodeArray:
+        out = np.empty((len(self.rows), len(vx)), np.int8)
+        test = self.test
+        if test.method == "simulation":
+            from grasp.push.quasistatic import simulate
+
+            simulate(
+                vx, vy, mass, valid, self.rows, self.width, test.friction,
+                test.moment_arm**2, self.diameter, test.step * self.diameter, out,
+            )  # fmt: skip
+        else:
+            passes = 1 + 2 * test.vertex_pushes + 4 * test.slip_pushes
+            nguyen = test.closure == "nguyen"
+            evaluate(vx, vy, mass, valid, self.rows, self.width, test.friction, passes, nguyen, out)
+        return out
