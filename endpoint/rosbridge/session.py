@@ -150,6 +150,8 @@ class Session:
             if handler is None:
                 known = ", ".join(sorted(self._ops))
                 raise UsageError(f"unknown op {op!r}; this server takes {known}")
+            if not isinstance(message.get("id"), str | int | float | None):
+                raise UsageError("id: a string or a number is wanted")
             handler(message)
         except RtaskError as error:
             self._status("error", str(error), message)

@@ -156,6 +156,7 @@ def test_rosapi_lists_services_and_topics_with_their_types(connect: Connect) -> 
         ('{"op": "publish", "n": ' + "9" * 5_000 + "}", "not JSON that can be read"),
         ('{"op": "publish", "topic": "/t", "msg": NaN}', "NaN"),
         ('{"op": "subscribe"}', "topic: a name is wanted"),
+        ('{"op": "subscribe", "topic": "/t", "id": {}}', "id: a string or a number"),
         ('{"op": "advertise", "topic": "/rtask/x", "type": "a/B"}', "belong to the server"),
         ('{"op": "publish", "topic": "/rosapi/x", "msg": {}}', "belong to the server"),
     ],
