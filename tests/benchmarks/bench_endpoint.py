@@ -339,9 +339,9 @@ def main() -> None:
                 f"{found[-1][2]} rows{ratio}"
             )
         held, times = idle_sockets(ours, robots)
-        print(
-            f"\n{held} of {SOCKETS} idle websockets held; slowest of 200 /health {slowest:.1f} ms"
-        )
+        print(f"\n{held} of {SOCKETS} idle websockets held")
+        middle, late = times[len(times) // 2], times[int(0.99 * len(times))]
+        print(f"/health beside them: median {middle:.1f} ms, 99th percentile {late:.1f} ms")
         print(f"load average after {os.getloadavg()[0]:.1f}")
 
 
