@@ -86,7 +86,7 @@ class GraphStore:
                 self.is_stuck = False
                 return
             except OSError as error:
-                if attempt + 1 == _ATTEMPTS:
+                if attempt + 1 == _ATTEMPTS or "lock" not in str(error).lower():
                     self._store = Store.read_only(self._path)
                     raise StorageFullError(f"the store cannot be written: {error}") from error
                 time.sleep(_PAUSE_S)
