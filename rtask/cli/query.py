@@ -40,7 +40,15 @@ _WIDEST = 60
     help="How the answer is written.",
 )
 @click.option("--no-inferred", is_flag=True, help="Leave derived statements out.")
-def query(text: str | None, data: Path, file: Path | None, form: str, no_inferred: bool) -> None:
+@click.option("--timeout", type=float, help="End the query after so many seconds.")
+def query(
+    text: str | None,
+    data: Path,
+    file: Path | None,
+    form: str,
+    no_inferred: bool,
+    timeout: float | None,
+) -> None:
     """Ask in SPARQL; TEXT may be - for standard input.
 
     The prefixes of the ontology (rt:, cora:, prov: ...) are known, and kb: for the base.
@@ -56,16 +64,27 @@ def query(text: str | None, data: Path, file: Path | None, form: str, no_inferre
         }
         whole = prologue(missing).replace("\n", " ") + asked
         if form != "table":
-            written = kb.serialize(whole, _MEDIA_TYPES[form], inferred=not no_inferred)
-            click.echo(written, nl=not written.endswith(b"\n"))
-            return
-        _print(kb, whole, inferred=not no_inferred)
+            _write(kb, whole, _MEDIA_TYPES[form], not no_inferred, timeout)
+        else:
+            _print(kb, whole, inferred=not no_inferred, timeout_s=timeout)
 
 
-def _print(kb: KnowledgeBase, text: str, inferred: bool) -> None:
+def _write(
+    kb: KnowledgeBase, text: str, media_type: str, inferred: bool, timeout_s: float | None
+) -> None:
+    """Write the answer as it comes."""
+    last = b""
+    with kb.stream(text, media_type, inferred=inferred, timeout_s=timeout_s) as answer:
+        for last in answer:
+            click.echo(last, nl=False)
+    if not last.endswith(b"\n"):
+        click.echo()
+
+
+def _print(kb: KnowledgeBase, text: str, inferred: bool, timeout_s: float | None) -> None:
     from rtask.kb.results import Solutions
 
-    answer = kb.query(text, inferred=inferred)
+    answer = kb.query(text, inferred=inferred, timeout_s=timeout_s)
     if isinstance(answer, bool):
         click.echo("yes" if answer else "no")
     elif isinstance(answer, Solutions):

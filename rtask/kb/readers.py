@@ -331,6 +331,8 @@ class Readers:
         with self._starting:
             if self._closed:
                 raise ClosedError("the knowledge base is closed")
+            if self._snapshots is not None and self._snapshots.frozen:
+                return None
             if self._size < 0:
                 self._size = len(self._store)
             if self._snapshots is not None and self._size > self.limits.replica_max:

@@ -46,7 +46,7 @@ class Snapshots:
         self._store = store
         self._folder = folder
         self._home = folder / "snapshots"
-        self._frozen = frozen
+        self.frozen = frozen
         self._last_seq = last_seq
         self._lock = threading.Lock()
         self._number = 0
@@ -70,7 +70,7 @@ class Snapshots:
             return newest
 
     def _make(self) -> Snapshot:
-        if self._frozen:
+        if self.frozen:
             snapshot = Snapshot(self._folder / "store", self._last_seq())
         else:
             # read before the copy is made: whatever is stored meanwhile may be in it, too
@@ -94,12 +94,12 @@ class Snapshots:
             if snapshot.users > 0:
                 return
             self._kept.remove(snapshot)
-            if not self._frozen:
+            if not self.frozen:
                 shutil.rmtree(snapshot.path, ignore_errors=True)
 
     def close(self) -> None:
         """Remove everything; the readers have gone."""
         with self._lock:
             self._kept.clear()
-            if not self._frozen:
+            if not self.frozen:
                 shutil.rmtree(self._home, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""``rtask search``."""
+"""``rtask search``, and ``rtask query`` with a deadline."""
 
 from __future__ import annotations
 
@@ -23,3 +23,16 @@ def test_search_prints_what_fits(tmp_path: Path) -> None:
     done = CliRunner().invoke(cli, ["search", "pen", "--json", *options])
     assert json.loads(done.output)[0]["iri"] == "urn:pen"
     assert CliRunner().invoke(cli, ["search", "pen", "--lang", "de", *options]).output == ""
+
+
+def test_a_query_ends_at_its_deadline(tmp_path: Path) -> None:
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb, kb.transaction() as tx:
+        for number in range(1_000):
+            tx.add("urn:s", "urn:p", number)
+    options = ["--data", str(tmp_path / "kb"), "--timeout", "0.5"]
+    endless = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+    done = CliRunner().invoke(cli, ["query", endless, *options])
+    assert "within 0.5 s" in str(done.exception)
+    options[-1] = "60"
+    done = CliRunner().invoke(cli, ["query", "ASK { ?s ?p 1 }", "-o", "json", *options])
+    assert json.loads(done.output)["boolean"] is True

@@ -271,6 +271,20 @@ def _equal(kb: KnowledgeBase) -> bool:
     return asked.to_dicts() == known.to_dicts()
 
 
+def test_a_reader_killed_in_the_middle_of_a_commit_loses_none(memory: KnowledgeBase) -> None:
+    memory.warm_up()
+    _, reader = memory.stats()["readers"]["processes"]
+    os.kill(reader, signal.SIGSTOP)  # its socket fills up, so that a commit is sent in part
+    for number in range(80):
+        with memory.transaction() as tx:
+            for at in range(100):
+                tx.add(f"urn:burst:{number}", f"urn:at:{at}", "x" * 100)
+    time.sleep(0.5)
+    os.kill(reader, signal.SIGKILL)
+    rows = memory.select("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }", timeout_s=60.0)
+    assert rows.to_dicts() == memory.select("SELECT (COUNT(*) AS ?n) { ?s ?p ?o }").to_dicts()
+
+
 def test_a_bulk_load_is_seen(memory: KnowledgeBase) -> None:
     memory.warm_up()
     quads = (
