@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from features.codec import encode_frame, to_wire
 from features.geometry import FloatArray, Frame
 from simulate.agent_messages import (
+    distinct,
     grasp_request,
     mix_seed,
     neighbour_points,
@@ -293,21 +294,26 @@ class Agent:
         answer: dict[str, Any],
         seconds: dict[str, float],
     ) -> _Planning:
-        """Return the first grasp in the learner's order that the robot can reach."""
+        """Return the first grasp in the learner's order that the robot can reach well."""
         started = time.perf_counter()
         obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
         first: dict[str, Any] | None = None
+        best: _Planning | None = None
         reason = "no_grasp"
-        for rank, grasp in enumerate(answer["grasps"][: self.config.max_plans]):
+        for rank, grasp in distinct(answer["grasps"])[: self.config.max_plans]:
             request = grasp_request(thing, grasp, view.table_height)
             planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
+            ranked = {**grasp, "rank": rank + 1}
             if not isinstance(planned, str):
-                seconds["plan"] = time.perf_counter() - started
-                return _Planning(planned, {**grasp, "rank": rank + 1}, "ok")
-            if first is None:
-                first, reason = {**grasp, "rank": rank + 1}, planned
+                found = _Planning(planned, ranked, "ok")
+                if not planned.is_doubtful:
+                    best = found
+                    break
+                best = best or found
+            elif first is None:
+                first, reason = ranked, planned
         seconds["plan"] = time.perf_counter() - started
-        return _Planning(None, first, reason)
+        return best or _Planning(None, first, reason)
 
     def _give_up(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,14 @@ from simulate.executor import GraspRecord, GraspRequest
 from simulate.perception import Perceived
 from simulate.tracking import Thing
 
-__all__ = ["grasp_request", "mix_seed", "neighbour_points", "outcome_message", "pose_message"]
+__all__ = [
+    "distinct",
+    "grasp_request",
+    "mix_seed",
+    "neighbour_points",
+    "outcome_message",
+    "pose_message",
+]
 
 _MAX_NEIGHBOUR_POINTS = 400
 _NEIGHBOUR_RADIUS_M = 0.12
@@ -50,6 +58,21 @@ def grasp_request(thing: Thing, grasp: dict[str, Any], table: float) -> GraspReq
         arm="auto",
         round=shape.is_round,
     )
+
+
+def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
+    """Return grasps with their ranks, of those alike but for height and opening the first.
+
+    The planner tries other heights and openings by itself.
+    """
+    kept: list[tuple[int, dict[str, Any]]] = []
+    seen: set[tuple[float, ...]] = set()
+    for rank, grasp in enumerate(grasps):
+        aim = tuple(round(float(grasp[name]), 4) for name in ("x", "y", "theta"))
+        if aim not in seen:
+            seen.add(aim)
+            kept.append((rank, grasp))
+    return kept
 
 
 def pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, float]]:

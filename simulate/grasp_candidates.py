@@ -79,7 +79,7 @@ class Candidate:
             + 1.5 * self.off
             + 60.0 * self.depth
             + 0.2 * self.raised
-            + 0.2 * self.turned
+            + request.turn_weight * self.turned
             + 0.2 * self.widened
         )
 

@@ -109,7 +109,7 @@ def attempt(
     if seen is None:
         return None
     started = time.process_time()
-    plan = None
+    best, aim = None, (0.0, 0.0, 0.0)
     # Of candidates alike but for height and opening the first is enough: the planner tries others.
     grasps, kept = propose_planar(seen, HAND, seed=int(rng.integers(1 << 30))), []
     for grasp in grasps:
@@ -124,16 +124,20 @@ def attempt(
             seen.length, grasp.opening, world.table_height, tally.arm, seen.kind == "round",
         )  # fmt: skip
         plan = executor.plan(request, others, seed=int(rng.integers(1 << 30)))
-        if not isinstance(plan, str):
-            tried.append(offset)
+        if isinstance(plan, str):
+            tally.reasons.append(plan)
+            continue
+        if best is None or not plan.is_doubtful:
+            best, aim = plan, offset
+        if not plan.is_doubtful:
             break
-        tally.reasons.append(plan)
     tally.plan_s += time.process_time() - started
-    if plan is None or isinstance(plan, str):
+    if best is None:
         return None
+    tried.append(aim)
     tally.planned = True
     started = time.process_time()
-    record = executor.execute(plan)
+    record = executor.execute(best)
     tally.execute_s += time.process_time() - started
     tally.attempts += 1
     tally.reasons.append(record.reason)
@@ -144,7 +148,7 @@ def attempt(
             "reason": record.reason, "place": record.place_reason, "tilt": round(record.tilt, 2),
             "pushed": round(record.pushed_m, 4), "links": dict(record.links),
             "force": round(record.contact_force_n, 1), "lifted": round(record.lifted_m, 3),
-            "slip": round(record.slip_m, 4), "height": plan.tool_height, "opening": plan.opening,
+            "slip": round(record.slip_m, 4), "height": best.tool_height, "opening": best.opening,
             "offset": round(record.place_offset_m, 3),
             "duration": round(record.duration_s, 1),
         }

@@ -40,6 +40,14 @@ class _Record:
     end_effector: str = "right_hand"
 
 
+@dataclass(frozen=True)
+class _Plan:
+    """A way to a grasp that can be reached, well or not."""
+
+    request: Any
+    is_doubtful: bool = False
+
+
 @dataclass
 class _Body:
     """A table on which a placed object is gone and a missed one stays."""
@@ -49,6 +57,8 @@ class _Body:
     unreachable: bool = False
     blocked: dict[tuple[float, float], int] = field(default_factory=dict)
     planned: list[Any] = field(default_factory=list)
+    executed: list[Any] = field(default_factory=list)
+    doubted: tuple[float, ...] = ()
     base_frame = "base_footprint"
     ignored = ()
 
@@ -63,20 +73,22 @@ class _Body:
         if self.unreachable or len(self.table) > self.blocked.get((request.x, request.y), 99):
             return "ik"
         self.planned.append(request)
-        return request
+        return _Plan(request, is_doubtful=request.theta in self.doubted)
 
     def execute(self, plan):
         record = self.outcomes.pop(0) if self.outcomes else _Record()
+        self.executed.append(plan.request)
         if record.placed:
-            self.table.remove((plan.x, plan.y))
+            self.table.remove((plan.request.x, plan.request.y))
         return record, [("held", b"png")]
 
 
 class _Server:
     """Knows nothing, or everything; keeps what it was told."""
 
-    def __init__(self, knows: float = 0.0) -> None:
+    def __init__(self, knows: float = 0.0, angles: tuple[float, ...] = (0.0,)) -> None:
         self.confidence = knows
+        self.angles = angles
         self.asked: list[dict] = []
         self.inserted: list[dict] = []
         self.reported: list[dict] = []
@@ -104,7 +116,7 @@ class _Server:
                 "accepted": known,
                 "matches": [{"confidence": self.confidence}] if self.confidence else [],
             },
-            "grasps": [grasp],
+            "grasps": [{**grasp, "theta": angle} for angle in self.angles],
             "times": {"total_s": 0.01},
         }
 
@@ -224,7 +236,7 @@ def test_an_object_that_turns_up_elsewhere_goes_on_where_it_was_left(run) -> Non
 
     def knocks_away(plan):
         result = execute(plan)
-        if (plan.x, plan.y) == spot:
+        if (plan.request.x, plan.request.y) == spot:
             body.table.remove(spot)
         elif (plan.x, plan.y) == other:
             body.table.append(far)
@@ -261,3 +273,19 @@ def test_the_same_seed_asks_with_the_same_seeds(run) -> None:
         asked.append(server.asked[0]["seed"])
     assert asked[0] == asked[1]
     assert 0 <= asked[0] < 2**31
+
+
+def test_a_grasp_that_can_be_reached_well_goes_before_doubtful_ones(run) -> None:
+    body = _Body([(0.15, -0.05)], doubted=(0.1, 0.2))
+    server = _Server(angles=(0.1, 0.1, 0.2, 0.3, 0.4))
+    [encounter] = run(body, server, [(0.15, -0.05)])
+    assert [request.theta for request in body.planned] == [0.1, 0.2, 0.3]  # alike: planned once
+    assert [request.theta for request in body.executed] == [0.3]
+    assert encounter.attempts[0].held
+    assert server.inserted[0]["grasp"]["rank"] == 4
+
+
+def test_a_doubtful_grasp_is_better_than_none(run) -> None:
+    body = _Body([(0.15, -0.05)], doubted=(0.1, 0.2))
+    run(body, _Server(angles=(0.1, 0.2)), [(0.15, -0.05)])
+    assert [request.theta for request in body.executed] == [0.1]
