@@ -238,7 +238,7 @@ def test_an_object_that_turns_up_elsewhere_goes_on_where_it_was_left(run) -> Non
         result = execute(plan)
         if (plan.request.x, plan.request.y) == spot:
             body.table.remove(spot)
-        elif (plan.x, plan.y) == other:
+        elif (plan.request.x, plan.request.y) == other:
             body.table.append(far)
         return result
 
