@@ -251,7 +251,7 @@ def closes_over(x, y, n, shift, w, a, e, mu, nguyen, breaks):  # type: ignore[no
         inner[1] = _meeting(left, left_slope, right, right_slope, low, high)
         inner[2] = _meeting(left, left_slope, peak, 0.0, low, high)
         inner[3] = _meeting(right, right_slope, peak, 0.0, low, high)
-        _sort(inner, 5)
+        _sort(inner, inner.size)
         for k in range(4):
             if inner[k + 1] - inner[k] < TIE:
                 continue

@@ -223,13 +223,13 @@ def _vertex_push(x, y, n, mx, my, i, lo, hi, mu, nguyen):  # type: ignore[no-unt
     f, r = (mx - bx) * side, my - by
     if r <= 0.0:
         return BEHIND
-    edge, flattest = -1, np.inf
+    edge, flattest = n, np.inf
     for k in range(2):
         j = (i + 1 if i + 1 < n else 0) if k == 0 else (i - 1 if i > 0 else n - 1)
         run = (x[j] - bx) * side
         if run > 0.0 and (y[j] - by) / run < flattest:
             edge, flattest = j, (y[j] - by) / run
-    if edge < 0:
+    if edge == n:
         return NO_EDGE
     tx, ty = (x[edge] - bx) * side, y[edge] - by
     length = math.hypot(tx, ty)
