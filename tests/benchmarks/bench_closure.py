@@ -24,7 +24,7 @@ from rivals import Run, ours, owlrl, reason_for, reasonable, run
 import ontology
 from reasoner import Closure
 
-NARROW = 1_000
+NARROW = 3_000
 """Facts for owlrl, which takes minutes for more."""
 
 

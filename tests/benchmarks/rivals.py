@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from kitchens import OWL, RDF, RDFS, Triple
+from kitchens import OWL, RDF, RDFS, XSD, Triple
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, serialize
 from pyoxigraph import Triple as RdfTriple
 
@@ -56,7 +56,7 @@ def key(term: Any) -> Key:
         return ()
     if type(term).__name__ == "URIRef":
         return "iri", str(term)
-    datatype = str(term.datatype) if term.datatype else "http://www.w3.org/2001/XMLSchema#string"
+    datatype = str(term.datatype) if term.datatype else XSD + "string"
     return value_of(str(term), datatype, term.language).key
 
 
@@ -145,8 +145,10 @@ def reason_for(triple: tuple[Key, Key, Key]) -> str:
     s, p, o = triple
     name = p[-1].rsplit("#", 1)[-1]
     is_built_in = (
-        s[0] != "iri" or s[-1].startswith((OWL, RDF, RDFS, OWL[:-6] + "01/XMLSchema"))
-    ) or (o[0] == "iri" and o[-1] in (OWL + "Thing", RDFS + "Resource", RDFS + "Literal"))
+        s[0] != "iri"
+        or s[-1].startswith((OWL, RDF, RDFS, XSD))
+        or (o[0] == "iri" and o[-1] in (OWL + "Thing", RDFS + "Resource", RDFS + "Literal"))
+    )
     if s == o or is_built_in:
         return "true of everything: cls-thing, scm-cls, eq-ref, dt-type1"
     if p[-1].startswith((RDFS, OWL)):
