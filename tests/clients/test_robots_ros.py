@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -127,6 +128,53 @@ def test_roslibpy_keeps_parameters_and_hears_a_latched_topic(
     heard: list[Any] = []
     roslibpy.Topic(second, "/map_py", "std_msgs/String").subscribe(heard.append)
     assert until(lambda: heard)[0] == {"data": "kitchen"}
+
+
+OVER_ASYNCIO = """
+import sys, time
+import roslibpy
+
+robots = []
+for _ in range(2):
+    robot = roslibpy.Ros(host=sys.argv[1], port=None, transport="asyncio")
+    robot.run(timeout=20)
+    robots.append(robot)
+provider, caller = robots
+service = roslibpy.Service(provider, "/double", "demo/Double")
+
+def double(request, response):
+    response["twice"] = 2 * request["n"]
+    return True
+
+service.advertise(double)
+deadline = time.monotonic() + 20
+while "/double" not in caller.get_services():
+    assert time.monotonic() < deadline
+answer = roslibpy.Service(caller, "/double", "demo/Double").call(
+    roslibpy.ServiceRequest({"n": 21}), timeout=20)
+heard = []
+roslibpy.Topic(caller, "/said_asyncio", "std_msgs/String").subscribe(heard.append)
+said = roslibpy.Topic(provider, "/said_asyncio", "std_msgs/String", latch=True)
+while not heard:
+    assert time.monotonic() < deadline
+    said.publish(roslibpy.Message({"data": "hello"}))
+    time.sleep(0.05)
+print(answer["twice"], heard[0]["data"])
+for robot in robots:
+    robot.close()
+"""
+
+
+def test_roslibpy_over_its_asyncio_transport(server: RunningServer) -> None:
+    """One process can use one transport only, so this one has a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-c", OVER_ASYNCIO, server.websocket],
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
+    )
+    assert done.stdout.split() == ["42", "hello"], done.stderr[-2_000:]
 
 
 @pytest.fixture(scope="module")
