@@ -49,7 +49,7 @@ nav a[aria-current]{font-weight:600;color:#1b1f24}a{color:#0b5fad;text-decoratio
 a:hover{text-decoration:underline}h2{margin-top:2rem}section{border-top:1px solid #eaeef2}
 h3{margin:.8rem 0 0}h3 code{font-weight:400;color:#57606a;margin-left:.5rem}
 table{border-collapse:collapse;margin:.3rem 0}th{text-align:left;font-weight:400;color:#57606a;
-padding-right:1rem;vertical-align:top;white-space:nowrap}td{vertical-align:top}
+padding-right:1rem;vertical-align:top;white-space:nowrap}td{vertical-align:top;padding-right:1rem}
 code{font:13px ui-monospace,monospace;overflow-wrap:anywhere}.drawing{overflow-x:auto}
 svg text{font:12px ui-monospace,monospace;fill:#1b1f24}
 svg text.edge{text-anchor:middle;fill:#0b5fad}
@@ -92,7 +92,7 @@ class _Writer:
         rows = [
             f'<tr><th><a href="{self._pages[m.name]}">{escape(m.title)}</a></th>'
             f"<td>{escape(m.comment)}</td>"
-            f"<td>{len(self._vocabulary.members(m))} terms</td></tr>"
+            f"<td>{len(self._vocabulary.members(m))}</td></tr>"
             for m in self._vocabulary.modules
         ]
         letters = sorted(self._vocabulary.terms.values(), key=lambda t: t.name.lower())
