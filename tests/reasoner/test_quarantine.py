@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner, Result
 
 import rtask
+from rtask.cli.quarantine import quarantine
 from rtask.errors import ForbiddenError, InconsistentError, UsageError
 from rtask.kb.knowledge_base import KnowledgeBase
 
@@ -128,6 +131,29 @@ def test_it_survives_closing_and_opening(tmp_path: Path) -> None:
         assert kb.verify() == []
         with pytest.raises(InconsistentError):
             kb.update("INSERT DATA { <urn:nao> a <urn:Mug> }", agent="pr2")
+
+
+def test_the_command_lists_releases_and_forgets(tmp_path: Path) -> None:
+    folder = tmp_path / "kb"
+    with opened(folder) as kb:
+        kb.load(SCHEMA, format="turtle")
+        kb.update("INSERT DATA { <urn:nao> a <urn:Robot> }", agent="nao")
+        kb.update("INSERT DATA { <urn:nao> a <urn:Mug> }", agent="pr2")
+        kb.update("INSERT DATA { <urn:nao> a <urn:Mug> }", agent="tiago")
+        first, _ = (one.node.value for one in kb.quarantined())
+
+    def run(*options: str) -> Result:
+        return CliRunner().invoke(quarantine, ["--data", str(folder), *options])
+
+    assert "disjoint" in run().output
+    assert "2 in quarantine" in run().output
+    assert json.loads(run("--json", first).output)[0]["record"] == first
+    assert isinstance(run("--release").exception, InconsistentError)
+    assert "1 forgotten" in run("--forget", first).output
+    with rtask.open(folder) as kb:
+        kb.update("DELETE DATA { <urn:nao> a <urn:Robot> }", agent="nao")
+    assert "1 put back" in run("--release").output
+    assert "0 in quarantine" in run().output
 
 
 def test_an_unknown_policy_is_refused() -> None:
