@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["load_bulk", "load_text", "readable_by_the_store"]
 
-TEXT_BYTES = 32 << 20
+TEXT_BYTES = 16 << 20
 _CHUNK = 4 << 20
 _MARKS = {
     RdfFormat.N_TRIPLES: (b"_:", b"<<", b"owl#Ontology>"),
