@@ -61,8 +61,11 @@ class ConfidenceParams:
     ----------
     inliers, rival, appearance, lead, offset
         Weights of the logistic function in :func:`confidences`.
+    place_inliers, place_rival, place_offset
+        Weights of a logistic function of places alone, where the size is known to fit: what turned
+        another side, or stands in another light, looks different and is the same.
     look_lead, look_gap, look_offset
-        Weights of the second logistic function, for objects without texture: it speaks only when
+        Weights of another logistic function, for objects without texture: it speaks only when
         the size is known to fit, the similarity reaches ``look_least``, and the query has at most
         ``look_most_keypoints``.
     look_least, look_most_keypoints
@@ -84,6 +87,9 @@ class ConfidenceParams:
     appearance: float = 6.87
     lead: float = 11.22
     offset: float = -12.03
+    place_inliers: float = 2.2
+    place_rival: float = -1.8
+    place_offset: float = -5.8
     look_lead: float = 23.2
     look_gap: float = -30.6
     look_offset: float = -0.4
@@ -129,10 +135,22 @@ def confidences(
         if e.size_ok is False:
             confidence[k] = 0.0
             continue
-        confidence[k] = max(confidence[k], _by_look(e, params))
+        confidence[k] = max(confidence[k], _by_look(e, params), _by_places(e, params))
         if e.is_twin or (e.inliers < params.decisive_inliers and not e.size_ok):
             confidence[k] = min(confidence[k], params.undecided)
     return confidence
+
+
+def _by_places(e: Evidence, params: ConfidenceParams) -> float:
+    """Return how sure the agreeing places alone make, where the size fits."""
+    if not e.size_ok or e.inliers < params.decisive_inliers:
+        return 0.0
+    score = (
+        params.place_inliers * np.log2(1 + e.inliers)
+        + params.place_rival * np.log2(1 + e.rival_inliers)
+        + params.place_offset
+    )
+    return float(1.0 / (1.0 + np.exp(-score)))
 
 
 def _by_look(e: Evidence, params: ConfidenceParams) -> float:

@@ -8,14 +8,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
 from features.recognition.cascade import match_flat
 from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
 from features.recognition.index import RecognitionIndex
 from features.recognition.snapshot import Snapshot
+from features.recognition.stored import stored_features
 from features.recognition.view import ViewFeatures, describe_view
 
 __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
+
+# Less says nothing, not even what it looks like.
+_LEAST_NAMED = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +118,7 @@ class Recogniser:
         matches = [
             candidates[k].as_match(snapshot, float(confidence[k]))
             for k in order[:max_results]
-            if confidence[k] > 0
+            if confidence[k] >= _LEAST_NAMED
         ]
         return Recognition(outcome, accepted, tuple(matches))
 
@@ -222,6 +227,9 @@ def warm_up() -> None:
     rng = np.random.default_rng(0)
     image = (rng.random((24, 24)).repeat(8, axis=0).repeat(8, axis=1) * 255).astype(np.uint8)
     features = describe_view(image, np.ones(image.shape, bool))
+    side = len(image)
+    camera = Intrinsics(side, side, 2.0 * side, 2.0 * side, side / 2, side / 2)
+    stored_features(features, Frame(np.full(image.shape, 0.3, np.float32), camera))
     with RecognitionIndex() as index:
         index.add("view:warm", "object:warm", "class:warm", features)
         recogniser = Recogniser(index)

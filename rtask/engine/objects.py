@@ -205,7 +205,27 @@ def _contents(
             {RT.hasBlob: facts.blob(described), RT.descriptorCount: len(seen.features),
              RT.descriptorLength: 128, RT.elementType: "uint8"},
         ),
+        *_visual_features(engine, facts, seen),
     ]  # fmt: skip
+
+
+def _visual_features(
+    engine: Engine, facts: Facts, seen: Observation
+) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
+    """Return HOG, FPFH and B-splines of a view (Gatto 2016, 3.2.2); their bytes are stored now."""
+    from features.recognition.stored import stored_features
+
+    return [
+        (
+            feature.kind.lower(),
+            [getattr(RT, feature.kind)],
+            {
+                RT.hasBlob: facts.blob(engine.kb.blobs.put(feature.data, "application/x-npz")),
+                **{getattr(RT, name): value for name, value in feature.numbers.items()},
+            },
+        )
+        for feature in stored_features(seen.features, seen.frame)
+    ]
 
 
 def state_recognition(

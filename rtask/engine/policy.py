@@ -48,7 +48,7 @@ class Policy:
     half_life_days: float | None = None
     size_gate: float = 1.3
     size_gate_m: float = 0.006
-    inliers_when_alone: int = 20
+    inliers_when_alone: int = 10
     suggestion: float = 0.5
     same_pose_m: float = 0.003
     same_pose_rad: float = 0.09

@@ -258,7 +258,7 @@ def run_index(args: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
         seen = [view.features for view in views_of_tables(2, 12, args.seed, Path(folder))]
         base = np.concatenate([f.descriptors for f in seen])
-        per_view = 300
+        per_view = 130
         mean, spread = base.mean(axis=0), base.std(axis=0)
 
         def described(thing: int, k: int) -> ViewFeatures:

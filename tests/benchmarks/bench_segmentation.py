@@ -3,6 +3,7 @@
     python tests/benchmarks/bench_segmentation.py tables --seeds 20:34
     python tests/benchmarks/bench_segmentation.py tables --seeds 200:212 --touching
     python tests/benchmarks/bench_segmentation.py kinect --data FOLDER/mosd_learn
+    python tests/benchmarks/bench_segmentation.py primsmall --seeds 100:110   # 1.4 to 7 cm
 
 ``tables`` renders what the simulated head camera sees of six to eight products on both sides, with
 the light and sensor noise of the seed; ``--touching`` pushes them together in pairs. ``kinect``
@@ -21,6 +22,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from tabletop_scenes import KINDS, make_scene
 
 from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
@@ -33,6 +35,7 @@ from simulate.scene import Placement, arrange, lay
 from simulate.world import World
 
 MIN_PIXELS = 300
+FEWEST = {"kinect": 150, **dict.fromkeys(KINDS, 60)}
 METHODS = {
     "near": SegmentParams.near(),
     "default": SegmentParams(),
@@ -178,10 +181,19 @@ def kinect(folder: Path) -> Iterator[View]:
         yield View(Frame(depth, camera, colour), truth, None)
 
 
+def dropped(kind: str, seeds: range) -> Iterator[View]:
+    """Yield tables on which things were dropped, before a Kinect-like camera."""
+    for seed in seeds:
+        scene = make_scene(kind, seed)
+        yield View(scene.frame, scene.labels, scene.down)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("data_set", nargs="?", default="tables", choices=["tables", "kinect"])
+    parser.add_argument(
+        "data_set", nargs="?", default="tables", choices=["tables", "kinect", *KINDS[:4]]
+    )
     parser.add_argument("--seeds", default="20:34")
     parser.add_argument("--touching", action="store_true")
     parser.add_argument("--data", type=Path)
@@ -189,6 +201,9 @@ def main() -> None:
     warm_up()
     if asked.data_set == "kinect":
         views = list(kinect(asked.data))
+    elif asked.data_set in KINDS:
+        first, last = map(int, asked.seeds.split(":"))
+        views = list(dropped(asked.data_set, range(first, last)))
     else:
         first, last = map(int, asked.seeds.split(":"))
         views = list(rendered(range(first, last), asked.touching))
@@ -196,7 +211,7 @@ def main() -> None:
     for name, params in METHODS.items():
         row = Row()
         for view in views:
-            few = 150 if asked.data_set == "kinect" else params.min_points
+            few = FEWEST.get(asked.data_set, params.min_points)
             row.add(view, replace(params, min_points=few))
         print(row.line(name), flush=True)
 
