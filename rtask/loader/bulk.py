@@ -1,7 +1,7 @@
 """Documents beyond the size of a commit: streamed into the store in one atomic step.
 
 What follows from them is derived right after, as a commit of its own; until then the closure is
-behind. Memory stays flat while the document is read.
+behind. The document itself is not kept in memory; the store's bulk loader has its own buffers.
 """
 
 from __future__ import annotations
