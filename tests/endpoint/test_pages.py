@@ -168,7 +168,7 @@ def test_every_page_carries_the_headers_that_keep_it_harmless(
     assert "script-src 'self'" in policy
     assert "unsafe" not in policy
     assert headers["X-Content-Type-Options"] == "nosniff"
-    assert headers["Referrer-Policy"] == "no-referrer"
+    assert headers["Referrer-Policy"] == "same-origin"
 
 
 @pytest.mark.parametrize(("address", "twin"), TWINS)
