@@ -21,12 +21,14 @@ class Layer:
     {302}
     """
 
-    __slots__ = ("added", "base", "removed")
+    __slots__ = ("absences", "added", "base", "removed")
 
     def __init__(self, base: Facts) -> None:
         self.base = base
         self.added = Facts()
         self.removed = Facts()
+        self.absences: dict[tuple[int | None, ...], bool] | None = None
+        """What NOT EXISTS groups were found to be, while nothing that they look at changes."""
 
     def __len__(self) -> int:
         return len(self.base) + len(self.added) - len(self.removed)

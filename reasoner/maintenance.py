@@ -288,13 +288,18 @@ class _Revision:
         for fact in self.asserted.added:
             if program.level(fact) == level:
                 self.derivation.insert(fact)
-        if level:
-            self.derivation.trigger(stratum, below)
-            for env, rule in list(candidates(stratum, self.layer, self.terms)):
-                for found in list(solve(self.layer, self.terms, rule.steps, env)):
-                    self.derivation.insert(rule.conclude(found))
-            self.derivation.evaluate(rule for rule in stratum.rules if rule in new_rules)
+        if not level:
+            self.derivation.run(stratum)
+            return
+        # NOT EXISTS looks at lower strata only, and those are finished: one look is enough.
+        self.layer.absences = {}
+        self.derivation.trigger(stratum, below)
+        for env, rule in list(candidates(stratum, self.layer, self.terms)):
+            for found in list(solve(self.layer, self.terms, rule.steps, env)):
+                self.derivation.insert(rule.conclude(found))
+        self.derivation.evaluate(rule for rule in stratum.rules if rule in new_rules)
         self.derivation.run(stratum)
+        self.layer.absences = None
 
     def grow(self) -> frozenset[Rule]:
         old = self.draft.program

@@ -165,10 +165,24 @@ class Absent:
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         """Search for one solution and hope for none."""
+        known: dict[tuple[int | None, ...], bool] | None = getattr(view, "absences", None)
+        if known is None:
+            return self._is_absent(view, terms, env)
+        question = (id(self), *(env[~v] for v in self._ordered_outer))
+        answer = known.get(question)
+        if answer is None:
+            answer = known[question] = self._is_absent(view, terms, env)
+        return answer
+
+    def _is_absent(self, view: View, terms: Dictionary, env: Bindings) -> bool:
         inner: Bindings = [None] * len(env)
         for v in self.outer:
             inner[~v] = env[~v]
         return not _is_solvable(view, terms, self.steps, inner, 0)
+
+    @cached_property
+    def _ordered_outer(self) -> tuple[int, ...]:
+        return tuple(sorted(self.outer))
 
 
 @dataclass(frozen=True)

@@ -239,7 +239,8 @@ class Committer:
             notes = self.catalogue.record(everything, record, facts)
             everything = _joined(self.store, everything, notes)
             if not self.store.is_view:
-                union = union_change(self.store, everything.removed, everything.added)
+                fresh = (self.graphs.inferred, self.graphs.provenance)
+                union = union_change(self.store, everything.removed, everything.added, fresh)
         writes = Writes(
             [*everything.removed, *union.removed],
             [*everything.added, *union.added],

@@ -120,10 +120,7 @@ class Inference:
             quad = Quad(*key, graph)
             if quad in self._store:
                 derived.removed[quad] = None
-        for key in staged.inferred_added:
-            quad = Quad(*key, graph)
-            if quad not in self._store:
-                derived.added[quad] = None
+        derived.added.update(dict.fromkeys(Quad(*key, graph) for key in staged.inferred_added))
         return derived, staged, []
 
     def inconsistent(self, contradictions: Sequence[Any]) -> InconsistentError:

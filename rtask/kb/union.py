@@ -6,7 +6,7 @@ them. A triple goes when the last graph lets go of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 
 from pyoxigraph import DefaultGraph, Quad
 
@@ -18,20 +18,28 @@ from rtask.kb.terms import DEFAULT, Graph, TripleKey, triple_key
 __all__ = ["input_change", "is_joined", "union_change"]
 
 
-def union_change(store: GraphStore, removed: Iterable[Quad], added: Iterable[Quad]) -> Overlay:
+def union_change(
+    store: GraphStore,
+    removed: Iterable[Quad],
+    added: Iterable[Quad],
+    fresh: Collection[Graph] = (),
+) -> Overlay:
     """Return what changes in the default graph when these quads of named graphs change.
 
     Parameters
     ----------
     removed, added
         Exact: ``removed`` are in the store, ``added`` are not.
+    fresh
+        Graphs whose added statements hardly ever hold elsewhere, so that looking costs more than
+        adding one once more.
     """
     change = Overlay(store)
-    new = {triple_key(quad): None for quad in added if is_joined(quad.graph_name)}
+    new = {triple_key(quad): quad for quad in added if is_joined(quad.graph_name)}
     gone = {quad: None for quad in removed if is_joined(quad.graph_name)}
-    for key in new:
+    for key, quad in new.items():
         in_union = Quad(*key, DEFAULT)
-        if in_union not in store:
+        if quad.graph_name in fresh or in_union not in store:
             change.added[in_union] = None
     for key in {triple_key(quad): None for quad in gone}:
         if key not in new and not _is_held(store, key, gone, is_joined):
