@@ -42,8 +42,6 @@ REASONS = (
 )
 """Why there is no plan; a later one means that the planner got further."""
 
-_LARGEST_TILT = 1.35
-
 
 @dataclass(frozen=True)
 class _Retreats:
@@ -127,7 +125,7 @@ class GraspPlanner:
         around = self.space.surroundings(arm, request.table_height, obstacles)
         with_target = around.with_obstacles([target_obstacle(request)])
         candidates = find_candidates(self.space, arm, request, with_target, seed)
-        steep = [c for c in candidates if c.tilt <= _LARGEST_TILT]
+        steep = [c for c in candidates if c.tilt <= request.largest_tilt]
         best = most_promising([c for c in steep if not c.collides], request)
         reason = "grasp_collision" if steep else "tilt" if candidates else "ik"
         for retreats in (_BACKWARDS, _SIDEWAYS, _SWEEPING):

@@ -24,7 +24,7 @@ _THIN = 0.028
 _LONG = 0.060
 _SECOND_SIDE_FITS = 0.036
 _PEN_HEIGHTS = (0.0165, 0.012, 0.0085)
-_FLAT = 0.55
+_FLAT, _TOO_FLAT = 0.55, 0.7
 _PEN_TURNS = (0.0, 0.22, -0.22, 0.43, -0.43, 0.65, -0.65)
 
 
@@ -89,6 +89,11 @@ class GraspRequest:
         return 3.0 if self.lies_thin else 0.8
 
     @property
+    def largest_tilt(self) -> float:
+        """Flattest approach (rad from the vertical) that is worth a try."""
+        return _TOO_FLAT if self.lies_thin else 1.35
+
+    @property
     def turn_weight(self) -> float:
         """What each next closing direction of :func:`closing_angles` costs."""
         return 0.06 if self.lies_thin else 0.2
@@ -149,7 +154,7 @@ class PlannedGrasp:
     def is_doubtful(self) -> bool:
         """Whether another grasp of the object had better be planned, if there is one.
 
-        Measured with lying pens, poses known: held 5 of 9 at a tilt below .1, 38 of 43 up to .7,
+        Measured with lying pens, poses known: held 31 of 37 at a tilt below .5, 12 of 15 up to .7,
         1 of 14 beyond, where the palm comes down before the fingers are around.
         """
         return self.request.lies_thin and self.tilt > _FLAT

@@ -49,6 +49,26 @@ def _total(met: Mapping[str, Any], key: str) -> float:
     return float(sum(attempt["seconds"].get(key, 0.0) for attempt in met["attempts"]))
 
 
+def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Join encounters with the same product: one that was lost and met again is one object."""
+    joined: list[dict[str, Any]] = []
+    first: dict[str, dict[str, Any]] = {}
+    for met in encounters:
+        known = first.get(met["product"]) if met["product"] else None
+        if known is None:
+            joined.append(dict(met))
+            first[met["product"]] = joined[-1]
+            continue
+        if known["tries_to_success"] is None and met["tries_to_success"] is not None:
+            known["tries_to_success"] = known["tries"] + met["tries_to_success"]
+        known["tries"] += met["tries"]
+        known["held"] |= met["held"]
+        known["placed"] |= met["placed"]
+        if met["right"] is False:
+            known["right"] = False
+    return joined
+
+
 def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | None:
     """Return the mean number of physical attempts up to the first success.
 
@@ -62,19 +82,20 @@ def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | 
 
 def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
     """Return the totals of one robot, as ``rtask demo --json`` prints them."""
-    reach = [met for met in robot["encounters"] if met["in_reach"]]
+    objects = by_product(robot["encounters"])
+    reach = [met for met in objects if met["in_reach"]]
     return {
         "name": robot["name"],
-        "objects": len(robot["encounters"]),
+        "objects": len(objects),
         "objects_on_table": robot["objects_on_table"],
         "objects_in_reach": len(reach),
         "known_before": robot["known_before"],
-        "recognised": sum(met["right"] is True for met in robot["encounters"]),
-        "false_identities": sum(met["right"] is False for met in robot["encounters"]),
+        "recognised": sum(met["right"] is True for met in objects),
+        "false_identities": sum(met["right"] is False for met in objects),
         "held": sum(met["held"] for met in reach),
         "placed": sum(met["placed"] for met in reach),
         "from_memory": sum(_first_source(met) == "memory" for met in reach),
-        "mean_attempts_to_first_success": mean_attempts(robot["encounters"], cap),
+        "mean_attempts_to_first_success": mean_attempts(objects, cap),
         "seconds": round(robot["seconds"], 2),
     }
 

@@ -38,8 +38,10 @@ def _met(**changes: Any) -> dict[str, Any]:
 
 
 def _robot(*met: dict[str, Any]) -> dict[str, Any]:
+    products = [m if m["product"] != "can-1" else {**m, "product": f"can-{n}"}
+                for n, m in enumerate(met, start=1)]  # fmt: skip
     return {
-        "name": "nao-1", "encounters": list(met), "objects_on_table": len(met), "known_before": 0,
+        "name": "nao-1", "encounters": products, "objects_on_table": len(met), "known_before": 0,
         "seconds": 1.0,
     }  # fmt: skip
 
@@ -119,3 +121,14 @@ def test_the_report_holds_the_table_the_answers_and_the_result(tmp_path: Path) -
     assert "| nao-1 | can-1 | can 17 |" in text
     assert "| rtask/1 | nao-1 |" in text
     assert "PREFIX rt:" in text
+
+
+def test_an_object_that_was_lost_and_met_again_counts_once() -> None:
+    lost = _met(product="pen-3", tries=2, tries_to_success=None, held=False, placed=False)
+    again = _met(product="pen-3", tries=1, tries_to_success=1)
+    dropped = _met(product="can-9", placed=False)
+    gone = _met(product="can-9", tries=0, tries_to_success=None, held=False, placed=False)
+    totals = robot_totals(_robot(lost, again, dropped, gone), cap=4)
+    assert (totals["objects"], totals["objects_in_reach"]) == (2, 2)
+    assert (totals["held"], totals["placed"]) == (2, 1)
+    assert totals["mean_attempts_to_first_success"] == (3 + 1) / 2
