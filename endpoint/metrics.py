@@ -10,7 +10,7 @@ import resource
 import threading
 import time
 from bisect import bisect_left
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -81,7 +81,7 @@ class Metrics:
         self._counts: Counter[tuple[str, tuple[tuple[str, str], ...]]] = Counter()
         self._requests: Counter[tuple[str, str, int]] = Counter()
         self._times: dict[str, list[int]] = {}
-        self._seconds: Counter[str] = Counter()
+        self._seconds: defaultdict[str, float] = defaultdict(float)
         self._started = time.time()
 
     def request(self, path: str, method: str, status: int, seconds: float) -> None:
@@ -94,7 +94,7 @@ class Metrics:
             if times is None:
                 times = self._times[route] = [0] * (len(BUCKETS_S) + 1)
             times[bisect_left(BUCKETS_S, seconds)] += 1
-            self._seconds[route] += seconds  # type: ignore[assignment]
+            self._seconds[route] += seconds
 
     def count(self, name: str, amount: int = 1, **labels: str) -> None:
         """Add to a counter; `labels` hold words of the program, never of a client."""

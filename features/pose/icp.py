@@ -30,6 +30,27 @@ def _sample_near(grid, corner, cell, x, y, z):  # type: ignore[no-untyped-def]
     return grid[i, j, k]
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def _met(point, normal, r, t, samples, grid, corner, cell):  # type: ignore[no-untyped-def]
+    """Return a point in the model's frame, its offset from the nearest sample, that one's normal.
+
+    The last number is the cosine between both normals.
+    """
+    dx, dy, dz = point[0] - t[0], point[1] - t[1], point[2] - t[2]
+    x = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz
+    y = r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz
+    z = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
+    m = _sample_near(grid, corner, cell, x, y, z)
+    ex, ey, ez = x - samples[m, 0], y - samples[m, 1], z - samples[m, 2]
+    nx, ny, nz = samples[m, 3], samples[m, 4], samples[m, 5]
+    facing = (
+        (r[0, 0] * normal[0] + r[1, 0] * normal[1] + r[2, 0] * normal[2]) * nx
+        + (r[0, 1] * normal[0] + r[1, 1] * normal[1] + r[2, 1] * normal[2]) * ny
+        + (r[0, 2] * normal[0] + r[1, 2] * normal[1] + r[2, 2] * normal[2]) * nz
+    )
+    return x, y, z, ex, ey, ez, nx, ny, nz, facing
+
+
 @numba.njit(cache=True, nogil=True)
 def _solve(a, b):  # type: ignore[no-untyped-def]
     """Solve a symmetric 6 x 6 system in place by Cholesky; False when it is singular."""
@@ -121,18 +142,8 @@ def align(
             a[:] = 0.0
             b[:] = 0.0
             for p in range(len(points)):
-                dx, dy, dz = points[p, 0] - t[0], points[p, 1] - t[1], points[p, 2] - t[2]
-                x = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz
-                y = r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz
-                z = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
-                m = _sample_near(grid, corner, cell, x, y, z)
-                ex, ey, ez = x - samples[m, 0], y - samples[m, 1], z - samples[m, 2]
-                nx, ny, nz = samples[m, 3], samples[m, 4], samples[m, 5]
-                px, py, pz = normals[p, 0], normals[p, 1], normals[p, 2]
-                facing = (
-                    (r[0, 0] * px + r[1, 0] * py + r[2, 0] * pz) * nx
-                    + (r[0, 1] * px + r[1, 1] * py + r[2, 1] * pz) * ny
-                    + (r[0, 2] * px + r[1, 2] * py + r[2, 2] * pz) * nz
+                x, y, z, ex, ey, ez, nx, ny, nz, facing = _met(
+                    points[p], normals[p], r, t, samples, grid, corner, cell
                 )
                 far = 1.0 + (ex * ex + ey * ey + ez * ez) / (cut * cut)
                 w = max(facing, _LEAST_FACING) / (far * far)
@@ -174,18 +185,8 @@ def fit_scores(
         r, t = rotations[k], translations[k]
         total = 0.0
         for p in range(len(points)):
-            dx, dy, dz = points[p, 0] - t[0], points[p, 1] - t[1], points[p, 2] - t[2]
-            x = r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz
-            y = r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz
-            z = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
-            m = _sample_near(grid, corner, cell, x, y, z)
-            ex, ey, ez = x - samples[m, 0], y - samples[m, 1], z - samples[m, 2]
-            nx, ny, nz = samples[m, 3], samples[m, 4], samples[m, 5]
-            px, py, pz = normals[p, 0], normals[p, 1], normals[p, 2]
-            facing = (
-                (r[0, 0] * px + r[1, 0] * py + r[2, 0] * pz) * nx
-                + (r[0, 1] * px + r[1, 1] * py + r[2, 1] * pz) * ny
-                + (r[0, 2] * px + r[1, 2] * py + r[2, 2] * pz) * nz
+            _, _, _, ex, ey, ez, nx, ny, nz, facing = _met(
+                points[p], normals[p], r, t, samples, grid, corner, cell
             )
             off = 0.7 * abs(ex * nx + ey * ny + ez * nz)
             off += 0.3 * np.sqrt(ex * ex + ey * ey + ez * ez)

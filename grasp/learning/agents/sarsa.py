@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.agents.tabular import Settings, TabularAgent, _mask
+from grasp.learning.agents.tabular import Settings, TabularAgent, allowed_actions
 from grasp.learning.environments.discretise import Bins
 from grasp.learning.transition import Transition
 
@@ -52,7 +52,7 @@ class Sarsa(TabularAgent):
 
     def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
         """Return the action that the last update counted on, else an epsilon-greedy one."""
-        cell, mask = self.bins.number(state), _mask(info)
+        cell, mask = self.bins.number(state), allowed_actions(info)
         planned, self._next = self._next, None
         if planned is not None and planned[0] == cell and (mask is None or mask[planned[1]]):
             return planned[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from grasp.learning.environments.discretise import Bins
 from grasp.learning.transition import Transition
 
-__all__ = ["Settings", "TabularAgent", "load_arrays", "save_arrays"]
+__all__ = ["Settings", "TabularAgent", "allowed_actions", "load_arrays", "save_arrays"]
 
 _FORMAT = 1
 
@@ -46,7 +47,7 @@ class Settings:
                 raise ValueError(f"{name} is {getattr(self, name)}, expected 0 to 1")
 
 
-class TabularAgent:
+class TabularAgent(ABC):
     """A table of values, epsilon-greedy actions, one random generator.
 
     Parameters
@@ -82,7 +83,7 @@ class TabularAgent:
         info
             ``action_mask`` (actions,) of bool leaves out what is impossible.
         """
-        return self.choose(self.bins.number(state), _mask(info))
+        return self.choose(self.bins.number(state), allowed_actions(info))
 
     def choose(self, cell: int, mask: NDArray[np.bool_] | None = None) -> int:
         """Return the action for a numbered state, epsilon-greedy."""
@@ -98,9 +99,9 @@ class TabularAgent:
             values = np.where(mask, values, -np.inf)
         return int(self.rng.choice(np.flatnonzero(values == values.max())))
 
+    @abstractmethod
     def observe(self, transition: Transition) -> None:
         """Learn from one step."""
-        raise NotImplementedError
 
     def learn_examples(self, transitions: Iterable[Transition]) -> None:
         """Learn from steps that somebody else took, before the first episode."""
@@ -138,7 +139,14 @@ class TabularAgent:
         self.take(arrays)
 
 
-def _mask(info: Mapping[str, Any] | None) -> NDArray[np.bool_] | None:
+def allowed_actions(info: Mapping[str, Any] | None) -> NDArray[np.bool_] | None:
+    """Return the mask (actions,) of what is possible, or ``None`` if everything is.
+
+    Raises
+    ------
+    ValueError
+        The mask allows nothing.
+    """
     mask = None if info is None else info.get("action_mask")
     if mask is None:
         return None

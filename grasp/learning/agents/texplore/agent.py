@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.agents.tabular import _mask, load_arrays, save_arrays
+from grasp.learning.agents.tabular import allowed_actions, load_arrays, save_arrays
 from grasp.learning.agents.texplore.model import Model, Prediction
 from grasp.learning.agents.texplore.tree import ForestSettings
 from grasp.learning.agents.texplore.uct import Planner
@@ -95,7 +95,7 @@ class Texplore:
     def best(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
         """Return the best action known without planning."""
         values = self.planner.values[self.bins.number(state)]
-        mask = _mask(info)
+        mask = allowed_actions(info)
         if mask is not None:
             values = np.where(mask, values, -np.inf)
         return int(self.rng.choice(np.flatnonzero(values == values.max())))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.agents.texplore.tree import Forest, ForestSettings
+from grasp.learning.agents.texplore.tree import Forest, ForestSettings, leaf_of
 from grasp.learning.transition import Transition
 
 __all__ = ["Model", "Prediction"]
@@ -163,8 +163,6 @@ class Model:
 
 def _disagreement(forest: Forest, x: Floats) -> float:
     """Return the mean Kullback-Leibler divergence over pairs of trees, zeros replaced by .01."""
-    from grasp.learning.agents.texplore.tree import leaf_of
-
     shares = []
     for tree in np.flatnonzero(forest.used):
         counts = forest.counts[tree, leaf_of(x, forest.nodes[tree], forest.limits[tree])]

@@ -172,16 +172,13 @@ def _roll(
                 break
             on_path[cell] += 1
             inside = True
-            rest = cell
-            for k in range(len(state) - 1, -1, -1):
-                middle = (rest % shape[k] + first[k]) * width[k]
-                rest //= shape[k]
+            for k in range(len(state)):
                 drawn = uniform(random)
                 j = 0
                 while j < shares.shape[3] - 1 and drawn >= shares[cell, action, k, j]:
                     drawn -= shares[cell, action, k, j]
                     j += 1
-                after[k] = state[k] + (middle + changes[cell, action, k, j] - middle)
+                after[k] = state[k] + changes[cell, action, k, j]
                 inside = inside and low[k] - 1e-9 <= after[k] <= high[k] + 1e-9
             if inside:
                 state[:] = after
