@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Antipodal", "GraspCandidate", "Source"]
+__all__ = ["Antipodal", "GraspCandidate", "Proposals", "Source"]
 
 Source = Literal["mesh", "cloud", "planar", "recalled"]
 Antipodal = Literal["full", "half", "none"]
@@ -37,6 +37,8 @@ class GraspCandidate:
         Whether the surface opposes both jaws, one, or none (ten Pas and Platt 2015).
     completed
         Whether the far side was completed by symmetry rather than seen.
+    opening : None or m
+        Distance between the jaws before closing, where it was checked for collisions.
     scores
         By name: ``confidence``, ``lower_95``, ``epsilon``, ``classifier``, ``clearance`` (m).
     features : (14,) or None
@@ -51,6 +53,7 @@ class GraspCandidate:
     source: Source = "mesh"
     antipodal: Antipodal = "none"
     completed: bool = False
+    opening: float | None = None
     scores: Mapping[str, float] = field(default_factory=dict)
     features: NDArray[np.float64] | None = None
 
@@ -68,3 +71,40 @@ class GraspCandidate:
     def approach(self) -> NDArray[np.float64]:
         """Unit vector along which the gripper comes (3,)."""
         return self.frame_from_gripper[:3, 2]
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """Candidates and, where there are none, why; behaves like a list.
+
+    Parameters
+    ----------
+    candidates
+        Best first where they are ranked.
+    reason
+        Why the list is empty; "" when it is not.
+    notes
+        What was done to the input, for people.
+    counts
+        How many were tried and what became of them.
+
+    Examples
+    --------
+    >>> none = Proposals(reason="the cloud is empty")
+    >>> len(none), bool(none), none.reason
+    (0, False, 'the cloud is empty')
+    """
+
+    candidates: tuple[GraspCandidate, ...] = ()
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    def __iter__(self) -> Iterator[GraspCandidate]:
+        return iter(self.candidates)
+
+    def __getitem__(self, index: int) -> GraspCandidate:
+        return self.candidates[index]
