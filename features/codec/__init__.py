@@ -13,6 +13,7 @@ from features.codec.cloud import encode_cloud
 from features.codec.errors import CloudFormatError
 from features.codec.frame import encode_frame
 from features.codec.limits import Limits
+from features.codec.octree import encode_octree
 from features.codec.sniff import decode
 from features.codec.types import Cloud
 from features.codec.wire import from_wire, to_wire
@@ -24,6 +25,7 @@ __all__ = [
     "decode",
     "encode_cloud",
     "encode_frame",
+    "encode_octree",
     "from_wire",
     "to_wire",
 ]

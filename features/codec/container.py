@@ -29,6 +29,7 @@ __all__ = [
     "CODEC_ZSTD",
     "KIND_CLOUD",
     "KIND_FRAME",
+    "KIND_OCTREE",
     "MAGIC",
     "Container",
     "Section",
@@ -38,11 +39,12 @@ __all__ = [
 
 MAGIC = b"RTKC"
 VERSION = 1
-KIND_FRAME, KIND_CLOUD = 1, 2
+KIND_FRAME, KIND_CLOUD, KIND_OCTREE = 1, 2, 3
 FLAG_COLOUR, FLAG_MASK, FLAG_ORDER = 1, 2, 4
 _KNOWN_FLAGS = FLAG_COLOUR | FLAG_MASK | FLAG_ORDER
 
-SECTION_DEPTH, SECTION_COLOUR, SECTION_MASK, SECTION_POSITIONS, SECTION_COLOURS = 1, 2, 3, 4, 5
+SECTION_DEPTH, SECTION_COLOUR, SECTION_MASK = 1, 2, 3
+SECTION_POSITIONS, SECTION_COLOURS, SECTION_OCTREE = 4, 5, 6
 CODEC_PNG, CODEC_JPEG, CODEC_ZSTD = 1, 2, 3
 
 _PROMISED = {FLAG_COLOUR: {SECTION_COLOUR, SECTION_COLOURS}, FLAG_MASK: {SECTION_MASK}}
@@ -68,7 +70,7 @@ class Container:
     Parameters
     ----------
     kind
-        :data:`KIND_FRAME` or :data:`KIND_CLOUD`.
+        :data:`KIND_FRAME`, :data:`KIND_CLOUD` or :data:`KIND_OCTREE`.
     header
         Numbers and names of the JSON header.
     sections
@@ -151,7 +153,7 @@ def unpack(data: bytes, limits: Limits) -> Container:
         raise CloudFormatError(f"not a container: starts with {data[:8].hex(' ')}")
     if version != VERSION:
         raise CloudFormatError(f"container of version {version}; this reader knows {VERSION}")
-    if kind not in (KIND_FRAME, KIND_CLOUD) or flags & ~_KNOWN_FLAGS:
+    if kind not in (KIND_FRAME, KIND_CLOUD, KIND_OCTREE) or flags & ~_KNOWN_FLAGS:
         raise CloudFormatError(f"offset 5: unknown kind {kind} or flags {flags:#x}")
     end = _HEAD.size + length
     if length > _MAX_JSON or end > len(data):

@@ -7,10 +7,11 @@ import zlib
 import zstandard
 
 from features.codec.cloud import read_cloud
-from features.codec.container import KIND_FRAME, MAGIC, unpack
+from features.codec.container import KIND_FRAME, KIND_OCTREE, MAGIC, unpack
 from features.codec.errors import CloudFormatError
 from features.codec.frame import read_frame
 from features.codec.limits import Limits
+from features.codec.octree import read_octree
 from features.codec.pcd import read_pcd
 from features.codec.ply import read_ply
 from features.codec.types import Cloud
@@ -48,6 +49,8 @@ def _read(data: bytes, limits: Limits) -> Frame | Cloud:
         container = unpack(data, limits)
         if container.kind == KIND_FRAME:
             return read_frame(container, limits)
+        if container.kind == KIND_OCTREE:
+            return read_octree(container, limits)
         return read_cloud(container, limits)
     if data.startswith((b"ply\n", b"ply\r")):
         return read_ply(data, limits)
@@ -55,6 +58,8 @@ def _read(data: bytes, limits: Limits) -> Frame | Cloud:
         return read_pcd(data, limits)
     if data.startswith(_IMAGES):
         raise CloudFormatError("an image, not a cloud: send it as `image`, the cloud as `data`")
+    if data.startswith(b"DRACO"):
+        raise CloudFormatError("Draco: its decoder knows no limits; send RTKC, PLY or PCD")
     if not data:
         raise CloudFormatError("not a point cloud: no bytes at all")
     raise CloudFormatError(f"not a point cloud: starts with {data[:8].hex(' ')}")

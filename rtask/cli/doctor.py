@@ -177,7 +177,13 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
 
 def warm_up() -> None:
     """Compile the numeric kernels once; numba keeps them on disk."""
-    for module in ("features.segmentation", "features.recognition", "reasoner", "grasp.push"):
+    for module in (
+        "features.segmentation",
+        "features.recognition",
+        "features.scene_change",
+        "reasoner",
+        "grasp.push",
+    ):
         loaded = importlib.import_module(module)
         compile_all = getattr(loaded, "warm_up", None)
         if compile_all is not None:

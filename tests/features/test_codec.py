@@ -18,6 +18,7 @@ from features.codec import (
     decode,
     encode_cloud,
     encode_frame,
+    encode_octree,
     from_wire,
     to_wire,
 )
@@ -224,3 +225,60 @@ def test_a_flipped_bit_is_refused_or_harmless(data: bytes, where: int, bit: int)
     except CloudFormatError:
         return
     assert isinstance(found, Frame | Cloud)
+
+
+def test_an_octree_keeps_every_occupied_voxel_and_its_mean_colour() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-0.2, 0.2, (2_000, 3))
+    colours = rng.integers(0, 256, (2_000, 3)).astype(np.uint8)
+    voxel = 0.02
+    back = decode(encode_octree(points, colours, voxel))
+    assert isinstance(back, Cloud)
+    cells = np.floor((points - points.min(axis=0)) / voxel).astype(int)
+    found = np.round((back.positions - points.min(axis=0)) / voxel - 0.5).astype(int)
+    assert {tuple(c) for c in cells} == {tuple(c) for c in found}
+    assert len(found) == len({tuple(c) for c in found})
+    assert back.colours is not None
+    for cell, colour in zip(found[:20], back.colours[:20], strict=True):
+        expected = colours[(cells == cell).all(axis=1)].mean(axis=0)
+        np.testing.assert_allclose(colour, expected, atol=0.5001)  # rounded to whole levels
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_octrees_of_hardly_any_points(count: int) -> None:
+    points = np.arange(3.0 * count).reshape(count, 3)
+    back = decode(encode_octree(points, None, 0.001))
+    assert len(back) == count
+    if count:
+        assert np.abs(np.sort(back.positions, axis=0) - points).max() <= 0.0005 + 1e-6
+
+
+def test_an_octree_that_promises_too_much_is_refused() -> None:
+    data = bytearray(encode_octree(np.random.default_rng(0).random((100, 3)), None, 0.01))
+    at = bytes(data).find(b'"levels":7')
+    assert at > 0
+    data[at : at + 10] = b'"levels":9'
+    with pytest.raises(CloudFormatError, match="octree"):
+        decode(bytes(data))
+    with pytest.raises(ValueError, match="use a larger voxel_m"):
+        encode_octree(np.array([[0, 0, 0], [70.0, 0, 0]]), None, 1e-5)
+    with pytest.raises(CloudFormatError, match="Draco"):
+        decode(b"DRACO\x02\x02")
+
+
+@pytest.mark.parametrize("kind", ["cloud", "octree"])
+def test_a_cloud_cut_off_or_changed_anywhere_is_refused_or_read(kind: str) -> None:
+    points = np.random.default_rng(5).random((60, 3))
+    encode = {"cloud": encode_cloud, "octree": encode_octree}[kind]
+    data = encode(points, np.full((60, 3), 7, np.uint8), 0.01)
+    for cut in range(len(data)):
+        with pytest.raises(CloudFormatError):
+            decode(data[:cut])
+    rng = np.random.default_rng(6)
+    for _ in range(500):
+        broken = bytearray(data)
+        broken[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        try:
+            decode(bytes(broken))
+        except CloudFormatError:
+            continue

@@ -1,0 +1,123 @@
+"""What clouds on a lattice share: their check, header, colours and way back to metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec.container import SECTION_COLOURS, Container
+from features.codec.errors import CloudFormatError
+from features.codec.limits import Limits
+from features.codec.packing import expand
+from features.codec.types import Cloud
+from features.geometry import FloatArray, UInt8Array
+
+__all__ = ["Lattice", "checked_cloud", "cloud_header", "read_lattice"]
+
+_MAX_COORDINATE_M = 1_000.0
+
+
+def checked_cloud(
+    points: FloatArray, colours: UInt8Array | None, step_m: float
+) -> tuple[NDArray[np.float64], UInt8Array | None]:
+    """Return the finite points (n, 3), m and their colours.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape or dtype, or a step that is not positive.
+    """
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"expected points of shape (n, 3) in m, got {points.shape}")
+    if colours is not None and (colours.dtype != np.uint8 or colours.shape != points.shape):
+        raise ValueError(
+            f"expected uint8 colours of shape {points.shape}, got {colours.dtype} {colours.shape}"
+        )
+    if not (np.isfinite(step_m) and step_m > 0):
+        raise ValueError(f"the step must be positive, got {step_m} m")
+    finite = np.isfinite(points).all(axis=1)
+    return points[finite].astype(np.float64), None if colours is None else colours[finite]
+
+
+def cloud_header(
+    count: int, step_m: float, origin: FloatArray, frame_id: str, stamp_s: float
+) -> dict[str, Any]:
+    """Return the JSON header of a cloud on a lattice."""
+    return {
+        "points": count,
+        "step_m": step_m,
+        "origin_m": [float(v) for v in origin],
+        "frame_id": frame_id,
+        "stamp": stamp_s,
+    }
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where the cells of a cloud lie.
+
+    Parameters
+    ----------
+    count
+        Of points.
+    step_m
+        Edge of a cell.
+    origin : (3,), m
+        Of the cell (0, 0, 0).
+    """
+
+    count: int
+    step_m: float
+    origin: NDArray[np.float64]
+    frame_id: str
+    stamp_s: float
+
+    def colours(self, container: Container, limits: Limits) -> UInt8Array | None:
+        """Return the colours (count, 3) of a container, or None when it has none."""
+        if SECTION_COLOURS not in container.sections:
+            return None
+        raw = expand(container.sections[SECTION_COLOURS], "colours", limits)
+        if len(raw) != 3 * self.count:
+            raise CloudFormatError(f"colours: {len(raw)} bytes are not {self.count} colours")
+        changes = np.frombuffer(raw, np.uint8).reshape(3, self.count).T
+        return np.cumsum(changes, axis=0, dtype=np.uint64).astype(np.uint8)
+
+    def cloud(self, cells: NDArray[Any], colours: UInt8Array | None) -> Cloud:
+        """Return the cloud of cells (count, 3), which need not be whole numbers."""
+        positions = cells * self.step_m + self.origin
+        if not np.isfinite(positions).all() or np.abs(positions).max(initial=0) > _MAX_COORDINATE_M:
+            raise CloudFormatError(f"positions: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
+        return Cloud(positions.astype(np.float32), colours, self.frame_id, self.stamp_s)
+
+
+def read_lattice(container: Container, limits: Limits) -> Lattice:
+    """Return the lattice of a container's header.
+
+    Raises
+    ------
+    CloudFormatError
+        When the header does not describe one.
+    """
+    count = container.integer("points")
+    limits.check_points(count)
+    step = container.number("step_m")
+    origin = container.header.get("origin_m", [0.0, 0.0, 0.0])
+    if step <= 0 or not _is_point(origin):
+        raise CloudFormatError("header: step_m must be positive and origin_m three finite numbers")
+    return Lattice(
+        count, step, np.array(origin, np.float64), container.text("frame_id"),
+        container.number("stamp", 0.0),
+    )  # fmt: skip
+
+
+def _is_point(value: object) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
+        and bool(np.isfinite(value).all())
+    )
