@@ -60,7 +60,7 @@ class AgentConfig:
 
 
 class Body(Protocol):
-    """What the agent needs of a robot; :class:`simulate.robot_process.SimulatedBody` is one."""
+    """What the agent needs of a robot; :class:`simulate.simulated_body.SimulatedBody` is one."""
 
     @property
     def gripper_ids(self) -> Mapping[str, str]:
@@ -231,6 +231,7 @@ class Agent:
         attempt = Attempt(
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
+            record.place_reason,
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts

@@ -11,7 +11,17 @@ __all__ = ["Attempt", "Encounter"]
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try: the grasp, where it came from, what became of it."""
+    """One try: the grasp, where it came from, what became of it.
+
+    Parameters
+    ----------
+    reason
+        ``ok`` = held; else why not, or why no grasp could be planned.
+    physical
+        False = nothing was moved, because no grasp could be planned.
+    place_reason
+        ``ok`` = placed; else why not; empty when it was not held.
+    """
 
     number: int
     source: str
@@ -23,6 +33,7 @@ class Attempt:
     mean: float
     seconds: Mapping[str, float]
     pictures: tuple[str, ...] = ()
+    place_reason: str = ""
 
 
 @dataclass

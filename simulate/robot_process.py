@@ -17,95 +17,36 @@ import time
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
 import rtask
-from features.geometry import FloatArray, Frame
 from rtask.errors import RtaskError
 from simulate.agent import Agent, AgentConfig, Server
-from simulate.camera import Camera, Lighting
+from simulate.camera import Lighting
 from simulate.encounter import Encounter
-from simulate.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
 from simulate.job import Job
-from simulate.noise import SensorNoise
 from simulate.objects import sample_objects
-from simulate.perception import Ignored, Seen
-from simulate.robots.nao import Nao
-from simulate.scene import Laid, arrange, lay
+from simulate.perception import Seen
+from simulate.scene import arrange
 from simulate.scoring import Judge
-from simulate.world import World
+from simulate.simulated_body import Conditions, SimulatedBody, stream
 
-__all__ = ["SimulatedBody", "main"]
+__all__ = ["body_of", "main"]
 
-_PICTURE_SIZE = (320, 240)
-_PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
-# Streams of random numbers, one a purpose, so that one more draw here changes nothing there.
+# Streams of random numbers, one a purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
 
-def stream(seed: int, *purpose: int) -> np.random.Generator:
-    """Return the random numbers of one purpose."""
-    return np.random.default_rng(np.random.SeedSequence((seed, *purpose)))
-
-
-class SimulatedBody:
-    """A Nao in a physics world, as the agent sees it."""
-
-    def __init__(self, job: Job, assets: Path) -> None:
-        self._job = job
-        self.world = World(preset=job.preset, gui=job.gui)
-        self.robot = Nao(self.world)
-        self.base_frame = self.robot.base_frame
-        self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
-        self.world.add_table()
-        boxes = [self.world.add_place_box(side) for side in ("right", "left")]
-        self.ignored = tuple(Ignored(box.x_range, box.y_range) for box in boxes)
-        products = sample_objects(stream(job.seed, _PRODUCTS), job.objects)
-        placements = arrange(products, stream(job.seed, _TABLE, job.index))
-        self.laid: list[Laid] = lay(self.world, placements, assets)
-        self.lighting = Lighting.sample(stream(job.seed, _LIGHT, job.index))
-        self._noise = SensorNoise()
-        self._noise_rng = stream(job.seed, _NOISE, job.index)
-        self.camera = Camera(self.world.client)
-        self.executor = Executor(self.world, self.robot)
-        self._pictures = Path(job.pictures)
-        self._taken = 0
-        self.last_labels: NDArray[np.int32] = np.zeros((0, 0), np.int32)
-
-    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
-        """Turn the head towards a side and take a noisy frame."""
-        base_from_camera = self.robot.look(side)
-        frame, self.last_labels = self.camera.capture(base_from_camera, self.lighting)
-        return self._noise.apply(frame, self._noise_rng), base_from_camera
-
-    def plan(
-        self, request: GraspRequest, obstacles: list[FloatArray], seed: int
-    ) -> PlannedGrasp | str:
-        """Plan a grasp around what the camera saw."""
-        clouds = [cloud.astype(np.float64) for cloud in obstacles]
-        return self.executor.plan(request, obstacles=clouds, seed=seed)
-
-    def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
-        """Grasp, and take a picture of each phase."""
-        taken: list[tuple[str, bytes]] = []
-
-        def picture(phase: str) -> None:
-            if phase in _PICTURES:
-                png = self.camera.snapshot(self.lighting, _PICTURE_SIZE, plan.arm.split("_")[0])
-                taken.append((_PICTURES[phase], png))
-
-        record = self.executor.execute(plan, on_phase=picture)
-        self._taken += 1
-        self._pictures.mkdir(parents=True, exist_ok=True)
-        for number, (phase, png) in enumerate(taken, start=1):
-            name = f"{self._taken:02d}-{number}-{phase}.png"
-            (self._pictures / name).write_bytes(png)
-        return record, taken
-
-    def close(self) -> None:
-        """End the physics."""
-        self.world.close()
+def body_of(job: Job, assets: Path) -> SimulatedBody:
+    """Return the robot of a job before its table."""
+    products = sample_objects(stream(job.seed, _PRODUCTS), job.objects)
+    placements = arrange(products, stream(job.seed, _TABLE, job.index))
+    conditions = Conditions(
+        preset=job.preset,
+        gui=job.gui,
+        lighting=Lighting.sample(stream(job.seed, _LIGHT, job.index)),
+        noise_seed=(job.seed, _NOISE, job.index),
+        pictures=Path(job.pictures),
+    )
+    return SimulatedBody(placements, assets, conditions)
 
 
 class Voice:
@@ -172,7 +113,7 @@ def main() -> None:
     tell = Voice(events)
     try:
         with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-            body = SimulatedBody(job, Path(assets))
+            body = body_of(job, Path(assets))
             try:
                 _run(job, body, tell)
             finally:

@@ -56,8 +56,19 @@ def _outline(spec: ObjectSpec, x: float, y: float, yaw: float) -> NDArray[np.flo
     return np.asarray(square @ np.array([[c, s], [-s, c]]) + [x, y])
 
 
-def arrange(specs: Sequence[ObjectSpec], rng: np.random.Generator) -> list[Placement]:
-    """Find a place for every product, half of them on each side, with room for a hand between.
+def arrange(
+    specs: Sequence[ObjectSpec], rng: np.random.Generator, sides: Sequence[int] | None = None
+) -> list[Placement]:
+    """Find a place for every product, with room for a hand between.
+
+    Parameters
+    ----------
+    specs
+        The products.
+    rng
+        Draws the places.
+    sides
+        For each product +1 = left (y > 0) or -1 = right; None = half of them on each side.
 
     Raises
     ------
@@ -66,8 +77,11 @@ def arrange(specs: Sequence[ObjectSpec], rng: np.random.Generator) -> list[Place
     """
     order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
     for grown in range(_ROUNDS):
-        sides = rng.permuted(np.resize([-1, 1], len(specs)))
-        found = _try_arrange([specs[i] for i in order], sides, grown * _GROWTH_M, rng)
+        if sides is None:
+            drawn = rng.permuted(np.resize([-1, 1], len(specs)))
+        else:
+            drawn = np.array([sides[i] for i in order])
+        found = _try_arrange([specs[i] for i in order], drawn, grown * _GROWTH_M, rng)
         if found is not None:
             return found
     raise ValueError(f"the table has no room for {len(specs)} objects; ask for fewer")

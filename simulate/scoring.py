@@ -12,7 +12,7 @@ from simulate.executor import GraspRequest
 from simulate.perception import Seen
 
 if TYPE_CHECKING:
-    from simulate.robot_process import SimulatedBody
+    from simulate.simulated_body import SimulatedBody
 
 __all__ = ["Judge"]
 

@@ -30,6 +30,7 @@ class _Record:
     reason: str = "ok"
     held: bool = True
     placed: bool = True
+    place_reason: str = "ok"
     lifted_m: float = 0.06
     slip_m: float = 0.001
     duration_s: float = 6.0
