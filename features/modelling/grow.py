@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import zipfile
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,18 +20,24 @@ from features.modelling.surface import surface_of
 from features.pose.estimate import PoseParams, estimate_pose
 from features.pose.icp import distances
 from features.pose.model import PoseModel, build_pose_model
+from features.pose.rotations import angle_between
 from features.pose.search import Poses, refine, scene_points
+from features.pose.visibility import check_free_space
 from features.recognition.pairs import match_views
 from features.recognition.view import ViewFeatures
 
 __all__ = ["ObjectModel", "Registration"]
 
 _VOXEL_M = 0.0015
+_MOST_KEPT = 40_000
 _MOST_POINTS = 6000
 _OVERLAP_M = 0.004
 _LEAST_OVERLAP = 0.35
 _LEAST_FIT = 0.45
 _GRAZING = 0.25
+_MOST_VIOLATION = 0.12
+_MOST_DRIFT_M, _MOST_DRIFT_RAD = 0.015, np.deg2rad(12.0)
+_MODEL_GRID = 48
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +51,14 @@ class Registration:
         ``first``, ``given``, ``keypoints`` or ``shape``.
     overlap
         Share of the view's points that lay on the model already.
+    violation
+        Share of the model's visible side that the view contradicts.
     """
 
     object_from_camera: NDArray[np.float64]
     how: str
     overlap: float
+    violation: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +68,15 @@ class ObjectModel:
     Parameters
     ----------
     cloud : (n, 6) float32
-        Places (m, object frame) and outward normals, at most one in 1.5 mm.
+        Places (m, object frame) and outward normals, at most one in 1.5 mm, and at most 40,000:
+        what is larger is kept more coarsely.
     colours : (n, 3) uint8 RGB
     weights : (n,) float32
         Measurements behind each point.
     views : tuple of (ViewFeatures, object_from_camera (4, 4))
         Registered ones: later views are matched with them.
+    sources : tuple of (name, object_from_camera (4, 4))
+        Every view that is in it, in the order in which they came.
 
     Examples
     --------
@@ -75,6 +88,7 @@ class ObjectModel:
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 3), np.uint8))
     weights: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
     views: tuple[tuple[ViewFeatures, NDArray[np.float64]], ...] = ()
+    sources: tuple[tuple[str, NDArray[np.float64]], ...] = ()
 
     @property
     def is_empty(self) -> bool:
@@ -86,17 +100,21 @@ class ObjectModel:
         frame: Frame,
         features: ViewFeatures | None = None,
         object_from_camera: NDArray[np.float64] | None = None,
+        name: str = "",
     ) -> tuple[ObjectModel, Registration | None]:
         """Register a view and take its points in.
 
         Parameters
         ----------
         frame
-            Of the object: its mask, or its depth, says which pixels.
+            Of the object: its mask, or its depth, says which pixels. Depth outside the mask counts
+            as what the sensor saw there: it can contradict a movement.
         features
             Described from the same frame; lets keypoints give the movement.
         object_from_camera : (4, 4) float64, optional
             The movement, where it is known; it is refined.
+        name
+            Of the view, kept in :attr:`sources`.
 
         Returns
         -------
@@ -121,12 +139,23 @@ class ObjectModel:
         )
         cloud, inks, weights = _merged(self, moved.astype(np.float32), colours)
         views = self.views if features is None else (*self.views, (features, pose))
-        return ObjectModel(cloud, inks, weights, views), found
+        sources = (*self.sources, (name, pose))
+        return ObjectModel(cloud, inks, weights, views, sources), found
 
     def pose_model(self) -> PoseModel:
-        """Return what poses are estimated against."""
+        """Return what poses are estimated against; made once.
+
+        Raises
+        ------
+        ValueError
+            When the model is empty or of no object's size.
+        """
+        return self._pose_model
+
+    @cached_property
+    def _pose_model(self) -> PoseModel:
         cloud = self.cloud.astype(np.float64)
-        return build_pose_model(cloud[:, :3], normals=cloud[:, 3:])
+        return build_pose_model(cloud[:, :3], normals=cloud[:, 3:], grid=_MODEL_GRID)
 
     def mesh(
         self, cell_m: float = 0.003
@@ -135,13 +164,15 @@ class ObjectModel:
         return surface_of(self.cloud, self.colours, cell_m)
 
     def to_bytes(self) -> bytes:
-        """Return an ``.npz`` of the cloud; views are kept by whoever stores them."""
+        """Return an ``.npz`` of the cloud and its sources; views are kept by whoever has them."""
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer,
             cloud=self.cloud.astype("<f4"),
             colours=self.colours,
             weights=self.weights.astype("<f4"),
+            names=np.array([name for name, _ in self.sources], np.str_),
+            poses=np.array([pose for _, pose in self.sources], "<f8").reshape(-1, 4, 4),
         )
         return buffer.getvalue()
 
@@ -151,10 +182,12 @@ class ObjectModel:
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 cloud = arrays["cloud"].astype(np.float32).reshape(-1, 6)
+                poses = arrays["poses"].astype(np.float64).reshape(-1, 4, 4)
                 return cls(
                     cloud,
                     arrays["colours"].astype(np.uint8).reshape(len(cloud), 3),
                     arrays["weights"].astype(np.float32).reshape(len(cloud)),
+                    sources=tuple(zip(arrays["names"].tolist(), poses, strict=True)),
                 )
         except (zipfile.BadZipFile, KeyError, OSError, EOFError, ValueError) as error:
             raise ValueError(f"these bytes are no object model: {error}") from error
@@ -168,12 +201,12 @@ class ObjectModel:
     ) -> Registration | None:
         model = self.pose_model()
         if given is not None:
-            return _refined(model, oriented, given, "given")
+            return _refined(model, frame, oriented, given, "given")
         for stored, pose in reversed(self.views if features is not None else ()):
             assert features is not None
             movement = match_views(stored, features).first_from_second
             if movement is not None:
-                found = _refined(model, oriented, pose @ movement, "keypoints")
+                found = _refined(model, frame, oriented, pose @ movement, "keypoints")
                 if found is not None:
                     return found
         labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
@@ -181,7 +214,7 @@ class ObjectModel:
         if estimate is None or estimate.ambiguous or estimate.fit < _LEAST_FIT:
             return None
         inverse = np.linalg.inv(estimate.camera_from_object).astype(np.float64)
-        return _refined(model, oriented, inverse, "shape")
+        return _refined(model, frame, oriented, inverse, "shape")
 
 
 def _oriented(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -203,10 +236,12 @@ def _oriented(frame: Frame) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
 
 def _refined(
     model: PoseModel,
+    frame: Frame,
     oriented: NDArray[np.float64],
     object_from_camera: NDArray[np.float64],
     how: str,
 ) -> Registration | None:
+    """Improve a movement, and refuse it when it drifts off or view and model contradict."""
     camera_from_object = np.linalg.inv(object_from_camera).astype(np.float64)
     rotation = camera_from_object[:3, :3]
     start = Poses(
@@ -223,22 +258,46 @@ def _refined(
         *(model.grid, model.corner, model.cell_m),
     )
     overlap = float((away < _OVERLAP_M + model.cell_m / 2).mean())
-    if overlap < _LEAST_OVERLAP:
+    drift_m = float(np.linalg.norm(found.translations[0] - start.translations[0]))
+    drift_rad = angle_between(start.rotations[0], found.rotations[0])
+    if overlap < _LEAST_OVERLAP or drift_m > _MOST_DRIFT_M or drift_rad > _MOST_DRIFT_RAD:
+        return None
+    lens = frame.intrinsics
+    sight = check_free_space(
+        *(model.samples, found.rotations, found.translations),
+        np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32),
+        frame.object_mask() & (frame.depth_m > 0),
+        (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0),
+        model.spacing_m,
+    )
+    violation = float(sight.violation[0])
+    if violation > _MOST_VIOLATION:
         return None
     pose = model.camera_from_object(found.rotations[0], found.translations[0])
-    return Registration(np.linalg.inv(pose).astype(np.float64), how, overlap)
+    return Registration(np.linalg.inv(pose).astype(np.float64), how, overlap, violation)
 
 
 def _merged(
     model: ObjectModel, moved: NDArray[np.float32], colours: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]]:
-    """Average what lies in one voxel and faces one way."""
+    """Average what lies in one voxel and faces one way; voxels grow until there are few enough."""
+    merged = _averaged(model, moved, colours, _VOXEL_M)
+    edge_m = _VOXEL_M
+    while len(merged[0]) > _MOST_KEPT:
+        edge_m *= 1.5
+        merged = _averaged(model, moved, colours, edge_m)
+    return merged
+
+
+def _averaged(
+    model: ObjectModel, moved: NDArray[np.float32], colours: NDArray[np.uint8], edge_m: float
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]]:
     rows = np.vstack([model.cloud, moved]).astype(np.float64)
     inks = np.vstack([model.colours, colours]).astype(np.float64)
     weights = np.concatenate([model.weights, np.ones(len(moved), np.float32)]).astype(np.float64)
     side = np.abs(rows[:, 3:]).argmax(axis=1)
     sign = np.take_along_axis(rows[:, 3:], side[:, None], axis=1)[:, 0] > 0
-    keys = np.floor(rows[:, :3] / _VOXEL_M).astype(np.int64)
+    keys = np.floor(rows[:, :3] / edge_m).astype(np.int64)
     keys = np.column_stack([keys, 2 * side + sign])
     _, number = np.unique(keys, axis=0, return_inverse=True)
     number = number.ravel()

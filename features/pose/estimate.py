@@ -143,6 +143,7 @@ def estimate_pose(
     label: int,
     params: PoseParams | None = None,
     plane: NDArray[np.float64] | None = None,
+    initial: NDArray[np.float64] | None = None,
 ) -> PoseEstimate | None:
     """Find the pose of an object of which one segment is known.
 
@@ -158,6 +159,9 @@ def estimate_pose(
         The object's.
     plane : (4,) float64, optional
         Unit normal and offset of the table in the camera's frame, the camera above it.
+    initial : (k, 4, 4) float64, optional
+        Poses ``camera_from_object`` to begin with, as matched keypoints give them. When one leaves
+        nothing to explain it is the answer, and print has told apart what shape cannot.
 
     Returns
     -------
@@ -172,7 +176,10 @@ def estimate_pose(
     if len(task.judged) < _LEAST_POINTS:
         log.info("no pose: segment %d has %d points with depth", label, len(task.judged))
         return None
-    pool: list[_Found] = []
+    pool = [] if initial is None else task.given(np.asarray(initial, np.float64).reshape(-1, 4, 4))
+    if pool and task.is_enough(pool):
+        pool.sort(key=lambda found: -found.score)
+        return task.answer(pool, True)
     complete = True
     for k, guess in enumerate(task.guesses()):
         late = (
@@ -241,6 +248,13 @@ class _Task:
         if not alone:
             found = refine(self.model, points, found, self.judged)
         return self._judge(found, guess.mask, guess.labels)
+
+    def given(self, poses: NDArray[np.float64]) -> list[_Found]:
+        """Improve poses that are known from elsewhere."""
+        turns = np.ascontiguousarray(poses[:, :3, :3])
+        centred = Poses(turns, poses[:, :3, 3] + turns @ self.model.centre, np.zeros(len(poses)))
+        found = refine(self.model, self.judged, centred)
+        return self._judge(found, self.labels == self.label, (self.label,))
 
     def is_enough(self, pool: list[_Found]) -> bool:
         """Tell whether the best pose leaves nothing to explain."""
