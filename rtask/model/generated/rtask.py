@@ -56,6 +56,9 @@ class Thing(Model):
         The confidence in a statement, on its RDF 1.2 reifier, in [0, 1]. [UNITLESS]
     current_pose
         The latest pose by rt:atTime (rule R5).
+    disputed
+        As many people say that it held as say that it did not: judged neither way, counted
+        nowhere (rule R8).
     effective_grasp_width
         The object's own grasp width, else that of its reference object (rule R1). [M]
     effective_mass
@@ -82,7 +85,8 @@ class Thing(Model):
     invalidated_at_time
         When the entity, here the reifier of a statement, ceased to hold.
     judged_success
-        The latest verdict of a person, else rt:success (rule R6).
+        What most people say, else rt:success; nothing while as many say the one as the other
+        (rule R6).
     label
         A name for people, in a language.
     made_by_sensor
@@ -151,6 +155,7 @@ class Thing(Model):
     commit_number: One[int] = One(_RT + "commitNumber", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
     confidence: Many[float] = Many(_RT + "confidence", _XSD + "double", unit="UNITLESS")
     current_pose: Links[Thing] = Links(_RT + "currentPose", _OWL + "Thing")
+    disputed: Many[bool] = Many(_RT + "disputed", _XSD + "boolean")
     effective_grasp_width: One[float] = One(_RT + "effectiveGraspWidth", _XSD + "double", unit="M")
     effective_mass: One[float] = One(_RT + "effectiveMass", _XSD + "double", unit="KiloGM")
     ended_at_time: Many[object] = Many(_PROV + "endedAtTime", _RDFS + "Literal")
@@ -1074,6 +1079,12 @@ class GraspEvaluation(InformationEntity):
 
     Attributes
     ----------
+    belief_alpha
+        The belief in success that the confidence is the mean of: prior and counted successes
+        (alpha of a Beta distribution). [UNITLESS]
+    belief_beta
+        The belief in failure that the confidence is the mean of: prior and counted failures
+        (beta of a Beta distribution). [UNITLESS]
     closure_mode
         How the grasp closes.
     evaluates
@@ -1089,6 +1100,8 @@ class GraspEvaluation(InformationEntity):
     __iri__: ClassVar[str] = _RT + "GraspEvaluation"
     __required__: ClassVar[tuple[str, ...]] = ("evaluates",)
 
+    belief_alpha: One[float] = One(_RT + "beliefAlpha", _XSD + "double", functional=True, unit="UNITLESS")
+    belief_beta: One[float] = One(_RT + "beliefBeta", _XSD + "double", functional=True, unit="UNITLESS")
     closure_mode: Links[ClosureMode] = Links(_RT + "closureMode", _RT + "ClosureMode", limits=Limits(one_of=(_RT + "convexVertexClosure", _RT + "frictionClosure", _RT + "slipClosure",)))
     evaluates: Link[GraspConfiguration] = Link(_RT + "evaluates", _RT + "GraspConfiguration", functional=True, inverse=_RT + "hasEvaluation", stored=False)
     force_closure_lower_bound: One[float] = One(_RT + "forceClosureLowerBound", _XSD + "double", functional=True, unit="UNITLESS")
@@ -1992,10 +2005,26 @@ class HumanFeedback(Feedback):
     """Evidence from a person; it wins over physics.
 
     ``rt:HumanFeedback``
+
+    Attributes
+    ----------
+    held_votes
+        How many people say that it held, each by the latest word, once this feedback was
+        given. [NUM]
+    lost_votes
+        How many people say that it did not hold, each by the latest word, once this feedback
+        was given. [NUM]
+    said_reason
+        Why it ended so, in the opinion of the person; the executor's own reason stays on the
+        outcome.
     """
 
     __iri__: ClassVar[str] = _RT + "HumanFeedback"
     __required__: ClassVar[tuple[str, ...]] = ("at_time", "verdict", "was_attributed_to",)
+
+    held_votes: One[int] = One(_RT + "heldVotes", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
+    lost_votes: One[int] = One(_RT + "lostVotes", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
+    said_reason: Link[OutcomeReason] = Link(_RT + "saidReason", _RT + "OutcomeReason", functional=True, limits=Limits(one_of=(_RT + "reason_approach_collision", _RT + "reason_approach_ik", _RT + "reason_drop_outside", _RT + "reason_grasp_collision", _RT + "reason_hardware", _RT + "reason_ik", _RT + "reason_lift_ik", _RT + "reason_low_grasp", _RT + "reason_low_pose", _RT + "reason_low_recognition", _RT + "reason_missed", _RT + "reason_no_grasp", _RT + "reason_no_match", _RT + "reason_not_judged", _RT + "reason_ok", _RT + "reason_place_plan", _RT + "reason_pose_unknown", _RT + "reason_pregrasp_collision", _RT + "reason_pushed_away", _RT + "reason_rrt_goal", _RT + "reason_rrt_start", _RT + "reason_rrt_time", _RT + "reason_slip_hold", _RT + "reason_slip_lift", _RT + "reason_slip_transport", _RT + "reason_stopped_by_human", _RT + "reason_tilt", _RT + "reason_timed_out", _RT + "reason_too_heavy", _RT + "reason_too_wide", _RT + "reason_touched", _RT + "reason_tracking", _RT + "reason_wrong_object",)))
 
 
 class Image2D(VisualFeature):
@@ -2619,6 +2648,8 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
         What the object is for.
     has_grasp
         A way to take the object.
+    has_model
+        A model of the object; of several, that with the most views counts.
     has_symmetry
         A rotation to divide out of pose errors and grasps.
     has_view
@@ -2650,8 +2681,9 @@ class ManipulableObject(CorpuscularObject, FeatureOfInterest):
     extent_z: One[float] = One(_RT + "extentZ", _XSD + "double", unit="M", limits=Limits(above=0.0))
     grasp_width: One[float] = One(_RT + "graspWidth", _XSD + "double", unit="M", limits=Limits(above=0.0))
     has_feature: Links[VisualFeature] = Links(_RT + "hasFeature", _RT + "VisualFeature", inverse=_RT + "featureOf")
-    has_function: Links[ObjectFunction] = Links(_RT + "hasFunction", _RT + "ObjectFunction", limits=Limits(one_of=(_RT + "clean", _RT + "containLiquid", _RT + "containSolid", _RT + "cut", _RT + "eatWith", _RT + "fasten", _RT + "illuminate", _RT + "playWith", _RT + "write",)))
+    has_function: Links[ObjectFunction] = Links(_RT + "hasFunction", _RT + "ObjectFunction", limits=Limits(one_of=(_RT + "clean", _RT + "containLiquid", _RT + "containSolid", _RT + "cut", _RT + "drinkFrom", _RT + "eatWith", _RT + "fasten", _RT + "illuminate", _RT + "playWith", _RT + "write",)))
     has_grasp: Links[GraspConfiguration] = Links(_RT + "hasGrasp", _RT + "GraspConfiguration", inverse=_RT + "graspOf")
+    has_model: Links[ObjectModel] = Links(_RT + "hasModel", _RT + "ObjectModel")
     has_symmetry: Links[Symmetry] = Links(_RT + "hasSymmetry", _RT + "Symmetry")
     has_view: Links[View] = Links(_RT + "hasView", _RT + "View", inverse=_RT + "viewOf")
     known_by: Links[Robot] = Links(_RT + "knownBy", _CORA + "Robot")
@@ -2695,6 +2727,23 @@ class Navigation(Task):
     """
 
     __iri__: ClassVar[str] = _RT + "Navigation"
+
+
+class ObjectModel(PointCloud):
+    """The surface of an object in its body frame, grown from registered views: places, outward
+    normals, colours (Kehoe 2014, 4.3).
+
+    ``rt:ObjectModel``
+
+    Attributes
+    ----------
+    built_from
+        A view whose points are in the model.
+    """
+
+    __iri__: ClassVar[str] = _RT + "ObjectModel"
+
+    built_from: Links[View] = Links(_RT + "builtFrom", _RT + "View")
 
 
 class Perception(Task):
@@ -3218,6 +3267,15 @@ class Can(Container):
     __iri__: ClassVar[str] = _RT + "Can"
 
 
+class Cup(DrinkingVessel, Container):
+    """A small open vessel, with or without a handle.
+
+    ``rt:Cup``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Cup"
+
+
 class EndEffector(Device):
     """A part of a robot that touches objects on purpose.
 
@@ -3279,15 +3337,6 @@ class Joint(Device):
     joint_kind: One[str] = One(_RT + "jointKind", _XSD + "string", functional=True)
     joint_name: One[str] = One(_RT + "jointName", _XSD + "string", functional=True)
     joint_of: Links[Device] = Links(_RT + "jointOf", _SUMO + "Device", inverse=_RT + "hasJoint", stored=False)
-
-
-class Mug(DrinkingVessel, Container):
-    """A cup with a handle.
-
-    ``rt:Mug``
-    """
-
-    __iri__: ClassVar[str] = _RT + "Mug"
 
 
 class RobotSensor(Device, Sensor):
@@ -3420,6 +3469,15 @@ class ManipulatorRobot(Robot):
     __iri__: ClassVar[str] = _RT + "ManipulatorRobot"
 
 
+class Mug(Cup):
+    """A cup with a handle.
+
+    ``rt:Mug``
+    """
+
+    __iri__: ClassVar[str] = _RT + "Mug"
+
+
 class SuctionCup(EndEffector):
     """An end effector that holds by vacuum.
 
@@ -3490,6 +3548,7 @@ contain_solid = NamedNode(_RT + "containSolid")
 convex_vertex_closure = NamedNode(_RT + "convexVertexClosure")
 cut = NamedNode(_RT + "cut")
 depth_sensing = NamedNode(_RT + "depthSensing")
+drink_from = NamedNode(_RT + "drinkFrom")
 eat_with = NamedNode(_RT + "eatWith")
 fasten = NamedNode(_RT + "fasten")
 force_sensing = NamedNode(_RT + "forceSensing")
