@@ -109,6 +109,15 @@ def test_q_learning_by_hand() -> None:
     assert agent.values[_BINS.number((0, 0)), 1] == -0.5  # the best of what follows is 0
 
 
+@pytest.mark.parametrize(("standard", "again"), [(False, True), (True, False)])
+def test_the_published_q_learning_chooses_before_it_learns(standard: bool, again: bool) -> None:
+    agent = QLearning(_BINS, 4, Settings(epsilon=0.0), standard=standard)
+    agent.values[_BINS.number((0, 0))] = [0.0, -1.0, -1.0, -1.0]
+    agent.observe(_step(0, 0, -10.0, 0))  # it led nowhere and cost a lot
+    assert (agent.act(np.array([0, 0])) == 0) is again
+    assert agent.act(np.array([0, 0])) != 0  # what was learned counts from here on
+
+
 def test_traces_pull_the_way_towards_one_target() -> None:
     agent = Sarsa(_BINS, 4, Settings(alpha=1.0, gamma=1.0, epsilon=0.0), fading=0.5)
     agent.values[_BINS.number((1, 0))] = [0, 0, 0, 1.0]
@@ -123,7 +132,7 @@ def test_sarsa_does_next_what_it_learned_from() -> None:
     agent = Sarsa(_BINS, 4, Settings(epsilon=1.0), seed=1)
     for _ in range(20):
         agent.observe(_step(0, 1, -1.0, 1))
-        planned = agent._next
+        planned = agent._planned
         assert planned is not None
         assert agent.act(np.array([1, 0])) == planned[1]
 

@@ -2,18 +2,50 @@
 
 from __future__ import annotations
 
-from grasp.learning.agents.tabular import TabularAgent
+from collections.abc import Iterable
+
+from grasp.learning.agents.tabular import Settings, TabularAgent
+from grasp.learning.environments.discretise import Bins
 from grasp.learning.transition import Transition
 
 __all__ = ["QLearning"]
 
 
 class QLearning(TabularAgent):
-    """Moves the value of what was done towards reward plus the best of what follows."""
+    """Moves the value of what was done towards reward plus the best of what follows.
+
+    Parameters
+    ----------
+    bins, actions, settings, seed
+        As of every learner with a table.
+    standard
+        Choose the next action with what the last one taught, as in Sutton and Barto. Otherwise it
+        is chosen just before, as in the published implementation that Gatto 2016 used: an action
+        that leads nowhere (an illegal pick-up, a wall) is then often done twice.
+    """
+
+    def __init__(
+        self,
+        bins: Bins,
+        actions: int,
+        settings: Settings | None = None,
+        seed: int = 0,
+        *,
+        standard: bool = False,
+    ) -> None:
+        super().__init__(bins, actions, settings, seed)
+        self.standard = standard
 
     def observe(self, transition: Transition) -> None:
         """Learn from one step."""
+        if not (self.standard or transition.terminated or transition.truncated):
+            self.plan(self.bins.number(transition.next_state))
         self.update(transition)
+
+    def learn_examples(self, transitions: Iterable[Transition]) -> None:
+        """Learn from others' steps."""
+        for transition in transitions:
+            self.update(transition)
 
     def update(self, transition: Transition) -> tuple[int, int]:
         """Learn from one step; return the numbers of the state and the next one."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.agents.tabular import Settings, TabularAgent, allowed_actions
+from grasp.learning.agents.tabular import Settings, TabularAgent
 from grasp.learning.environments.discretise import Bins
 from grasp.learning.transition import Transition
 
@@ -48,15 +48,6 @@ class Sarsa(TabularAgent):
         self.fading = fading
         self.standard = standard
         self._traces: dict[tuple[int, int], float] = {}
-        self._next: tuple[int, int] | None = None
-
-    def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
-        """Return the action that the last update counted on, else an epsilon-greedy one."""
-        cell, mask = self.bins.number(state), allowed_actions(info)
-        planned, self._next = self._next, None
-        if planned is not None and planned[0] == cell and (mask is None or mask[planned[1]]):
-            return planned[1]
-        return self.choose(cell, mask)
 
     def observe(self, transition: Transition) -> None:
         """Learn from one step, and choose the next action with it."""
@@ -64,12 +55,11 @@ class Sarsa(TabularAgent):
         target = transition.reward
         if not transition.terminated:
             after = self.bins.number(transition.next_state)
-            self._next = (after, self.choose(after))
-            target += self.settings.gamma * self.values[self._next]
+            target += self.settings.gamma * self.values[after, self.plan(after)]
         self._update(before, target)
         if transition.terminated or transition.truncated:
             self._traces.clear()
-            self._next = None
+            self._planned = None
 
     def _update(self, pair: tuple[int, int], target: float) -> None:
         self._traces[pair] = 1.0
@@ -93,16 +83,12 @@ class Sarsa(TabularAgent):
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything learned, by name."""
         traces = [(*pair, trace) for pair, trace in self._traces.items()]
-        planned = [] if self._next is None else [self._next]
         return {
             **super().arrays(),
             "traces": np.array(traces, dtype=np.float64).reshape(-1, 3),
-            "next": np.array(planned, dtype=np.int64).reshape(-1, 2),
         }
 
     def take(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over what :meth:`arrays` returned."""
         super().take(arrays)
         self._traces = {(int(s), int(a)): float(e) for s, a, e in arrays["traces"]}
-        planned = [(int(s), int(a)) for s, a in arrays["next"]]
-        self._next = planned[0] if planned else None

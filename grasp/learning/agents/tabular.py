@@ -17,7 +17,7 @@ from grasp.learning.transition import Transition
 
 __all__ = ["Settings", "TabularAgent", "allowed_actions", "load_arrays", "save_arrays"]
 
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,10 @@ class TabularAgent(ABC):
         self.settings = settings or Settings()
         self.rng = np.random.default_rng(seed)
         self.values = np.full((bins.count, actions), self.settings.initial)
+        self._planned: tuple[int, int] | None = None
 
     def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
-        """Return the best action, or with probability epsilon a random one.
+        """Return the action planned for this state, else an epsilon-greedy one.
 
         Parameters
         ----------
@@ -83,7 +84,17 @@ class TabularAgent(ABC):
         info
             ``action_mask`` (actions,) of bool leaves out what is impossible.
         """
-        return self.choose(self.bins.number(state), allowed_actions(info))
+        cell, mask = self.bins.number(state), allowed_actions(info)
+        planned, self._planned = self._planned, None
+        if planned is not None and planned[0] == cell and (mask is None or mask[planned[1]]):
+            return planned[1]
+        return self.choose(cell, mask)
+
+    def plan(self, cell: int) -> int:
+        """Choose the action for a numbered state now; :meth:`act` returns it there."""
+        action = self.choose(cell)
+        self._planned = cell, action
+        return action
 
     def choose(self, cell: int, mask: NDArray[np.bool_] | None = None) -> int:
         """Return the action for a numbered state, epsilon-greedy."""
@@ -112,11 +123,17 @@ class TabularAgent(ABC):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything learned, by name."""
-        return {"values": self.values}
+        planned = [] if self._planned is None else [self._planned]
+        return {
+            "values": self.values,
+            "planned": np.array(planned, dtype=np.int64).reshape(-1, 2),
+        }
 
     def take(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over what :meth:`arrays` returned."""
         self.values = np.array(arrays["values"])
+        planned = [(int(cell), int(action)) for cell, action in arrays["planned"]]
+        self._planned = planned[0] if planned else None
 
     def save(self, path: Path) -> None:
         """Write everything that is needed to go on exactly here."""
