@@ -1,18 +1,160 @@
-"""Room for the fingers between the things that stand around (Gatto 2016, 3.3.3)."""
+"""Room for the gripper between the things that stand around (Gatto 2016, 3.3.3).
+
+A straight approach sweeps each box of the gripper along its own z axis; what it passes is a longer
+box, so that the sweep is exact and costs no more than one pose.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.gripper import ParallelGripper
 
-__all__ = ["FREE", "finger_clearance"]
+if TYPE_CHECKING:
+    from grasp.spatial.mesh import Mesh
+
+__all__ = ["FREE", "HIT_BY", "Room", "Support", "Surroundings", "finger_clearance", "room_around"]
 
 FREE = 0.05
 """Clearance that is reported when nothing is near, m: more than any finger needs."""
 
+HIT_BY = ("free", "object", "neighbours", "support")
+"""What a gripper would touch, by code."""
+
 _TIP_SLACK = 0.004
+
+
+@dataclass(frozen=True)
+class Support:
+    """The plane on which things stand.
+
+    Parameters
+    ----------
+    height
+        Of the plane along ``normal``, m.
+    normal : (3,)
+        Unit vector out of the support, up.
+    clearance
+        That the gripper keeps from it, m.
+    """
+
+    height: float = 0.0
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    clearance: float = 0.002
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.normal))
+        if not (np.isfinite(self.height) and abs(length - 1) < 1e-6):
+            raise ValueError(
+                "a support has a finite height, m, and a unit normal, got "
+                f"{self.height} and {self.normal}"
+            )
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """Unit vector out of the support (3,)."""
+        return np.array(self.normal, dtype=np.float64)
+
+    def below(self, poses: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how high the lowest corner of each gripper is over the plane (c,), m."""
+        middle, half = boxes.mean(axis=2), np.ptp(boxes, axis=2) / 2
+        along = np.einsum("cij,i->cj", poses[:, :3, :3], self.up)
+        origin = poses[:, :3, 3] @ self.up - self.height
+        low = np.einsum("cbj,cj->cb", middle, along) - np.einsum("cbj,cj->cb", half, abs(along))
+        return np.asarray(origin + low.min(axis=1))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the gripper must not touch besides the object.
+
+    Parameters
+    ----------
+    support
+        None = the object floats.
+    neighbours : (m, 3) or None, m
+        Points of other objects, in the object's frame.
+    sweep
+        Length of the straight approach, m.
+    """
+
+    support: Support | None = None
+    neighbours: NDArray[np.float64] | None = None
+    sweep: float = 0.05
+
+
+@dataclass(frozen=True)
+class Room:
+    """What is around grippers in their poses.
+
+    Parameters
+    ----------
+    clearance : (c,), m
+        To support, neighbours and object, 0 where one of them is touched; at most :data:`FREE`.
+    hit : (c,) int
+        Index into :data:`HIT_BY`.
+    """
+
+    clearance: NDArray[np.float64]
+    hit: NDArray[np.int64]
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which poses touch nothing (c,)."""
+        return np.asarray(self.hit == 0)
+
+
+def room_around(
+    poses: NDArray[np.float64],
+    openings: NDArray[np.float64],
+    gripper: ParallelGripper,
+    surroundings: Surroundings,
+    mesh: Mesh | None = None,
+    cloud: NDArray[np.float64] | None = None,
+) -> Room:
+    """Check opened grippers at the end of and along a straight approach.
+
+    Parameters
+    ----------
+    poses : (c, 4, 4)
+        ``object_from_gripper``.
+    openings : (c,), m
+        Before closing.
+    mesh
+        Of the object: tested exactly.
+    cloud : (n, 3) or None, m
+        Of the object; with a mesh only its distance counts, without one its points are obstacles.
+    """
+    from grasp.spatial.boxes import boxes_meet_mesh, distance_to_points
+
+    count = len(poses)
+    clearance, hit = np.full(count, FREE), np.zeros(count, np.int64)
+    if count == 0:
+        return Room(clearance, hit)
+    poses = np.ascontiguousarray(poses, dtype=np.float64)
+    swept = np.stack([gripper.boxes(float(o), surroundings.sweep) for o in openings])
+    if surroundings.support is not None:
+        height = surroundings.support.below(poses, swept)
+        hit[height < surroundings.support.clearance] = 3
+        clearance = np.minimum(clearance, np.maximum(height, 0.0))
+    obstacles = [(surroundings.neighbours, 2), (cloud, 1)]
+    for points, code in obstacles:
+        if points is None or len(points) == 0:
+            continue
+        near = np.ascontiguousarray(points[np.isfinite(points).all(axis=1)], dtype=np.float64)
+        away = distance_to_points(near, poses, swept, FREE)
+        clearance = np.minimum(clearance, away)
+        hit[away <= 0] = code
+    rest = np.flatnonzero(hit == 0)
+    if mesh is not None and len(mesh.faces) and len(rest):
+        touched = boxes_meet_mesh(*mesh.tree.arrays, poses[rest], swept[rest])
+        hit[rest[touched]] = 1
+    clearance[hit != 0] = 0.0
+    return Room(clearance, hit)
 
 
 def finger_clearance(

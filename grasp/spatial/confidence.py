@@ -1,0 +1,314 @@
+"""How likely a grasp is to close although the object's pose is uncertain (Kehoe 2014, 4.4).
+
+The gripper is moved against the object by draws of the pose error; the confidence s_G is the share
+of draws in which both jaws meet the object within the opening and the line between both contacts
+lies inside both friction cones (Nguyen 1988). All candidates see the same draws, so that their
+order does not depend on luck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from grasp.push.quality import density_weights, lower_bound
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.mesh import Mesh
+from grasp.spatial.rays import line_ends
+from grasp.spatial.wrench import Contacts, epsilon, epsilon_bound
+
+__all__ = ["Confidence", "PoseNoise", "closures", "confidences", "score_grasps"]
+
+FloatArray = NDArray[np.float64]
+
+Quality = Literal["closure", "epsilon"]
+Weighting = Literal["plain", "density"]
+
+_EXACT = 20
+_LEAST_WIDTH = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class PoseNoise:
+    """Gaussian error of the object's pose relative to the gripper.
+
+    Parameters
+    ----------
+    position_std
+        Of each coordinate, m.
+    rotation_std
+        Of each component of the rotation vector, rad.
+    covariance : (6, 6) or None
+        Of x, y, z (m) and the rotation vector (rad) in the object's frame, about its origin, as a
+        pose estimate states it; replaces both deviations, which are isotropic and act about the
+        gripper's centre.
+    """
+
+    position_std: float = 0.004
+    rotation_std: float = 0.1
+    covariance: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        stds = (self.position_std, self.rotation_std)
+        if not all(np.isfinite(s) and s >= 0 for s in stds):
+            raise ValueError(f"deviations of a pose are finite and not negative, got {stds}")
+        if self.covariance is not None:
+            c = np.asarray(self.covariance, dtype=np.float64)
+            if c.shape != (6, 6) or not np.isfinite(c).all() or not np.allclose(c, c.T):
+                raise ValueError(f"a pose's covariance is symmetric (6, 6), got {c.shape}")
+
+    def normals(self, samples: int, seed: int) -> FloatArray:
+        """Draw standard normals (samples, 6)."""
+        return np.random.default_rng([0x5EED, seed]).standard_normal((samples, 6))
+
+    def transforms(self, samples: int, seed: int) -> FloatArray:
+        """Return errors as transforms (samples, 4, 4): gripper from gripper, or object from object.
+
+        Which of both depends on :attr:`covariance`.
+        """
+        from scipy.spatial.transform import Rotation
+
+        draws = self.normals(samples, seed)
+        if self.covariance is None:
+            draws = draws * np.repeat([self.position_std, self.rotation_std], 3)
+        else:
+            values, vectors = np.linalg.eigh(np.asarray(self.covariance, dtype=np.float64))
+            draws = draws @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        moved = np.tile(np.eye(4), (samples, 1, 1))
+        moved[:, :3, :3] = Rotation.from_rotvec(draws[:, 3:]).as_matrix()
+        moved[:, :3, 3] = draws[:, :3]
+        return moved
+
+
+@dataclass(frozen=True, eq=False)
+class Confidence:
+    """What perturbations did to each of several grasps.
+
+    Parameters
+    ----------
+    value : (c,)
+        s_G: mean quality over the perturbations.
+    lower_95 : (c,)
+        One-sided bound below it; Clopper and Pearson for closure, normal for epsilon.
+    closed : (c, K) bool
+        Which perturbations close.
+    """
+
+    value: FloatArray
+    lower_95: FloatArray
+    closed: NDArray[np.bool_]
+
+
+def closures(
+    mesh: Mesh,
+    poses: FloatArray,
+    gripper: ParallelGripper,
+    errors: FloatArray,
+    openings: FloatArray | None = None,
+    friction: float | None = None,
+    errors_in_object: bool = False,
+) -> NDArray[np.bool_]:
+    """Return which grasps (c, K) close on the mesh under which errors.
+
+    Parameters
+    ----------
+    poses : (c, 4, 4)
+        ``mesh_from_gripper``.
+    errors : (K, 4, 4)
+        Of the gripper, in its own frame; or in the object's frame with ``errors_in_object``.
+    openings : (c,) or None, m
+        Between the jaws before closing; None = the stroke.
+    """
+    return _swept(mesh, poses, gripper, errors, openings, friction, errors_in_object)[0] > 0
+
+
+def confidences(
+    mesh: Mesh,
+    poses: FloatArray,
+    gripper: ParallelGripper,
+    noise: PoseNoise | None = None,
+    *,
+    samples: int = 100,
+    openings: FloatArray | None = None,
+    quality: Quality = "closure",
+    weighting: Weighting = "plain",
+    friction: float | None = None,
+    seed: int = 0,
+) -> Confidence:
+    """Return the confidences of grasps under pose uncertainty.
+
+    Parameters
+    ----------
+    mesh
+        Of the object, in the frame of the poses.
+    poses : (c, 4, 4)
+        ``object_from_gripper``.
+    noise
+        None = 4 mm and .1 rad.
+    samples
+        K, perturbations of each grasp, the same for all.
+    openings : (c,) or None, m
+        Between the jaws before closing; None = the stroke.
+    quality
+        ``closure`` (0 or 1 each) or ``epsilon`` (how strong a disturbance is resisted).
+    weighting
+        ``plain`` mean, or weighted by the ``density`` of the draws once more, as the text has it:
+        in six dimensions fewer than half of the draws then carry the weight.
+    friction
+        None = the gripper's.
+
+    Examples
+    --------
+    >>> from grasp.spatial.gripper import panda_hand
+    >>> from grasp.spatial.shapes import box_mesh
+    >>> found = confidences(box_mesh((0.04, 0.06, 0.1)), np.eye(4)[None], panda_hand())
+    >>> bool(found.value[0] > 0.95), bool(found.lower_95[0] < found.value[0])
+    (True, True)
+    """
+    if samples < 1:
+        raise ValueError(f"at least one perturbation is needed, got {samples}")
+    noise = noise or PoseNoise()
+    errors = noise.transforms(samples, seed)
+    in_object = noise.covariance is not None
+    closed, ends = _swept(mesh, poses, gripper, errors, openings, friction, in_object)
+    weights = np.full(samples, 1.0 / samples)
+    if weighting == "density":
+        weights = density_weights(noise.normals(samples, seed))
+        weights = weights / weights.sum()
+    elif weighting != "plain":
+        raise ValueError(f"weighting is plain or density, got {weighting!r}")
+    if quality == "closure":
+        effective = 1.0 / float((weights**2).sum())
+        share = closed @ weights
+        return Confidence(share, lower_bound(share * effective, np.full(len(share), effective)),
+                          closed > 0)  # fmt: skip
+    if quality != "epsilon":
+        raise ValueError(f"quality is closure or epsilon, got {quality!r}")
+    mu = gripper.friction if friction is None else friction
+    values = _epsilons(mesh, poses, errors, closed, ends, mu, in_object)
+    mean = values @ weights
+    spread = np.sqrt(np.maximum(((values - mean[:, None]) ** 2) @ weights, 0.0) / samples)
+    return Confidence(mean, np.maximum(mean - 1.645 * spread, 0.0), closed > 0)
+
+
+def score_grasps(
+    candidates: Sequence[GraspCandidate],
+    mesh: Mesh,
+    gripper: ParallelGripper,
+    noise: PoseNoise | None = None,
+    *,
+    samples: int = 100,
+    quality: Quality = "closure",
+    weighting: Weighting = "plain",
+    gamma: float = 0.5,
+    exact: int = _EXACT,
+    seed: int = 0,
+) -> list[GraspCandidate]:
+    """Return the candidates with ``confidence``, ``lower_95`` and ``epsilon`` among their scores.
+
+    Parameters
+    ----------
+    gamma
+        Torsion that a soft fingertip takes, see :func:`grasp.spatial.wrench.wrenches`.
+    exact
+        How many of the most confident get the exact epsilon; the others an upper bound of it.
+    """
+    if not candidates:
+        return []
+    poses = np.stack([c.frame_from_gripper for c in candidates])
+    openings = np.array(
+        [gripper.max_opening if c.opening is None else c.opening for c in candidates]
+    )
+    found = confidences(
+        mesh, poses, gripper, noise, samples=samples, openings=openings, quality=quality,
+        weighting=weighting, seed=seed,
+    )  # fmt: skip
+    best = set(np.argsort(-found.value, kind="stable")[:exact].tolist())
+    scored = []
+    for i, candidate in enumerate(candidates):
+        scores = {
+            **candidate.scores,
+            "confidence": float(found.value[i]),
+            "lower_95": float(found.lower_95[i]),
+        }
+        if candidate.contacts is not None and candidate.normals is not None:
+            contacts = Contacts(
+                candidate.contacts, candidate.normals, mesh.com, mesh.radius, candidate.approach
+            )
+            measure = epsilon if i in best else epsilon_bound
+            scores["epsilon"] = measure(contacts, gripper.friction, gamma)
+        scored.append(replace(candidate, scores=scores))
+    return scored
+
+
+def _swept(
+    mesh: Mesh, poses: FloatArray, gripper: ParallelGripper, errors: FloatArray,
+    openings: FloatArray | None, friction: float | None, in_object: bool,
+) -> tuple[NDArray[np.uint8], FloatArray]:  # fmt: skip
+    poses = np.ascontiguousarray(poses, dtype=np.float64)
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise ValueError(f"poses have shape (c, 4, 4), got {poses.shape}")
+    opening = np.full(len(poses), gripper.max_opening) if openings is None else openings
+    opening = np.ascontiguousarray(opening, dtype=np.float64)
+    closed = np.zeros((len(poses), len(errors)), np.uint8)
+    ends = np.full((len(poses), len(errors), 4), np.nan)
+    if len(mesh.faces) and len(poses):
+        mu = gripper.friction if friction is None else friction
+        cone = float(np.cos(np.arctan(mu)))
+        least = max(gripper.min_opening, _LEAST_WIDTH)
+        _close(*mesh.tree.arrays, mesh.tree.normals, poses, errors, in_object, opening, cone,
+               least, closed, ends)  # fmt: skip
+    return closed, ends
+
+
+@njit(cache=True, nogil=True)
+def _close(  # type: ignore[no-untyped-def]
+    c, e1, e2, boxes, nodes, normals, poses, errors, in_object, openings, cone, least, closed, ends
+):
+    """Fill ``closed`` (c, K) and ``ends`` (c, K, 4): distances and triangles of both contacts."""
+    stack = np.empty(128, np.int64)
+    o, d = np.empty(3), np.empty(3)
+    for g in range(len(poses)):
+        p, half = poses[g], openings[g] / 2
+        for k in range(len(errors)):
+            e = errors[k]
+            for i in range(3):
+                if in_object:
+                    o[i] = e[i, 0] * p[0, 3] + e[i, 1] * p[1, 3] + e[i, 2] * p[2, 3] + e[i, 3]
+                    d[i] = e[i, 0] * p[0, 0] + e[i, 1] * p[1, 0] + e[i, 2] * p[2, 0]
+                else:
+                    o[i] = p[i, 0] * e[0, 3] + p[i, 1] * e[1, 3] + p[i, 2] * e[2, 3] + p[i, 3]
+                    d[i] = p[i, 0] * e[0, 0] + p[i, 1] * e[1, 0] + p[i, 2] * e[2, 0]
+            first, a, last, b = line_ends(
+                c, e1, e2, boxes, nodes, o[0], o[1], o[2], d[0], d[1], d[2], half, stack
+            )
+            if a < 0 or last - first < least:
+                continue
+            left = normals[a, 0] * d[0] + normals[a, 1] * d[1] + normals[a, 2] * d[2]
+            right = normals[b, 0] * d[0] + normals[b, 1] * d[1] + normals[b, 2] * d[2]
+            if -left >= cone and right >= cone:
+                closed[g, k] = 1
+                ends[g, k, 0], ends[g, k, 1] = first, last
+                ends[g, k, 2], ends[g, k, 3] = a, b
+
+
+def _epsilons(
+    mesh: Mesh, poses: FloatArray, errors: FloatArray, closed: NDArray[np.uint8],
+    ends: FloatArray, mu: float, in_object: bool,
+) -> FloatArray:  # fmt: skip
+    """Return the quality (c, K) of each closed grasp, 0 for the others."""
+    values = np.zeros(closed.shape)
+    for g, k in zip(*np.nonzero(closed), strict=True):
+        moved = errors[k] @ poses[g] if in_object else poses[g] @ errors[k]
+        at, faces = ends[g, k, :2], ends[g, k, 2:].astype(np.int64)
+        contacts = moved[:3, 3] + at[:, None] * moved[:3, 0]
+        normals = mesh.tree.normals[faces]
+        touched = Contacts(contacts, normals, mesh.com, mesh.radius, moved[:3, 2])
+        values[g, k] = epsilon_bound(touched, mu)
+    return values
