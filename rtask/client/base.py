@@ -120,6 +120,12 @@ class Client(ABC):
         """Ask which known objects look like this one."""
         return cast("answers.SimilarObjects", self.call("search_object", **request))
 
+    def resolve_request(
+        self, **request: Unpack[requests.ResolveRequest]
+    ) -> answers.ResolvedRequest:
+        """Ask which of the seen objects serves a wish, and how it is taken."""
+        return cast("answers.ResolvedRequest", self.call("resolve_request", **request))
+
     def insert_object(self, **request: Unpack[requests.InsertObject]) -> answers.Inserted:
         """Tell what was seen, and what came of grasping it."""
         return cast("answers.Inserted", self.call("insert_object", **request))

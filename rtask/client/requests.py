@@ -19,6 +19,7 @@ __all__ = [
     "RecogniseForGrasp",
     "RegisterRobot",
     "ReportOutcome",
+    "ResolveRequest",
     "SearchObject",
     "TeachObject",
 ]
@@ -114,6 +115,18 @@ class SearchObject(_Sight, total=False):
     min_confidence: float
 
 
+class ResolveRequest(TypedDict, total=False):
+    """A wish: which of the objects that are seen serves it?"""
+
+    wanted: Required[str]
+    gripper_id: str
+    objects: Sequence[str]
+    seen_within_s: float
+    exclude: Sequence[str]
+    max_grasps: int
+    prove: bool
+
+
 class Outcome(TypedDict, total=False):
     """What came of a grasp; lengths in m, force in N, times in s."""
 
@@ -207,6 +220,7 @@ REQUESTS: dict[str, Any] = {
     "recognise_for_grasp": RecogniseForGrasp,
     "recall_grasps": RecallGrasps,
     "search_object": SearchObject,
+    "resolve_request": ResolveRequest,
     "insert_object": InsertObject,
     "report_outcome": ReportOutcome,
     "teach_object": TeachObject,

@@ -10,15 +10,19 @@ from typing import Any, NotRequired, TypedDict
 
 __all__ = [
     "ANSWERS",
+    "GraspConfidence",
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
     "OfferedGrasp",
+    "OfferedObject",
+    "Reason",
     "RecalledGrasp",
     "RecalledGrasps",
     "Recognition",
     "RegisteredRobot",
     "ReportedOutcome",
+    "ResolvedRequest",
     "SimilarObject",
     "SimilarObjects",
     "Taught",
@@ -127,6 +131,17 @@ Recognition = TypedDict(
 """What `recognise_for_grasp` answers."""
 
 
+class GraspConfidence(TypedDict):
+    """How sure a grasp is over all robots: a Beta distribution, and the prior it began with."""
+
+    mean: float
+    alpha: float
+    beta: float
+    prior: float | None
+    evaluation: str
+    updated: str
+
+
 class RecalledGrasp(TypedDict):
     """One known grasp, in the frame of its object."""
 
@@ -139,6 +154,7 @@ class RecalledGrasp(TypedDict):
     opening: float | None
     grasp_quality: float | None
     statistics: GraspStatistics
+    confidence: GraspConfidence
 
 
 class RecalledGrasps(TypedDict):
@@ -148,6 +164,50 @@ class RecalledGrasps(TypedDict):
     class_iri: str
     label: str
     grasps: list[RecalledGrasp]
+
+
+class OfferedObject(TypedDict):
+    """A seen object that serves a request; lengths in m, masses in kg."""
+
+    object: str
+    class_iri: str
+    label: str
+    capability: str
+    text: str
+    width: float | None
+    mass: float | None
+    mass_bound: float | None
+    chance: float | None
+    seen: str
+
+
+class Reason(TypedDict):
+    """Why a request is not met, or not by this object."""
+
+    code: str
+    text: str
+    object: str
+    label: str
+    value: float | None
+    limit: float | None
+    seen: str
+    seen_by: str
+    place: Message | None
+
+
+class ResolvedRequest(TypedDict):
+    """What `resolve_request` answers."""
+
+    task_response: str
+    object: str
+    class_iri: str
+    label: str
+    grasps: list[RecalledGrasp]
+    objects: list[OfferedObject]
+    reasons: list[Reason]
+    understood: Message
+    explanation: Message
+    suggestions: list[str]
 
 
 InsertedObject = TypedDict(
@@ -201,6 +261,7 @@ ANSWERS: dict[str, Any] = {
     "recognise_for_grasp": Recognition,
     "recall_grasps": RecalledGrasps,
     "search_object": SimilarObjects,
+    "resolve_request": ResolvedRequest,
     "insert_object": Inserted,
     "report_outcome": ReportedOutcome,
     "teach_object": Taught,

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from rtask.engine.meaning import FunctionCatalogue
 from rtask.engine.messages import nearest, read
 from rtask.engine.names import Names
 from rtask.engine.observation import ObservationCache
@@ -77,6 +78,7 @@ class Engine:
         self.names = Names(kb)
         self.grippers = GripperCatalogue(kb)
         self.classes = ClassCatalogue(kb)
+        self.functions = FunctionCatalogue(kb)
         self.observations = ObservationCache()
         self.decisions = Decisions()
         self.reasons = known_reasons(kb)
@@ -239,6 +241,7 @@ class Engine:
     def _heard(self, change: Change) -> None:
         self.grippers.forget_if_changed(change)
         self.classes.forget_if_changed(change)
+        self.functions.forget_if_changed(change)
 
     # Life
 

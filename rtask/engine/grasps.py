@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.confidence import Confidence, posterior, stored_confidences
 from rtask.engine.messages import Field, nearest
 from rtask.engine.question import Question
-from rtask.engine.recall import recall
+from rtask.engine.recall import Remembered, recall
 from rtask.engine.statistics import lower_95, summary
 from rtask.engine.vocabulary import PREFIXES
 from rtask.errors import UnknownTermError
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from rtask.engine.engine import Engine
     from rtask.kb.access import Access
 
-__all__ = ["RECALL_GRASPS", "recall_grasps"]
+__all__ = ["RECALL_GRASPS", "recall_grasps", "recalled"]
 
 RECALL_GRASPS = (
     Field("object", "string", "IRI, objectId or name of the object", required=True),
@@ -34,25 +36,50 @@ def recall_grasps(engine: Engine, request: dict[str, Any], access: Access) -> di
     if request["gripper_id"]:
         wanted = engine.grippers.find(request["gripper_id"], access.agent).gripper.gripper_type
         grasps = [g for g in grasps if g.gripper_type == wanted]
-    grasps.sort(key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality))
     return {
         "object": name,
         "class_iri": known.class_iri,
         "label": known.label,
-        "grasps": [
-            {
-                "id": g.grasp,
-                "gripper_type": g.gripper_type,
-                "x": g.x,
-                "y": g.y,
-                "z": g.z,
-                "theta": g.theta,
-                "opening": g.opening,
-                "grasp_quality": g.quality,
-                "statistics": summary(g.successes, g.attempts),
-            }
-            for g in grasps[: request["max_grasps"]]
-        ],
+        "grasps": recalled(engine, grasps, request["max_grasps"]),
+    }
+
+
+def recalled(engine: Engine, grasps: Iterable[Remembered], most: int) -> list[dict[str, Any]]:
+    """Return grasps in their object's frame as messages carry them, the surest first.
+
+    Surest is the best lower bound on what happened, then the stored quality.
+    """
+    order = sorted(
+        grasps, key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality)
+    )[:most]
+    stored = stored_confidences(engine, [g.grasp for g in order])
+    return [
+        {
+            "id": g.grasp,
+            "gripper_type": g.gripper_type,
+            "x": g.x,
+            "y": g.y,
+            "z": g.z,
+            "theta": g.theta,
+            "opening": g.opening,
+            "grasp_quality": g.quality,
+            "statistics": summary(g.successes, g.attempts),
+            "confidence": _confidence(engine, g, stored.get(g.grasp, Confidence())),
+        }
+        for g in order
+    ]
+
+
+def _confidence(engine: Engine, grasp: Remembered, stored: Confidence) -> dict[str, Any]:
+    """Return prior and posterior of a grasp; before the first outcome the two are one."""
+    belief = stored.belief or posterior(engine.policy, grasp.prior, ())
+    return {
+        "mean": belief.mean,
+        "alpha": belief.alpha,
+        "beta": belief.beta,
+        "prior": grasp.prior if stored.prior is None else stored.prior,
+        "evaluation": stored.evaluation,
+        "updated": stored.updated,
     }
 
 

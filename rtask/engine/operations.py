@@ -11,6 +11,7 @@ from rtask.engine.insert import INSERT_OBJECT, insert_object, wrapped
 from rtask.engine.messages import Field
 from rtask.engine.outcome import REPORT_OUTCOME, report_outcome
 from rtask.engine.recognise import RECOGNISE_FOR_GRASP, recognise_for_grasp
+from rtask.engine.resolve import RESOLVE_REQUEST, resolve_request
 from rtask.engine.robots import REGISTER_ROBOT, register_robot
 from rtask.engine.search import search_object
 from rtask.engine.teach import SEARCH_OBJECT, TEACH_OBJECT, teach_object
@@ -79,6 +80,10 @@ OPERATIONS: Mapping[str, Operation] = {
         Operation(
             "search_object", "read", "list known objects that look like this one",
             search_object, SEARCH_OBJECT,
+        ),
+        Operation(
+            "resolve_request", "read", "choose a seen object that serves a request, and its grasps",
+            resolve_request, RESOLVE_REQUEST,
         ),
         Operation(
             "insert_object", "write", "store what was seen and what came of grasping it",

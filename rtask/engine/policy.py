@@ -52,3 +52,7 @@ class Policy:
     suggestion: float = 0.5
     same_pose_m: float = 0.003
     same_pose_rad: float = 0.09
+
+    def weight_of(self, is_fast: bool) -> float:
+        """Return what one outcome counts by the physics that it was had in."""
+        return self.fast_physics if is_fast else 1.0

@@ -49,6 +49,8 @@ class Remembered:
         It comes from another object of the class, not from the object itself.
     size
         (length, width, height) of its object, m.
+    prior
+        Quality as computed before any attempt, 0..1; None where nobody computed it.
     """
 
     grasp: str
@@ -63,6 +65,7 @@ class Remembered:
     gripper_type: str
     size: tuple[float, float, float] | None
     tallies: tuple[Tally, ...] = ()
+    prior: float | None = None
 
     @property
     def attempts(self) -> int:
@@ -230,6 +233,7 @@ def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
     return Remembered(
         grasp, iri, of_class, x, y, z, theta, opening, quality,
         _text(row, "gripper"), _size(row), tuple(order),
+        None if row["quality"] is None else min(max(quality, 0.0), 1.0),
     )  # fmt: skip
 
 

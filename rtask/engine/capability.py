@@ -1,0 +1,90 @@
+"""Whether a gripper can hold an object, in numbers: opening against width, payload against mass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from grasp.spatial.gripper import ParallelGripper
+
+__all__ = ["Bounds", "Verdict", "can_hold"]
+
+Capability = Literal["proven", "possible", "no"]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What the graph knows about holding an object.
+
+    Parameters
+    ----------
+    width
+        Between the jaws, m; None = nobody measured it.
+    mass
+        kg; None = nobody stated it.
+    mass_bound
+        It weighs no more, kg: a hand of that payload has lifted it.
+    """
+
+    width: float | None = None
+    mass: float | None = None
+    mass_bound: float | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a gripper can hold an object.
+
+    Parameters
+    ----------
+    capability
+        ``proven``: width and mass are known and fit; ``possible``: nothing speaks against it.
+    code
+        ``too_wide``, ``too_narrow``, ``too_heavy``, or what is not known: ``mass_unknown``,
+        ``width_unknown``; empty when it is proven.
+    value, limit
+        The number and what it exceeds or falls below, m or kg; None where there is none.
+    """
+
+    capability: Capability
+    code: str = ""
+    value: float | None = None
+    limit: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The verdict in words."""
+        said = {
+            "too_wide": "is {0:.0f} mm wide, and the hand opens {1:.0f} mm",
+            "too_narrow": "is {0:.0f} mm wide, and the hand holds nothing below {1:.0f} mm",
+            "too_heavy": "weighs {0:.0f} g, and the hand lifts {1:.0f} g",
+            "mass_unknown": "fits, and nobody knows what it weighs",
+            "width_unknown": "has not been measured",
+        }.get(self.code, "fits the hand and is light enough")
+        if self.value is None or self.limit is None:
+            return said
+        return said.format(1000 * self.value, 1000 * self.limit)
+
+
+def can_hold(gripper: ParallelGripper, bounds: Bounds) -> Verdict:
+    """Return whether a gripper can hold an object, by the rule that derives ``rt:canGrasp``.
+
+    Examples
+    --------
+    >>> hand = ParallelGripper("hand", "nao_hand", min_opening=0.0, max_opening=0.05)
+    >>> can_hold(hand, Bounds(0.08, 0.1)).text
+    'is 80 mm wide, and the hand opens 50 mm'
+    """
+    width, mass, payload = bounds.width, bounds.mass, gripper.max_payload
+    if width is not None and width >= gripper.max_opening:
+        return Verdict("no", "too_wide", width, gripper.max_opening)
+    if width is not None and width < gripper.min_opening:
+        return Verdict("no", "too_narrow", width, gripper.min_opening)
+    if mass is not None and mass > payload:
+        return Verdict("no", "too_heavy", mass, payload)
+    if width is None:
+        return Verdict("possible", "width_unknown")
+    lightest = [known for known in (mass, bounds.mass_bound) if known is not None]
+    if not lightest or min(lightest) > payload:
+        return Verdict("possible", "mass_unknown")
+    return Verdict("proven")

@@ -1,0 +1,156 @@
+"""How confident the graph is in a grasp: what was computed before, and what was counted since.
+
+The confidence s_G of a grasp (Kehoe 2014, 4.3) begins as the mean quality under uncertainty, or as
+the generator's own score. Every judged attempt makes it a posterior: the belief of the bandit
+(:mod:`grasp.learning.bandit`) over all robots. It is stored in the same commit as the outcome, in
+the graph of the robot that tried, and names the evaluation that it was derived from, which stays.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from grasp.learning.bandit import Arm, BetaThompson
+from rtask.engine.facts import Facts, stamp
+from rtask.engine.names import tail
+from rtask.engine.policy import Policy
+from rtask.engine.vocabulary import PREFIXES, PROV, RT, values
+from rtask.kb.terms import NamedNode, Value, iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+
+__all__ = ["Belief", "Confidence", "posterior", "state_belief", "stored_confidences"]
+
+_BELIEF = (RT.graspConfidence, RT.beliefAlpha, RT.beliefBeta, RT.atTime)
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A Beta distribution over the chance that a grasp holds."""
+
+    alpha: float
+    beta: float
+
+    @property
+    def mean(self) -> float:
+        """The confidence."""
+        return self.alpha / (self.alpha + self.beta)
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """What the graph keeps about one grasp.
+
+    Parameters
+    ----------
+    evaluation
+        IRI of the evaluation that was computed before any attempt; empty where there is none.
+    prior
+        Its confidence; None where there is none.
+    belief
+        The posterior stored last, over all robots; None before the first outcome.
+    updated
+        When, ISO 8601; empty before the first outcome.
+    """
+
+    evaluation: str = ""
+    prior: float | None = None
+    belief: Belief | None = None
+    updated: str = ""
+
+
+def posterior(
+    policy: Policy, quality: float | None, counts: Iterable[tuple[bool, float]]
+) -> Belief:
+    """Return the belief that a prior and judged attempts add up to.
+
+    Parameters
+    ----------
+    quality
+        0..1: confidence of an evaluation, else the generator's score; None = nothing is known.
+    counts
+        (held, weight) of attempts.
+
+    Examples
+    --------
+    >>> round(posterior(Policy(), 0.9, []).mean, 2)
+    0.86
+    >>> round(posterior(Policy(), 0.9, [(False, 6.0)]).mean, 2)
+    0.45
+    """
+    told = list(counts)
+    won = sum(weight for held, weight in told if held)
+    lost = sum(weight for held, weight in told if not held)
+    arm = Arm((0.0, 0.0, 0.0), 0.0, quality, won, lost)
+    alpha, beta = BetaThompson(policy.bandit).beliefs([arm])[0]
+    return Belief(float(alpha), float(beta))
+
+
+def stored_confidences(engine: Engine, grasps: Sequence[str]) -> dict[str, Confidence]:
+    """Return what is stored about grasps, by IRI; one query."""
+    if not grasps:
+        return {}
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time WHERE {{
+  VALUES ?grasp {{ {values(grasps)} }}
+  ?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:graspConfidence ?confidence
+  OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; rt:atTime ?time }}
+}} ORDER BY ?grasp ?time ?evaluation""")
+    found: dict[str, Confidence] = {}
+    for row in rows:
+        at: dict[str, Any] = row.to_dict()
+        grasp = str(row.value("grasp"))
+        known = found.get(grasp, Confidence())
+        if at["alpha"] is None:
+            if known.prior is None:
+                known = Confidence(
+                    str(row.value("evaluation")), float(at["confidence"]), known.belief,
+                    known.updated,
+                )  # fmt: skip
+        else:
+            belief = Belief(float(at["alpha"]), float(at["beta"]))
+            known = Confidence(known.evaluation, known.prior, belief, str(row.value("time")))
+        found[grasp] = known
+    return found
+
+
+def state_belief(
+    engine: Engine,
+    facts: Facts,
+    grasp: NamedNode,
+    robot: NamedNode,
+    belief: Belief,
+    time: dt.datetime,
+    graph: NamedNode,
+) -> list[tuple[NamedNode, NamedNode, Value]]:
+    """State the new posterior of a grasp, derived from the first evaluation where there is one.
+
+    Returns
+    -------
+    The statements of this robot's last posterior, to withdraw.
+    """
+    node = iri(f"{grasp.value}/evaluation/{tail(robot)}")
+    facts.triples = [t for t in facts.triples if not (t[0] == node and t[1] in _BELIEF)]
+    old: list[tuple[NamedNode, NamedNode, Value]] = []
+    for quad in engine.kb.match(node, graph=graph):
+        if quad.predicate in _BELIEF:
+            old.append((node, quad.predicate, quad.object))
+    first = stored_confidences(engine, [grasp.value]).get(grasp.value, Confidence())
+    facts.add(grasp, RT.hasEvaluation, node)
+    facts.node(
+        node,
+        [RT.GraspEvaluation],
+        {
+            RT.graspConfidence: belief.mean,
+            RT.beliefAlpha: belief.alpha,
+            RT.beliefBeta: belief.beta,
+            RT.atTime: stamp(time),
+            PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,
+            PROV.wasAttributedTo: robot,
+        },
+    )
+    return old
