@@ -81,6 +81,7 @@ class _Key:
     """The last frame sent."""
 
     frame: Frame
+    grey: UInt8Array | None
     stamp_s: float
     centroids: FloatArray | None
 
@@ -131,16 +132,16 @@ class SceneChangeGate:
         force
             Send whatever it shows.
         """
-        now = frame.stamp_s if now_s is None else now_s
-        change = self._compare(frame, now, centroids, force)
+        stamp_s = frame.stamp_s if now_s is None else now_s
+        grey = None if frame.rgb is None else _grey(frame.rgb)
+        now = _Key(frame, grey, stamp_s, None if centroids is None else np.array(centroids))
+        change = self._compare(now, force)
         if change.send:
-            self._key = _Key(frame, now, None if centroids is None else np.array(centroids))
+            self._key = now
         return change
 
-    def _compare(
-        self, frame: Frame, now: float, centroids: FloatArray | None, force: bool
-    ) -> SceneChange:
-        key = self._key
+    def _compare(self, now: _Key, force: bool) -> SceneChange:
+        key, frame = self._key, now.frame
         if key is None:
             return SceneChange(True, "first")
         if (
@@ -151,8 +152,9 @@ class SceneChangeGate:
             return SceneChange(True, "camera")
         depth = _second_largest(_depth_divergence(key.frame.depth_m, frame.depth_m, BLOCK_PX))
         colour = 0.0
-        if frame.rgb is not None and key.frame.rgb is not None:
-            colour = _second_largest(_grey_divergence(_grey(key.frame.rgb), _grey(frame.rgb)))
+        if now.grey is not None and key.grey is not None:
+            gain = _median(key.grey) / max(_median(now.grey), 1)
+            colour = _second_largest(_grey_divergence(key.grey, now.grey, gain, BLOCK_PX))
         limits = self.params
         reason = "unchanged"
         if force:
@@ -161,9 +163,9 @@ class SceneChangeGate:
             reason = "depth"
         elif colour > limits.colour_bits:
             reason = "colour"
-        elif _segments_moved(key.centroids, centroids, limits.moved_m):
+        elif _segments_moved(key.centroids, now.centroids, limits.moved_m):
             reason = "segments"
-        elif now - key.stamp_s >= limits.max_age_s:
+        elif now.stamp_s - key.stamp_s >= limits.max_age_s:
             reason = "age"
         return SceneChange(reason != "unchanged", reason, depth, colour)
 
@@ -203,24 +205,22 @@ def _grey(rgb: UInt8Array) -> UInt8Array:
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
-def _grey_divergence(before: UInt8Array, now: UInt8Array) -> NDArray[np.float64]:
-    """Return the divergence of brightness per block, after equal medians."""
-    middle = float(np.median(now))
-    gain = float(np.median(before)) / middle if middle > 0 else 1.0
-    return np.asarray(_grey_blocks(before, now, gain, BLOCK_PX))
+def _median(grey: UInt8Array) -> int:
+    counts = np.cumsum(cv2.calcHist([grey], [0], None, [256], [0, 256]))
+    return int(np.searchsorted(counts, counts[-1] / 2))
 
 
 @njit(cache=True, nogil=True)
-def _divergence(p: NDArray[np.float64], q: NDArray[np.float64], n: int) -> float:
-    """Return the Jensen-Shannon divergence of the first ``n`` entries of two histograms, bit."""
+def _divergence(p: NDArray[np.float64], q: NDArray[np.float64], low: int, high: int) -> float:
+    """Return the Jensen-Shannon divergence of the entries low..high of two histograms, bit."""
     total_p = total_q = 0.0
-    for k in range(n):
+    for k in range(low, high + 1):
         total_p += p[k]
         total_q += q[k]
     if total_p == 0.0 or total_q == 0.0:
         return 0.0
     bits = 0.0
-    for k in range(n):
+    for k in range(low, high + 1):
         a, b = p[k] / total_p, q[k] / total_q
         middle = (a + b) / 2
         if a > 0.0:
@@ -243,12 +243,15 @@ def _depth_divergence(
             here = before[i * block : (i + 1) * block, j * block : (j + 1) * block]
             there = now[i * block : (i + 1) * block, j * block : (j + 1) * block]
             total, seen_p, seen_q = 0.0, 0, 0
+            near, far = np.inf, 0.0
             for r in range(block):
                 for c in range(block):
                     if 0 < here[r, c] < np.inf:
                         total += here[r, c]
+                        near, far = min(near, here[r, c]), max(far, here[r, c])
                         seen_p += 1
                     if 0 < there[r, c] < np.inf:
+                        near, far = min(near, there[r, c]), max(far, there[r, c])
                         seen_q += 1
             share_p, share_q = seen_p / block**2, seen_q / block**2
             if min(share_p, share_q) < _EMPTY and max(share_p, share_q) > _FULL:
@@ -256,14 +259,16 @@ def _depth_divergence(
             elif share_p >= _COMPARABLE and share_q >= _COMPARABLE:
                 mean = total / seen_p
                 width = max(0.01, 3 * (0.0012 + 0.0019 * (mean - 0.4) ** 2))
-                p[:], q[:] = 0.0, 0.0
+                low = min(int(near / width), _MOST_BINS - 1)
+                high = min(int(far / width), _MOST_BINS - 1)
+                p[low : high + 1], q[low : high + 1] = 0.0, 0.0
                 for r in range(block):
                     for c in range(block):
                         if 0 < here[r, c] < np.inf:
                             p[min(int(here[r, c] / width), _MOST_BINS - 1)] += 1
                         if 0 < there[r, c] < np.inf:
                             q[min(int(there[r, c] / width), _MOST_BINS - 1)] += 1
-                out[i, j] = _divergence(p, q, _MOST_BINS)
+                out[i, j] = _divergence(p, q, low, high)
     return out
 
 
@@ -278,9 +283,10 @@ def _share_grey(histogram: NDArray[np.float64], value: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _grey_blocks(
+def _grey_divergence(
     before: NDArray[np.uint8], now: NDArray[np.uint8], gain: float, block: int
 ) -> NDArray[np.float64]:
+    """Return per block the divergence of brightness, the second image's times ``gain``."""
     rows, columns = before.shape[0] // block, before.shape[1] // block
     out = np.zeros((rows, columns))
     p, q = np.zeros(_GREY_BINS), np.zeros(_GREY_BINS)
@@ -291,7 +297,7 @@ def _grey_blocks(
                 for c in range(j * block, (j + 1) * block):
                     _share_grey(p, float(before[r, c]))
                     _share_grey(q, gain * now[r, c])
-            out[i, j] = _divergence(p, q, _GREY_BINS)
+            out[i, j] = _divergence(p, q, 0, _GREY_BINS - 1)
     return out
 
 
@@ -300,4 +306,4 @@ def warm_up() -> None:
     depth = np.ones((2 * BLOCK_PX, 2 * BLOCK_PX), np.float32)
     _depth_divergence(depth, depth, BLOCK_PX)
     grey = np.ones((2 * BLOCK_PX, 2 * BLOCK_PX), np.uint8)
-    _grey_divergence(grey, grey)
+    _grey_divergence(grey, grey, 1.0, BLOCK_PX)

@@ -1,6 +1,7 @@
 """RGB-D frames and crops: exact depth as PNG, colour as JPEG.
 
-Depth is stored in steps of 0.1 mm while it fits (6.5 m), else of 1 mm.
+Depth is stored in steps of 1 mm when it is measured in whole ones or goes beyond 6.5 m, else of
+0.1 mm.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def encode_frame(frame: Frame, quality: int = 90) -> bytes:
     low, high = (float(depth.min()), float(depth.max())) if depth.size else (0.0, 0.0)
     if low < 0 or high > _MAX_STEPS * _COARSE_M:
         raise ValueError(f"depth must lie in 0..65.5 m, got {low} .. {high} m")
-    unit = _FINE_M if high <= _MAX_STEPS * _FINE_M else _COARSE_M
+    unit = _COARSE_M if high > _MAX_STEPS * _FINE_M or _is_in_whole(depth, _COARSE_M) else _FINE_M
     sections = {SECTION_DEPTH: png(np.round(depth / unit).astype(np.uint16))}
     flags = 0
     if frame.rgb is not None:
@@ -62,6 +63,12 @@ def encode_frame(frame: Frame, quality: int = 90) -> bytes:
         flags |= FLAG_MASK
         sections[SECTION_MASK] = png(frame.mask.astype(np.uint8) * 255)
     return pack(KIND_FRAME, flags, _header(frame, unit), sections)
+
+
+def _is_in_whole(depth: NDArray[Any], unit: float) -> bool:
+    """Tell whether every depth is a multiple of the unit, as exactly as float32 can say."""
+    steps = np.round(depth / unit)
+    return bool((np.abs(depth - steps * unit) <= np.spacing(np.float32(depth))).all())
 
 
 def _header(frame: Frame, unit: float) -> dict[str, Any]:
