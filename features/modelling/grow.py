@@ -20,7 +20,7 @@ from features.modelling.surface import surface_of
 from features.pose.estimate import PoseParams, estimate_pose
 from features.pose.icp import distances
 from features.pose.model import PoseModel, build_pose_model
-from features.pose.rotations import angle_between
+from features.pose.rotations import angle_between, rotation_about
 from features.pose.search import Poses, refine, scene_points
 from features.pose.visibility import check_free_space
 from features.recognition.pairs import match_views
@@ -38,6 +38,7 @@ _GRAZING = 0.25
 _MOST_VIOLATION = 0.12
 _MOST_DRIFT_M, _MOST_DRIFT_RAD = 0.015, np.deg2rad(12.0)
 _MODEL_GRID = 48
+_MOST_CELLS = 160
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,26 +143,60 @@ class ObjectModel:
         sources = (*self.sources, (name, pose))
         return ObjectModel(cloud, inks, weights, views, sources), found
 
-    def pose_model(self) -> PoseModel:
+    def pose_model(self, is_round: bool = False) -> PoseModel:
         """Return what poses are estimated against; made once.
+
+        Parameters
+        ----------
+        is_round
+            About the z axis of its frame: then every side is known that one view showed.
 
         Raises
         ------
         ValueError
             When the model is empty or of no object's size.
         """
-        return self._pose_model
+        return self._round_pose_model if is_round else self._pose_model
 
     @cached_property
     def _pose_model(self) -> PoseModel:
         cloud = self.cloud.astype(np.float64)
         return build_pose_model(cloud[:, :3], normals=cloud[:, 3:], grid=_MODEL_GRID)
 
+    @cached_property
+    def _round_pose_model(self) -> PoseModel:
+        return self.revolved()._pose_model
+
+    def revolved(self, most: int = 1500, steps: int = 24) -> ObjectModel:
+        """Return the body that a round object's surface sweeps about the z axis of its frame.
+
+        Parameters
+        ----------
+        most
+            Of its points that are swept.
+        steps
+            Copies, evenly turned.
+        """
+        rng = np.random.default_rng(0)
+        rows = np.sort(rng.permutation(len(self.cloud))[:most])
+        turns = np.stack(
+            [rotation_about(np.array([0.0, 0.0, 1.0]), 2 * np.pi * k / steps) for k in range(steps)]
+        )
+        swept = [
+            np.einsum("kij,nj->kni", turns, self.cloud[rows, part].astype(np.float64))
+            for part in (slice(0, 3), slice(3, 6))
+        ]
+        cloud = np.concatenate(swept, axis=2).reshape(-1, 6).astype(np.float32)
+        return ObjectModel(
+            cloud, np.tile(self.colours[rows], (steps, 1)), np.tile(self.weights[rows], steps)
+        )
+
     def mesh(
         self, cell_m: float = 0.003
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
         """Return vertices (v, 3) m, faces (f, 3), colours (v, 3); open where nothing was seen."""
-        return surface_of(self.cloud, self.colours, cell_m)
+        size = np.ptp(self.cloud[:, :3], axis=0).max() if len(self.cloud) else 0.0
+        return surface_of(self.cloud, self.colours, max(cell_m, float(size) / _MOST_CELLS))
 
     def to_bytes(self) -> bytes:
         """Return an ``.npz`` of the cloud and its sources; views are kept by whoever has them."""

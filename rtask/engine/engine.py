@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.meaning import FunctionCatalogue
 from rtask.engine.messages import nearest, read
+from rtask.engine.models import Models
 from rtask.engine.names import Names
 from rtask.engine.observation import ObservationCache
 from rtask.engine.operations import OPERATIONS, SCOPES, Operation
@@ -81,6 +82,7 @@ class Engine:
         self.functions = FunctionCatalogue(kb)
         self.observations = ObservationCache()
         self.decisions = Decisions()
+        self.models = Models(kb)
         self.reasons = known_reasons(kb)
         folder = kb.folder / "index" if index_dir is None and kb.folder else index_dir
         self._index_folder = None if folder is None else Path(folder)

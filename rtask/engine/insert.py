@@ -11,13 +11,25 @@ import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rtask.engine.facts import Facts
 from rtask.engine.identity import recognise, settle
 from rtask.engine.messages import Field, read
+from rtask.engine.models import Growth, grow, old_models, state_model
 from rtask.engine.names import slug, tail
-from rtask.engine.objects import NewObject, Sight, guess_class, state_object, state_view
+from rtask.engine.objects import (
+    NewObject,
+    Sight,
+    guess_class,
+    state_object,
+    state_view,
+    viewpoint_of,
+)
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement
+from rtask.engine.poses import ObjectPose
 from rtask.engine.question import Question
 from rtask.engine.recall import KnownObject, recall
 from rtask.engine.received import OUTCOME, Outcome, Received, received
@@ -38,6 +50,7 @@ from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.terms import Literal, NamedNode, iri
 
 if TYPE_CHECKING:
+    from features.modelling import ObjectModel
     from rtask.engine.engine import Engine
     from rtask.kb.access import Access
 
@@ -89,6 +102,8 @@ class _Prepared:
     gripper: KnownGripper | None
     grasp: Received | None
     outcome: Outcome | None
+    view: NamedNode
+    growth: Growth | None
 
 
 @dataclass(frozen=True)
@@ -122,6 +137,8 @@ def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> di
         commit = engine.commit_id(tx.commit) if tx.commit.added else ""
         for view, thing, class_iri, seen in writer.views:
             engine.learn(view, thing, class_iri, seen.features)
+        for blob, model in writer.models:
+            engine.models.keep(blob, model)
     for entry in entries:
         entry["commit"] = commit
     return {"stored": writer.stored, "commit": commit, "objects": entries}
@@ -150,7 +167,7 @@ def _prepare(
             raise UnknownTermError(f"the graph knows no object {item['object']}")
     elif item["merge"] and recognition.accepted and (kinds or not item["class_description"]):
         known = memory.objects.get(recognition.matches[0].object_iri)
-    placement = locate(seen, recognition, known, memory)
+    placement, pose = locate(engine, seen, recognition, known, memory)
     decision = engine.decisions.get(item["task_id"])
     grasp = _grasp(item, where)
     if grasp is not None:
@@ -161,7 +178,27 @@ def _prepare(
             f"{where}gripper_id is missing: an outcome is one of a gripper; "
             "register_robot introduces it", field=where + "gripper_id",
         )  # fmt: skip
-    return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome)
+    view = engine.names.unique("view")
+    is_round = placement is not None and placement.is_round
+    growth = grow(
+        engine.models, None if known is None else iri(known.iri), seen,
+        _viewpoint(seen, known, placement, pose), view, is_round,
+    )  # fmt: skip
+    return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome, view, growth)
+
+
+def _viewpoint(
+    seen: Observation,
+    known: KnownObject | None,
+    placement: Placement | None,
+    pose: ObjectPose | None,
+) -> NDArray[np.float64] | None:
+    """Return how the camera stood to the object, when that is sure."""
+    if pose is not None and pose.accepted and known is not None and not known.is_round:
+        return pose.object_from_camera
+    if placement is None or not placement.is_verified:
+        return None
+    return viewpoint_of(seen, placement)
 
 
 def _stored_before(
@@ -231,7 +268,9 @@ class _Writer:
         self.facts = Facts()
         self.withdrawn: Withdrawn = []
         self.views: list[tuple[NamedNode, NamedNode, str, Observation]] = []
+        self.models: list[tuple[str, ObjectModel]] = []
         self.stored = 0
+        self._grown_things: set[NamedNode] = set()
         self._told: dict[str, dict[str, Any]] = {}
 
     def write(self, one: _Prepared | _Repeated) -> dict[str, Any]:
@@ -267,14 +306,15 @@ class _Writer:
         else:
             thing, class_iri = iri(one.known.iri), one.known.class_iri
             short_id, label = one.known.short_id, one.known.label
-        event, view = engine.names.unique("observation"), engine.names.unique("view")
+        event, view = engine.names.unique("observation"), one.view
         now = dt.datetime.now(dt.UTC)
         stamp_s = one.seen.stamp_s
         time = now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)
         camera = one.gripper.camera if one.gripper else None
         state_view(
             engine, self.facts, thing,
-            Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time),
+            Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time,
+                  self._grown(one, thing)),
         )  # fmt: skip
         grasp = self._grasp(one, thing, task_id, event, now)
         self.views.append((view, thing, class_iri, one.seen))
@@ -283,6 +323,29 @@ class _Writer:
             thing.value, class_iri, short_id, label, grasp.value if grasp else "", view.value,
             is_new, features,
         )  # fmt: skip
+
+    def _grown(self, one: _Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
+        """State the model with this view in it; return how the camera stood, as the model says."""
+        growth, engine = one.growth, self.engine
+        if growth is None:
+            return None
+        now = engine.models.of(thing)
+        if thing in self._grown_things or growth.before != ("" if now is None else now[0].blob):
+            # Another view came in between: what grew from the model before would lose it.
+            if thing in self._grown_things:
+                return None
+            growth = grow(
+                engine.models, thing, one.seen, growth.registration.object_from_camera, one.view,
+                one.placement is not None and one.placement.is_round,
+            )  # fmt: skip
+            if growth is None:
+                return None
+        self._grown_things.add(thing)
+        self.withdrawn += [old[:3] for old in old_models(engine.kb, thing, self.graph)]
+        _, blob = state_model(engine, self.facts, thing, growth.model)
+        self.models.append((blob, growth.model))
+        known = one.known is not None and one.known.is_round
+        return None if known else growth.registration.object_from_camera
 
     def _grasp(
         self, one: _Prepared, thing: NamedNode, task_id: str, event: NamedNode, now: dt.datetime

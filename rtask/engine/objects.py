@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rtask.engine.facts import Facts, stamp
 from rtask.engine.images import encode_crop
@@ -33,6 +34,7 @@ __all__ = [
     "state_object",
     "state_recognition",
     "state_view",
+    "viewpoint_of",
 ]
 
 _CLOUD = "application/vnd.rtask.cloud"
@@ -63,7 +65,13 @@ class NewObject:
 
 @dataclass(frozen=True)
 class Sight:
-    """One look, with the IRIs of the things that record it."""
+    """One look, with the IRIs of the things that record it.
+
+    Parameters
+    ----------
+    object_from_camera : (4, 4) or None, m
+        How the camera stood to the object, where the object's model told; else ``placement`` does.
+    """
 
     observation: Observation
     placement: Placement | None
@@ -73,6 +81,7 @@ class Sight:
     agent: NamedNode
     request_id: str | None
     time: dt.datetime
+    object_from_camera: NDArray[np.float64] | None = None
 
 
 def body_frame(engine: Engine, thing: NamedNode) -> NamedNode:
@@ -142,6 +151,12 @@ def state_object(engine: Engine, facts: Facts, new: NewObject, observation: Obse
         )
 
 
+def viewpoint_of(seen: Observation, placement: Placement) -> NDArray[np.float64]:
+    """Return the pose (4, 4) of the camera in the frame of an object that stands so."""
+    pose = np.linalg.inv(placement.frame_from_object) @ seen.frame_from_camera
+    return np.asarray(pose, dtype=np.float64)
+
+
 def state_view(engine: Engine, facts: Facts, thing: NamedNode, sight: Sight) -> None:
     """State one view of an object: bytes, where it was taken from, who took it when."""
     seen = sight.observation
@@ -159,10 +174,10 @@ def state_view(engine: Engine, facts: Facts, thing: NamedNode, sight: Sight) -> 
     facts.add(thing, RT.hasView, sight.view)
     facts.node(sight.view, [RT.View], {PROV.wasDerivedFrom: sight.event})
     facts.add(sight.view, RT.atTime, stamp(sight.time))
-    if sight.placement is not None and sight.placement.is_verified:
-        object_from_camera = (
-            np.linalg.inv(sight.placement.frame_from_object) @ seen.frame_from_camera
-        )
+    object_from_camera = sight.object_from_camera
+    if object_from_camera is None and sight.placement is not None and sight.placement.is_verified:
+        object_from_camera = viewpoint_of(seen, sight.placement)
+    if object_from_camera is not None:
         pose = iri(sight.view.value + "/viewpoint")
         facts.add(sight.view, RT.viewpoint, pose)
         facts.pose(pose, body_frame(engine, thing), object_from_camera)

@@ -19,8 +19,9 @@ from grasp.spatial.frames import FloatArray, surface_from_object, tilt, wrap_tur
 if TYPE_CHECKING:
     from features.tabletop import TabletopShape
     from rtask.engine.observation import Observation
+    from rtask.engine.poses import ObjectPose
 
-__all__ = ["Placement", "classify_shape", "footprint_of", "place"]
+__all__ = ["Placement", "classify_shape", "footprint_of", "place", "posed"]
 
 _MOST_TILT = np.deg2rad(20)
 _MOST_SHIFT_M = 0.02
@@ -100,6 +101,22 @@ def place(
             return Placement(_turned(upright, yaw), is_round=False, is_verified=True)
     is_first = is_round is None
     return Placement(_turned(upright, float(shape.yaw)), is_round=False, is_verified=is_first)
+
+
+def posed(placement: Placement | None, pose: ObjectPose | None) -> Placement | None:
+    """Return the placement with the turn of an accepted pose, where the object stands upright.
+
+    Where keypoints or measured sides had fixed the turn and the pose agrees, they stand: a side
+    measured over its whole length is the more exact. What is round keeps the robot's direction.
+    """
+    if placement is None or pose is None or not pose.accepted or placement.is_round:
+        return placement
+    matched = pose.frame_from_object
+    shift = float(np.linalg.norm(matched[:2, 3] - placement.frame_from_object[:2, 3]))
+    if tilt(matched) >= _MOST_TILT or shift >= _MOST_SHIFT_M:
+        return placement
+    yaw = _snapped(yaw_of(matched), placement.yaw)
+    return Placement(_turned(placement.frame_from_object, yaw), is_round=False, is_verified=True)
 
 
 def _turned(pose: FloatArray, yaw: float) -> NDArray[np.float64]:

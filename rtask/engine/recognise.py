@@ -19,7 +19,8 @@ from rtask.engine.identity import recognise, settle
 from rtask.engine.messages import Field
 from rtask.engine.objects import guess_class
 from rtask.engine.observation import Observation
-from rtask.engine.placement import Placement, footprint_of, place
+from rtask.engine.placement import Placement, footprint_of, place, posed
+from rtask.engine.poses import ObjectPose, find_pose, pose_fields
 from rtask.engine.question import Question
 from rtask.engine.recall import KnownObject, Memory, recall
 from rtask.engine.robots import KnownGripper
@@ -40,7 +41,9 @@ __all__ = ["RECOGNISE_FOR_GRASP", "SIGHT", "Clock", "locate", "question_for", "r
 
 _MOST_CANDIDATES = 50
 _MOST_MATCHES = 10
-_STEPS = ("decode_s", "extraction_s", "matching_s", "query_s", "generation_s", "choice_s")
+_STEPS = (
+    "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s", "choice_s",
+)  # fmt: skip
 
 SIGHT = (
     Field("data", "bytes", "base64 of one object's compressed cloud", required=True,
@@ -101,6 +104,7 @@ class Situation:
     known: KnownObject | None
     placement: Placement | None
     gripper: KnownGripper
+    pose: ObjectPose | None = None
     chosen: Sequence[Option] = ()
 
 
@@ -121,8 +125,9 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     recognition = settle(recognition, memory, seen, engine.policy)
     clock.lap("query_s")
     known = _known(request["object"], recognition, memory)
-    placement = locate(seen, recognition, known, memory)
-    situation = Situation(seen, recognition, memory, known, placement, gripper)
+    placement, pose = locate(engine, seen, recognition, known, memory)
+    clock.lap("pose_s")
+    situation = Situation(seen, recognition, memory, known, placement, gripper, pose)
     chosen = _choose(engine, situation, request, clock)
     situation = replace(situation, chosen=chosen)
     task = engine.names.unique("task").value
@@ -184,16 +189,26 @@ def _known(tracked: str | None, recognition: Recognition, memory: Memory) -> Kno
 
 
 def locate(
-    seen: Observation, recognition: Recognition, known: KnownObject | None, memory: Memory
-) -> Placement | None:
-    """Return where the object stands, its frame taken from a matching view where there is one."""
+    engine: Engine,
+    seen: Observation,
+    recognition: Recognition,
+    known: KnownObject | None,
+    memory: Memory,
+) -> tuple[Placement | None, ObjectPose | None]:
+    """Return where the object stands, and its pose where something stored can tell.
+
+    The frame comes from an accepted pose; else from a matching view; else from the measured sides.
+    """
     if known is None:
-        return place(seen)
+        return place(seen), None
     match: Match | None = next((m for m in recognition.matches if m.object_iri == known.iri), None)
-    if match is None or match.query_from_view is None:
-        return place(seen, known.is_round)
-    query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
-    return place(seen, known.is_round, query_from_view, memory.viewpoints.get(match.view_iri))
+    query_from_view, viewpoint = None, None
+    if match is not None and match.query_from_view is not None:
+        query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
+        viewpoint = memory.viewpoints.get(match.view_iri)
+    placement = place(seen, known.is_round, query_from_view, viewpoint)
+    pose = find_pose(engine, seen, known, match, memory, placement)
+    return posed(placement, pose), pose
 
 
 def _choose(
@@ -264,6 +279,7 @@ def _answer(engine: Engine, situation: Situation, max_grasps: int, task: str) ->
             "matches": [
                 match_message(match, situation.memory) for match in situation.recognition.matches
             ],
+            **pose_fields(situation.pose, seen),
         },
         "similar_objects": similar_objects(seen, situation.recognition, situation.memory),
     }  # fmt: skip
