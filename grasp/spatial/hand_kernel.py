@@ -35,6 +35,9 @@ COLUMNS = (
 """What :func:`search_samples` returns of each hand; lengths in m, in the hand frame."""
 
 
+_LEAST_BITE = 0.5
+
+
 @numba.njit(cache=True, nogil=True)
 def best_slot(local, count, thick, opening, depth, bite, slots, free, filled):  # type: ignore[no-untyped-def]
     """Return the middle one of the slots where the open hand is free, or -1.
@@ -156,17 +159,24 @@ def support(local, along_x, flags, count, centre, opening, low, high, cos_angle,
 
 
 @numba.njit(cache=True, nogil=True)
-def _over_table(origin, rotation, centre, outer, half, bite, depth, table):  # type: ignore[no-untyped-def]
-    """Return the height of the hand's lowest corner over a plane (4,), m."""
-    height = table[3]
+def _bite_over_table(  # type: ignore[no-untyped-def]
+    origin, rotation, centre, outer, slim, wide, bite, depth, room, table
+):
+    """Return the largest bite, at most ``bite``, at which fingertips and palm stay ``room`` m over
+    a plane (4,); -inf where drawing back does not help."""
+    height = table[3] - room
+    along = np.zeros(3)
     for k in range(3):
         height += table[k] * origin[k]
-    along = np.zeros(3)
-    for j in range(3):
-        for k in range(3):
+        for j in range(3):
             along[j] += rotation[j, k] * table[k]
-    height += along[0] * centre - abs(along[0]) * outer / 2 - abs(along[2]) * half
-    return height + min(along[1] * bite, along[1] * (bite - depth))
+    height += along[0] * centre - abs(along[0]) * outer / 2
+    tips = height - abs(along[2]) * slim + along[1] * bite
+    palm = height - abs(along[2]) * wide + along[1] * (bite - depth)
+    lack = -min(tips, palm)
+    if lack <= 0:
+        return bite
+    return bite + lack / along[1] if along[1] < -1e-6 else -np.inf
 
 
 @numba.njit(cache=True, nogil=True)
@@ -187,15 +197,15 @@ def search_samples(grid, normals, flags, samples, frames, cameras, table, counts
     counts
         Turns about the axis over the full circle, slots.
     hand
-        Thickness of a finger, opening, depth, half the height of the slice of points looked at
-        and of the palm, m.
+        Thickness of a finger, opening, depth, half the height of the slice of points looked at,
+        of a finger and of the palm, reach of the fingers beyond the pads' middle, m.
     rule
         First bite, step, room wanted between object and jaws on each side, and between hand and
         table, m; cosine of the antipodal angle; thickness of a contact, m.
     """
     points = grid[0]
     turns, slots = counts
-    thick, opening, depth, half, _ = hand
+    thick, opening, depth, half, _, _, _ = hand
     outer = opening + 2 * thick
     reach = np.sqrt(outer * outer + (depth + rule[0]) ** 2 + half * half)
     found = np.empty((samples.shape[0] * turns, 16))
@@ -245,7 +255,7 @@ def _placed(  # type: ignore[no-untyped-def]
     -------
     False when there is no room for it there, or nothing between the fingers.
     """
-    thick, opening, depth, _, wide = hand
+    thick, opening, depth, _, slim, wide, tip = hand
     init_bite, step, room, tip_room, cos_angle, touch = rule
     out = row[4:]
     bite = _deepest(limit, init_bite, step, depth)
@@ -262,16 +272,20 @@ def _placed(  # type: ignore[no-untyped-def]
     bite = min(bite, _deepest(limit, init_bite, step, depth))
     if table[0] != 0 or table[1] != 0 or table[2] != 0:
         outer = wanted + 2 * thick
-        while (
-            bite >= init_bite
-            and _over_table(origin, rotation, middle, outer, wide, bite, depth, table) < tip_room
-        ):
-            bite -= step
-        if bite < init_bite:
+        bite = _bite_over_table(
+            origin, rotation, middle, outer, slim, wide, bite, depth, tip_room, table
+        )
+        if bite < _LEAST_BITE * init_bite:
             return False
     if not support(local, along_x, flags, count, middle, wanted, bite - depth, bite, cos_angle,
                    touch, out):  # fmt: skip
         return False
+    # Too deep is as bad as too shallow: the pads shall meet what the jaws would touch first.
+    pads = (out[7] + out[9]) / 2 + tip
+    if pads < bite:
+        bite = max(pads, min(bite, init_bite))
+        support(local, along_x, flags, count, middle, wanted, bite - depth, bite, cos_angle, touch,
+                out)  # fmt: skip
     middle, width = (out[0] + out[1]) / 2, out[1] - out[0]
     row[2], row[3], row[4], row[5] = middle, bite, width, wanted
     return True

@@ -1,15 +1,15 @@
 """Antipodal grasps on partial clouds (ten Pas and Platt 2015; Gatto 2016, 3.3.3).
 
-At points drawn from the cloud a hand is turned about the local axis of least curvature, slid
-sideways until both open fingers are free, and pushed forward until something is in the way. How
-much of the surface between the fingers opposes them decides whether it is a grasp.
+How much of the surface between the fingers of a hand that is free opposes them decides whether it
+is a grasp. One view shows one side only: the other is completed by symmetry, or taken from a
+second view.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,93 +17,16 @@ from numpy.typing import NDArray
 from grasp.spatial.antipodal import antipodal_label, support_needed
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.collision import Room, Support, Surroundings, room_around
+from grasp.spatial.completion import complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.hand_kernel import COLUMNS, search_samples
-from grasp.spatial.surfaces import surface_frames
+from grasp.spatial.hands import Hands, SearchOptions, find_hands
 
-__all__ = ["Hands", "SearchOptions", "find_hands", "propose_from_cloud"]
+__all__ = ["propose_from_cloud", "propose_on"]
 
 Floats = NDArray[np.float64]
 
-_COLUMN = {name: k for k, name in enumerate(COLUMNS)}
-_CELL_M = 0.02
-_PALM_ROOM_M = 0.005
-_PLACING_M = 0.004
-
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """What the search does; defaults are those of the published implementation.
-
-    Parameters
-    ----------
-    voxel
-        Edge, m.
-    normal_radius, frame_radius
-        Neighbourhoods of a point's normal and of a sample's frame, m.
-    turns, slots
-        Directions about the local axis over the full circle; sideways positions of the hand.
-    init_bite, step
-        How far the fingertips reach past the surface at first, and each step deeper, m.
-    angle_deg, support
-        A jaw is opposed by more than ``support`` points (at 3 mm) whose normals are within this
-        angle of the closing direction.
-    frames
-        Local frames from the points' normals (``pca``) or from quadrics (``quadric``).
-    room, table_room
-        Wanted between object and jaws on either side, and between hand and table, m.
-    silhouette_deg
-        Normals further than this from the view ray do not count.
-    """
-
-    voxel: float = 0.003
-    normal_radius: float = 0.01
-    frame_radius: float = 0.03
-    turns: int = 8
-    slots: int = 10
-    init_bite: float = 0.01
-    step: float = 0.005
-    angle_deg: float = 20.0
-    support: float = 6.0
-    frames: Literal["pca", "quadric"] = "pca"
-    room: float = 0.002
-    table_room: float = 0.002
-    silhouette_deg: float = 80.0
-
-    def __post_init__(self) -> None:
-        if self.turns < 1 or self.slots < 2 or self.init_bite <= 0 or self.step <= 0:
-            raise ValueError(
-                "turns >= 1, slots >= 2, init_bite and step > 0 m are wanted, got "
-                f"{self.turns}, {self.slots}, {self.init_bite}, {self.step}"
-            )
-        if not (0 < self.angle_deg < 90 and self.support >= 0):
-            raise ValueError(
-                f"0 < angle_deg < 90 and support >= 0 are wanted, got {self.angle_deg}, "
-                f"{self.support}"
-            )
-
-
-@dataclass(frozen=True)
-class Hands:
-    """Free hands found on a cloud, whatever opposes them.
-
-    Parameters
-    ----------
-    poses : (m, 4, 4)
-        ``frame_from_gripper``.
-    table : (m, 16)
-        Columns of :data:`grasp.spatial.hand_kernel.COLUMNS`.
-    """
-
-    poses: Floats
-    table: Floats
-
-    def __len__(self) -> int:
-        return len(self.poses)
-
-    def column(self, name: str) -> Floats:
-        """Return one column (m,) of the table."""
-        return self.table[:, _COLUMN[name]]
+_CHECKED = 3
 
 
 def propose_from_cloud(
@@ -116,6 +39,7 @@ def propose_from_cloud(
     samples: int = 200,
     seed: int = 0,
     options: SearchOptions | None = None,
+    complete: bool = True,
     max_candidates: int = 100,
 ) -> Proposals:
     """Propose grasps of what a cloud shows, best first.
@@ -138,6 +62,9 @@ def propose_from_cloud(
         Points at which a hand is tried.
     seed
         Of the draw: the same input and seed give the same candidates.
+    complete
+        Guess the hidden side of the object, which ``points`` then show alone but for the table;
+        takes a table and a viewpoint, and is left out without them.
     max_candidates
         How many at most.
 
@@ -176,6 +103,8 @@ def propose_from_cloud(
         normal_radius=options.normal_radius,
         silhouette_deg=options.silhouette_deg,
     )
+    if complete:
+        cloud = complete_by_symmetry(cloud)
     return propose_on(cloud, gripper, samples, seed, options, max_candidates)
 
 
@@ -215,13 +144,45 @@ def propose_on(
         )
         return Proposals(reason=reason, notes=cloud.notes, counts=dict(counts))
     score = _plausibility(cloud, gripper, hands, needed)
-    best = chosen[np.argsort(-score[chosen], kind="stable")][:max_candidates]
+    order = chosen[np.argsort(-score[chosen], kind="stable")][: _CHECKED * max_candidates]
+    room = _room(cloud, gripper, hands, order)
+    counts["touching"] = int((~room.free).sum())
+    if not room.free.any():
+        reason = "the gripper would touch what stands around on its way"
+        return Proposals(reason=reason, notes=cloud.notes, counts=dict(counts))
     candidates = [
         candidate
-        for i in best
-        for candidate in _candidates(cloud, gripper, hands, int(i), float(score[i]), needed)
+        for i, clearance in zip(order[room.free], room.clearance[room.free], strict=True)
+        for candidate in _candidates(
+            cloud,
+            gripper,
+            hands,
+            int(i),
+            needed,
+            {"geometry": float(score[i]), "clearance": float(clearance)},
+        )
     ]
     return Proposals(tuple(candidates[:max_candidates]), "", cloud.notes, dict(counts))
+
+
+def _room(
+    cloud: SurfaceCloud, gripper: ParallelGripper, hands: Hands, chosen: NDArray[np.int64]
+) -> Room:
+    """Return what the whole gripper would touch on a straight approach, completed points too."""
+    table = cloud.table
+    support = None
+    obstacles = cloud.points[~cloud.target]
+    if table is not None:
+        up = (float(table[0]), float(table[1]), float(table[2]))
+        support = Support(-float(table[3]), up)
+        obstacles = obstacles[obstacles @ table[:3] + table[3] > 3 * cloud.voxel]
+    return room_around(
+        hands.poses[chosen],
+        hands.column("opening")[chosen],
+        gripper,
+        Surroundings(support, obstacles),
+        cloud=cloud.points[cloud.target],
+    )
 
 
 def _wider(cloud: SurfaceCloud, gripper: ParallelGripper) -> str:
@@ -231,79 +192,6 @@ def _wider(cloud: SurfaceCloud, gripper: ParallelGripper) -> str:
         return ""
     stroke = f"{1e3 * gripper.max_opening:.3g} mm"
     return f"every side of what is seen is wider than the stroke of {stroke}"
-
-
-def find_hands(
-    cloud: SurfaceCloud,
-    gripper: ParallelGripper,
-    samples: int = 200,
-    seed: int = 0,
-    options: SearchOptions | None = None,
-) -> Hands:
-    """Return all free hands with something between their fingers, in the order of the samples."""
-    options = options or SearchOptions()
-    rng = np.random.default_rng(seed)
-    usable = np.flatnonzero(cloud.target)
-    drawn = rng.choice(usable, size=min(samples, len(usable)), replace=False)
-    grid = cloud.grid(max(options.normal_radius, 2.5 * cloud.voxel))
-    frames, known = surface_frames(
-        grid,
-        np.where(cloud.counted[:, None], cloud.normals, 0.0),
-        drawn,
-        max(options.frame_radius, 4 * cloud.voxel),
-        cloud.axes[0],
-        options.frames == "quadric",
-    )
-    drawn, frames = drawn[known], np.ascontiguousarray(frames[known])
-    palm = gripper.palm or (0.0, 2 * gripper.finger_width, 0.0)
-    flags = cloud.counted.astype(np.int64) + 2 * cloud.completed
-    depth = gripper.finger_length - _PALM_ROOM_M
-    rows = search_samples(
-        cloud.grid(_CELL_M).arrays,
-        cloud.normals,
-        flags * cloud.target,
-        drawn,
-        frames,
-        cloud.viewpoints,
-        np.zeros(4) if cloud.table is None else cloud.table,
-        (options.turns, options.slots),
-        (
-            gripper.thickness,
-            gripper.max_opening,
-            depth,
-            gripper.finger_width / 2 + _PLACING_M,
-            max(gripper.finger_width, palm[1]) / 2,
-        ),
-        (
-            min(options.init_bite, depth),
-            options.step,
-            options.room,
-            options.table_room,
-            float(np.cos(np.deg2rad(options.angle_deg))),
-            cloud.voxel,
-        ),
-    )
-    return Hands(_poses(cloud.points[drawn], frames, rows, options.turns, gripper), rows)
-
-
-def _poses(
-    origins: Floats, frames: Floats, rows: Floats, turns: int, gripper: ParallelGripper
-) -> Floats:
-    """Return ``frame_from_gripper`` (m, 4, 4) of rows of the kernel."""
-    sample = rows[:, _COLUMN["sample"]].astype(np.int64)
-    angle = 2 * np.pi * rows[:, _COLUMN["turn"]] / turns
-    axis, normal, binormal = (frames[sample, k] for k in range(3))
-    approach = np.sin(angle)[:, None] * binormal - np.cos(angle)[:, None] * normal
-    closing = np.cross(approach, axis)
-    poses = np.zeros((len(rows), 4, 4))
-    poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = closing, -axis, approach
-    poses[:, :3, 3] = (
-        origins[sample]
-        + rows[:, _COLUMN["x"], None] * closing
-        + (rows[:, _COLUMN["bite"], None] - gripper.fingertip) * approach
-    )
-    poses[:, 3, 3] = 1.0
-    return poses
 
 
 def _plausibility(
@@ -334,11 +222,11 @@ def _candidates(
     gripper: ParallelGripper,
     hands: Hands,
     i: int,
-    score: float,
     needed: float,
+    scores: Mapping[str, float],
 ) -> list[GraspCandidate]:
     """Return hand ``i`` as a candidate, and turned by half a turn where the jaws differ."""
-    row = {name: float(hands.table[i, k]) for name, k in _COLUMN.items()}
+    row = hands.row(i)
     pose = hands.poses[i]
     label = antipodal_label(row["left"], row["right"], needed)
     seen = antipodal_label(row["left_seen"], row["right_seen"], needed)
@@ -360,11 +248,7 @@ def _candidates(
         antipodal=label,
         completed=label != seen,
         opening=row["opening"],
-        scores={
-            "geometry": score,
-            "support_left": row["left"],
-            "support_right": row["right"],
-        },
+        scores={**scores, "support_left": row["left"], "support_right": row["right"]},
     )
     if gripper.symmetric:
         return [candidate]
@@ -375,10 +259,6 @@ def _candidates(
         frame_from_gripper=turned,
         contacts=contacts[::-1].copy(),
         normals=np.stack([-turned[:3, 0], turned[:3, 0]]),
-        scores={
-            "geometry": score,
-            "support_left": row["right"],
-            "support_right": row["left"],
-        },
+        scores={**scores, "support_left": row["right"], "support_right": row["left"]},
     )
     return [candidate, other]
