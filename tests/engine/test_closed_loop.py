@@ -56,7 +56,7 @@ def test_an_answer_is_strict_json_with_every_field_whatever_is_known(bench, firs
         json.dumps(answer, allow_nan=False)
         assert set(answer["times"]) == {
             "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s",
-            "total_s",
+            "choice_s", "total_s",
         }  # fmt: skip
         for name in ("pre_grasp_posture", "grasp_pose", "post_grasp_retreat", "statistics"):
             assert answer[name] is not None
