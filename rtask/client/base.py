@@ -134,6 +134,10 @@ class Client(ABC):
         """Tell what came of a grasp on a known object."""
         return cast("answers.ReportedOutcome", self.call("report_outcome", **request))
 
+    def give_feedback(self, **request: Unpack[requests.GiveFeedback]) -> answers.Feedback:
+        """Pass on what a person thinks of what a robot reported."""
+        return cast("answers.Feedback", self.call("give_feedback", **request))
+
     def teach_object(self, **request: Unpack[requests.TeachObject]) -> answers.Taught:
         """Pass on what a person wants: search by words, teach, confirm, reject."""
         return cast("answers.Taught", self.call("teach_object", **request))

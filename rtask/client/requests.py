@@ -12,6 +12,7 @@ __all__ = [
     "REQUESTS",
     "Camera",
     "EndEffector",
+    "GiveFeedback",
     "InsertObject",
     "NewObject",
     "Outcome",
@@ -202,6 +203,19 @@ class ReportOutcome(TypedDict, total=False):
     stamp: Stamp
 
 
+class GiveFeedback(TypedDict, total=False):
+    """What a person thinks of what a robot reported."""
+
+    verdict: Required[Literal["confirm", "refuse", "correct"]]
+    task_id: str
+    object: str
+    grasp: str
+    held: bool
+    reason: str
+    operator: str
+    comment: str
+
+
 class TeachObject(_Sight, total=False):
     """What a person wants."""
 
@@ -223,6 +237,7 @@ REQUESTS: dict[str, Any] = {
     "resolve_request": ResolveRequest,
     "insert_object": InsertObject,
     "report_outcome": ReportOutcome,
+    "give_feedback": GiveFeedback,
     "teach_object": TeachObject,
 }
 """Type of the request of each operation."""

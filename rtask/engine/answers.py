@@ -10,6 +10,8 @@ from typing import Any, NotRequired, TypedDict
 
 __all__ = [
     "ANSWERS",
+    "Feedback",
+    "GivenVerdict",
     "GraspConfidence",
     "GraspStatistics",
     "Inserted",
@@ -244,6 +246,35 @@ class ReportedOutcome(TypedDict):
     grasp: str
 
 
+class GivenVerdict(TypedDict):
+    """What one person said about an attempt."""
+
+    by: str
+    held: bool
+    reason: str
+    comment: str
+    time: str
+
+
+class Feedback(TypedDict):
+    """What `give_feedback` answers: all that is said about the attempt, and what counts."""
+
+    stored: int
+    commit: str
+    attempt: str
+    grasp: str
+    decided: bool
+    reason: str
+    held: bool | None
+    disputed: bool
+    held_votes: int
+    lost_votes: int
+    verdicts: list[GivenVerdict]
+    text: str
+    statistics: GraspStatistics
+    confidence: float | None
+
+
 class Taught(TypedDict):
     """What `teach_object` answers; what is stored only where something was to be stored."""
 
@@ -264,6 +295,7 @@ ANSWERS: dict[str, Any] = {
     "resolve_request": ResolvedRequest,
     "insert_object": Inserted,
     "report_outcome": ReportedOutcome,
+    "give_feedback": Feedback,
     "teach_object": Taught,
 }
 """Type of the answer of each operation."""

@@ -22,7 +22,7 @@ from rtask.kb.terms import NamedNode, iri, literal
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
 
-__all__ = ["Try", "find_grasp", "state_grasp", "state_try", "state_verdict"]
+__all__ = ["Try", "Verdict", "find_grasp", "state_grasp", "state_try", "state_verdict"]
 
 _GENERATOR = "rtask planar outline 1"
 
@@ -57,6 +57,25 @@ class Try:
     recognition: NamedNode | None = None
     times: Mapping[str, float] = field(default_factory=dict)
     seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a person says about an outcome.
+
+    Parameters
+    ----------
+    by
+        Name of the person.
+    reason
+        Code of why it ended so, in the person's opinion; empty = no opinion.
+    """
+
+    by: str
+    held: bool
+    time: dt.datetime
+    reason: str = ""
+    comment: str = ""
 
 
 def find_grasp(
@@ -193,27 +212,36 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
         facts.add(feedback, RT.comment, comment)
     if fields.get("confirmed_by") == "human":
         operator = fields.get("operator") or "operator"
-        state_verdict(engine, facts, outcome, one.outcome.held, operator, one.ended)
+        said = Verdict(operator, one.outcome.held, one.ended)
+        state_verdict(engine, facts, outcome, said, (int(said.held), int(not said.held)))
     _state_pictures(engine, facts, one)
     return outcome
 
 
 def state_verdict(
-    engine: Engine, facts: Facts, outcome: NamedNode, held: bool, operator: str,
-    time: dt.datetime, comment: str | None = None,
+    engine: Engine, facts: Facts, outcome: NamedNode, said: Verdict, votes: tuple[int, int],
 ) -> NamedNode:  # fmt: skip
-    """State what a person says about an outcome; it outweighs what the robot decided."""
-    person = engine.kb.graphs.agent_iri(operator, "teacher")
-    facts.node(person, [RT.Human], {RT.name: operator})
+    """State what a person says about an outcome; what most people say outweighs the robot.
+
+    Parameters
+    ----------
+    votes
+        How many people, this one too, say that it held and that it did not.
+    """
+    person = engine.kb.graphs.agent_iri(said.by, "teacher")
+    facts.node(person, [RT.Human], {RT.name: said.by})
     feedback = engine.names.unique("feedback")
     facts.add(outcome, RT.hasFeedback, feedback)
     return facts.node(
         feedback,
         [RT.HumanFeedback],
         {
-            RT.verdict: held,
-            RT.atTime: stamp(time),
-            RT.comment: comment,
+            RT.verdict: said.held,
+            RT.saidReason: reason(said.reason) if said.reason else None,
+            RT.atTime: stamp(said.time),
+            RT.comment: said.comment or None,
+            RT.heldVotes: votes[0],
+            RT.lostVotes: votes[1],
             PROV.wasAttributedTo: person,
         },
     )

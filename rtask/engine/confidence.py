@@ -9,21 +9,21 @@ the graph of the robot that tried, and names the evaluation that it was derived 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from grasp.learning.bandit import Arm, BetaThompson
 from rtask.engine.facts import Facts, stamp
-from rtask.engine.names import tail
+from rtask.engine.names import slug
 from rtask.engine.policy import Policy
 from rtask.engine.vocabulary import PREFIXES, PROV, RT, values
-from rtask.kb.terms import NamedNode, Value, iri
+from rtask.kb.terms import NamedNode, Value, iri, object_term, python_value
 
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
 
-__all__ = ["Belief", "Confidence", "posterior", "state_belief", "stored_confidences"]
+__all__ = ["Belief", "Confidence", "believe", "posterior", "stored_confidences"]
 
 _BELIEF = (RT.graspConfidence, RT.beliefAlpha, RT.beliefBeta, RT.atTime)
 
@@ -118,28 +118,41 @@ SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time WHERE {{
     return found
 
 
-def state_belief(
+def believe(
     engine: Engine,
     facts: Facts,
     grasp: NamedNode,
-    robot: NamedNode,
-    belief: Belief,
+    counts: Mapping[tuple[bool, bool], int],
+    author: NamedNode,
     time: dt.datetime,
     graph: NamedNode,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """State the new posterior of a grasp, derived from the first evaluation where there is one.
 
+    Parameters
+    ----------
+    counts
+        Judged attempts of all robots by (held, in coarse physics), as they will be.
+    author
+        Whose outcome or verdict changes it.
+    graph
+        Of the author.
+
     Returns
     -------
-    The statements of this robot's last posterior, to withdraw.
+    The statements of this author's last posterior, to withdraw.
     """
-    node = iri(f"{grasp.value}/evaluation/{tail(robot)}")
+    weighed = [(held, n * engine.policy.weight_of(fast)) for (held, fast), n in counts.items()]
+    first = stored_confidences(engine, [grasp.value]).get(grasp.value, Confidence())
+    prior = _quality(engine, facts, grasp) if first.prior is None else first.prior
+    belief = posterior(engine.policy, prior, weighed)
+    home = engine.kb.graphs.owner(graph) or "shared"
+    node = iri(f"{grasp.value}/evaluation/{slug(home)}")
     facts.triples = [t for t in facts.triples if not (t[0] == node and t[1] in _BELIEF)]
     old: list[tuple[NamedNode, NamedNode, Value]] = []
     for quad in engine.kb.match(node, graph=graph):
         if quad.predicate in _BELIEF:
             old.append((node, quad.predicate, quad.object))
-    first = stored_confidences(engine, [grasp.value]).get(grasp.value, Confidence())
     facts.add(grasp, RT.hasEvaluation, node)
     facts.node(
         node,
@@ -150,7 +163,17 @@ def state_belief(
             RT.beliefBeta: belief.beta,
             RT.atTime: stamp(time),
             PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,
-            PROV.wasAttributedTo: robot,
+            PROV.wasAttributedTo: author,
         },
     )
     return old
+
+
+def _quality(engine: Engine, facts: Facts, grasp: NamedNode) -> float | None:
+    """Return the generator's score of a grasp that is stored or about to be."""
+    for subject, predicate, value in facts.triples:
+        if subject == grasp and predicate == RT.graspQuality and isinstance(value, float):
+            return min(max(value, 0.0), 1.0)
+    for quad in engine.kb.match(grasp, RT.graspQuality):
+        return min(max(float(str(python_value(object_term(quad.object)))), 0.0), 1.0)
+    return None

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.feedback import GIVE_FEEDBACK, give_feedback
 from rtask.engine.grasps import RECALL_GRASPS, recall_grasps
 from rtask.engine.insert import INSERT_OBJECT, insert_object, wrapped
 from rtask.engine.messages import Field
@@ -92,6 +93,10 @@ OPERATIONS: Mapping[str, Operation] = {
         Operation(
             "report_outcome", "write", "store what came of a grasp on a known object",
             report_outcome, REPORT_OUTCOME,
+        ),
+        Operation(
+            "give_feedback", "teach", "confirm, correct or refuse what a robot reported",
+            give_feedback, GIVE_FEEDBACK,
         ),
         Operation(
             "teach_object", "read", "search by words, name an object, confirm or reject a grasp",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rtask.engine.vocabulary import PREFIXES, reason, values
 
-__all__ = ["UNJUDGED", "Question", "query_text"]
+__all__ = ["JUDGED", "UNJUDGED", "Question", "query_text"]
 
 UNJUDGED = (
     "timed_out", "stopped_by_human", "hardware",
@@ -22,12 +22,14 @@ Such attempts are stored like all others and count in no statistics: that one ar
 an object where it stood teaches nothing about taking hold of it elsewhere."""
 
 _NOBODY = "urn:rtask:nobody"
-_JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
+JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
     ?outcome rt:hasReason ?reason ; rt:success ?decided
     BIND(IF(?decided, !EXISTS {{ ?outcome rt:judgedSuccess false }},
       EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
-    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))"""
-"""Pattern of a judged attempt of ``?grasp``; a person's verdict wins over what was decided."""
+    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))
+    FILTER NOT EXISTS {{ ?outcome rt:disputed true }}"""
+"""Pattern of a judged attempt of ``?grasp``: people's verdict wins over what was decided, and where
+people disagree evenly nothing is judged."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
     name = "fast" if only_fast else "tally"
     return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held
       (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
-    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {_JUDGED} }}
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} }}
     GROUP BY ?object ?grasp ?held"""
 
 
@@ -144,7 +146,7 @@ def _trial_part(tracked: str, robot: str | None) -> str:
     ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
     ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
     ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
-    {_JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
+    {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
     BIND("trial" AS ?part)"""
 
 

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.attempts import Try, find_grasp, state_grasp, state_try
+from rtask.engine.confidence import believe
 from rtask.engine.facts import Facts
 from rtask.engine.objects import state_frame, state_recognition
 from rtask.engine.question import UNJUDGED
 from rtask.engine.received import Outcome, Received
 from rtask.engine.robots import KnownGripper
-from rtask.engine.statistics import count
+from rtask.engine.statistics import count, judged_counts
 from rtask.engine.tasks import Decision
 from rtask.engine.terms import find_task
-from rtask.engine.vocabulary import PREFIXES, RT
+from rtask.engine.vocabulary import PREFIXES, RT, reason
 from rtask.errors import UnknownTermError
 from rtask.kb.terms import NamedNode, Value, iri, literal
 
@@ -155,13 +157,36 @@ def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, W
             seed=None if entry.decision is None else entry.decision.seed,
         ),
     )
-    own = engine.kb.graphs.agent(entry.gripper.robot_name)
-    if entry.outcome.reason in UNJUDGED or entry.graph != own:
+    if entry.outcome.reason in UNJUDGED:
         return grasp, []
-    return grasp, count(
-        engine, facts, grasp, entry.gripper.gripper.gripper_type, entry.gripper.robot,
-        entry.outcome.held, entry.graph,
-    )  # fmt: skip
+    gripper, held = entry.gripper, entry.outcome.held
+    withdrawn: Withdrawn = []
+    if entry.graph == engine.kb.graphs.agent(gripper.robot_name):
+        withdrawn += count(
+            engine, facts, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,
+            attempts=1, successes=int(held),
+        )  # fmt: skip
+    counts = Counter(judged_counts(engine, grasp)) + _pending(facts, grasp)
+    withdrawn += believe(engine, facts, grasp, counts, gripper.robot, entry.ended, entry.graph)
+    return grasp, withdrawn
+
+
+def _pending(facts: Facts, grasp: NamedNode) -> Counter[tuple[bool, bool]]:
+    """Count the judged attempts of a grasp that are stated and not stored yet, this one too."""
+    said: dict[NamedNode, dict[NamedNode, list[Any]]] = {}
+    for subject, predicate, value in facts.triples:
+        said.setdefault(subject, {}).setdefault(predicate, []).append(value)
+    unjudged = {reason(code) for code in UNJUDGED}
+    counts: Counter[tuple[bool, bool]] = Counter()
+    for attempt in said.values():
+        if grasp not in attempt.get(RT.executesGrasp, []):
+            continue
+        outcome = said[attempt[RT.hasOutcome][0]]
+        if outcome[RT.hasReason][0] in unjudged:
+            continue
+        presets = [said[f].get(RT.preset, [""])[0] for f in outcome[RT.hasFeedback]]
+        counts[bool(outcome[RT.success][0]), "fast" in presets] += 1
+    return counts
 
 
 def _times(entry: Entry) -> Mapping[str, float]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.facts import Facts
 from rtask.engine.names import tail
-from rtask.engine.question import UNJUDGED
+from rtask.engine.question import JUDGED, UNJUDGED
 from rtask.engine.vocabulary import PREFIXES, PROV, RT, reason
 from rtask.kb.terms import NamedNode, object_term, python_value
 
@@ -20,7 +20,15 @@ if TYPE_CHECKING:
     from rtask.engine.engine import Engine
     from rtask.kb.commit import Commit
 
-__all__ = ["count", "lower_95", "over_all_robots", "rebuild", "statistics_of", "summary"]
+__all__ = [
+    "count",
+    "judged_counts",
+    "lower_95",
+    "over_all_robots",
+    "rebuild",
+    "statistics_of",
+    "summary",
+]
 
 
 def lower_95(successes: int, attempts: int) -> float:
@@ -55,9 +63,16 @@ def statistics_of(engine: Engine, grasp: NamedNode, robot: NamedNode) -> NamedNo
 
 def count(
     engine: Engine, facts: Facts, grasp: NamedNode, gripper_type: str, robot: NamedNode,
-    held: bool, graph: NamedNode,
+    graph: NamedNode, attempts: int, successes: int,
 ) -> list[tuple[NamedNode, NamedNode, Any]]:  # fmt: skip
-    """State a robot's new count of a grasp after one more judged attempt.
+    """State a robot's new count of a grasp.
+
+    Parameters
+    ----------
+    graph
+        Where the robot keeps its counts.
+    attempts, successes
+        How many more there are than before; fewer when a person took something back.
 
     Returns
     -------
@@ -73,9 +88,9 @@ def count(
         if quad.predicate in counted
     ]
     numbers = {p: float(str(python_value(object_term(v)))) for _, p, v in (*old, *pending)}
-    attempts = int(numbers.get(RT.attempts, 0)) + 1
-    successes = int(numbers.get(RT.successes, 0)) + int(held)
-    state(facts, node, grasp, gripper_type, robot, successes, attempts)
+    total = max(int(numbers.get(RT.attempts, 0)) + attempts, 0)
+    held = min(max(int(numbers.get(RT.successes, 0)) + successes, 0), total)
+    state(facts, node, grasp, gripper_type, robot, held, total)
     return old
 
 
@@ -93,7 +108,7 @@ def state(
             PROV.wasAttributedTo: robot,
             RT.attempts: attempts,
             RT.successes: successes,
-            RT.meanSuccess: successes / attempts,
+            RT.meanSuccess: successes / attempts if attempts else 0.0,
             RT.lower95: lower_95(successes, attempts),
         },
     )
@@ -104,6 +119,17 @@ def over_all_robots(engine: Engine, grasp: NamedNode) -> dict[str, Any]:
     rows = _judged(engine, [grasp])
     held = sum(n for *_, won, n in rows if won)
     return summary(held, sum(n for *_, n in rows))
+
+
+def judged_counts(engine: Engine, grasp: NamedNode) -> dict[tuple[bool, bool], int]:
+    """Return how many judged attempts of a grasp there are, by (held, in coarse physics)."""
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {grasp} }}
+  {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?fast)
+}} GROUP BY ?held ?fast""")
+    return {
+        (bool(row.value("held")), bool(row.value("fast"))): int(str(row.value("n"))) for row in rows
+    }
 
 
 def rebuild(engine: Engine) -> Commit:
@@ -147,6 +173,7 @@ SELECT ?grasp ?robot ?gripper ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ {c
   OPTIONAL {{ ?outcome rt:judgedSuccess ?verdict }}
   BIND(COALESCE(?verdict, ?decided) AS ?held)
   FILTER(?verdict != ?decided || ?reason NOT IN ({unjudged}))
+  FILTER NOT EXISTS {{ ?outcome rt:disputed true }}
 }} GROUP BY ?grasp ?robot ?gripper ?held""")
     found = []
     for row in rows:

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import datetime as dt
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.attempts import state_verdict
-from rtask.engine.facts import Facts
+from rtask.engine.feedback import give_feedback
 from rtask.engine.insert import ITEM, insert_object
 from rtask.engine.messages import Field, read
 from rtask.engine.recognise import SIGHT
 from rtask.engine.search import search_object
-from rtask.engine.statistics import over_all_robots
-from rtask.engine.vocabulary import PREFIXES
-from rtask.errors import UnknownTermError, UsageError
-from rtask.kb.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
@@ -79,47 +73,18 @@ def _teach(engine: Engine, request: dict[str, Any], access: Access) -> dict[str,
 
 
 def _judge(engine: Engine, request: dict[str, Any], access: Access, held: bool) -> dict[str, Any]:
-    """Store a person's verdict about the latest attempt that the request means."""
-    outcome, grasp = _attempt(engine, request)
-    operator = request["operator"] or access.agent or "operator"
-    with engine.writing:
-        facts = Facts()
-        now = dt.datetime.now(dt.UTC)
-        state_verdict(engine, facts, outcome, held, operator, now, request["comment"])
-        author = engine.author(access, operator, "teacher")
-        with engine.kb.transaction(access=author, note="a person's verdict") as tx:
-            facts.write(tx)
+    """Store a person's verdict that a grasp was good, or not, whatever the robot reported."""
+    names = ("task_id", "object", "grasp", "operator", "comment")
+    said = {name: request[name] for name in names}
+    told = give_feedback(
+        engine, {**said, "verdict": "correct", "held": held, "reason": None}, access
+    )
     return {
         "similar_objects": [],
         "suggestions": [],
-        "stored": 1,
-        "commit": engine.commit_id(tx.commit),
         "objects": [],
-        "grasp": grasp.value,
-        "statistics": over_all_robots(engine, grasp),
+        **{name: told[name] for name in ("stored", "commit", "grasp", "statistics")},
     }
-
-
-def _attempt(engine: Engine, request: dict[str, Any]) -> tuple[NamedNode, NamedNode]:
-    """Return outcome and grasp of the latest attempt that fits."""
-    patterns = []
-    if request["task_id"]:
-        patterns.append(f"?attempt rt:requestId ?id FILTER(?id = {literal(request['task_id'])})")
-    if request["grasp"]:
-        patterns.append(f"?attempt rt:executesGrasp {iri(request['grasp'])} .")
-    if request["object"]:
-        patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(request['object'])} .")
-    if not patterns:
-        raise UsageError("task_id is missing: or name the object and the grasp")
-    rows = engine.kb.select(f"""{PREFIXES}
-SELECT ?outcome ?grasp WHERE {{ {" ".join(patterns)}
-  ?attempt rt:executesGrasp ?grasp ; rt:hasOutcome ?outcome ; prov:endedAtTime ?ended
-}} ORDER BY DESC(?ended) DESC(?outcome) LIMIT 1""")
-    for row in rows:
-        outcome, grasp = row["outcome"], row["grasp"]
-        if isinstance(outcome, NamedNode) and isinstance(grasp, NamedNode):
-            return outcome, grasp
-    raise UnknownTermError("no attempt fits task_id, object and grasp: nothing to judge")
 
 
 def _wanted(request: dict[str, Any], *names: str) -> None:
