@@ -1,0 +1,1 @@
+"""Headless experiments: many independent trials on several processes, resumable, by seed."""

@@ -1,0 +1,171 @@
+"""Trials of grasping with perception in the loop: one object, one robot, a graph that is empty.
+
+Everything a trial is made of follows from the seed and its number: kind and product, side, place,
+light, noise, and every choice. The robot sees through its noisy camera alone; ground truth says
+afterwards what it had before it.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+import rtask
+from simulate.agent import Agent, AgentConfig, Server
+from simulate.camera import Lighting
+from simulate.demo.report import by_product
+from simulate.encounter import Encounter
+from simulate.objects import KINDS, product
+from simulate.perception import Seen
+from simulate.scene import arrange
+from simulate.scoring import Judge
+from simulate.simulated_body import Conditions, SimulatedBody, stream
+from simulate.study.runner import Study
+
+__all__ = ["PHASES", "grasping_study", "grasping_trial", "phase_of"]
+
+_PRODUCT, _PLACE, _LIGHT, _NOISE, _CHOICE = range(10, 15)
+_PRODUCTS_OF_A_KIND = 200
+
+_PLANNING = (
+    "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
+    "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "too_wide", "too_heavy",
+)  # fmt: skip
+
+PHASES: Mapping[str, frozenset[str]] = {
+    "see": frozenset({"not_seen", "no_grasp", "gone"}),
+    "plan": frozenset(_PLANNING),
+    "reach": frozenset({"tracking"}),
+    "close": frozenset({"missed"}),
+    "lift": frozenset({"slip_lift"}),
+    "hold": frozenset({"slip_hold"}),
+    "place": frozenset({"place_plan", "slip_transport", "drop_outside"}),
+}
+"""Phases of an attempt and the reason codes with which each fails."""
+
+
+def phase_of(reason: str) -> str:
+    """Return the phase that a reason code belongs to.
+
+    >>> phase_of("slip_lift"), phase_of("ok"), phase_of("new_reason")
+    ('lift', '', 'other')
+    """
+    if reason == "ok":
+        return ""
+    return next((phase for phase, codes in PHASES.items() if reason in codes), "other")
+
+
+def grasping_study(
+    trials: int, seed: int, max_attempts: int = 3, preset: str = "faithful"
+) -> Study:
+    """Return the experiment: kinds in turn, the arms in turn after each round of kinds."""
+    settings = {"seed": seed, "max_attempts": max_attempts, "preset": preset}
+    return Study("grasping with perception in the loop", grasping_trial, settings, trials)
+
+
+def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Let a robot clear a table with one object; return what happened, as JSON data."""
+    seed = int(settings["seed"])
+    kind = KINDS[number % len(KINDS)]
+    side = -1 if (number // len(KINDS)) % 2 == 0 else 1
+    spec = product(kind, int(stream(seed, _PRODUCT, number).integers(_PRODUCTS_OF_A_KIND)))
+    (placement,) = arrange([spec], stream(seed, _PLACE, number), [side])
+    conditions = Conditions(
+        preset=str(settings["preset"]),
+        lighting=Lighting.sample(stream(seed, _LIGHT, number)),
+        noise_seed=(seed, _NOISE, number),
+    )
+    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+        body = SimulatedBody([placement], Path(assets), conditions)
+        try:
+            met, errors, in_reach = _clear(body, settings, seed, number)
+        finally:
+            body.close()
+    result = {
+        "product": spec.name,
+        "kind": kind,
+        "arm": "right" if side < 0 else "left",
+        "x": round(placement.x, 4),
+        "y": round(placement.y, 4),
+        "yaw": round(placement.yaw, 4),
+        "in_reach": in_reach,
+        "perceived": errors,
+        **_summary(met),
+    }
+    outcome = "held" if result["held"] else result["reason"]
+    return {**result, "says": f"{spec.name}: {outcome}"}
+
+
+def _clear(
+    body: SimulatedBody, settings: Mapping[str, Any], seed: int, number: int
+) -> tuple[list[Encounter], dict[str, float], bool]:
+    """Return what the agent met, how well it saw the object, whether it was in reach."""
+    judge = Judge(body)
+    target = body.laid[0].body
+    truth = body.world.object_pose(target)
+    spec = body.laid[0].placement.spec
+    errors: dict[str, float] = {}
+    ours: set[int] = set()
+
+    def on_sight(encounter: Encounter, seen: Seen) -> None:
+        if judge.body_under(seen) != target:
+            return
+        ours.add(encounter.number)
+        if not errors:
+            along, across = sorted(spec.extent[:2], reverse=True)
+            centre = np.hypot(seen.position[0] - truth.x, seen.position[1] - truth.y)
+            errors.update(
+                centre_mm=round(1000 * float(centre), 2),
+                length_mm=round(1000 * (seen.shape.length - along), 2),
+                width_mm=round(1000 * (seen.shape.width - across), 2),
+                height_mm=round(1000 * (seen.shape.height - spec.extent[2]), 2),
+            )
+
+    (in_reach,) = judge.in_reach().values()
+    choice = int(stream(seed, _CHOICE, number).integers(2**31))
+    config = AgentConfig(max_attempts=int(settings["max_attempts"]), seed=choice)
+    with rtask.open(":memory:", reason=False) as kb, rtask.connect(kb, agent="robot") as client:
+        client.call("register_robot", **body.robot.describe("robot"))
+        agent = Agent(body, cast(Server, client), config, on_sight=on_sight)
+        met = [e for e in agent.clear_table() if e.number in ours]
+    return met, errors, in_reach
+
+
+def _summary(met: list[Encounter]) -> dict[str, Any]:
+    """Return one object's story; it may have been lost and met again."""
+    attempts = [
+        {
+            "reason": attempt.reason,
+            "held": attempt.held,
+            "placed": attempt.placed,
+            "place_reason": attempt.place_reason,
+            "physical": attempt.physical,
+        }
+        for encounter in met
+        for attempt in encounter.attempts
+    ]
+    physical = [attempt for attempt in attempts if attempt["physical"]]
+    joined = by_product([{**encounter.summary(), "product": "it"} for encounter in met])
+    story = joined[0] if joined else {"held": False, "placed": False, "tries_to_success": None}
+    reason = "ok"
+    if not story["held"]:
+        reason = str(attempts[-1]["reason"]) if attempts else "gone" if met else "not_seen"
+    return {
+        "attempts": attempts,
+        "tries": len(physical),
+        "held": bool(story["held"]),
+        "held_first": bool(physical) and bool(physical[0]["held"]),
+        "placed": bool(story["placed"]),
+        "placed_first": _first_place(physical),
+        "tries_to_success": story["tries_to_success"],
+        "reason": reason,
+    }
+
+
+def _first_place(physical: list[dict[str, Any]]) -> bool | None:
+    """Return whether the first time that the object was held it was placed; None = never held."""
+    return next((bool(a["placed"]) for a in physical if a["held"]), None)

@@ -1,0 +1,127 @@
+"""Run an experiment to its end: what is not in the journal yet, on several processes."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from rtask.errors import RtaskError, UsageError
+from simulate.study.journal import Journal
+from simulate.study.workers import Trial, run_trials
+
+__all__ = ["Progress", "Study", "run"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """An experiment.
+
+    Parameters
+    ----------
+    name
+        Goes into the journal.
+    trial
+        What is carried out; see :data:`simulate.study.workers.Trial`.
+    settings
+        That trials depend on, JSON-able; holds ``seed``.
+    trials
+        How many.
+    """
+
+    name: str
+    trial: Trial
+    settings: Mapping[str, Any]
+    trials: int
+
+
+class Progress:
+    """Says how far an experiment is: one line, rewritten on a terminal, else every ten seconds."""
+
+    def __init__(self, total: int, done: int, stream: IO[str] | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._terminal = self._stream.isatty()
+        self._total, self._before, self._done = total, done, done
+        self._started = self._said = time.monotonic()
+        if done:
+            self._say(f"{done} of {total} trials are done already")
+
+    def step(self, words: str = "") -> None:
+        """Count one more trial; ``words`` about it."""
+        self._done += 1
+        now = time.monotonic()
+        if not self._terminal and now - self._said < 10 and self._done < self._total:
+            return
+        self._said = now
+        each = (now - self._started) / (self._done - self._before)
+        left = each * (self._total - self._done)
+        self._say(
+            f"{self._done}/{self._total}  {each:.1f} s each, {left / 60:.0f} min left  {words}"
+        )
+
+    def failed(self, number: int, why: str) -> None:
+        """Say that a trial broke."""
+        self._say(f"trial {number} broke: {why.splitlines()[-1]}")
+
+    def _say(self, text: str) -> None:
+        last = self._done >= self._total
+        start, end = ("\r\x1b[K", "\n" if last else "") if self._terminal else ("", "\n")
+        self._stream.write(start + text + end)
+        self._stream.flush()
+
+
+def run(
+    study: Study,
+    folder: Path,
+    processes: int = 2,
+    resume: bool = False,
+    progress: IO[str] | None = None,
+) -> list[dict[str, Any]]:
+    """Carry out what is missing of an experiment and return all results in order of trials.
+
+    Parameters
+    ----------
+    study
+        The experiment.
+    folder
+        Holds ``journal.jsonl``.
+    processes
+        At once; changes nothing but the time.
+    resume
+        Go on with the journal in ``folder``.
+    progress
+        Where to say how far it is; None = standard error.
+
+    Raises
+    ------
+    UsageError
+        There is a journal and ``resume`` is off, or it is of another experiment.
+    RtaskError
+        Trials broke (an error of the program, not of a grasp). All others are in the journal, and
+        the broken ones are tried again by the next run with ``resume``.
+    """
+    if study.trials < 1 or processes < 1:
+        raise UsageError(f"needs at least 1 trial and 1 process, got {study.trials}, {processes}")
+    settings = {"name": study.name, **study.settings}
+    broken: dict[int, str] = {}
+    with Journal(folder / "journal.jsonl", settings, resume) as journal:
+        missing = [n for n in range(study.trials) if n not in journal.done]
+        told = Progress(study.trials, study.trials - len(missing), progress)
+        for number, result, why in run_trials(study.trial, study.settings, missing, processes):
+            if result is None:
+                broken[number] = why
+                told.failed(number, why)
+            else:
+                journal.append(number, result)
+                told.step(str(result.get("says", "")))
+        done = dict(journal.done)
+    if broken:
+        first = min(broken)
+        raise RtaskError(
+            f"{len(broken)} of {study.trials} trials broke, trial {first} first: "
+            f"{broken[first].splitlines()[-1]}; the others are kept, go on with --resume"
+        )
+    return [done[number] for number in range(study.trials)]

@@ -1,0 +1,117 @@
+"""Learners on a table of outcomes that is made up: what each must and must not find out."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from simulate.study.learners import FAILED, LEARNERS, replay
+from simulate.study.learning_report import (
+    COLUMNS,
+    learning_rows,
+    summarise_learning,
+    write_learning_report,
+)
+from simulate.study.outcomes import UNREACHABLE
+
+
+def _arm(source: str, x: float, theta: float, quality: float, reason: str) -> dict[str, Any]:
+    return {
+        "source": source, "x": x, "y": 0.0, "z": 0.03, "theta": theta, "quality": quality,
+        "reason": reason, "doubtful": False,
+    }  # fmt: skip
+
+
+def _world(n: int, seed: int = 0) -> list[dict[str, Any]]:
+    """Objects of two kinds that hold when they are closed on across their middle, of six grasps."""
+    rng = np.random.default_rng(seed)
+    objects = []
+    for number in range(n):
+        arms = []
+        right = (math.pi / 2, 0.0)[number % 2]
+        for k in rng.permutation(6):
+            theta, x = k * math.pi / 6, 0.0 if k % 3 == 0 else 0.02
+            held = math.isclose(theta, right, abs_tol=0.1) and x == 0.0
+            reason = "ok" if held else "missed"
+            arms.append(_arm("blind", x, theta, 0.0, reason))
+            arms.append(_arm("geometry", x, theta, 0.9 if held else 0.3, reason))
+        arms.insert(0, _arm("geometry", 0.0, 0.0, 1.0, UNREACHABLE))
+        look = np.zeros(256)
+        look[number % 2 :: 2] = 1.0
+        objects.append(
+            {
+                "kind": ("pen", "box")[number % 2], "size": [0.05, 0.03, 0.05],
+                "look": (look + rng.normal(0, 0.01, 256)).tolist(), "arms": arms,
+            }
+        )  # fmt: skip
+    return objects
+
+
+def _mean(name: str, source: str, objects: list[dict[str, Any]], last: int) -> float:
+    (learner,) = [one for one in LEARNERS if (one.name, one.source) == (name, source)]
+    _, attempts = replay(objects, learner, range(3))
+    return float(attempts[:, -last:].mean())
+
+
+def test_what_geometry_rates_best_goes_first_and_what_cannot_be_reached_costs_nothing() -> None:
+    assert _mean("bandit, geometry only", "geometry", _world(20), 20) < 1.3
+
+
+def test_the_graph_alone_finds_the_grasp_that_held_on_others_of_the_kind() -> None:
+    objects = _world(30)
+    assert _mean("bandit, graph only", "blind", objects, 20) == pytest.approx(1.0)
+    # One of six at random takes 3.5 on average, whether it is told of the past or not.
+    assert _mean("bandit, neither", "blind", objects, 30) > 2.0
+    assert _mean("random", "blind", objects, 30) == pytest.approx(3.5, abs=0.8)
+
+
+def test_a_choice_of_quadrants_learns_less_than_a_choice_of_grasps() -> None:
+    objects = _world(30)
+    quadrants = _mean("four quadrants, Q-learning", "blind", objects, 10)
+    assert quadrants > _mean("bandit, graph only", "blind", objects, 10) + 0.3
+
+
+def test_an_object_that_nothing_holds_counts_one_more_than_the_attempts() -> None:
+    objects = _world(2)
+    for arm in objects[0]["arms"] + objects[1]["arms"]:
+        arm["reason"] = "missed"
+    for learner in LEARNERS:
+        if "TEXPLORE" not in learner.name:
+            _, attempts = replay(objects, learner, [0])
+            assert attempts.tolist() == [[FAILED, FAILED]], learner
+
+
+def test_the_same_seeds_give_the_same_attempts() -> None:
+    objects = _world(12)
+    for learner in LEARNERS:
+        if "TEXPLORE" not in learner.name:
+            first, second = replay(objects, learner, [3, 4]), replay(objects, learner, [3, 4])
+            assert np.array_equal(first[0], second[0])
+            assert np.array_equal(first[1], second[1]), learner
+
+
+def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> None:
+    quick = [one for one in LEARNERS if one.name in ("bandit, graph only", "bandit, neither")]
+    summary, curves = summarise_learning(_world(24), range(100, 120), quick)
+    learned, not_learned = summary["learners"]
+    assert learned["second_less_first"]["interval95"][1] < 0
+    low, high = not_learned["second_less_first"]["interval95"]
+    assert low < 0 < high
+    assert summary["grasps"]["blind"] == {"drawn": 144, "tried": 144, "held": 24}
+    assert curves["blind: bandit, graph only"].shape == (24,)
+    assert {len(row) for row in learning_rows(summary)} == {len(COLUMNS)}
+
+
+def test_the_report_has_figures_and_a_chart_for_each_kind_of_grasp(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = tuple(one for one in LEARNERS if "TEXPLORE" not in one.name)
+    monkeypatch.setattr(summarise_learning, "__defaults__", (quick,))
+    summary = write_learning_report(tmp_path, _world(12), seed=1, seeds=2)
+    assert summary["objects"] == 12
+    assert {p.name for p in tmp_path.iterdir()} == {"report.json", "geometry.png", "blind.png"}
+    assert (tmp_path / "blind.png").read_bytes().startswith(b"\x89PNG")
