@@ -7,11 +7,12 @@ import os
 import signal
 from pathlib import Path
 from types import FrameType
-from typing import Literal
+from typing import Any, Literal
 
 import click
 
 from rtask.errors import RobotError
+from simulate.fleet.commands import grasping, learn
 
 __all__ = ["demo", "simulate"]
 
@@ -69,9 +70,48 @@ def demo(
         click.echo(json.dumps(result))
 
 
-@click.group()
-def simulate() -> None:
-    """Simulated robots."""
+@click.group(invoke_without_command=True)
+@click.option(
+    "--robots", type=int, help="Run a fleet of so many robots; the options below are its."
+)
+@click.option("--objects", default=20, show_default=True, help="That each robot meets.")
+@click.option("--table", "on_table", default=4, show_default=True, help="Of them at once.")
+@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
+@click.option(
+    "--sharing",
+    type=click.Choice(["on", "off", "both"]),
+    default="on",
+    show_default=True,
+    help="One endpoint for all, one each, or one after the other.",
+)
+@click.option("--prior/--no-prior", default=True, help="Whether geometry proposes grasps.")
+@click.option("--in-line/--at-once", default=True, help="Each after the one before, by tables.")
+@click.option(
+    "--preset", type=click.Choice(["faithful", "fast"]), default="faithful", show_default=True
+)
+@click.option(
+    "--data",
+    default="rtask-fleet",
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for stores, logs and the report.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.pass_context
+def simulate(context: click.Context, /, robots: int | None, **options: Any) -> None:
+    """Simulated robots: a fleet with --robots, or one of the commands."""
+    if context.invoked_subcommand is not None:
+        return
+    if robots is None:
+        click.echo(context.get_help())
+        return
+    from simulate.fleet.commands import run_fleet
+
+    run_fleet(robots, **options)
+
+
+simulate.add_command(grasping)
+simulate.add_command(learn)
 
 
 @simulate.command()

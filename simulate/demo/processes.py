@@ -23,7 +23,7 @@ from typing import Any
 
 from rtask.errors import RobotError, RtaskError
 
-__all__ = ["Endpoint", "Robot", "run_rtask"]
+__all__ = ["Endpoint", "MemberProcess", "Robot", "run_rtask"]
 
 _PR_SET_PDEATHSIG = 1
 _READY_TIMEOUT_S = 120.0
@@ -154,16 +154,12 @@ class Endpoint(_Child):
         raise RtaskError(f"the endpoint did not start: {why}")
 
 
-class Robot(_Child):
-    """One simulated robot in its own process; see :mod:`simulate.robot_process`."""
+class _Worker(_Child):
+    """A robot in its own process: JSON events on its output, ``go`` on its input."""
 
-    def __init__(self, name: str, job: dict[str, Any], token: str, log: Path) -> None:
-        super().__init__(
-            name,
-            [sys.executable, "-m", "simulate.robot_process", json.dumps(job)],
-            log,
-            {"RTASK_TOKEN": token},
-        )
+    def __init__(self, module: str, name: str, job: dict[str, Any], token: str, log: Path) -> None:
+        command = [sys.executable, "-m", module, json.dumps(job)]
+        super().__init__(name, command, log, {"RTASK_TOKEN": token})
 
     def go(self) -> None:
         """Let the robot begin."""
@@ -193,3 +189,17 @@ class Robot(_Child):
             f"{self.name} {ended} while {doing}: {why.removeprefix(f'{self.name}: ')}; the store "
             "holds every attempt that was reported before, and nothing of this one"
         )
+
+
+class Robot(_Worker):
+    """One simulated robot of a demo; see :mod:`simulate.robot_process`."""
+
+    def __init__(self, name: str, job: dict[str, Any], token: str, log: Path) -> None:
+        super().__init__("simulate.robot_process", name, job, token, log)
+
+
+class MemberProcess(_Worker):
+    """One robot of a fleet; see :mod:`simulate.fleet.member`."""
+
+    def __init__(self, name: str, job: dict[str, Any], token: str, log: Path) -> None:
+        super().__init__("simulate.fleet.member", name, job, token, log)

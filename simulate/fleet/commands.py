@@ -1,0 +1,146 @@
+"""What ``rtask simulate`` does besides one robot: a fleet, experiments, requests."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any, Literal
+
+import click
+
+__all__ = ["grasping", "learn", "run_fleet"]
+
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+_PRESETS = click.Choice(["faithful", "fast"])
+
+
+def _interrupt(signum: int, frame: FrameType | None) -> None:
+    """Stop as on Ctrl-C, for SIGTERM too."""
+    raise KeyboardInterrupt
+
+
+def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    from simulate.demo.console import Console
+
+    Console().table(title, columns, rows)
+
+
+def run_fleet(
+    robots: int,
+    objects: int,
+    on_table: int,
+    seed: int,
+    data: Path,
+    sharing: Literal["on", "off", "both"],
+    prior: bool,
+    in_line: bool,
+    preset: str,
+    as_json: bool,
+) -> dict[str, Any]:
+    """Run a fleet with sharing on, off or both, print its figures and write its report."""
+    from simulate.fleet.console import FleetConsole
+    from simulate.fleet.figures import COLUMNS, fleet_figures, fleet_rows, write_fleet_report
+    from simulate.fleet.orchestrate import Fleet, FleetSettings
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+    told = FleetConsole()
+    runs = []
+    for on in {"on": [True], "off": [False], "both": [True, False]}[sharing]:
+        name = "shared" if on else "not shared"
+        told.say(f"{robots} robots, {objects} objects each, experience {name}")
+        settings = FleetSettings(
+            data / name.replace(" ", "-"), robots, objects, on_table, seed, on, prior, in_line,
+            preset=preset,
+        )  # fmt: skip
+        fleet = Fleet(settings, told)
+        done = fleet.run()
+        runs.append((name, done, fleet_figures(done, fleet.plan)))
+    write_fleet_report(data, runs)
+    result = {name: figures for name, _, figures in runs}
+    if as_json:
+        click.echo(json.dumps(result))
+        return result
+    for name, _, figures in runs:
+        _table(f"Experience {name}", COLUMNS, fleet_rows(figures))
+        change = figures["last_less_first"]
+        if change is not None and change["attempts"] is not None:
+            low, high = change["interval95"]
+            click.echo(
+                f"attempts, last robot less first, over {change['products']} common products: "
+                f"{change['attempts']:+.2f} [{low:+.2f}, {high:+.2f}]"
+            )
+    click.echo(f"report  {data / 'report.json'}, {data / 'attempts.png'}")
+    return result
+
+
+@click.command()
+@click.option("-n", "--trials", default=100, show_default=True, help="Objects, kinds in turn.")
+@click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
+@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@click.option("--attempts", default=3, show_default=True, help="Attempts at one object.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--out", default="rtask-grasping", show_default=True, type=_FOLDER)
+@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def grasping(
+    trials: int,
+    seed: int,
+    processes: int,
+    attempts: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how often objects are held and placed, with perception in the loop."""
+    from simulate.study.grasping import grasping_study
+    from simulate.study.grasping_report import COLUMNS, grasping_rows, write_grasping_report
+    from simulate.study.runner import run
+
+    results = run(grasping_study(trials, seed, attempts, preset), out, processes, resume)
+    summary = write_grasping_report(out, results, seed)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    _table("Grasping with perception in the loop", COLUMNS, grasping_rows(summary))
+    for what in ("reasons_of_attempts", "reasons_of_objects_not_held", "reasons_not_placed"):
+        click.echo(f"{what.replace('_', ' ')}: {json.dumps(summary[what])}")
+    click.echo(f"report  {out / 'report.json'}, {out / 'held.png'}")
+
+
+@click.command()
+@click.option("--objects", default=100, show_default=True, help="Objects, kinds in turn.")
+@click.option("--seed", default=0, show_default=True, help="Fixes every object and choice.")
+@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@click.option("--orders", default=20, show_default=True, help="Orders in which learners meet them.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--out", default="rtask-learning", show_default=True, type=_FOLDER)
+@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def learn(
+    objects: int,
+    seed: int,
+    processes: int,
+    orders: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Compare learners on what physics makes of many grasps of many objects."""
+    from simulate.study.learning_report import COLUMNS, learning_rows, write_learning_report
+    from simulate.study.outcomes import outcome_study
+    from simulate.study.runner import run
+
+    results = run(outcome_study(objects, seed, preset=preset), out, processes, resume)
+    summary = write_learning_report(out, results, seed, orders)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    _table("Attempts to first success", COLUMNS, learning_rows(summary))
+    click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
+    click.echo(f"report  {out / 'report.json'}, {out / 'geometry.png'}, {out / 'blind.png'}")

@@ -1,0 +1,161 @@
+"""What a fleet's work amounts to: the n-th robot against the first, on what is known and new."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simulate.demo.report import by_product
+from simulate.fleet.plan import FleetPlan
+from simulate.study.chart import Bar, bar_chart
+from simulate.study.intervals import bootstrap, mean_interval, share
+
+__all__ = ["COLUMNS", "fleet_figures", "fleet_rows", "score_identities", "write_fleet_report"]
+
+COLUMNS = (
+    "robot", "objects", "tried", "held", "attempts", "first try", "attempts, common",
+    "attempts, own", "recognised", "false", "from memory",
+)  # fmt: skip
+
+Met = Mapping[str, Any]
+
+
+def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    """Return for each robot how many objects it recognised rightly and wrongly.
+
+    An object of the graph is the product that it was first made from. One that was told while
+    nobody answered has a name that its robot never learned, and is not scored.
+    """
+    products: dict[str, str] = {}
+    for robot in done["robots"]:
+        for met in _encounters(robot):
+            if not met["recognised"] and met["object_iri"]:
+                products.setdefault(met["object_iri"], met["product"])
+    counts = {}
+    for robot in done["robots"]:
+        known = [met for met in _encounters(robot) if met["recognised"]]
+        scored = [met for met in known if met["recognised"] in products or not met["product"]]
+        right = sum(products.get(met["recognised"]) == met["product"] != "" for met in scored)
+        counts[robot["name"]] = (right, len(scored) - right)
+    return counts
+
+
+def _encounters(robot: Mapping[str, Any]) -> list[Met]:
+    return [met for table in robot["tables"] for met in table]
+
+
+def _objects(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return one entry for each product that was tried in reach."""
+    met = by_product(_encounters(robot))
+    return [m for m in met if m["product"] and m["in_reach"] and m["tries"]]
+
+
+def _attempts(met: Met, cap: int) -> int:
+    return int(met["tries_to_success"] or cap + 1)
+
+
+def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
+    """Return the figures of each robot, and the last one's less the first one's.
+
+    Attempts are physical ones up to the first that held; an object never held counts one more than
+    allowed. Common products were met by the robots before; a robot's own by nobody else.
+    """
+    cap = int(done["settings"]["max_attempts"])
+    identities = score_identities(done)
+    robots = []
+    for robot in done["robots"]:
+        objects = _objects(robot)
+        right, false = identities[robot["name"]]
+        common = [m for m in objects if plan.is_common(m["product"])]
+        own = [m for m in objects if not plan.is_common(m["product"])]
+        robots.append(
+            {
+                "name": robot["name"],
+                "lost": robot["lost"],
+                "undelivered": robot["undelivered"],
+                "objects": len({m["product"] for m in _encounters(robot)} - {""}),
+                "tried": len(objects),
+                "held": share(sum(m["held"] for m in objects), len(objects)),
+                "attempts": mean_interval([_attempts(m, cap) for m in objects]),
+                "first_try": share(sum(m["tries_to_success"] == 1 for m in objects), len(objects)),
+                "attempts_common": mean_interval([_attempts(m, cap) for m in common]),
+                "first_try_common": share(
+                    sum(m["tries_to_success"] == 1 for m in common), len(common)
+                ),
+                "attempts_own": mean_interval([_attempts(m, cap) for m in own]),
+                "recognised": right,
+                "false_identities": false,
+                "from_memory": sum(
+                    m["attempts"][0]["source"] == "memory" for m in objects if m["attempts"]
+                ),
+            }
+        )
+    return {"robots": robots, "last_less_first": _last_less_first(done, plan, cap)}
+
+
+def _last_less_first(done: Mapping[str, Any], plan: FleetPlan, cap: int) -> dict[str, Any] | None:
+    """Return the change in attempts on the common products, product by product."""
+    if len(done["robots"]) < 2:
+        return None
+    first, last = (
+        {m["product"]: _attempts(m, cap) for m in _objects(done["robots"][i])} for i in (0, -1)
+    )
+    both = sorted(name for name in first.keys() & last.keys() if plan.is_common(name))
+    change = np.array([last[name] - first[name] for name in both], dtype=np.float64)
+    if not len(change):
+        return {"products": 0, "attempts": None, "interval95": None}
+    low, high = bootstrap(lambda i: float(change[i].mean()), len(change))
+    return {
+        "products": len(both),
+        "attempts": round(float(change.mean()), 4),
+        "interval95": [round(low, 4), round(high, 4)],
+    }
+
+
+def fleet_rows(figures: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the table of :data:`COLUMNS`."""
+    return [
+        (
+            f"{r['name']}{' (lost)' if r['lost'] else ''}",
+            str(r["objects"]),
+            str(r["tried"]),
+            f"{r['held']['hits']}/{r['held']['n']}",
+            _mean(r["attempts"]),
+            f"{r['first_try']['hits']}/{r['first_try']['n']}",
+            _mean(r["attempts_common"]),
+            _mean(r["attempts_own"]),
+            str(r["recognised"]),
+            str(r["false_identities"]),
+            str(r["from_memory"]),
+        )
+        for r in figures["robots"]
+    ]
+
+
+def _mean(value: Mapping[str, Any]) -> str:
+    if value["mean"] is None:
+        return "-"
+    low, high = value["interval95"]
+    return f"{value['mean']:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def write_fleet_report(
+    folder: Path, runs: Sequence[tuple[str, Mapping[str, Any], Mapping[str, Any]]]
+) -> None:
+    """Write ``report.json`` and ``attempts.png`` of several runs, each (name, done, figures)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    report = {name: {**figures, "done": done} for name, done, figures in runs}
+    (folder / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    bars = [
+        Bar(f"{r['name']} {which}", name, value["mean"], *value["interval95"])
+        for name, _, figures in runs
+        for r in figures["robots"]
+        for which, value in (("common", r["attempts_common"]), ("own", r["attempts_own"]))
+        if value["mean"] is not None
+    ]
+    if bars:
+        bar_chart(folder / "attempts.png", "Attempts to first success", "attempts", bars)

@@ -1,0 +1,139 @@
+"""One robot of a fleet as a process: one table after another, one connection, one graph.
+
+Started as ``python -m simulate.fleet.member JOB`` with the token in ``RTASK_TOKEN``. It says
+``ready`` before each table and begins it at ``go``; when its standard input closes it ends.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, cast
+
+import rtask
+from rtask.client import Client
+from rtask.errors import RemoteUnavailableError, RtaskError
+from simulate.agent import Agent, AgentConfig, Server
+from simulate.camera import Lighting
+from simulate.encounter import Encounter
+from simulate.fleet.plan import MemberJob, spec_of
+from simulate.fleet.servers import BlindServer, PatientServer
+from simulate.perception import Seen
+from simulate.robot_process import Voice
+from simulate.scene import arrange
+from simulate.scoring import Judge
+from simulate.simulated_body import Conditions, SimulatedBody, stream
+
+__all__ = ["main"]
+
+_TABLE, _LIGHT, _NOISE, _CHOICE, _BLIND = range(40, 45)
+_CALL_TIMEOUT_S = 60.0
+_DELIVERY_S = 60.0
+
+
+class _Member:
+    """A robot with its tables before it."""
+
+    def __init__(self, job: MemberJob, client: Client, tell: Voice, assets: Path) -> None:
+        self.job, self.client, self.tell, self.assets = job, client, tell, assets
+        self._introduced = False
+
+    def work(self, wait_for_go: SimpleQueue[str]) -> None:
+        """Clear all tables, and deliver what could not be told meanwhile."""
+        for number in range(len(self.job.tables)):
+            body = self._body(number)
+            try:
+                self._introduce(body)
+                self.tell("ready", {"table": number})
+                wait_for_go.get()
+                self._clear(body, number)
+            finally:
+                body.close()
+        self._deliver()
+
+    def _body(self, number: int) -> SimulatedBody:
+        job, key = self.job, (self.job.index, number)
+        products = [spec_of(name) for name in job.tables[number]]
+        conditions = Conditions(
+            preset=job.preset,
+            lighting=Lighting.sample(stream(job.seed, _LIGHT, *key)),
+            noise_seed=(job.seed, _NOISE, *key),
+        )
+        placements = arrange(products, stream(job.seed, _TABLE, *key))
+        return SimulatedBody(placements, self.assets, conditions)
+
+    def _introduce(self, body: SimulatedBody) -> None:
+        if not self._introduced:
+            self.client.call("register_robot", **body.robot.describe(self.job.name))
+            self._introduced = True
+
+    def _clear(self, body: SimulatedBody, number: int) -> None:
+        """Clear one table and tell what came of it, scored against the truth."""
+        job, judge, first_sight = self.job, Judge(body), {}
+
+        def on_sight(encounter: Encounter, seen: Seen) -> None:
+            first_sight[encounter.number] = judge.body_under(seen)
+
+        def waited(operation: str) -> None:
+            self.tell("waiting", {"for": operation, "outbox": self.client.waiting})
+
+        in_reach = judge.in_reach()
+        choice = int(stream(job.seed, _CHOICE, job.index, number).integers(2**31))
+        server: Any = PatientServer(self.client, job.patience_s, waited)
+        if not job.prior:
+            mouth = min(arm.mouth for arm in body.robot.arms.values())
+            server = BlindServer(server, stream(job.seed, _BLIND, job.index, number), mouth)
+        config = AgentConfig(max_attempts=job.max_attempts, seed=choice)
+        agent = Agent(body, cast(Server, server), config, self.tell, on_sight)
+        started = time.perf_counter()
+        met = agent.clear_table()
+        done = {"table": number, "seconds": time.perf_counter() - started}
+        self.tell("table", {**done, "encounters": judge.score(met, first_sight, in_reach)})
+
+    def _deliver(self) -> None:
+        """Send what waits; what nobody takes in time stays in the outbox for the next run."""
+        deadline = time.monotonic() + _DELIVERY_S
+        while self.client.waiting and time.monotonic() < deadline:
+            try:
+                self.client.deliver()
+            except RemoteUnavailableError:
+                self.tell("waiting", {"for": "deliver", "outbox": self.client.waiting})
+        self.tell("done", {"undelivered": self.client.waiting})
+
+
+def _listen(lines: SimpleQueue[str]) -> None:
+    """Pass on what the parent says; leave at once when it is gone: the store needs no farewell."""
+    for line in sys.stdin:
+        lines.put(line.strip())
+    os._exit(1)
+
+
+def main() -> None:
+    """Run the job given as the one argument."""
+    # Bullet and Mesa write to file descriptor 1; events get a private copy of it.
+    events = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    job = MemberJob(**json.loads(sys.argv[1]))
+    lines: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_listen, args=(lines,), daemon=True).start()
+    token = os.environ.get("RTASK_TOKEN")
+    try:
+        with (
+            tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
+            rtask.connect(
+                job.url, token=token, timeout_s=_CALL_TIMEOUT_S, outbox=Path(job.outbox)
+            ) as client,
+        ):
+            _Member(job, client, Voice(events), Path(assets)).work(lines)
+    except RtaskError as error:
+        sys.exit(f"{job.name}: {error}")
+
+
+if __name__ == "__main__":
+    main()

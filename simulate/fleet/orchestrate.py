@@ -1,0 +1,218 @@
+"""A fleet from start to end: endpoints up, robots at work side by side, figures, down.
+
+With sharing, all robots speak to one endpoint. Without, each has an endpoint with a store of its
+own, so that nothing of another's reaches it: neither grasps nor views nor counts.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rtask.errors import RtaskError, UsageError
+from simulate.demo.processes import Endpoint, MemberProcess, run_rtask
+from simulate.fleet.plan import FleetPlan, MemberJob, plan_fleet
+
+__all__ = ["Fleet", "FleetSettings"]
+
+_MARK = "fleet.json"
+_RESTARTS = 3
+
+Tell = Callable[[str, dict[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class FleetSettings:
+    """What a fleet is asked to do.
+
+    Parameters
+    ----------
+    folder
+        For stores, logs, outboxes and the report.
+    robots, objects, on_table
+        See :func:`simulate.fleet.plan.plan_fleet`.
+    sharing
+        One endpoint for all; else one each.
+    prior
+        Grasps are proposed by geometry; else the robots try blindly what the graph does not know.
+    in_line
+        A robot turns to a table when the one before it has cleared its own table of that number,
+        so that each meets what the others have learned; all work at once nevertheless. Else all
+        begin at once.
+    """
+
+    folder: Path
+    robots: int = 3
+    objects: int = 20
+    on_table: int = 4
+    seed: int = 0
+    sharing: bool = True
+    prior: bool = True
+    in_line: bool = True
+    max_attempts: int = 6
+    preset: str = "faithful"
+    patience_s: float = 120.0
+
+
+class Fleet:
+    """Runs a fleet once.
+
+    Parameters
+    ----------
+    settings
+        What to do.
+    tell
+        Called with a robot's name and each of its events; from several threads, one at a time.
+    """
+
+    def __init__(self, settings: FleetSettings, tell: Tell = lambda robot, event: None) -> None:
+        self.settings = settings
+        self.plan: FleetPlan = plan_fleet(
+            settings.robots, settings.objects, settings.on_table, settings.seed
+        )
+        self.endpoints: list[_Supervised] = []
+        self.robots: list[MemberProcess] = []
+        self._tell = tell
+        self._turn = threading.Condition()
+        self._cleared = [0] * settings.robots
+        self._out: set[int] = set()
+
+    def run(self) -> dict[str, Any]:
+        """Let all robots work and return what each did.
+
+        Returns
+        -------
+        ``settings``, and ``robots`` with ``name``, ``tables`` (encounters of each), ``lost`` (why
+        it ended early; empty = it did not) and ``undelivered``.
+        """
+        folder = self.settings.folder
+        self._prepare(folder)
+        with ExitStack() as stack:
+            for number in range(1 if self.settings.sharing else self.settings.robots):
+                store, log = folder / f"store-{number + 1}", folder / f"endpoint-{number + 1}.log"
+                self.endpoints.append(_Supervised(store, log, self._tell))
+                stack.callback(self.endpoints[-1].stop)
+            for index in range(self.settings.robots):
+                self.robots.append(self._start(index))
+                stack.callback(self.robots[-1].stop)
+            done: list[dict[str, Any]] = [{} for _ in self.robots]
+            watchers = [
+                threading.Thread(target=self._watch, args=(i, done), name=f"watch-{i}")
+                for i in range(len(self.robots))
+            ]
+            for watcher in watchers:
+                watcher.start()
+            try:
+                for watcher in watchers:
+                    watcher.join()
+            finally:  # interrupted: without their robots the watchers end at once
+                for robot in self.robots:
+                    robot.stop()
+        settings = {**asdict(self.settings), "folder": str(folder)}
+        return {"settings": settings, "plan": asdict(self.plan), "robots": done}
+
+    def _prepare(self, folder: Path) -> None:
+        """Make the folder ours and empty."""
+        if folder.exists() and any(folder.iterdir()) and not (folder / _MARK).exists():
+            raise UsageError(
+                f"{folder} exists and is not a fleet's folder; name another with --data"
+            )
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        settings = {**asdict(self.settings), "folder": str(folder)}
+        (folder / _MARK).write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+
+    def _start(self, index: int) -> MemberProcess:
+        settings = self.settings
+        endpoint = self.endpoints[0 if settings.sharing else index]
+        name = f"robot-{index + 1}"
+        answer = run_rtask(
+            "token", "create", "--data", str(endpoint.store), "--robot", name, "--json"
+        )
+        job = MemberJob(
+            name=name,
+            index=index,
+            url=endpoint.url,
+            seed=settings.seed,
+            tables=self.plan.tables(index),
+            max_attempts=settings.max_attempts,
+            prior=settings.prior,
+            outbox=str(settings.folder / f"{name}.outbox.jsonl"),
+            patience_s=settings.patience_s,
+            preset=settings.preset,
+        )
+        log = settings.folder / f"{name}.log"
+        return MemberProcess(name, job.to_json(), json.loads(answer)["token"], log)
+
+    def _watch(self, index: int, done: list[dict[str, Any]]) -> None:
+        """Follow one robot to its end; what happens to it ends nobody else."""
+        robot = self.robots[index]
+        result: dict[str, Any] = {"name": robot.name, "tables": [], "lost": "", "undelivered": 0}
+        done[index] = result
+        try:
+            for event in robot.events(self.settings.patience_s + 300.0):
+                with self._turn:
+                    self._tell(robot.name, event)
+                if event["event"] == "ready":
+                    self._await_turn(index, int(event["table"]))
+                    robot.go()
+                elif event["event"] == "table":
+                    result["tables"].append(event["encounters"])
+                    with self._turn:
+                        self._cleared[index] += 1
+                        self._turn.notify_all()
+                elif event["event"] == "done":
+                    result["undelivered"] = event["undelivered"]
+        except RtaskError as error:
+            result["lost"] = str(error)
+            with self._turn:
+                self._tell(robot.name, {"event": "lost", "why": str(error)})
+        finally:
+            with self._turn:
+                self._out.add(index)
+                self._turn.notify_all()
+
+    def _await_turn(self, index: int, table: int) -> None:
+        """Wait until the robot before this one has cleared that table, or is gone."""
+        if index == 0 or not self.settings.in_line:
+            return
+        with self._turn:
+            self._turn.wait_for(
+                lambda: self._cleared[index - 1] > table or (index - 1) in self._out
+            )
+
+
+class _Supervised:
+    """An endpoint that is started again, at its port, when it goes away by itself."""
+
+    def __init__(self, store: Path, log: Path, tell: Tell) -> None:
+        self.store = store
+        self._log, self._tell = log, tell
+        self._stopping = threading.Event()
+        self.endpoint = Endpoint(store, 0, log)
+        self.url = self.endpoint.url
+        self._watcher = threading.Thread(target=self._watch, name="endpoint", daemon=True)
+        self._watcher.start()
+
+    def _watch(self) -> None:
+        for again in range(1, _RESTARTS + 1):
+            self.endpoint.process.wait()
+            if self._stopping.is_set():
+                return
+            why = self.endpoint.complaint()
+            self._tell("the endpoint", {"event": "restart", "why": why, "times": again})
+            port = int(self.url.rpartition(":")[2])
+            self.endpoint.stop()
+            self.endpoint = Endpoint(self.store, port, self._log)
+
+    def stop(self) -> None:
+        """End it for good."""
+        self._stopping.set()
+        self.endpoint.stop()
+        self._watcher.join(timeout=30.0)

@@ -1,0 +1,128 @@
+"""Who meets what, when: products that every robot meets, and products that only one does."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rtask.errors import UsageError
+from simulate.objects import ObjectSpec, product, sample_objects
+from simulate.simulated_body import stream
+
+__all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
+
+_PRODUCTS, _ORDER = 30, 31
+MOST_ROBOTS, MOST_ON_TABLE = 16, 8
+
+
+@dataclass(frozen=True)
+class MemberJob:
+    """What one robot of a fleet is to do; JSON-able.
+
+    Parameters
+    ----------
+    name, index
+        Its name, which is its token's agent, and its number.
+    url
+        Of the endpoint.
+    tables
+        Names of the products on each table, in order.
+    prior
+        Whether it may ask for grasps that geometry proposes; else it tries blindly what the graph
+        does not know.
+    outbox
+        File that keeps what could not be told yet.
+    patience_s
+        How long it waits for an answer before it gives an object up.
+    """
+
+    name: str
+    index: int
+    url: str
+    seed: int
+    tables: list[list[str]]
+    max_attempts: int
+    prior: bool
+    outbox: str
+    patience_s: float = 120.0
+    preset: str = "faithful"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON data."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class FleetPlan:
+    """The products of a fleet.
+
+    Parameters
+    ----------
+    common
+        Names of the products that every robot meets, table by table.
+    own
+        For each robot the products that nobody else meets, table by table.
+    """
+
+    common: tuple[tuple[str, ...], ...]
+    own: tuple[tuple[tuple[str, ...], ...], ...]
+
+    def tables(self, robot: int) -> list[list[str]]:
+        """Return what stands on each table of one robot."""
+        return [[*a, *b] for a, b in zip(self.common, self.own[robot], strict=True)]
+
+    def is_common(self, name: str) -> bool:
+        """Tell whether every robot meets a product."""
+        return any(name in table for table in self.common)
+
+
+def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan:
+    """Draw the products: half of what a robot meets is met by all, half by it alone.
+
+    Parameters
+    ----------
+    robots
+        How many.
+    objects
+        That each robot meets; an even number, filled up to whole tables.
+    on_table
+        At once; an even number.
+
+    Raises
+    ------
+    UsageError
+        Naming what does not fit.
+
+    Examples
+    --------
+    >>> plan = plan_fleet(3, 8, 4, seed=1)
+    >>> [len(table) for table in plan.tables(2)]
+    [4, 4]
+    >>> set(plan.tables(0)[0]) & set(plan.tables(1)[0]) == set(plan.common[0])
+    True
+    """
+    if not 1 <= robots <= MOST_ROBOTS:
+        raise UsageError(f"--robots must lie in 1..{MOST_ROBOTS}, got {robots}")
+    if not 2 <= on_table <= MOST_ON_TABLE or on_table % 2:
+        raise UsageError(f"--table must be even and lie in 2..{MOST_ON_TABLE}, got {on_table}")
+    if objects < on_table or objects % on_table:
+        raise UsageError(f"--objects must be a multiple of --table {on_table}, got {objects}")
+    if seed < 0:
+        raise UsageError(f"--seed must not be negative, got {seed}")
+    half, tables = on_table // 2, objects // on_table
+    names = [
+        spec.name for spec in sample_objects(stream(seed, _PRODUCTS), half * tables * (robots + 1))
+    ]
+    rows = [tuple(names[i : i + half]) for i in range(0, len(names), half)]
+    groups = [tuple(rows[i : i + tables]) for i in range(0, len(rows), tables)]
+    return FleetPlan(groups[0], tuple(groups[1:]))
+
+
+def spec_of(name: str) -> ObjectSpec:
+    """Return the product of a name.
+
+    >>> spec_of("can-17").kind
+    'can'
+    """
+    kind, _, number = name.partition("-")
+    return product(kind, int(number))  # type: ignore[arg-type]
