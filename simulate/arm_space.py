@@ -37,19 +37,15 @@ class ArmSpace:
         Its description; nothing here has other access to it.
     furniture
         What stands around for good (walls of the boxes), base frame.
-    table
-        Ranges (low, high) of x and y of the table top, m.
     """
 
     def __init__(
         self,
         robot: RobotDescription,
         furniture: Sequence[Obstacle] = (),
-        table: tuple[tuple[float, float], tuple[float, float]] = ((0.09, 0.59), (-0.4, 0.4)),
     ) -> None:
         self.robot = robot
         self.furniture = tuple(furniture)
-        self._table = table
         self.chains = {name: Chain.of(robot, name) for name in robot.arms}
         self._spheres: dict[tuple[str, float], ArmSpheres] = {}
         homes = {
@@ -70,7 +66,7 @@ class ArmSpace:
         self, arm: str, table_height: float, obstacles: Sequence[Obstacle]
     ) -> Surroundings:
         """Return all that an arm can hit: body, table, furniture, perceived obstacles."""
-        (x0, x1), (y0, y1) = self._table
+        (x0, x1), (y0, y1) = self.robot.workplace.table_x, self.robot.workplace.table_y
         table = Obstacle.box(
             "table",
             ((x0 + x1) / 2, (y0 + y1) / 2, table_height - _TABLE_THICK / 2),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
 from rtask.errors import RobotError, UsageError
+from simulate.robots import Workplace
 
 __all__ = ["INTRINSICS", "Camera", "Lighting"]
 
@@ -23,8 +24,7 @@ INTRINSICS = Intrinsics.from_fov(640, 480, 1.2)
 _NEAR_M, _FAR_M = 0.05, 8.0
 _GL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 _SNAPSHOT_FOV_RAD = 0.62
-_SNAPSHOT_EYE = np.array([0.60, -0.34, 0.56])
-_SNAPSHOT_TARGET = np.array([0.12, -0.13, 0.32])
+_PLACE = Workplace()
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,8 @@ class Camera:
         lighting: Lighting | None = None,
         size: tuple[int, int] = (320, 240),
         side: str = "right",
+        eye: tuple[float, float, float] = _PLACE.eye,
+        target: tuple[float, float, float] = _PLACE.target,
     ) -> bytes:
         """Return a picture for people as PNG, seen from in front of the robot.
 
@@ -144,9 +146,11 @@ class Camera:
         size : (width, height), px
         side
             ``left`` or ``right``: the half of the table to look at.
+        eye, target : (x, y, z), m
+            From where, and what, for the right half; mirrored for the left.
         """
         mirror = np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
-        pose = _look_at(_SNAPSHOT_EYE * mirror, _SNAPSHOT_TARGET * mirror)
+        pose = _look_at(np.array(eye) * mirror, np.array(target) * mirror)
         rgb, _, _ = self._render(pose, size, _SNAPSHOT_FOV_RAD, lighting)
         done, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
         if not done:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulate.kinematics import Chain
+from simulate.mesh_cover import cover_mesh
 from simulate.robots.description import (
     Arm,
     Joint,
@@ -256,7 +257,7 @@ def link_poses(
     joints
         In an order in which parents come first.
     values
-        Joint values, rad; 0 where absent.
+        Joint values, rad (prismatic: m); 0 where absent.
     """
     poses: dict[str, Floats] = {root: np.eye(4)}
     for joint in joints:
@@ -264,7 +265,9 @@ def link_poses(
             continue
         pose = poses[joint.parent] @ transform_from(joint.pose.xyz, joint.pose.rpy)
         angle = values.get(joint.name, 0.0)
-        if joint.kind != "fixed" and angle:
+        if joint.kind == "prismatic":
+            pose = pose @ transform_from(tuple(angle * np.array(joint.axis)))
+        elif joint.kind != "fixed" and angle:
             spin = np.eye(4)
             x, y, z = np.array(joint.axis) / np.linalg.norm(joint.axis)
             skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -295,19 +298,26 @@ def body_obstacles(
             continue
         name = "trunk" if link.name == robot.root else "body"
         pose = base_from_root @ poses[link.name]
-        found += [o for shape in link.shapes if (o := _rounded(name, shape, pose)) is not None]
+        found += [o for shape in link.shapes for o in _rounded(name, shape, pose)]
     return tuple(found)
 
 
-def _rounded(name: str, shape: Shape, base_from_link: Floats) -> Obstacle | None:
-    """Return a shape as a rounded box; the end spheres of a capsule are in its cylinder already."""
+def _rounded(name: str, shape: Shape, base_from_link: Floats) -> list[Obstacle]:
+    """Return a shape as rounded boxes; the end spheres of a capsule are in its cylinder already."""
     pose = base_from_link @ transform_from(shape.pose.xyz, shape.pose.rpy)
+    if shape.kind == "mesh":
+        return [
+            Obstacle(
+                name, base_from_link[:3, :3] @ c + base_from_link[:3, 3], np.zeros(3), np.eye(3), r
+            )
+            for c, r in _spheres(shape)
+        ]
     if shape.kind == "box":
-        return Obstacle(name, pose[:3, 3], np.array(shape.size) / 2, pose[:3, :3])
+        return [Obstacle(name, pose[:3, 3], np.array(shape.size) / 2, pose[:3, :3])]
     half = np.zeros(3)
     if shape.kind == "cylinder":
         half[2] = shape.size[1] / 2
-    return Obstacle(name, pose[:3, 3], half, pose[:3, :3], shape.size[0])
+    return [Obstacle(name, pose[:3, 3], half, pose[:3, :3], shape.size[0])]
 
 
 def _spheres(shape: Shape) -> list[tuple[Floats, float]]:
@@ -315,6 +325,10 @@ def _spheres(shape: Shape) -> list[tuple[Floats, float]]:
     pose = transform_from(shape.pose.xyz, shape.pose.rpy)
     if shape.kind == "sphere":
         return [(pose[:3, 3], shape.size[0])]
+    if shape.kind == "mesh":
+        centres, radii = cover_mesh(shape.path, shape.size)
+        moved = centres @ pose[:3, :3].T + pose[:3, 3]
+        return list(zip(moved, (float(r) for r in radii), strict=True))
     if shape.kind == "cylinder":
         radius, length = shape.size
         count = max(int(np.ceil(length / radius)), 1)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from simulate.arm_space import ALLOWED, ArmSpace
 from simulate.collision import Obstacle, Surroundings
-from simulate.grasp_rules import GraspRequest, closing_angles, grasp_heights, openings
+from simulate.grasp_rules import GraspRequest
+from simulate.hand_rules import HandRules, rules_for
 from simulate.kinematics import Goal, IkOptions, solve_ik
 
 __all__ = ["AT_OBJECT", "Candidate", "find_candidates", "most_promising", "target_obstacle"]
@@ -19,7 +20,7 @@ Floats = NDArray[np.float64]
 
 _POSTURES_TRIED = 14
 _DIFFERENT = 0.15
-_IK = IkOptions(angle_tolerance=0.4)
+_ANGLE_TOLERANCE = 0.4
 _PURPOSE_IK = 0
 
 AT_OBJECT: Mapping[tuple[str, str], float] = {
@@ -72,14 +73,13 @@ class Candidate:
     widened: int
     collides: bool = False
 
-    def cost(self, request: GraspRequest) -> float:
+    def cost(self, request: GraspRequest, rules: HandRules) -> float:
         """Return what makes a grasp fail, summed: lower is better."""
         return (
-            request.tilt_weight * abs(self.tilt - request.preferred_tilt(self.height))
+            rules.cost(request, self.tilt, self.height, self.turned)
             + 1.5 * self.off
             + 60.0 * self.depth
             + 0.2 * self.raised
-            + request.turn_weight * self.turned
             + 0.2 * self.widened
         )
 
@@ -103,13 +103,19 @@ def find_candidates(
         Of the starts of inverse kinematics.
     """
     chain = space.chains[arm]
+    rules = rules_for(space.robot.arm(arm))
+    approach = rules.approach(request)
+    options = IkOptions(
+        angle_tolerance=_ANGLE_TOLERANCE, position_tolerance=request.position_tolerance
+    )
     rng = np.random.default_rng((seed, _PURPOSE_IK))
     found: list[Candidate] = []
-    for raised, height in enumerate(grasp_heights(request)):
-        for turned, angle in enumerate(closing_angles(request)):
+    for raised, height in enumerate(rules.heights(request)):
+        for turned, angle in enumerate(rules.angles(request)):
             position = np.array([request.x, request.y, request.table_height + height])
             closing = None if angle is None else np.array([np.cos(angle), np.sin(angle), 0.0])
-            postures = solve_ik(chain, Goal(position, closing), rng, _IK)
+            goal = Goal(position, closing, approach, approach is not None)
+            postures = solve_ik(chain, goal, rng, options)
             if len(postures):
                 draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, turned, 0)
                 found += _judged(space, arm, request, around, draft, postures, closing)
@@ -133,7 +139,7 @@ def _judged(
     else:
         off = np.sqrt(np.maximum(1 - (axes @ closing) ** 2, 0))
     judged = []
-    for widened, opening in enumerate(openings(request)):
+    for widened, opening in enumerate(rules_for(space.robot.arm(arm)).openings(request)):
         spheres = space.spheres(arm, opening)
         depths = -spheres.clearances(postures, around, spheres.slack(around, _TOUCHING))
         spaces = spheres.clearances(postures, around, spheres.slack(around, AT_OBJECT))
@@ -153,10 +159,12 @@ def _judged(
     return judged
 
 
-def most_promising(candidates: Sequence[Candidate], request: GraspRequest) -> list[Candidate]:
+def most_promising(
+    candidates: Sequence[Candidate], request: GraspRequest, rules: HandRules
+) -> list[Candidate]:
     """Return the cheapest few that are not almost the posture of a cheaper one."""
     kept: list[Candidate] = []
-    for candidate in sorted(candidates, key=lambda c: c.cost(request)):
+    for candidate in sorted(candidates, key=lambda c: c.cost(request, rules)):
         if all(np.abs(candidate.posture - k.posture).max() >= _DIFFERENT for k in kept):
             kept.append(candidate)
             if len(kept) == _POSTURES_TRIED:

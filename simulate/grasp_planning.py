@@ -19,6 +19,7 @@ from simulate.grasp_candidates import (
     target_obstacle,
 )
 from simulate.grasp_rules import GraspRequest, PlannedGrasp
+from simulate.hand_rules import rules_for
 from simulate.kinematics import Chain, follow_line
 from simulate.trajectory import CARRYING_ACCELERATION, time_path
 
@@ -109,8 +110,7 @@ class GraspPlanner:
 
     def _arms_for(self, request: GraspRequest) -> tuple[str, ...]:
         if request.arm != "auto":
-            name = request.arm if request.arm in self.robot.arms else f"{request.arm}_arm"
-            return (self.robot.arm(name).name,)
+            return (self.robot.arm(request.arm).name,)
         near = sorted(self.robot.arms.values(), key=lambda arm: -arm.side * request.y)
         return tuple(arm.name for arm in near)
 
@@ -125,8 +125,9 @@ class GraspPlanner:
         around = self.space.surroundings(arm, request.table_height, obstacles)
         with_target = around.with_obstacles([target_obstacle(request)])
         candidates = find_candidates(self.space, arm, request, with_target, seed)
-        steep = [c for c in candidates if c.tilt <= request.largest_tilt]
-        best = most_promising([c for c in steep if not c.collides], request)
+        rules = rules_for(parts)
+        steep = [c for c in candidates if c.tilt <= rules.largest_tilt(request)]
+        best = most_promising([c for c in steep if not c.collides], request, rules)
         reason = "grasp_collision" if steep else "tilt" if candidates else "ik"
         for retreats in (_BACKWARDS, _SIDEWAYS, _SWEEPING):
             for candidate in best:

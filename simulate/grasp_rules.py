@@ -57,6 +57,10 @@ class GraspRequest:
         The footprint is a circle: any closing direction will do.
     mass
         kg, where known.
+    position_tolerance
+        Of the tool at the grasp, m.
+    only_theta
+        Close along theta and no other direction, even where another would do.
     """
 
     x: float
@@ -71,6 +75,8 @@ class GraspRequest:
     arm: str = "auto"
     round: bool = False
     mass: float | None = None
+    position_tolerance: float = 0.0015
+    only_theta: bool = False
 
     @property
     def is_tall(self) -> bool:
@@ -192,6 +198,8 @@ def openings(request: GraspRequest) -> tuple[float, ...]:
 
 def closing_angles(request: GraspRequest) -> tuple[float | None, ...]:
     """Return closing directions (rad) to try, best first; None leaves the direction free."""
+    if request.only_theta:
+        return (request.theta,)
     if request.round:
         return (None,)
     if request.lies_thin:

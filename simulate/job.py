@@ -25,6 +25,8 @@ class Job:
         Folder for the PNGs of each grasp.
     outbox
         File that keeps outcomes not yet delivered.
+    robot
+        Which robot it is: a name of :data:`simulate.robots.ROBOTS`.
     """
 
     name: str
@@ -37,3 +39,4 @@ class Job:
     outbox: str
     gui: bool = False
     preset: str = "faithful"
+    robot: str = "nao"

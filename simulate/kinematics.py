@@ -18,6 +18,9 @@ __all__ = ["Chain", "Goal", "IkOptions", "Tool", "follow_line", "solve_ik"]
 
 Floats = NDArray[np.float64]
 
+_FREE_DOF = 6
+_SOFT, _HARD = 0.004, 0.06
+
 
 @dataclass(frozen=True)
 class Tool:
@@ -90,6 +93,11 @@ class Chain:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.names)
+
+    @property
+    def orients_freely(self) -> bool:
+        """Whether the arm has joints enough to take any orientation at a position."""
+        return self.dof >= _FREE_DOF
 
     def link_frames(self, q: Floats) -> tuple[Floats, Floats]:
         """Return where every moving link is.
@@ -166,15 +174,20 @@ class Goal:
         Wanted closing direction; either sign is the same grasp. None only asks for a horizontal
         closing axis, which frees one degree for round objects.
     approach : (3,) float or None
-        Wanted approach direction, followed as far as the arm can.
-    approach_weight
-        m; how much of a position error one rad of the approach is worth.
+        Wanted approach direction.
+    approach_must
+        Whether the approach must be met; else it is followed as far as the arm can.
     """
 
     position: Floats
     closing: Floats | None = None
     approach: Floats | None = None
-    approach_weight: float = 0.004
+    approach_must: bool = False
+
+    @property
+    def approach_weight(self) -> float:
+        """How much of a position error (m) one rad of the approach is worth."""
+        return _HARD if self.approach_must else _SOFT
 
 
 @dataclass(frozen=True)
@@ -273,13 +286,18 @@ def _damped_step(rows: Floats, residual: Floats, damping: float) -> Floats:
 
 
 def _errors(chain: Chain, q: Floats, goal: Goal) -> tuple[Floats, Floats]:
-    """Return the position error (b,) m and the angle (b,) rad by which closing is off."""
+    """Return the position error (b,) m and the angle (b,) rad by which the hand is turned off."""
     rotation, position = chain.tool_poses(q)
     distance = np.linalg.norm(position - goal.position, axis=1)
     closing = rotation[:, :, 0]
     if goal.closing is None:
-        return distance, np.abs(np.arcsin(np.clip(closing[:, 2], -1, 1)))
-    return distance, np.arccos(np.clip(np.abs(closing @ goal.closing), 0, 1))
+        angle = np.abs(np.arcsin(np.clip(closing[:, 2], -1, 1)))
+    else:
+        angle = np.arccos(np.clip(np.abs(closing @ goal.closing), 0, 1))
+    if goal.approach is not None and goal.approach_must:
+        off = np.arccos(np.clip(rotation[:, :, 2] @ goal.approach, -1, 1))
+        angle = np.maximum(angle, off)
+    return distance, angle
 
 
 def _distinct(q: Floats, distance: float) -> Floats:
@@ -325,7 +343,12 @@ def follow_line(
     rng = np.random.default_rng(0)
     line = [np.asarray(start, dtype=np.float64)]
     for fraction in np.linspace(0, 1, points + 1)[1:]:
-        goal = Goal(position[0] + fraction * offset, None if level else closing, approach)
+        goal = Goal(
+            position[0] + fraction * offset,
+            None if level else closing,
+            approach,
+            chain.orients_freely,
+        )
         found = solve_ik(chain, goal, rng, options, warm=line[-1][None])
         if len(found) == 0 or np.max(np.abs(found[0] - line[-1])) > largest_jump:
             return None

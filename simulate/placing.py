@@ -1,4 +1,4 @@
-"""Carrying an object to its box and setting it down: the paths of transport and place."""
+"""Carrying an object to where it shall stand, and setting it down: the paths of both."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
 from simulate.trajectory import CARRYING_ACCELERATION, Trajectory, join, time_path
 from simulate.world import PlaceBox
 
-__all__ = ["PlacePlan", "plan_place"]
+__all__ = ["PlacePlan", "PlaceSpot", "plan_place"]
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +23,7 @@ _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03)
 _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
 """Bottom of the object over the ground of the box when the hand opens, and the straight way down
 to there, m. Low is gentle; long things may only fit over the walls."""
+_GENTLE = (0.003, 0.055)
 _POSTURES_TRIED = 6
 _TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
 _LOAD_TOLERANCE = 0.012
@@ -39,22 +40,62 @@ _CARRYING: Mapping[tuple[str, str], float] = {
 
 
 @dataclass(frozen=True)
+class PlaceSpot:
+    """Where an object may go.
+
+    Parameters
+    ----------
+    floor
+        Height of what it will stand on, m, base frame.
+    centres
+        Places (x, y) m to try, best first.
+    descents
+        Bottom of the object over the floor when the hand opens, and the straight way down to
+        there, m; best first.
+    """
+
+    floor: float
+    centres: tuple[tuple[float, float], ...]
+    descents: tuple[tuple[float, float], ...] = _DESCENTS
+
+    @classmethod
+    def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
+        """Return one place on a table, to be met gently: what drops from 1 cm may topple."""
+        return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS))
+
+    @classmethod
+    def in_box(cls, box: PlaceBox, used: int, size: float) -> PlaceSpot:
+        """Return the places in a box into which ``used`` objects were put before.
+
+        Each next one goes to another spot; something large (``size`` m) goes to the middle,
+        whatever lies there, for it would not clear the walls.
+        """
+        first = 0 if size > _LARGE else used
+        x, y = box.centre
+        spots = [_SPOTS[(first + shift) % len(_SPOTS)] for shift in range(len(_SPOTS))]
+        return cls(box.floor, tuple((x + dx, y + dy) for dx, dy in spots))
+
+
+@dataclass(frozen=True, eq=False)
 class PlacePlan:
-    """Way points over the box, down into it, and home once the hand is open."""
+    """Way points over the box, down into it, and home once the hand is open.
+
+    ``tool`` (3,) m, base frame, is where the tool shall be when it opens.
+    """
 
     transport: Trajectory
     lower: Trajectory
     retreat: Trajectory
+    tool: Floats
 
 
 def plan_place(
     space: ArmSpace,
     plan: PlannedGrasp,
     start: Floats,
-    box: PlaceBox,
-    used: int,
+    spot: PlaceSpot,
 ) -> PlacePlan | str:
-    """Plan the way of a held object into a box.
+    """Plan the way of a held object to where it shall stand.
 
     Parameters
     ----------
@@ -64,10 +105,8 @@ def plan_place(
         The grasp that holds the object.
     start : (dof,) float, rad
         Posture at the top of the lift.
-    box
+    spot
         Where to.
-    used
-        Objects put there before; each next one goes to another spot.
 
     Returns
     -------
@@ -80,21 +119,19 @@ def plan_place(
     around = space.surroundings(plan.arm, request.table_height, plan.obstacles)
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
-    upright = chain.tool_poses(start[None])[0][0, 2]
-    # Something large goes to the middle, whatever lies there, for it would not clear the walls.
-    first = 0 if max(request.height, request.length) > _LARGE else used
-    x, y = box.centre
-    for release, above in _DESCENTS:
-        for shift in range(len(_SPOTS)):
-            dx, dy = _SPOTS[(first + shift) % len(_SPOTS)]
-            height = box.floor + plan.tool_height + release
-            goal = Goal(np.array([x + dx, y + dy, height]))
+    tool, _ = chain.tool_poses(start[None])
+    upright = tool[0, 2]
+    for release, above in spot.descents:
+        for x, y in spot.centres:
+            height = spot.floor + plan.tool_height + release
+            approach = tool[0, :, 2] if chain.orients_freely else None
+            goal = Goal(np.array([x, y, height]), None, approach, chain.orients_freely)
             found = solve_ik(chain, goal, rng, _IK, warm=start[None])
             for posture in _most_upright(chain, found, upright, start):
                 line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
                 if line is None or (loaded.clearances(line, around, slack) < 0).any():
                     continue
-                planned = _complete(space, plan, loaded, around, start, line)
+                planned = _complete(space, plan, loaded, around, start, line, goal.position)
                 if planned is not None:
                     return planned
     return "place_plan"
@@ -107,6 +144,7 @@ def _complete(
     around: Surroundings,
     start: Floats,
     line: Floats,
+    tool: Floats,
 ) -> PlacePlan | None:
     chain = space.chains[plan.arm]
     transport = space.path(
@@ -134,6 +172,7 @@ def _complete(
         transport,
         time_path(line[::-1], SPEED["approach"] * chain.velocity, CARRYING_ACCELERATION),
         join([time_path(line, 2 * SPEED["approach"] * chain.velocity), back]),
+        tool,
     )
 
 

@@ -30,8 +30,8 @@ _FINGER_GAINS = (0.3, 1.0)
 _HEAD_FORCE = 2.0
 REST_OPENING = 0.95
 """Of an idle hand: eight fingers that lean on their limits cost a quarter of the physics."""
-_OPEN_TORQUE = 0.1
-_FINGER_SPEED = 3.0
+_REST_EFFORT = 0.7
+"""Share of the opening effort with which an idle hand stays open."""
 _FINGER_FRICTION = {"lateralFriction": 1.2, "spinningFriction": 0.002, "rollingFriction": 0.0002}
 _FRAME_FROM_OPTICAL = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -59,13 +59,12 @@ class RobotBody:
         Where its base frame (on the floor, z up) is; None = at the world's origin.
     """
 
-    base_frame = "base_footprint"
-
     def __init__(
         self, world: World, description: RobotDescription, world_from_base: Floats | None = None
     ) -> None:
         self.world = world
         self.description = description
+        self.base_frame = description.base_frame
         self.world_from_base = np.eye(4) if world_from_base is None else world_from_base
         self.arms: Mapping[str, Arm] = description.arms
         self.chains = {name: Chain.of(description, name) for name in description.arms}
@@ -111,8 +110,8 @@ class RobotBody:
     # -- arms -------------------------------------------------------------------------------
 
     def arm(self, name: str) -> Arm:
-        """Return an arm by ``left``, ``right``, ``left_arm`` or ``right_arm``."""
-        return self.description.arm(name if name in self.arms else f"{name}_arm")
+        """Return an arm by its name or its side, ``left`` or ``right``."""
+        return self.description.arm(name)
 
     def home(self, arm: str) -> Floats:
         """Return the joint values (dof,) rad of an arm between grasps."""
@@ -154,10 +153,10 @@ class RobotBody:
 
     # -- hands ------------------------------------------------------------------------------
 
-    def move_fingers(self, arm: str, opening: float, torque: float) -> None:
-        """Drive all phalanges towards an opening 0..1, each with at most ``torque`` N m.
+    def move_fingers(self, arm: str, opening: float, effort: float) -> None:
+        """Drive all finger joints towards an opening 0..1, each with at most ``effort``.
 
-        Eight motors imitate the tendon: a phalanx that touches stops, the others go on. Closing
+        Each has its motor: a phalanx that touches stops, the others go on. Closing
         fingers anchor their contacts, which undoes the drift of the contact solver: without it a
         held object creeps 4.5 mm in 2 s (with it .9 mm), and every tenth creeps out on the way.
         """
@@ -171,15 +170,15 @@ class RobotBody:
                 index,
                 self._client.POSITION_CONTROL,
                 targetPosition=opening * parts.finger_range,
-                force=torque,
+                force=effort,
                 positionGain=position_gain,
                 velocityGain=velocity_gain,
-                maxVelocity=_FINGER_SPEED,
+                maxVelocity=parts.finger_speed,
             )
 
     def rest_hand(self, arm: str) -> None:
         """Hold a hand open without leaning on its limits."""
-        self.move_fingers(arm, REST_OPENING, _OPEN_TORQUE)
+        self.move_fingers(arm, REST_OPENING, _REST_EFFORT * self.arm(arm).open_effort)
 
     def touch(self, arm: str, body: int) -> HandTouch:
         """Return what an arm's hand feels of a body."""
@@ -241,9 +240,8 @@ class RobotBody:
         values = self.joint_values() if q is None else dict(zip(self._head, q, strict=True))
         robot = self.description
         path = robot.path(mount.parent)
-        root_from_parent = link_poses(robot.root, path, {k: float(v) for k, v in values.items()})[
-            mount.parent
-        ]
+        poses = link_poses(robot.root, path, {k: float(v) for k, v in values.items()})
+        root_from_parent = poses.get(mount.parent, np.eye(4))  # the root itself is not among them
         base_from_root = transform_from((0.0, 0.0, robot.base_height))
         mounted = transform_from(mount.pose.xyz, mount.pose.rpy)
         pose: Floats = base_from_root @ root_from_parent @ mounted @ _FRAME_FROM_OPTICAL
@@ -274,7 +272,7 @@ def _hand_message(arm: Arm) -> dict[str, Any]:
     return {
         "name": arm.end_effector,
         "gripper_type": arm.gripper_type,
-        "kind": "Hand",
+        "kind": arm.kind,
         "min_opening": 0.0,
         "max_opening": arm.mouth,
         "jaw_width": arm.finger_width,

@@ -25,6 +25,7 @@ from simulate.encounter import Encounter
 from simulate.job import Job
 from simulate.objects import sample_objects
 from simulate.perception import Seen
+from simulate.robots import describe
 from simulate.scene import arrange
 from simulate.scoring import Judge
 from simulate.simulated_body import Conditions, SimulatedBody, stream
@@ -38,8 +39,10 @@ _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 def body_of(job: Job, assets: Path) -> SimulatedBody:
     """Return the robot of a job before its table."""
     products = sample_objects(stream(job.seed, _PRODUCTS), job.objects)
-    placements = arrange(products, stream(job.seed, _TABLE, job.index))
+    workplace = describe(job.robot).workplace
+    placements = arrange(products, stream(job.seed, _TABLE, job.index), workplace=workplace)
     conditions = Conditions(
+        robot=job.robot,
         preset=job.preset,
         gui=job.gui,
         lighting=Lighting.sample(stream(job.seed, _LIGHT, job.index)),

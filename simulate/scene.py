@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulate.objects import Assets, ObjectSpec, write_assets
+from simulate.robots import Workplace
 from simulate.world import World
 
 __all__ = ["Laid", "Placement", "arrange", "lay"]
 
-# About the reach of both arms; a crowded table grows away from the robot, out of reach.
-_AREA_X = (0.120, 0.180)
-_AREA_ABS_Y = (0.030, 0.180)
-_CLEAR_ABS_Y = (0.010, 0.205)
-_NEAREST_X = 0.100
+_CLEAR_MIDDLE_M, _CLEAR_OUTSIDE_M = 0.010, 0.025
+_CLEAR_EDGE_M = 0.010
 _GROWTH_M = 0.015
 _GAP_M = 0.022
 _ROUNDS = 14
@@ -57,9 +55,14 @@ def _outline(spec: ObjectSpec, x: float, y: float, yaw: float) -> NDArray[np.flo
 
 
 def arrange(
-    specs: Sequence[ObjectSpec], rng: np.random.Generator, sides: Sequence[int] | None = None
+    specs: Sequence[ObjectSpec],
+    rng: np.random.Generator,
+    sides: Sequence[int] | None = None,
+    workplace: Workplace | None = None,
 ) -> list[Placement]:
     """Find a place for every product, with room for a hand between.
+
+    A crowded table grows away from the robot, out of its reach.
 
     Parameters
     ----------
@@ -69,19 +72,22 @@ def arrange(
         Draws the places.
     sides
         For each product +1 = left (y > 0) or -1 = right; None = half of them on each side.
+    workplace
+        Where the robot reaches; None = the smallest robot's.
 
     Raises
     ------
     ValueError
         When the table is too small for them.
     """
+    place = workplace or Workplace()
     order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
     for grown in range(_ROUNDS):
         if sides is None:
             drawn = rng.permuted(np.resize([-1, 1], len(specs)))
         else:
             drawn = np.array([sides[i] for i in order])
-        found = _try_arrange([specs[i] for i in order], drawn, grown * _GROWTH_M, rng)
+        found = _try_arrange([specs[i] for i in order], drawn, grown * _GROWTH_M, rng, place)
         if found is not None:
             return found
     raise ValueError(f"the table has no room for {len(specs)} objects; ask for fewer")
@@ -92,17 +98,20 @@ def _try_arrange(
     sides: NDArray[np.int64],
     grown_m: float,
     rng: np.random.Generator,
+    place: Workplace,
 ) -> list[Placement] | None:
     """Place the largest first, each where it keeps its distance from those before."""
     placed: list[Placement] = []
     outlines: list[NDArray[np.float64]] = []
     for spec, side in zip(specs, sides, strict=True):
         for _ in range(_TRIES):
-            x = float(rng.uniform(_AREA_X[0], _AREA_X[1] + grown_m))
-            y = float(side * rng.uniform(*_AREA_ABS_Y))
+            x = float(rng.uniform(place.area_x[0], place.area_x[1] + grown_m))
+            y = float(side * rng.uniform(*place.area_abs_y))
             yaw = float(rng.uniform(0, 2 * np.pi))
             outline = _outline(spec, x, y, yaw)
-            if _is_clear(outline, side) and all(_gap(outline, o) >= _GAP_M for o in outlines):
+            if _is_clear(outline, side, place) and all(
+                _gap(outline, o) >= _GAP_M for o in outlines
+            ):
                 placed.append(Placement(spec, x, y, yaw))
                 outlines.append(outline)
                 break
@@ -111,13 +120,13 @@ def _try_arrange(
     return placed
 
 
-def _is_clear(outline: NDArray[np.float64], side: int) -> bool:
+def _is_clear(outline: NDArray[np.float64], side: int, place: Workplace) -> bool:
     """Tell whether a footprint keeps to its side, off the table's edge and out of the box."""
     across = outline[:, 1] * side
     return bool(
-        across.min() > _CLEAR_ABS_Y[0]
-        and across.max() < _CLEAR_ABS_Y[1]
-        and outline[:, 0].min() > _NEAREST_X
+        across.min() > _CLEAR_MIDDLE_M
+        and across.max() < place.area_abs_y[1] + _CLEAR_OUTSIDE_M
+        and outline[:, 0].min() > place.table_near + _CLEAR_EDGE_M
     )
 
 

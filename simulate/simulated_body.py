@@ -14,7 +14,7 @@ from simulate.camera import Camera, Lighting
 from simulate.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
 from simulate.noise import SensorNoise
 from simulate.perception import Ignored
-from simulate.robots.nao import Nao
+from simulate.robots import describe
 from simulate.scene import Laid, Placement, lay
 from simulate.world import World
 
@@ -38,6 +38,8 @@ class Conditions:
 
     Parameters
     ----------
+    robot
+        Which one: a name of :data:`simulate.robots.ROBOTS`.
     preset
         Of the physics.
     gui
@@ -52,6 +54,7 @@ class Conditions:
         Folder for a PNG of each phase of each grasp; None = no pictures are taken.
     """
 
+    robot: str = "nao"
     preset: str = "faithful"
     gui: bool = False
     lighting: Lighting | None = None
@@ -76,8 +79,9 @@ class SimulatedBody:
     def __init__(
         self, placements: Sequence[Placement], assets: Path, conditions: Conditions
     ) -> None:
-        self.world = World(preset=conditions.preset, gui=conditions.gui)
-        self.robot = Nao(self.world)
+        description = describe(conditions.robot)
+        self.world = World(conditions.preset, conditions.gui, description.workplace)
+        self.robot = self.world.load_robot(description)
         self.base_frame = self.robot.base_frame
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         self.world.add_table()
@@ -114,7 +118,11 @@ class SimulatedBody:
 
         def picture(phase: str) -> None:
             if phase in _PICTURES:
-                png = self.camera.snapshot(self.lighting, _PICTURE_SIZE, plan.arm.split("_")[0])
+                side = "left" if plan.request.y > 0 else "right"
+                place = self.world.workplace
+                png = self.camera.snapshot(
+                    self.lighting, _PICTURE_SIZE, side, place.eye, place.target
+                )
                 taken.append((_PICTURES[phase], png))
 
         record = self.executor.execute(plan, on_phase=picture)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from simulate.world import PlaceBox
 
-__all__ = ["LIFTED_M", "ObjectState", "held_reason", "is_placed"]
+__all__ = ["LIFTED_M", "ObjectState", "held_reason", "is_placed", "lies_at"]
 
 Floats = NDArray[np.float64]
 
@@ -17,6 +17,7 @@ LIFTED_M = 0.02
 """An object that rose by less stands on the table still, or leans."""
 MIN_LINKS = 2
 _PLACED_BELOW_M = 0.09
+_PLACED_WITHIN_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +72,9 @@ def is_placed(state: ObjectState, box: PlaceBox) -> bool:
     x, y, z = state.position
     inside = box.x_range[0] < x < box.x_range[1] and box.y_range[0] < y < box.y_range[1]
     return bool(inside and box.floor - 0.01 < z < box.floor + _PLACED_BELOW_M)
+
+
+def lies_at(state: ObjectState, wanted: Floats, floor: float) -> bool:
+    """Tell whether an object came to rest within 5 cm of (2,) m, less than 9 cm over the floor."""
+    away = float(np.linalg.norm(state.position[:2] - wanted))
+    return away < _PLACED_WITHIN_M and floor - 0.01 < state.position[2] < floor + _PLACED_BELOW_M

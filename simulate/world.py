@@ -23,6 +23,7 @@ from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-unt
 from rtask.errors import RobotError, UsageError
 from simulate.objects import Assets, ObjectSpec, collision_of, inertia_of
 from simulate.robot_body import RobotBody
+from simulate.robots.description import Workplace
 from simulate.robots.urdf import urdf_text
 
 if TYPE_CHECKING:
@@ -59,11 +60,8 @@ PRESETS = {
 
 _TABLE_FRICTION = 0.6
 
-_TABLE_NEAR_EDGE_X = 0.09
-_TABLE_SIZE = (0.5, 0.8, 0.02)
 _TABLE_COLOUR = (0.62, 0.50, 0.38, 1.0)
-_BOX_INNER, _BOX_WALL, _BOX_HEIGHT = 0.14, 0.003, 0.03
-_BOX_CENTRE = (0.15, 0.29)
+_BOX_WALL = 0.003
 _BOX_COLOUR = (0.36, 0.44, 0.52, 1.0)
 
 
@@ -154,6 +152,8 @@ class World:
         less often, so its outcomes must not be mixed with the other's).
     gui
         Open a window; needs a display.
+    workplace
+        Table and boxes that suit the robot; None = those of a robot the size of a child's doll.
 
     Examples
     --------
@@ -164,10 +164,13 @@ class World:
     0.1
     """
 
-    def __init__(self, preset: str = "faithful", gui: bool = False) -> None:
+    def __init__(
+        self, preset: str = "faithful", gui: bool = False, workplace: Workplace | None = None
+    ) -> None:
         if preset not in PRESETS:
             raise UsageError(f"unknown preset {preset!r}: expected one of {', '.join(PRESETS)}")
         self.preset = PRESETS[preset]
+        self.workplace = workplace or Workplace()
         self.client: Any = _connect(gui)
         self.table_height = float("nan")
         self.table_body = -1
@@ -205,11 +208,19 @@ class World:
             self.client.stepSimulation()
             self._steps += 1
 
-    def add_table(self, height: float = 0.27) -> int:
-        """Put the table in front of the robot, its top at ``height`` m; return the body."""
-        length, _, thick = _TABLE_SIZE
-        centre = (_TABLE_NEAR_EDGE_X + length / 2, 0.0, height - thick / 2)
-        self.table_body = self._static_box(centre, _TABLE_SIZE, _TABLE_COLOUR)
+    def add_table(self, height: float | None = None) -> int:
+        """Put the table in front of the robot; return the body.
+
+        Parameters
+        ----------
+        height
+            Of its top, m; None = as the workplace has it.
+        """
+        place = self.workplace
+        height = place.table_height if height is None else height
+        length, _, thick = place.table_size
+        centre = (place.table_near + length / 2, 0.0, height - thick / 2)
+        self.table_body = self._static_box(centre, place.table_size, _TABLE_COLOUR)
         self.table_height = height
         return self.table_body
 
@@ -218,19 +229,24 @@ class World:
         if not np.isfinite(self.table_height):
             raise UsageError("add the table before its boxes")
         sign = side_sign(side)
-        x, y, z = _BOX_CENTRE[0], _BOX_CENTRE[1] * sign, self.table_height
-        half = _BOX_INNER / 2
+        place = self.workplace
+        x, y, z = place.box_centre[0], place.box_centre[1] * sign, self.table_height
+        half = place.box_inner / 2
         box = PlaceBox(
             "left" if sign > 0 else "right",
             (x - half, x + half),
             (y - half, y + half),
             z,
-            z + _BOX_HEIGHT,
+            z + place.box_height,
         )
         for centre, size in box.walls():
             self._static_box(centre, size, _BOX_COLOUR)
         self.place_boxes[box.side] = box
         return box
+
+    def box_for(self, side: int, y: float) -> PlaceBox | None:
+        """Return the box that an arm of a side (0 = both) uses for something at y m, if any."""
+        return self.place_boxes.get("left" if (side or y) > 0 else "right")
 
     def add_wall(self, centre: Sequence[float], size: Sequence[float]) -> int:
         """Put an immovable box of full ``size`` (m) at ``centre`` (m); return the body."""

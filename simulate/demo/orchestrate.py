@@ -16,6 +16,7 @@ from simulate.demo.processes import Endpoint, Robot, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
 from simulate.demo.report import COLUMNS, robot_totals, rows, summary, write_report
 from simulate.job import Job
+from simulate.robots import ROBOTS
 
 __all__ = ["Demo", "Settings"]
 
@@ -33,6 +34,8 @@ class Settings:
         Folder for store, report and logs.
     keep
         Go on with the store in ``data`` instead of a new one.
+    kinds
+        Which robot each is, in turn.
     """
 
     data: Path
@@ -44,12 +47,17 @@ class Settings:
     gui: bool = False
     port: int = 0
     preset: str = "faithful"
+    kinds: tuple[str, ...] = ("nao",)
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
             raise UsageError(f"--objects must lie in 1..12, got {self.objects}")
         if not 1 <= self.robots <= 16:
             raise UsageError(f"--robots must lie in 1..16, got {self.robots}")
+        for kind in self.kinds:
+            if kind not in ROBOTS:
+                known = ", ".join(ROBOTS)
+                raise UsageError(f"--robot: no robot is called {kind!r}; known: {known}")
         if self.seed < 0:
             raise UsageError(f"--seed must not be negative, got {self.seed}")
 
@@ -139,7 +147,8 @@ class Demo:
 
     def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
         """Give a robot its token and start it; it waits for ``go``."""
-        name = f"nao-{index + 1}"
+        kind = self.settings.kinds[index % len(self.settings.kinds)]
+        name = f"{kind}-{index + 1}"
         token = json.loads(
             run_rtask("token", "create", "--data", str(folder / _STORE), "--robot", name, "--json")
         )["token"]
@@ -154,6 +163,7 @@ class Demo:
             outbox=str(folder / _OUTBOX / f"{name}.jsonl"),
             gui=self.settings.gui,
             preset=self.settings.preset,
+            robot=kind,
         )
         robot = Robot(name, asdict(job), token, folder / _LOGS / f"{name}.log")
         stack.callback(robot.stop)

@@ -24,13 +24,14 @@ __all__ = [
     "Pose",
     "RobotDescription",
     "Shape",
+    "Workplace",
     "rotation_from_rpy",
     "rpy_from_rotation",
     "transform_from",
 ]
 
 Vector = tuple[float, float, float]
-ArmName = Literal["left_arm", "right_arm"]
+Range = tuple[float, float]
 
 
 def rpy_from_rotation(rotation: NDArray[np.float64]) -> Vector:
@@ -84,14 +85,16 @@ class Pose:
 
 @dataclass(frozen=True)
 class Shape:
-    """A collision primitive in the frame of its link.
+    """A collision shape in the frame of its link.
 
-    ``size`` is (x, y, z) of a box, (radius,) of a sphere, (radius, length along z) of a cylinder.
+    ``size`` is (x, y, z) of a box, (radius,) of a sphere, (radius, length along z) of a cylinder,
+    scale (x, y, z) of a mesh. The file of a mesh, ``path``, is the user's own.
     """
 
-    kind: Literal["box", "sphere", "cylinder"]
+    kind: Literal["box", "sphere", "cylinder", "mesh"]
     size: tuple[float, ...]
     pose: Pose = Pose()
+    path: str = ""
 
 
 @dataclass(frozen=True)
@@ -139,14 +142,14 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A connection; ``velocity`` in rad/s, ``effort`` in N m."""
+    """A connection; a prismatic one counts in m, m/s and N instead of rad, rad/s and N m."""
 
     name: str
     parent: str
     child: str
     pose: Pose
     axis: Vector = (0.0, 0.0, 1.0)
-    kind: Literal["revolute", "fixed"] = "revolute"
+    kind: Literal["revolute", "prismatic", "fixed"] = "revolute"
     lower: float = 0.0
     upper: float = 0.0
     velocity: float = 0.0
@@ -161,9 +164,9 @@ class Arm:
     Parameters
     ----------
     name
-        ``left_arm`` or ``right_arm``.
+        Such as ``left_arm``.
     side
-        +1 left, -1 right: sign of y where the arm works.
+        Sign of y where the arm works: +1 left, -1 right, 0 the whole table.
     joints
         Names from the shoulder to the wrist.
     wrist
@@ -174,21 +177,32 @@ class Arm:
         Joint values (rad) between grasps, clear of the table and of the other arm.
     end_effector
         Name of the hand (Gatto 2016, 4.3: ``end_eff_name``).
+    aliases
+        Other names under which the hand is asked for.
     fingers
         Joints that close the hand; each moves from 0 (closed) to ``finger_range`` (open).
     mouth
         Largest object (m) between the fingers.
     max_payload
         kg.
+    grip
+        How the hand takes things: ``diagonal_mouth`` comes from aside and below the fingers,
+        ``parallel_jaws`` straight down.
+    kind
+        Class of end effector in the ontology.
     gripper_type
         Hands of one type share grasps.
     finger_width, finger_length
         m.
     max_force
         Of the closed hand, N.
+    close_effort, open_effort
+        Of each finger joint, N m (prismatic: N).
+    finger_speed
+        rad/s (prismatic: m/s).
     """
 
-    name: ArmName
+    name: str
     side: int
     joints: tuple[str, ...]
     wrist: str
@@ -205,6 +219,12 @@ class Arm:
     finger_width: float = 0.0124
     finger_length: float = 0.05
     max_force: float = 10.0
+    close_effort: float = 0.06
+    open_effort: float = 0.144
+    finger_speed: float = 3.0
+    grip: Literal["diagonal_mouth", "parallel_jaws"] = "diagonal_mouth"
+    kind: Literal["Hand", "ParallelJawGripper"] = "Hand"
+    aliases: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -223,6 +243,47 @@ class CameraMount:
 
 
 @dataclass(frozen=True)
+class Workplace:
+    """The table that suits a robot and what stands on it, base frame, m.
+
+    Parameters
+    ----------
+    table_height, table_near, table_size
+        Height of the top, x of the edge next to the robot, full size of the plate.
+    box_centre, box_inner, box_height
+        Boxes to place into: x and absolute y of their middles, inner side, height of the walls.
+    area_x, area_abs_y
+        Where objects stand.
+    scale
+        Of the objects, against those for a hand of 5 cm.
+    eye, target
+        From where pictures for people are taken, and what they show, on the right side.
+    """
+
+    table_height: float = 0.27
+    table_near: float = 0.09
+    table_size: Vector = (0.5, 0.8, 0.02)
+    box_centre: Range = (0.15, 0.29)
+    box_inner: float = 0.14
+    box_height: float = 0.03
+    area_x: Range = (0.120, 0.180)
+    area_abs_y: Range = (0.030, 0.180)
+    scale: float = 1.0
+    eye: Vector = (0.60, -0.34, 0.56)
+    target: Vector = (0.12, -0.13, 0.32)
+
+    @property
+    def table_x(self) -> Range:
+        """Range of x of the table top."""
+        return (self.table_near, self.table_near + self.table_size[0])
+
+    @property
+    def table_y(self) -> Range:
+        """Range of y of the table top."""
+        return (-self.table_size[1] / 2, self.table_size[1] / 2)
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """A robot: a tree of links, with arms and cameras named on it.
 
@@ -238,6 +299,8 @@ class RobotDescription:
     base_height: float = 0.0
     frames: Mapping[str, tuple[str, Pose]] = field(default_factory=dict)
     model: str = ""
+    base_frame: str = "base_footprint"
+    workplace: Workplace = Workplace()
 
     def joint(self, name: str) -> Joint:
         """Return the joint of a name."""
@@ -254,12 +317,14 @@ class RobotDescription:
         raise RobotError(f"robot {self.name!r} has no link {name!r}")
 
     def arm(self, name: str) -> Arm:
-        """Return the arm of a name."""
-        if name not in self.arms:
-            raise RobotError(
-                f"robot {self.name!r} has no arm {name!r}; it has {', '.join(self.arms)}"
-            )
-        return self.arms[name]
+        """Return the arm of a name; ``left`` and ``right`` name the arm that works there."""
+        for arm in (name, f"{name}_arm"):
+            if arm in self.arms:
+                return self.arms[arm]
+        for found in self.arms.values():
+            if name in ("left", "right") and found.side == 0:
+                return found
+        raise RobotError(f"robot {self.name!r} has no arm {name!r}; it has {', '.join(self.arms)}")
 
     def path(self, link: str) -> list[Joint]:
         """Return the joints from the root to a link, in this order."""

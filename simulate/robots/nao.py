@@ -306,6 +306,7 @@ def _arm(side: int) -> Arm:
         mouth=0.050,
         max_payload=0.3,
         gripper_type="nao_hand",
+        aliases=(f"{prefix}Hand",),
     )
 
 

@@ -1,7 +1,8 @@
 """URDF text from a description.
 
-Only boxes, spheres and cylinders are written: ``<capsule>`` is an extension of one reader and makes
-others log errors. Sensor frames are written on demand as links without mass.
+Besides meshes of the user's own installation only boxes, spheres and cylinders are written:
+``<capsule>`` is an extension of one reader and makes others log errors. Sensor frames are written
+on demand as links without mass.
 """
 
 from __future__ import annotations
@@ -76,6 +77,8 @@ def _inertial(inertial: Inertial) -> Iterator[str]:
 def _geometry(shape: Shape) -> str:
     if shape.kind == "box":
         inner = f'<box size="{_numbers(shape.size)}"/>'
+    elif shape.kind == "mesh":
+        inner = f'<mesh filename={quoteattr(shape.path)} scale="{_numbers(shape.size)}"/>'
     elif shape.kind == "sphere":
         inner = f'<sphere radius="{shape.size[0]:.9g}"/>'
     else:

@@ -1,0 +1,222 @@
+"""``rtask simulate act-test`` and ``rtask simulate act-serve``."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.errors import RobotError, UsageError
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from simulate.act.trials import Trial
+    from simulate.workcell import Workcell
+
+__all__ = ["act_serve", "act_test"]
+
+_robot = click.option("--robot", default="nao", show_default=True, help="Which robot.")
+_seed = click.option("--seed", default=0, show_default=True, help="Of goals and plans.")
+_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+_view = click.option("--view", is_flag=True, help="Open the simulation's window.")
+_n = click.option("-n", default=100, show_default=True, help="Random goals.")
+_csv = click.option(
+    "--csv",
+    "csv_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write one line a goal.",
+)
+
+
+def _cell(robot: str, view: bool) -> Workcell:
+    from simulate.workcell import Workcell
+
+    if view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RobotError("--view needs a display and there is none; leave it out to run headless")
+    return Workcell(robot, gui=view)
+
+
+@click.group("act-test")
+def act_test() -> None:
+    """Test where a robot's arms can go: reach, place, workspace."""
+
+
+@act_test.command()
+@_robot
+@_n
+@_seed
+@_csv
+@_json
+@_view
+def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
+    """Go to random positions of imagined objects."""
+    from simulate.act.trials import reach_test
+
+    _trials(reach_test, robot, n, seed, csv_path, as_json, view)
+
+
+@act_test.command()
+@_robot
+@_n
+@_seed
+@_csv
+@_json
+@_view
+def place(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
+    """Carry an imagined object to random positions."""
+    from simulate.act.trials import place_test
+
+    _trials(place_test, robot, n, seed, csv_path, as_json, view)
+
+
+def _trials(
+    run: Callable[..., list[Trial]],
+    robot: str,
+    n: int,
+    seed: int,
+    csv_path: Path | None,
+    as_json: bool,
+    view: bool,
+) -> None:
+    from simulate.act.service import ActService
+    from simulate.act.trials import reasons, write_csv
+
+    if n < 1 or seed < 0:
+        raise UsageError(f"-n {n} --seed {seed}: at least one goal and no negative seed")
+
+    def show(trial: Trial) -> None:
+        if not as_json:
+            error = "" if trial.error_m is None else f"{trial.error_m * 1000:6.1f}"
+            click.echo(
+                f"{trial.number:5d} {trial.x:8.3f} {trial.y:8.3f} {trial.z:8.3f} "
+                f"{trial.theta:7.2f}  {trial.arm or '-':10} {error:>6} {trial.cpu_s:6.2f}  "
+                f"{trial.reason}"
+            )
+
+    if not as_json:
+        click.echo("    n        x        y        z   theta  arm            mm  CPU s  reason")
+    with _cell(robot, view) as cell:
+        done = run(ActService(cell, seed=seed), n, seed, show)
+    if csv_path is not None:
+        write_csv(done, csv_path)
+    reached = sum(trial.reached for trial in done)
+    if as_json:
+        result = {"robot": robot, "seed": seed, "n": n, "reached": reached,
+                  "reasons": reasons(done), "trials": [vars(trial) for trial in done]}  # fmt: skip
+        click.echo(json.dumps(result))
+        return
+    counted = ", ".join(f"{name} {count}" for name, count in reasons(done).items())
+    click.echo(f"{robot}: reached {reached} of {n} ({counted})")
+
+
+@act_test.command()
+@_robot
+@click.option("--step", default=0.02, show_default=True, help="Size of a cell, m.")
+@click.option("--heights", default="", help="Of the tool, m, such as 0.27,0.30.")
+@click.option("--angles", default=12, show_default=True, help="Closing directions.")
+@_seed
+@click.option(
+    "--out",
+    default="workspace",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Writes OUT.npz and OUT.png.",
+)
+@_json
+def workspace(
+    robot: str, step: float, heights: str, angles: int, seed: int, out: Path, as_json: bool
+) -> None:
+    """Map where the gripper can go: share of directions reached, cell by cell."""
+    from simulate.act.workspace import map_workspace
+    from simulate.arm_space import ArmSpace
+    from simulate.robots import describe
+
+    try:
+        levels = tuple(float(part) for part in heights.split(",") if part.strip())
+    except ValueError as error:
+        raise UsageError(
+            f"--heights {heights!r}: numbers with commas between are wanted"
+        ) from error
+    started = time.process_time()
+    space = ArmSpace(describe(robot))
+    found = map_workspace(space, step=step, heights=levels, angles=angles, seed=seed)
+    npz, png = out.with_suffix(".npz"), out.with_suffix(".png")
+    found.write_npz(npz)
+    found.write_png(png)
+    areas = found.area_m2()
+    if as_json:
+        areas_cm2 = {f"{height:g}": round(area * 1e4, 1) for height, area in areas.items()}
+        click.echo(json.dumps({"robot": robot, "area_cm2": areas_cm2, "npz": str(npz),
+                               "png": str(png)}))  # fmt: skip
+        return
+    for height, area in areas.items():
+        click.echo(f"tool at {height:.3f} m: half of the directions on {area * 1e4:.0f} cm2")
+    click.echo(f"wrote {npz} and {png} ({time.process_time() - started:.0f} CPU s)")
+
+
+@click.command("act-serve")
+@click.argument("url")
+@click.option("--name", default="", help="The robot's name; with a token, the token's agent.")
+@_robot
+@click.option("--objects", default=0, show_default=True, help="Objects put on the table.")
+@_seed
+@_view
+def act_serve(url: str, name: str, robot: str, objects: int, seed: int, view: bool) -> None:
+    """Provide a simulated robot's act service at a server, until Ctrl-C.
+
+    The robot's token is taken from the environment variable RTASK_TOKEN.
+    """
+    import tempfile
+
+    from simulate.act.provider import ActProvider
+    from simulate.act.service import ActService
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
+    with _cell(robot, view) as cell, tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder:
+        standing = _lay(cell, objects, seed, Path(folder))
+        provider = ActProvider(
+            ActService(cell, name, seed), url, name or robot, os.environ.get("RTASK_TOKEN")
+        )
+
+        def ready() -> None:
+            event = {"event": "ready", "services": provider.services, "objects": standing}
+            click.echo(json.dumps(event))
+
+        try:
+            provider.serve(ready)
+        except KeyboardInterrupt:
+            click.echo(json.dumps({"event": "stopped"}))
+
+
+def _lay(cell: Workcell, objects: int, seed: int, folder: Path) -> list[dict[str, Any]]:
+    """Put objects on the table; return name, centre of mass (m) and yaw (rad) of each."""
+    import numpy as np
+
+    from simulate.objects import sample_objects
+    from simulate.scene import arrange, lay
+
+    if objects < 1:
+        return []
+    rng = np.random.default_rng(seed)
+    laid = lay(
+        cell.world,
+        arrange(sample_objects(rng, objects), rng, workplace=cell.world.workplace),
+        folder,
+    )
+    standing = []
+    for one in laid:
+        pose = cell.world.object_pose(one.body)
+        standing.append({"product": one.placement.spec.name, "x": pose.x, "y": pose.y, "z": pose.z,
+                         "yaw": pose.yaw})  # fmt: skip
+    return standing

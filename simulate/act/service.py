@@ -1,0 +1,265 @@
+"""The act service of one robot: a goal pose in, what came of it out (Gatto 2016, 4.3)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from simulate.act.request import ActRequest
+from simulate.execution import Execution
+from simulate.grasp_record import GraspRecord
+from simulate.grasp_rules import GraspRequest, PlannedGrasp
+from simulate.workcell import Workcell
+
+__all__ = ["ActService", "imagined", "plan_goal", "turns"]
+
+_WIDTH_M, _LENGTH_M = 0.030, 0.040
+_LOWEST_M = 0.010
+_IMAGINED_HEIGHT_M = 0.070
+
+
+class ActService:
+    """Acts in one workcell.
+
+    Parameters
+    ----------
+    cell
+        Robot, world and planner.
+    name
+        Under which the robot is known besides its model's.
+    seed
+        Of every plan.
+
+    Notes
+    -----
+    After ``reach`` the arm stays at the goal, after a ``grasp`` that held the object stays in the
+    hand; the next action begins from there: ``place`` puts it down, any other goes home first.
+
+    Examples
+    --------
+    >>> with Workcell("nao", preset="fast") as cell:
+    ...     service = ActService(cell)
+    ...     upright = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    ...     goal = {"position": {"x": 0.15, "y": -0.10, "z": 0.305}, "orientation": upright}
+    ...     answer = service.act({"action_type": "reach", "goal_pose": goal})
+    >>> answer["success"], answer["reason"], answer["arm"]
+    (1, 'ok', 'right_arm')
+    """
+
+    def __init__(self, cell: Workcell, name: str = "", seed: int = 0) -> None:
+        self.cell = cell
+        self.name = name
+        self.seed = seed
+        self._under_way: Execution | None = None
+        self._holds = False
+
+    @property
+    def holds_something(self) -> bool:
+        """Whether a grasp held an object that was not put down since."""
+        return self._holds
+
+    def act(self, message: Mapping[str, Any]) -> dict[str, Any]:
+        """Carry out one request.
+
+        Parameters
+        ----------
+        message
+            Fields of :data:`~simulate.act.request.ACT_FIELDS`.
+
+        Returns
+        -------
+        dict
+            ``success`` 1 when the tool came to the goal within ``distance_error_allowed``, which
+            says nothing about the object; ``held``, ``placed``, ``reason`` (a code of the
+            ontology, ``ok``), ``distance_error_m``, ``theta``, ``arm``, ``record``.
+
+        Raises
+        ------
+        UsageError, RobotError
+            The request is wrong, or the world broke down.
+        """
+        request = ActRequest.read(message, self.cell.description, self.name)
+        if request.action == "place" and self._holds:
+            return self._place_held(request)
+        self.go_home()
+        if request.action == "home":
+            return _answer(request, "ok", 0.0)
+        if request.action == "place":
+            return self._pretend_to_place(request)
+        planned = plan_goal(self.cell, request, self.seed)
+        if isinstance(planned, str):
+            return _answer(request, planned)
+        execution = self.cell.executor.begin(planned)
+        if request.action == "reach":
+            reason = execution.reach()
+            self._under_way = execution if reason == "ok" else None
+            return _answer(request, reason, execution.error_m, planned, execution.record)
+        reason = execution.grasp()
+        if reason == "ok":
+            self._under_way, self._holds = execution, True
+        error_m = execution.error_m
+        if reason == "ok" and request.action == "pick_place":
+            reason = execution.place_in_box()
+            self._under_way, self._holds = None, False
+        return _answer(request, reason, error_m, planned, execution.record)
+
+    def go_home(self) -> None:
+        """Put back what is held, and bring the arm home."""
+        execution, self._under_way = self._under_way, None
+        holds, self._holds = self._holds, False
+        if execution is not None:
+            if holds:
+                execution.put_back()
+            else:
+                execution.back_off()
+
+    def _place_held(self, request: ActRequest) -> dict[str, Any]:
+        execution, self._under_way, self._holds = self._under_way, None, False
+        assert execution is not None
+        reason = execution.place_at(*request.position[:2])
+        error_m = math.nan if reason == "place_plan" else execution.error_m
+        return _answer(request, reason, error_m, execution.plan, execution.record)
+
+    def _pretend_to_place(self, request: ActRequest) -> dict[str, Any]:
+        """Go through the motions with an imagined object from the middle of the arm's area."""
+        planned = imagined(self.cell, request, self.seed)
+        if isinstance(planned, str):
+            return _answer(request, planned)
+        execution = self.cell.executor.begin(planned)
+        reason = execution.pretend()
+        if reason != "ok":
+            return _answer(request, reason, math.nan, planned, execution.record)
+        reason = execution.place_at(*request.position[:2])
+        reached = reason != "place_plan"
+        error_m = execution.error_m if reached else math.nan
+        return _answer(request, "ok" if reached else reason, error_m, planned)
+
+
+def turns(step: float, attempts: int) -> Iterator[float]:
+    """Yield by how much to turn theta at each attempt: 0, +step, -step, +2 step ... up to 90 deg.
+
+    Examples
+    --------
+    >>> [round(t, 2) for t in turns(0.5, 6)]
+    [0.0, 0.5, -0.5, 1.0, -1.0, 1.5]
+    """
+    widest = math.pi / 2 + 1e-9
+    found = [0.0]
+    if step > 0:
+        for k in range(1, int(widest / step) + 1):
+            found += [k * step, -k * step]
+    for attempt in range(attempts):
+        yield found[attempt % len(found)]
+
+
+def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
+    """Plan the way to a goal pose, turning theta where it cannot be reached.
+
+    Returns
+    -------
+    PlannedGrasp or str
+        The reason of the attempt that got farthest counts as why there is none; ``timed_out`` when
+        the time is over.
+    """
+    x, y, z = request.position
+    table = cell.world.table_height
+    if z <= table:
+        return "grasp_collision"
+    wanted = GraspRequest(
+        x=x,
+        y=y,
+        theta=request.theta,
+        z=z - request.depth if request.depth > 0 else math.nan,
+        width=_WIDTH_M,
+        length=_LENGTH_M,
+        height=max(2 * (z - table), _LOWEST_M),
+        table_height=table,
+        arm=request.arm,
+        position_tolerance=request.tolerance,
+        only_theta=True,
+    )
+    reason = ""
+    started = time.monotonic()
+    for attempt, turn in enumerate(turns(request.angle_step, request.attempts)):
+        if attempt and time.monotonic() - started > request.planning_s:
+            return "timed_out"
+        planned = cell.executor.plan(
+            replace(wanted, theta=wanted.theta + turn), seed=seed + attempt
+        )
+        if not isinstance(planned, str):
+            return planned
+        reason = reason or planned
+    return reason
+
+
+def imagined(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
+    """Plan to take an imagined object from the middle of the area of the arm that shall place."""
+    place = cell.world.workplace
+    side = -1 if request.position[1] < 0 else 1
+    if request.arm != "auto":
+        side = cell.description.arm(request.arm).side or side
+    start = (
+        sum(place.area_x) / 2,
+        side * sum(place.area_abs_y) / 2,
+        cell.world.table_height + _IMAGINED_HEIGHT_M / 2,
+    )
+    return plan_goal(cell, replace(request, position=start, depth=0.0, theta=0.0), seed)
+
+
+def _answer(
+    request: ActRequest,
+    reason: str,
+    error_m: float = math.nan,
+    plan: PlannedGrasp | None = None,
+    record: GraspRecord | None = None,
+) -> dict[str, Any]:
+    reached = math.isfinite(error_m) and error_m <= request.error_allowed
+    if reason == "ok" and not reached:
+        reason = "tracking"
+    return {
+        "success": int(reached),
+        "held": record is not None and record.held,
+        "placed": record is not None and record.placed,
+        "reason": reason,
+        "distance_error_m": _finite(error_m),
+        "theta": plan.closing_angle if plan is not None else request.theta,
+        "arm": plan.arm if plan is not None else "",
+        "record": {} if record is None else _as_json(record),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 6) if math.isfinite(value) else None
+
+
+def _as_json(record: GraspRecord) -> dict[str, Any]:
+    """Return what of a record is worth telling; what is not a number is left out."""
+    plan = record.grasp
+    numbers = {
+        "lifted_m": record.lifted_m,
+        "slip_m": record.slip_m,
+        "pushed_m": record.pushed_m,
+        "place_offset_m": record.place_offset_m,
+        "duration_s": record.duration_s,
+        "planning_s": record.planning_s,
+        "contact_force_n": record.contact_force_n,
+        "tilt": record.tilt,
+        "opening": plan.opening,
+        "tool_height": plan.tool_height,
+    }
+    return {
+        "end_effector": record.end_effector,
+        "preset": record.preset,
+        "seed": record.seed,
+        "grasp_reason": record.reason,
+        "place_reason": record.place_reason,
+        "links_touching": record.links_touching,
+        "ik_solutions": record.ik_solutions,
+        **{name: round(float(v), 6) for name, v in numbers.items() if np.isfinite(v)},
+        "times": {phase: round(s, 4) for phase, s in record.times.items()},
+    }

@@ -1,0 +1,119 @@
+"""The Franka Emika Panda with its parallel gripper, from the user's own ``pybullet_data``.
+
+Its URDF and meshes (Apache-2.0) are read where the package installed them and copied nowhere. The
+camera is ours: it stands opposite the robot and looks down at the table.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rtask.errors import RobotError
+from simulate.robots.description import (
+    Arm,
+    CameraMount,
+    Pose,
+    RobotDescription,
+    Workplace,
+    rpy_from_rotation,
+)
+from simulate.robots.urdf_reader import read_urdf
+
+__all__ = ["describe_panda"]
+
+_FILE = Path("franka_panda") / "panda.urdf"
+_JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
+_HAND_TURN = -math.pi / 4
+_HAND_M, _TARGET_M = 0.107, 0.105
+"""Hand beyond link 7, grasp target beyond the hand: panda_joint8 and panda_grasptarget_hand."""
+
+_WORKPLACE = Workplace(
+    table_height=0.20,
+    table_near=0.28,
+    table_size=(0.50, 1.00, 0.02),
+    box_centre=(0.46, 0.34),
+    box_inner=0.20,
+    box_height=0.04,
+    area_x=(0.40, 0.54),
+    area_abs_y=(0.03, 0.18),
+    scale=1.0,
+    eye=(1.15, -0.70, 0.75),
+    target=(0.42, -0.12, 0.25),
+)
+_CAMERA_AT, _CAMERA_SEES = np.array([0.82, 0.0, 0.62]), np.array([0.46, 0.0, 0.20])
+
+
+def describe_panda(*, name: str = "panda") -> RobotDescription:
+    """Describe the Panda.
+
+    Raises
+    ------
+    RobotError
+        ``pybullet_data`` is not installed, or its file cannot be read.
+    """
+    found = importlib.util.find_spec("pybullet_data")
+    if found is None or found.origin is None:
+        raise RobotError("the panda comes with the package pybullet_data, which is not installed")
+    read = read_urdf(Path(found.origin).parent / _FILE)
+    bare = RobotDescription(
+        name=name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={}
+    ).welded()
+    camera = CameraMount(
+        "camera_depth",
+        read.root,
+        _camera_pose(),
+        look={"left": (), "right": (), "ahead": ()},
+    )
+    return replace(
+        bare,
+        arms={"panda_arm": _arm()},
+        cameras={camera.name: camera},
+        frames={"panda_grasptarget": ("panda_link7", Pose((0.0, 0.0, _HAND_M + _TARGET_M)))},
+        model="Franka Emika Panda",
+        base_frame="panda_link0",
+        workplace=_WORKPLACE,
+    )
+
+
+def _arm() -> Arm:
+    # The fingers move along y of the hand, which is turned about z of link 7.
+    closing = (-math.sin(_HAND_TURN), math.cos(_HAND_TURN), 0.0)
+    return Arm(
+        name="panda_arm",
+        side=0,
+        joints=_JOINTS,
+        wrist="panda_link7",
+        tcp=(0.0, 0.0, _HAND_M + _TARGET_M),
+        approach=(0.0, 0.0, 1.0),
+        closing=closing,
+        home=(-1.45, -0.95, 0.0, -2.50, 0.0, 1.75, 0.785),
+        end_effector="panda_hand",
+        fingers=("panda_finger_joint1", "panda_finger_joint2"),
+        finger_range=0.04,
+        mouth=0.080,
+        max_payload=3.0,
+        gripper_type="panda_hand",
+        finger_width=0.020,
+        finger_length=0.045,
+        max_force=40.0,
+        close_effort=15.0,
+        open_effort=20.0,
+        finger_speed=0.15,
+        grip="parallel_jaws",
+        kind="ParallelJawGripper",
+    )
+
+
+def _camera_pose() -> Pose:
+    """Return the pose of the camera mount: x looks at the table, z is up as far as it can."""
+    forward = (_CAMERA_SEES - _CAMERA_AT) / np.linalg.norm(_CAMERA_SEES - _CAMERA_AT)
+    left = np.cross([0.0, 0.0, 1.0], forward)
+    left /= np.linalg.norm(left)
+    rotation = np.stack([forward, left, np.cross(forward, left)], axis=1)
+    x, y, z = (float(v) for v in _CAMERA_AT)
+    return Pose((x, y, z), rpy_from_rotation(rotation))

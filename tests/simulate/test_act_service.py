@@ -1,0 +1,231 @@
+"""The act service: names of the thesis, what it answers, what it refuses, what comes out of it."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rtask.errors import RobotError, UsageError
+from simulate.act.request import ACT_FIELDS, ActRequest
+from simulate.act.service import ActService, turns
+from simulate.act.trials import place_test, random_goal, reach_test, write_csv
+from simulate.act.workspace import map_workspace
+from simulate.arm_space import ArmSpace
+from simulate.commands import simulate
+from simulate.objects import product
+from simulate.robots import describe
+from simulate.workcell import Workcell
+
+NAO = describe("nao")
+# The service of the thesis, chapter 4.3, as its file has it.
+THESIS = (
+    "robot_name", "action_type", "arm_name", "plan_name", "end_eff_name", "attempts_max_in",
+    "planing_time_in", "tolerance_min_in", "angle_resolution_in", "grasp_depth_in",
+    "distance_error_allowed", "goal_pose",
+)  # fmt: skip
+
+
+def pose(x, y, z, yaw=0.0):
+    turn = {"x": 0.0, "y": 0.0, "z": np.sin(yaw / 2), "w": np.cos(yaw / 2)}
+    return {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
+
+
+@pytest.fixture(scope="module")
+def panda():
+    """The robot whose physics is cheaper."""
+    with Workcell("panda") as cell:
+        yield cell
+
+
+@pytest.fixture
+def service(panda):
+    made = ActService(panda)
+    yield made
+    made.go_home()
+    for body in list(panda.world.objects):
+        panda.world.remove(body)
+
+
+def goal(cell, dx=0.0, dy=-0.10, height=0.035, yaw=0.0):
+    place = cell.world.workplace
+    return pose(sum(place.area_x) / 2 + dx, dy, cell.world.table_height + height, yaw)
+
+
+def test_the_request_has_the_fields_of_the_thesis_and_no_other():
+    assert tuple(field.name for field in ACT_FIELDS) == THESIS
+
+
+def test_what_is_left_out_has_the_documented_defaults():
+    read = ActRequest.read({"goal_pose": pose(0.15, -0.1, 0.3, 0.5)}, NAO)
+    assert (read.action, read.arm, read.attempts, read.planning_s) == ("reach", "auto", 5, 5.0)
+    assert (read.tolerance, read.angle_step, read.depth) == (0.0025, 0.2618, 0.0)
+    assert read.error_allowed == 0.01
+    assert read.theta == pytest.approx(0.5)
+
+
+def test_zeros_and_empty_texts_of_a_typed_client_are_the_defaults():
+    typed = {
+        field.name: {"string": "", "integer": 0, "number": 0.0}.get(field.kind)
+        for field in ACT_FIELDS
+    }
+    read = ActRequest.read({**typed, "goal_pose": pose(0.15, -0.1, 0.3)}, NAO)
+    assert (read.action, read.attempts, read.planning_s, read.tolerance) == (
+        "reach", 5, 5.0, 0.0025,
+    )  # fmt: skip
+    assert read.angle_step == 0.0  # theta and no other
+    assert ActRequest.read({**typed, "action_type": "home"}, NAO).action == "home"
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        ({"planning_time_in": 3}, "did you mean 'planing_time_in'"),
+        ({"action_type": "pick_plaec"}, "did you mean 'pick_place'"),
+        ({"plan_name": "rrt_conect"}, "did you mean 'rrt_connect'"),
+        ({"end_eff_name": "nao_rihgt_hand"}, "did you mean 'nao_right_hand'"),
+        ({"end_eff_name": "RHand", "arm_name": "left_arm"}, "is the hand of right_arm"),
+        ({"robot_name": "noa"}, "did you mean 'nao'"),
+        ({"attempts_max_in": -1}, "below 0"),
+        ({"tolerance_min_in": "wide"}, "a finite number"),
+        ({}, "goal_pose is missing"),
+        ({"goal_pose": pose(float("nan"), 0, 0)}, "goal_pose"),
+    ],
+)
+def test_wrong_requests_are_refused_by_name(message, words):
+    with pytest.raises(UsageError, match=words):
+        ActRequest.read({"action_type": "reach", **message}, NAO)
+
+
+def test_an_arm_that_is_not_there_is_named():
+    with pytest.raises(RobotError, match="no arm 'third_arm'"):
+        ActRequest.read({"goal_pose": pose(0, 0, 1), "arm_name": "third_arm"}, NAO)
+
+
+@pytest.mark.parametrize("hand", ["nao_left_hand", "LHand"])
+def test_a_hand_names_its_arm(hand):
+    read = ActRequest.read({"goal_pose": pose(0.15, -0.1, 0.3), "end_eff_name": hand}, NAO)
+    assert read.arm == "left_arm"
+
+
+def test_theta_is_turned_to_either_side_up_to_a_right_angle():
+    found = list(turns(0.5, 20))
+    assert found[:5] == [0.0, 0.5, -0.5, 1.0, -1.0]
+    assert max(np.abs(found)) <= np.pi / 2
+    assert list(turns(0.0, 3)) == [0.0, 0.0, 0.0]
+
+
+def test_reach_goes_there_stays_there_and_home_leaves(panda, service):
+    wanted = goal(panda)
+    answer = service.act({"action_type": "reach", "goal_pose": wanted})
+    assert (answer["success"], answer["reason"], answer["held"]) == (1, "ok", False)
+    assert answer["distance_error_m"] <= 0.01
+    tool = panda.robot.tool_pose("panda_arm")[:3, 3]
+    assert tool[:2] == pytest.approx([wanted["position"]["x"], wanted["position"]["y"]], abs=0.01)
+    assert service.act({"action_type": "home"})["success"] == 1
+    np.testing.assert_allclose(
+        panda.robot.arm_joints("panda_arm"), panda.robot.home("panda_arm"), atol=0.02
+    )
+
+
+def test_pick_and_place_in_one_and_in_two_requests(panda, service):
+    body = panda.world.spawn(product("can", 3), (0.47, -0.10))
+    panda.world.step(0.2)
+    grasped = service.act({"action_type": "grasp", "goal_pose": goal(panda)})
+    assert (grasped["success"], grasped["held"], grasped["placed"]) == (1, True, False)
+    assert service.holds_something
+    assert panda.world.object_pose(body).z > panda.world.table_height + 0.05
+    placed = service.act({"action_type": "place", "goal_pose": goal(panda, 0.03, 0.05)})
+    assert (placed["success"], placed["placed"], placed["reason"]) == (1, True, "ok")
+    at = panda.world.object_pose(body)
+    assert (at.x, at.y) == pytest.approx((0.50, 0.05), abs=0.05)
+    panda.world.client.resetBasePositionAndOrientation(
+        body, (0.47, 0.10, panda.world.table_height + 0.04), (0, 0, 0, 1)
+    )
+    panda.world.step(0.2)
+    both = service.act({"action_type": "pick_place", "goal_pose": goal(panda, dy=0.10)})
+    assert (both["held"], both["placed"], both["reason"]) == (True, True, "ok")
+    box = panda.world.place_boxes["left"]
+    assert box.y_range[0] < panda.world.object_pose(body).y < box.y_range[1]
+    json.dumps(both, allow_nan=False)
+
+
+def test_success_says_nothing_about_the_object(service, panda):
+    """The thesis: true when the pose was reached, not when something was grasped."""
+    answer = service.act({"action_type": "grasp", "goal_pose": goal(panda)})
+    assert (answer["success"], answer["held"], answer["reason"]) == (1, False, "missed")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "reason"),
+    [
+        (pose(3.0, 0.0, 0.3), "ik"),
+        (pose(0.47, -0.1, 0.1), "grasp_collision"),
+    ],
+)
+def test_a_goal_out_of_reach_has_its_reason(service, wanted, reason):
+    answer = service.act({"action_type": "reach", "goal_pose": wanted})
+    assert (answer["success"], answer["reason"], answer["arm"]) == (0, reason, "")
+    assert answer["distance_error_m"] is None
+
+
+def test_no_time_to_plan_is_a_reason(service):
+    request = {"goal_pose": pose(3.0, 0.0, 0.3), "planing_time_in": 1e-9, "attempts_max_in": 3}
+    assert service.act(request)["reason"] == "timed_out"
+
+
+def test_random_goals_depend_on_seed_and_number_only(service):
+    first = random_goal(service, 4, 7, "reach")
+    assert first == random_goal(service, 4, 7, "reach")
+    assert first != random_goal(service, 4, 8, "reach")
+    assert first != random_goal(service, 4, 7, "place")
+
+
+def test_the_test_interface_reaches_and_places(service, tmp_path):
+    heard = []
+    reached = reach_test(service, 3, seed=1, on_trial=heard.append)
+    placed = place_test(service, 2, seed=1)
+    assert heard == reached
+    assert [t.reached for t in reached + placed] == [True] * 5
+    assert all(t.error_m < 0.01 for t in reached + placed)
+    write_csv(reached, tmp_path / "reach.csv")
+    lines = (tmp_path / "reach.csv").read_text().splitlines()
+    assert lines[0].startswith("number,x,y,z,theta,reached,reason")
+    assert len(lines) == 4
+
+
+def test_the_workspace_is_what_both_arms_reach_and_a_picture_of_it(tmp_path):
+    found = map_workspace(ArmSpace(NAO), step=0.06, angles=3)
+    assert found.arms == ("left_arm", "right_arm")
+    # Mirrored arms, mirrored maps: random starts of inverse kinematics may cost a direction.
+    left, right = found.share[0, 0], found.share[1, 0][:, ::-1]
+    assert np.abs(left - right).mean() < 0.1
+    assert left[:, found.y > 0].sum() > 5 * left[:, found.y < -0.06].sum()
+    assert 0.005 < found.area_m2(0.3)[found.heights[0]] < 0.1
+    found.write_png(tmp_path / "map.png")
+    found.write_npz(tmp_path / "map.npz")
+    picture = cv2.imread(str(tmp_path / "map.png"))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 10
+    with np.load(tmp_path / "map.npz") as data:
+        np.testing.assert_array_equal(data["share"], found.share)
+
+
+def test_the_commands_print_a_table_or_json(tmp_path):
+    run = CliRunner().invoke
+    shown = run(simulate, ["act-test", "reach", "--robot", "panda", "-n", "1"])
+    assert shown.exit_code == 0, shown.output
+    assert "panda: reached 1 of 1 (ok 1)" in shown.output
+    out = tmp_path / "map"
+    told = run(
+        simulate,
+        ["act-test", "workspace", "--robot", "panda", "--step", "0.15", "--angles", "2",
+         "--out", str(out), "--json"],
+    )  # fmt: skip
+    assert told.exit_code == 0, told.output
+    assert json.loads(told.output)["area_cm2"]["0.23"] > 1000
+    assert out.with_suffix(".png").exists()
+    wrong = run(simulate, ["act-test", "reach", "--robot", "pandda"])
+    assert "did you mean 'panda'" in str(wrong.exception)
