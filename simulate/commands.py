@@ -12,6 +12,7 @@ from typing import Any, Literal
 import click
 
 from rtask.errors import RobotError
+from simulate.act.commands import act_serve, act_test
 from simulate.fleet.commands import grasping, learn
 
 __all__ = ["demo", "simulate"]
@@ -26,6 +27,9 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
 @click.option("--objects", default=6, show_default=True, help="Objects on each table.")
 @click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
+@click.option(
+    "--robot", "kinds", multiple=True, help="Which robot each is, in turn: nao (default), panda."
+)
 @click.option(
     "--data",
     default="rtask-demo",
@@ -43,6 +47,7 @@ def demo(
     seed: int,
     objects: int,
     robots: int,
+    kinds: tuple[str, ...],
     data: Path,
     keep: bool,
     gui: bool,
@@ -62,7 +67,9 @@ def demo(
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
-    settings = Settings(data, seed, objects, robots, attempts, keep, gui, port)
+    settings = Settings(
+        data, seed, objects, robots, attempts, keep, gui, port, kinds=kinds or ("nao",)
+    )
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     result = Demo(settings, Console(results=not as_json)).run(stay)
@@ -112,14 +119,17 @@ def simulate(context: click.Context, /, robots: int | None, **options: Any) -> N
 
 simulate.add_command(grasping)
 simulate.add_command(learn)
+simulate.add_command(act_test)
+simulate.add_command(act_serve)
 
 
 @simulate.command()
-@click.argument("robot", type=click.Choice(["nao"]))
-@click.option("--legs", type=click.Choice(["fixed", "joints"]), default="fixed", show_default=True)
-def urdf(robot: str, legs: Literal["fixed", "joints"]) -> None:
-    """Print the generated URDF of a robot."""
-    from simulate.robots.nao import describe_nao
-    from simulate.robots.urdf import urdf_text
+@click.argument("robot")
+@click.option(
+    "--legs", type=click.Choice(["fixed", "joints"]), help="Of a robot that has legs: weld them?"
+)
+def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
+    """Print the URDF of a robot."""
+    from simulate.robots import describe, urdf_text
 
-    click.echo(urdf_text(describe_nao(legs=legs)))
+    click.echo(urdf_text(describe(robot, **({"legs": legs} if legs else {}))))
