@@ -17,6 +17,7 @@ from rtask.errors import UsageError
 if TYPE_CHECKING:
     from endpoint.config import Config
     from endpoint.tokens import Token, TokenStore
+    from rtask.engine.policy import Policy
 
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
@@ -124,6 +125,29 @@ _LIMITS = _options(
         "path_steps, operations.",
     ),
 )
+_THRESHOLDS = _options(
+    click.option(
+        "--min-identity",
+        default=0.7,
+        show_default=True,
+        type=click.FloatRange(0, 1),
+        help="Confidence that it is this object, for robots that ask for a decision.",
+    ),
+    click.option(
+        "--min-pose",
+        default=0.7,
+        show_default=True,
+        type=click.FloatRange(0, 1),
+        help="Confidence that it is where it seems.",
+    ),
+    click.option(
+        "--min-grasp",
+        default=0.3,
+        show_default=True,
+        type=click.FloatRange(0, 1),
+        help="Confidence that the grasp will hold.",
+    ),
+)
 _LOGS = _options(
     click.option(
         "--backup-dir",
@@ -155,6 +179,7 @@ def _use_file(context: click.Context, parameter: click.Parameter, file: Path | N
 @_WHERE
 @_OTHERS
 @_LIMITS
+@_THRESHOLDS
 @_LOGS
 def serve(
     data: Path, temp: bool, store: str, port: int, flush: str, log_level: str, **options: Any
@@ -189,7 +214,7 @@ def serve(
         server.check_exposure(tokens, config)
         engine: Any = EngineElsewhere() if store else NoEngine()
         if not store and not config.plain:
-            engine = stack.enter_context(Engine(kb))
+            engine = stack.enter_context(Engine(kb, policy=_policy(options)))
 
         def ready(url: str) -> None:
             kb.publish(url=url)
@@ -203,6 +228,17 @@ def serve(
         # Everything is stored and closed; only threads of queries that took too long are left, and
         # the interpreter would wait for them.
         os._exit(0)
+
+
+def _policy(options: dict[str, Any]) -> Policy:
+    """Return how the engine decides, with the thresholds that the options name."""
+    from rtask.engine.policy import Policy
+
+    return Policy(
+        min_identity=options["min_identity"],
+        min_pose=options["min_pose"],
+        min_grasp=options["min_grasp"],
+    )
 
 
 def _config(options: dict[str, Any]) -> Config:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from endpoint.pages import admin, home, objects, resource, robots, signin, workbench
+from endpoint.pages import admin, feedback, home, objects, resource, robots, signin, workbench
 from endpoint.pages.render import blueprint
 
 __all__ = [
     "admin",
     "blueprint",
+    "feedback",
     "home",
     "objects",
     "resource",

@@ -23,10 +23,12 @@ from rtask.errors import RtaskError
 __all__ = ["cli", "main"]
 
 _BUILT_IN = (
+    "ask",
     "backup",
     "doctor",
     "explain",
     "export",
+    "feedback",
     "grasp",
     "history",
     "load",

@@ -98,6 +98,10 @@ class RecogniseForGrasp(_Sight, total=False):
     exclude: Sequence[str]
     seed: int
     neighbours: Sequence[Sequence[float]]
+    decide: bool
+    min_identity: float
+    min_pose: float
+    min_grasp: float
 
 
 class RecallGrasps(TypedDict, total=False):

@@ -127,10 +127,11 @@ Recognition = TypedDict(
         "shape": Message | None,
         "recognition": Message,
         "similar_objects": list[SimilarObject],
+        "decision": Message | None,
         "times": Message,
     },
 )
-"""What `recognise_for_grasp` answers."""
+"""What `recognise_for_grasp` answers; `decision` is null unless one was asked for."""
 
 
 class GraspConfidence(TypedDict):

@@ -37,6 +37,8 @@ class Policy:
         Confidence that such a look-alike keeps at most.
     same_pose_m, same_pose_rad
         Grasps closer than this on one object are one grasp.
+    min_identity, min_pose, min_grasp
+        c_I, c_T and c_G of Kehoe 2014, 4.3, for requests that ask for a decision and name none.
     """
 
     bandit: Bandit = field(default_factory=Bandit)
@@ -52,6 +54,9 @@ class Policy:
     suggestion: float = 0.5
     same_pose_m: float = 0.003
     same_pose_rad: float = 0.09
+    min_identity: float = 0.7
+    min_pose: float = 0.7
+    min_grasp: float = 0.3
 
     def weight_of(self, is_fast: bool) -> float:
         """Return what one outcome counts by the physics that it was had in."""

@@ -28,6 +28,7 @@ from rtask.engine.search import match_message, similar_objects
 from rtask.engine.statistics import summary
 from rtask.engine.tasks import Decision
 from rtask.engine.terms import find_task
+from rtask.engine.thresholds import DECISION, Thresholds, asked, decide, grasps_above
 from rtask.engine.vocabulary import RT
 from rtask.errors import UnknownTermError
 from rtask.kb.terms import iri
@@ -67,6 +68,7 @@ RECOGNISE_FOR_GRASP = (
     Field("exclude", "strings", "ids of grasps not to offer again", default=[], high=1000),
     Field("seed", "integer", "of the choice", default=0, low=0),
     Field("neighbours", "points", "points of what stands around, m, frame_id"),
+    *DECISION,
 )
 
 
@@ -113,12 +115,12 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     clock = Clock(*_STEPS)
     find_task(request["task"])
     gripper = engine.grippers.find(request["gripper_id"], access.agent)
+    thresholds = asked(engine.policy, request)
     seen = engine.observations.observe(request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
-    recognition = recognise(
-        engine.recogniser, seen, engine.policy, _MOST_MATCHES, request["min_confidence"]
-    )
+    least = request["min_confidence"] if thresholds is None else thresholds.identity
+    recognition = recognise(engine.recogniser, seen, engine.policy, _MOST_MATCHES, least)
     clock.lap("matching_s")
     question = question_for(engine, seen, recognition, request["object"], gripper)
     memory = recall(engine.kb, question)
@@ -130,8 +132,10 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     situation = Situation(seen, recognition, memory, known, placement, gripper, pose)
     chosen = _choose(engine, situation, request, clock)
     situation = replace(situation, chosen=chosen)
+    situation, decision = _decided(situation, thresholds)
+    known = situation.known
     task = engine.names.unique("task").value
-    answer = _answer(engine, situation, request["max_grasps"], task)
+    answer = {**_answer(engine, situation, request["max_grasps"], task), "decision": decision}
     clock.times["total_s"] = clock.total()
     answer["times"] = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     engine.decisions.put(
@@ -139,7 +143,7 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
         Decision(
             known.iri if known else "",
             recognition,
-            {option.id: option for option in chosen},
+            {option.id: option for option in situation.chosen},
             dict(clock.times),
             request["seed"],
         ),
@@ -237,6 +241,30 @@ def _choose(
     return chosen
 
 
+def _decided(
+    situation: Situation, thresholds: Thresholds | None
+) -> tuple[Situation, dict[str, Any] | None]:
+    """Return what is left of a situation by the thresholds, and the decision, if one was asked."""
+    if thresholds is None:
+        return situation, None
+    decision = decide(thresholds, situation, _identity(situation))
+    chosen = grasps_above(situation.chosen, thresholds.grasp)
+    if decision["too_low"] == "identity":
+        return replace(situation, known=None, chosen=()), decision
+    return replace(situation, chosen=() if decision["too_low"] else chosen), decision
+
+
+def _identity(situation: Situation) -> float:
+    """Return how sure it is that this is the object: of the best match where none was accepted."""
+    known, matches = situation.known, situation.recognition.matches
+    if known is None:
+        return float(matches[0].confidence) if matches else 0.0
+    found = [m for m in matches if m.object_iri == known.iri]
+    if not situation.recognition.accepted or not found:
+        return 1.0
+    return float(found[0].confidence)
+
+
 def _answer(engine: Engine, situation: Situation, max_grasps: int, task: str) -> dict[str, Any]:
     seen, known = situation.observation, situation.known
     grasps = [_grasp(option, situation) for option in situation.chosen[:max_grasps]]
@@ -245,11 +273,6 @@ def _answer(engine: Engine, situation: Situation, max_grasps: int, task: str) ->
         kind = "no_grasp" if known else "unknown"
     else:
         kind = "grasp" if first.remembered is not None else "candidate"
-    tracked = known is not None and not situation.recognition.accepted
-    confidence = 0.0
-    if known is not None:
-        found = [m for m in situation.recognition.matches if m.object_iri == known.iri]
-        confidence = 1.0 if tracked else float(found[0].confidence) if found else 1.0
     top = grasps[0] if grasps else empty_grasp_message(seen.frame_id)
     shape = seen.shape
     return {
@@ -259,7 +282,7 @@ def _answer(engine: Engine, situation: Situation, max_grasps: int, task: str) ->
         "class": known.short_id if known else "",
         "class_iri": known.class_iri if known else "",
         "label": known.label if known else "",
-        "confidence": confidence,
+        "confidence": 0.0 if known is None else _identity(situation),
         "statistics": top.get("statistics") or summary(0, 0),
         **{name: top[name] for name in empty_grasp_message(seen.frame_id)},
         "grasps": grasps,
