@@ -28,7 +28,8 @@ from simulate.perception import Seen
 from simulate.robots import describe
 from simulate.scene import arrange
 from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody, stream
+from simulate.simulated_body import Conditions, SimulatedBody
+from simulate.streams import stream
 
 __all__ = ["body_of", "main"]
 

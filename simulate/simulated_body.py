@@ -18,18 +18,10 @@ from simulate.robots import describe
 from simulate.scene import Laid, Placement, lay
 from simulate.world import World
 
-__all__ = ["Conditions", "SimulatedBody", "stream"]
+__all__ = ["Conditions", "SimulatedBody"]
 
 _PICTURE_SIZE = (320, 240)
 _PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
-
-
-def stream(seed: int, *purpose: int) -> np.random.Generator:
-    """Return the random numbers of one purpose.
-
-    One more draw for one purpose changes nothing for another.
-    """
-    return np.random.default_rng(np.random.SeedSequence((seed, *purpose)))
 
 
 @dataclass(frozen=True)

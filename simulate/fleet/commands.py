@@ -97,9 +97,9 @@ def grasping(
     as_json: bool,
 ) -> None:
     """Measure how often objects are held and placed, with perception in the loop."""
-    from simulate.study.grasping import grasping_study
     from simulate.study.grasping_report import COLUMNS, grasping_rows, write_grasping_report
     from simulate.study.runner import run
+    from simulate.study.studies import grasping_study
 
     results = run(grasping_study(trials, seed, attempts, preset), out, processes, resume)
     summary = write_grasping_report(out, results, seed)
@@ -133,8 +133,8 @@ def learn(
 ) -> None:
     """Compare learners on what physics makes of many grasps of many objects."""
     from simulate.study.learning_report import COLUMNS, learning_rows, write_learning_report
-    from simulate.study.outcomes import outcome_study
     from simulate.study.runner import run
+    from simulate.study.studies import outcome_study
 
     results = run(outcome_study(objects, seed, preset=preset), out, processes, resume)
     summary = write_learning_report(out, results, seed, orders)

@@ -28,7 +28,8 @@ from simulate.perception import Seen
 from simulate.robot_process import Voice
 from simulate.scene import arrange
 from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody, stream
+from simulate.simulated_body import Conditions, SimulatedBody
+from simulate.streams import stream
 
 __all__ = ["main"]
 

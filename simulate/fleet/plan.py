@@ -7,7 +7,7 @@ from typing import Any
 
 from rtask.errors import UsageError
 from simulate.objects import ObjectSpec, product, sample_objects
-from simulate.simulated_body import stream
+from simulate.streams import stream
 
 __all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
 

@@ -23,48 +23,13 @@ from simulate.objects import KINDS, product
 from simulate.perception import Seen
 from simulate.scene import arrange
 from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody, stream
-from simulate.study.runner import Study
+from simulate.simulated_body import Conditions, SimulatedBody
+from simulate.streams import stream
 
-__all__ = ["PHASES", "grasping_study", "grasping_trial", "phase_of"]
+__all__ = ["grasping_trial"]
 
 _PRODUCT, _PLACE, _LIGHT, _NOISE, _CHOICE = range(10, 15)
 _PRODUCTS_OF_A_KIND = 200
-
-_PLANNING = (
-    "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
-    "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "too_wide", "too_heavy",
-)  # fmt: skip
-
-PHASES: Mapping[str, frozenset[str]] = {
-    "see": frozenset({"not_seen", "no_grasp", "gone"}),
-    "plan": frozenset(_PLANNING),
-    "reach": frozenset({"tracking"}),
-    "close": frozenset({"missed"}),
-    "lift": frozenset({"slip_lift"}),
-    "hold": frozenset({"slip_hold"}),
-    "place": frozenset({"place_plan", "slip_transport", "drop_outside"}),
-}
-"""Phases of an attempt and the reason codes with which each fails."""
-
-
-def phase_of(reason: str) -> str:
-    """Return the phase that a reason code belongs to.
-
-    >>> phase_of("slip_lift"), phase_of("ok"), phase_of("new_reason")
-    ('lift', '', 'other')
-    """
-    if reason == "ok":
-        return ""
-    return next((phase for phase, codes in PHASES.items() if reason in codes), "other")
-
-
-def grasping_study(
-    trials: int, seed: int, max_attempts: int = 3, preset: str = "faithful"
-) -> Study:
-    """Return the experiment: kinds in turn, the arms in turn after each round of kinds."""
-    settings = {"seed": seed, "max_attempts": max_attempts, "preset": preset}
-    return Study("grasping with perception in the loop", grasping_trial, settings, trials)
 
 
 def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:

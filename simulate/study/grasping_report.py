@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from simulate.study.chart import Bar, bar_chart
-from simulate.study.grasping import phase_of
 from simulate.study.intervals import mean_interval, share
+from simulate.study.reasons import phase_of
 
 __all__ = ["COLUMNS", "grasping_rows", "summarise_grasping", "write_grasping_report"]
 

@@ -26,7 +26,7 @@ from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.experience import Weights, gather
 from rtask.engine.policy import Policy
 from rtask.engine.recall import Remembered, Tally
-from simulate.study.outcomes import UNREACHABLE
+from simulate.study.reasons import UNREACHABLE
 
 __all__ = ["FAILED", "LEARNERS", "Learner", "replay"]
 

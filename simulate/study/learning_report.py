@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simulate.study.chart import Line, line_chart
 from simulate.study.intervals import mean_interval
 from simulate.study.learners import FAILED, LEARNERS, Learner, replay
-from simulate.study.outcomes import UNREACHABLE
+from simulate.study.reasons import UNREACHABLE
 
 __all__ = ["COLUMNS", "learning_rows", "summarise_learning", "write_learning_report"]
 

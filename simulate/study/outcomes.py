@@ -26,10 +26,11 @@ from simulate.executor import GraspRequest, PlannedGrasp
 from simulate.objects import KINDS, ObjectSpec, product
 from simulate.perception import perceive
 from simulate.scene import Placement, arrange
-from simulate.simulated_body import Conditions, SimulatedBody, stream
-from simulate.study.runner import Study
+from simulate.simulated_body import Conditions, SimulatedBody
+from simulate.streams import stream
+from simulate.study.reasons import UNREACHABLE
 
-__all__ = ["UNREACHABLE", "outcome_study", "outcome_trial"]
+__all__ = ["outcome_trial"]
 
 _PRODUCT, _PLACE, _LIGHT, _NOISE, _BLIND, _PLAN = range(20, 26)
 _PRODUCTS_OF_A_KIND = 200
@@ -37,17 +38,6 @@ _DIRECTIONS = 12
 _BLIND_MARGIN_M = 0.015  # a finger's width
 _DRAWS = 3  # so many draws for one that can be reached
 _SETTLE_S = 0.3
-
-UNREACHABLE = "unreachable"
-"""Outcome of a grasp that the arm cannot get to; says nothing about the grasp."""
-
-
-def outcome_study(
-    objects: int, seed: int, proposed: int = 3, blind: int = 5, preset: str = "faithful"
-) -> Study:
-    """Return the experiment: so many proposed and so many blind grasps of each object."""
-    settings = {"seed": seed, "proposed": proposed, "blind": blind, "preset": preset}
-    return Study("outcomes of proposed and blind grasps", outcome_trial, settings, objects)
 
 
 def outcome_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import IO, Any
 
 from rtask.errors import RtaskError, UsageError
 from simulate.study.journal import Journal
-from simulate.study.workers import Trial, run_trials
+from simulate.study.workers import run_trials
 
 __all__ = ["Progress", "Study", "run"]
 
@@ -25,7 +25,7 @@ class Study:
     name
         Goes into the journal.
     trial
-        What is carried out; see :data:`simulate.study.workers.Trial`.
+        What is carried out; ``module:function``; see :func:`simulate.study.workers.run_trials`.
     settings
         That trials depend on, JSON-able; holds ``seed``.
     trials
@@ -33,7 +33,7 @@ class Study:
     """
 
     name: str
-    trial: Trial
+    trial: str
     settings: Mapping[str, Any]
     trials: int
 

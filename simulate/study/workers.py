@@ -6,19 +6,17 @@ its parent does, however that ends.
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-__all__ = ["Trial", "run_trials"]
-
-Trial = Callable[[Mapping[str, Any], int], dict[str, Any]]
-"""A trial: settings and its number in, a JSON-able result out. Importable by its name."""
+__all__ = ["run_trials"]
 
 _STOP_S = 10.0
 
@@ -26,7 +24,7 @@ _STOP_S = 10.0
 class _Worker:
     """One process and what it is doing."""
 
-    def __init__(self, trial: Trial, settings: Mapping[str, Any]) -> None:
+    def __init__(self, trial: str, settings: Mapping[str, Any]) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(
@@ -63,7 +61,7 @@ class _Worker:
 
 
 def run_trials(
-    trial: Trial, settings: Mapping[str, Any], numbers: Iterable[int], processes: int
+    trial: str, settings: Mapping[str, Any], numbers: Iterable[int], processes: int
 ) -> Iterator[tuple[int, dict[str, Any] | None, str]]:
     """Yield (number, result, "") of each trial as it ends, or (number, None, why) if it fails.
 
@@ -73,7 +71,8 @@ def run_trials(
     Parameters
     ----------
     trial
-        What to carry out; a function of a module.
+        What to carry out, as ``module:function``: settings and a number in, a JSON-able result
+        out. The parent does not import it.
     settings
         For all trials.
     numbers
@@ -108,18 +107,20 @@ def run_trials(
             worker.stop()
 
 
-def _work(pipe: Connection, trial: Trial, settings: dict[str, Any]) -> None:
+def _work(pipe: Connection, trial: str, settings: dict[str, Any]) -> None:
     """Carry out trials until the parent has no more, or is gone."""
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     # Bullet and Mesa write to file descriptor 1, which is the parent's for its results.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    module, _, name = trial.partition(":")
+    carry_out = getattr(importlib.import_module(module), name)
     while True:
         try:
             number = pipe.recv()
         except EOFError:
             return
         try:
-            answer: tuple[str, Any] = ("result", trial(settings, number))
+            answer: tuple[str, Any] = ("result", carry_out(settings, number))
         except Exception:  # noqa: BLE001 - a trial may break in any way; the parent says how
             answer = ("error", traceback.format_exc(limit=-4).strip())
         pipe.send(answer)

@@ -16,7 +16,7 @@ from simulate.study.learning_report import (
     summarise_learning,
     write_learning_report,
 )
-from simulate.study.outcomes import UNREACHABLE
+from simulate.study.reasons import UNREACHABLE
 
 
 def _arm(source: str, x: float, theta: float, quality: float, reason: str) -> dict[str, Any]:

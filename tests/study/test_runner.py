@@ -53,20 +53,12 @@ _HERE = Path(__file__)
 @pytest.fixture(autouse=True)
 def importable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let worker processes import this file as they import any module."""
-    monkeypatch.setenv(
-        "PYTHONPATH", os.pathsep.join([str(_HERE.parent), os.environ.get("PYTHONPATH", "")])
-    )
     monkeypatch.syspath_prepend(str(_HERE.parent))
-
-
-def _trial(name: str) -> Any:
-    import test_runner
-
-    return getattr(test_runner, name)
+    monkeypatch.setenv("PYTHONPATH", str(_HERE.parent))
 
 
 def _study(trials: int, seed: int = 1, **settings: Any) -> Study:
-    return Study("numbers", _trial("draw"), {"seed": seed, **settings}, trials)
+    return Study("numbers", "test_runner:draw", {"seed": seed, **settings}, trials)
 
 
 def test_results_do_not_depend_on_how_many_processes_there_are(tmp_path: Path) -> None:
@@ -112,7 +104,7 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path: Path) -> None:
 def test_a_trial_that_kills_its_process_or_raises_is_named_and_the_others_are_kept(
     tmp_path: Path,
 ) -> None:
-    study = Study("numbers", _trial("dies_in_two"), {"seed": 0, "folder": str(tmp_path)}, 5)
+    study = Study("numbers", "test_runner:dies_in_two", {"seed": 0, "folder": str(tmp_path)}, 5)
     told = io.StringIO()
     with pytest.raises(RtaskError, match="2 of 5 trials broke, trial 2 first"):
         run(study, tmp_path / "run", 2, progress=told)
@@ -124,10 +116,10 @@ def test_a_trial_that_kills_its_process_or_raises_is_named_and_the_others_are_ke
 
 def test_killed_outright_it_leaves_no_process_and_goes_on_later(tmp_path: Path) -> None:
     program = (
-        "import sys; from pathlib import Path; from test_runner import slow\n"
+        "import sys; from pathlib import Path; \n"
         "from simulate.study.runner import Study, run\n"
         "if __name__ == '__main__':\n"
-        "    run(Study('s', slow, {'seed': 0}, 4), Path(sys.argv[1]), 2)\n"
+        "    run(Study('s', 'test_runner:slow', {'seed': 0}, 4), Path(sys.argv[1]), 2)\n"
     )
     script = tmp_path / "program.py"
     script.write_text(program)

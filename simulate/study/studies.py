@@ -1,0 +1,31 @@
+"""The experiments by name: settings and trials; light to import, the physics is in the workers."""
+
+from __future__ import annotations
+
+from simulate.study.runner import Study
+
+__all__ = ["grasping_study", "outcome_study"]
+
+
+def grasping_study(
+    trials: int, seed: int, max_attempts: int = 3, preset: str = "faithful"
+) -> Study:
+    """Return the trials with perception in the loop: kinds in turn, after each round the arms."""
+    return Study(
+        "grasping with perception in the loop",
+        "simulate.study.grasping:grasping_trial",
+        {"seed": seed, "max_attempts": max_attempts, "preset": preset},
+        trials,
+    )
+
+
+def outcome_study(
+    objects: int, seed: int, proposed: int = 3, blind: int = 5, preset: str = "faithful"
+) -> Study:
+    """Return the outcomes of so many proposed and so many blind grasps of each object."""
+    return Study(
+        "outcomes of proposed and blind grasps",
+        "simulate.study.outcomes:outcome_trial",
+        {"seed": seed, "proposed": proposed, "blind": blind, "preset": preset},
+        objects,
+    )
