@@ -137,11 +137,12 @@ def kernel(
     other_thetas: NDArray[np.float64],
     size_m: float,
     bandwidth: float = 0.2,
+    period: float = np.pi,
 ) -> NDArray[np.float64]:
     """Return how much grasps say about each other, (n, m), 1 for the same grasp.
 
     exp(-d^2 / 2h^2), where d takes a quarter of the object's size and one radian of closing
-    direction as units. A closing direction and its opposite are one grasp.
+    direction as units.
 
     Parameters
     ----------
@@ -149,6 +150,9 @@ def kernel(
     thetas, other_thetas : (n,), (m,), rad
     size_m
         Largest extent of the object.
+    period
+        Turn after which a grasp is the same: half a turn for two fingers that close towards each
+        other, a whole one for a push.
 
     Examples
     --------
@@ -160,7 +164,8 @@ def kernel(
         raise ValueError(f"size_m must be positive, got {size_m}")
 
     def features(p: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
-        axis = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1) / 2
+        turns = 2 * np.pi / period
+        axis = np.stack([np.cos(turns * t), np.sin(turns * t)], axis=1) / turns
         return np.concatenate([p.reshape(-1, 3) / (size_m / 4), axis], axis=1)
 
     a, b = features(positions, thetas), features(other_positions, other_thetas)
@@ -176,6 +181,8 @@ class BetaThompson:
     policy
     size_m
         Largest extent of the object, the scale of the kernel.
+    period
+        Turn after which a grasp is the same, rad; see :func:`kernel`.
 
     Examples
     --------
@@ -188,9 +195,12 @@ class BetaThompson:
     [1, 0]
     """
 
-    def __init__(self, policy: Policy | None = None, size_m: float = 0.1) -> None:
+    def __init__(
+        self, policy: Policy | None = None, size_m: float = 0.1, period: float = np.pi
+    ) -> None:
         self.policy = policy or Policy()
         self.size_m = size_m
+        self.period = period
 
     def beliefs(self, arms: Sequence[Arm], trials: Sequence[Trial] = ()) -> NDArray[np.float64]:
         """Return alpha and beta of each arm, (n, 2).
@@ -262,6 +272,7 @@ class BetaThompson:
             np.array([trial.theta for trial in trials]),
             self.size_m,
             self.policy.bandwidth,
+            self.period,
         )
         # Two sums in a canonical order would be exact; rounding makes any order give one result.
         won = np.array([trial.success for trial in trials], dtype=np.float64)

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Agent", "Transition"]
+__all__ = ["Agent", "Learner", "Transition"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +43,18 @@ class Transition:
             raise ValueError(f"reward of action {self.action} is {self.reward}")
 
 
-class Agent(Protocol):
-    """A learner: it acts, observes, and can be put away and taken up again."""
+class Learner(Protocol):
+    """What acts and observes."""
 
     def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
         """Return the action to take in a state (d,)."""
 
     def observe(self, transition: Transition) -> None:
         """Learn from one step."""
+
+
+class Agent(Learner, Protocol):
+    """A learner that can be put away and taken up again."""
 
     def learn_examples(self, transitions: Iterable[Transition]) -> None:
         """Learn from steps that somebody else took, before the first episode."""

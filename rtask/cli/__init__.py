@@ -31,6 +31,7 @@ _BUILT_IN = (
     "feedback",
     "grasp",
     "history",
+    "learn",
     "load",
     "model",
     "ontology",

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from grasp.learning.transition import Agent, Transition
+from grasp.learning.transition import Learner, Transition
 
 __all__ = ["Episode", "run_episode", "run_episodes"]
 
@@ -23,7 +23,7 @@ class Episode:
 
 
 def run_episode(
-    agent: Agent,
+    agent: Learner,
     environment: gymnasium.Env[Any, Any],
     *,
     seed: int | None = None,
@@ -52,7 +52,7 @@ def run_episode(
 
 
 def run_episodes(
-    agent: Agent, environment: gymnasium.Env[Any, Any], episodes: int, seed: int = 0
+    agent: Learner, environment: gymnasium.Env[Any, Any], episodes: int, seed: int = 0
 ) -> Iterator[Episode]:
     """Yield one episode after another; the environment's dice are thrown from one seed."""
     for number in range(episodes):

@@ -1,0 +1,257 @@
+"""A world of simulated objects to compare learners of grasping on, always the same for a seed.
+
+Objects come in families of polygons; candidates are push grasps, their outcomes those of the
+quasi-static simulation of a push with parallel jaws under lateral noise (Kehoe 2014, 3.8; after
+Dogar and Srinivasa 2010). What a learner is told beforehand, the analytic quality, is the
+conservative bound of Kehoe 2014, 3.4 on the object as perceived, well or poorly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.push.candidates import Grasps, sample_grasps
+from grasp.push.plan import analyse_push_grasps
+from grasp.push.polygon import Part, as_part
+from grasp.push.quasistatic import simulate
+
+__all__ = ["GOOD", "POOR", "Perception", "Thing", "World", "WorldSettings", "make_world"]
+
+Floats = NDArray[np.float64]
+
+_JAW = 0.35
+_FRICTION = 0.7
+_MOMENT_ARM = 0.4
+_STEP = 0.008
+_RAYS = 32
+_RAY_NOISE = 0.02
+FEATURES = 5
+
+
+@dataclass(frozen=True)
+class Perception:
+    """How well an object is seen by whoever rates its grasps.
+
+    Parameters
+    ----------
+    vertex_std, com_std
+        Standard deviation of the perceived vertices and centre of mass, part radii.
+    friction
+        Assumed; the real coefficient is 0.7.
+    """
+
+    vertex_std: float
+    com_std: float
+    friction: float
+
+
+GOOD = Perception(0.02, 0.04, 0.7)
+POOR = Perception(0.10, 0.15, 0.35)
+
+
+@dataclass(frozen=True)
+class WorldSettings:
+    """What is simulated.
+
+    Parameters
+    ----------
+    families, objects
+        How many.
+    seed
+        Of everything random.
+    runs
+        Simulations a candidate, of which its chance of success is the share that closed.
+    lateral_std
+        Of the object's position across the push, part diameters.
+    samples
+        Perturbed parts a candidate's quality is counted from.
+    """
+
+    families: int = 12
+    objects: int = 72
+    seed: int = 0
+    runs: int = 20
+    lateral_std: float = 0.05
+    samples: int = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """One object and its candidate grasps. Lengths in diameters, centre of mass as origin.
+
+    Parameters
+    ----------
+    family
+        Which kind it is of.
+    places : (n, 3)
+        Where the jaw meets the outline; z = 0.
+    directions : (n,), rad
+        In which the jaw moves.
+    chances : (n,)
+        Share of simulated pushes that closed around the object.
+    good, poor : (n,)
+        Quality by geometry, 0..1, for the two perceptions.
+    extents : (32,)
+        Radii of the view around the centre of mass, with noise.
+    """
+
+    family: int
+    places: Floats
+    directions: Floats
+    chances: Floats
+    good: Floats
+    poor: Floats
+    extents: Floats
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Objects, and how they look in five numbers.
+
+    Parameters
+    ----------
+    views : (objects, 5)
+        Principal components of the extents, standardised.
+    """
+
+    settings: WorldSettings
+    things: tuple[Thing, ...]
+    views: Floats
+
+    def families(self) -> NDArray[np.int64]:
+        """Return the family of each object, (objects,)."""
+        return np.array([thing.family for thing in self.things])
+
+
+@lru_cache(maxsize=8)
+def make_world(settings: WorldSettings | None = None) -> World:
+    """Draw the objects and simulate every candidate.
+
+    Notes
+    -----
+    Four seconds of one core for the 72 objects of the default settings; kept for the next call.
+    """
+    chosen = settings or WorldSettings()
+    rng = np.random.default_rng(chosen.seed)
+    outlines = [_family(rng) for _ in range(chosen.families)]
+    things = []
+    for _ in range(chosen.objects):
+        family = int(rng.integers(chosen.families))
+        part = _distorted(outlines[family], 0.05, rng)
+        things.append(_thing(family, part, chosen, rng))
+    return World(chosen, tuple(things), principal_views(things))
+
+
+def principal_views(things: list[Thing]) -> Floats:
+    """Return five standardised principal components of the extents, (objects, 5)."""
+    rows = np.array([thing.extents for thing in things])
+    centred = rows - rows.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    axes = axes[:FEATURES]
+    largest = np.argmax(np.abs(axes), axis=1)
+    signs = np.sign(axes[np.arange(len(axes)), largest])
+    scores = centred @ (axes * signs[:, None]).T
+    scores = scores / np.maximum(scores.std(axis=0), 1e-12)
+    return np.pad(scores, ((0, 0), (0, FEATURES - scores.shape[1])))
+
+
+def _family(rng: np.random.Generator) -> Floats:
+    """Return a polygon of 4 to 9 vertices around the origin, (n, 2)."""
+    count = int(rng.integers(4, 10))
+    while True:
+        angles = np.sort(rng.uniform(0, 2 * np.pi, count))
+        gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+        if gaps.max() <= 2.6:
+            break
+    radii = rng.uniform(0.35, 1.0, count)
+    stretch = rng.uniform(1.0, 1.9)
+    return np.column_stack([radii * np.cos(angles) * stretch, radii * np.sin(angles)])
+
+
+def _distorted(outline: Floats, std: float, rng: np.random.Generator) -> Part:
+    """Return a part with noise at its vertices; drawn again while the outline crosses itself."""
+    while True:
+        try:
+            return as_part(outline + rng.normal(0, std, outline.shape))
+        except ValueError:
+            continue
+
+
+def _thing(family: int, part: Part, settings: WorldSettings, rng: np.random.Generator) -> Thing:
+    grasps = sample_grasps(part, density=2, angles=3)
+    places = (grasps.contacts - part.com) / part.diameter
+    chances = _chances(part, grasps, settings, rng)
+    good, poor = (_quality(part, grasps, seen, settings, rng) for seen in (GOOD, POOR))
+    return Thing(
+        family,
+        np.column_stack([places, np.zeros(len(places))]),
+        np.arctan2(grasps.approaches[:, 1], grasps.approaches[:, 0]),
+        chances,
+        good,
+        poor,
+        _extents(part) + rng.normal(0, _RAY_NOISE, _RAYS),
+    )
+
+
+def _chances(
+    part: Part, grasps: Grasps, settings: WorldSettings, rng: np.random.Generator
+) -> Floats:
+    """Return the share of simulated pushes that close, (g,)."""
+    size = part.diameter / part.radius
+    rows = np.repeat(grasps.rows(part), settings.runs, axis=0)
+    offsets = rng.normal(0, settings.lateral_std * size, len(rows))
+    rows[:, 0] += offsets * rows[:, 3]
+    rows[:, 1] -= offsets * rows[:, 2]
+    ring = (part.vertices - part.centroid) / part.radius
+    codes = np.empty((len(rows), 1), np.int8)
+    simulate(
+        np.ascontiguousarray(ring[None, :, 0]), np.ascontiguousarray(ring[None, :, 1]),
+        (part.com - part.centroid)[None] / part.radius, np.ones(1, np.bool_), rows, _JAW * size,
+        _FRICTION, _MOMENT_ARM**2, size, _STEP * size, codes,
+    )  # fmt: skip
+    closed: Floats = (codes[:, 0] > 0).reshape(len(grasps), settings.runs).mean(axis=1)
+    return closed
+
+
+def _quality(
+    part: Part,
+    grasps: Grasps,
+    seen: Perception,
+    settings: WorldSettings,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return the bound on closure of the candidates on the part as perceived, (g,)."""
+    perceived = _distorted(part.vertices, seen.vertex_std * part.radius, rng)
+    com = part.com + rng.normal(0, seen.com_std * part.radius, 2)
+    analysis = analyse_push_grasps(
+        grasps, perceived.vertices, com, jaw_width=_JAW * part.diameter, friction=seen.friction,
+        samples=settings.samples,
+    )  # fmt: skip
+    return analysis.quality
+
+
+def _extents(part: Part) -> Floats:
+    """Return how far the outline reaches from the centre of mass in 32 directions, radii."""
+    ring = part.vertices - part.com
+    starts, ends = ring, np.roll(ring, -1, axis=0)
+    reach = np.zeros(_RAYS)
+    for k in range(_RAYS):
+        turn = 2 * math.pi * k / _RAYS
+        along, across = (
+            np.array([math.cos(turn), math.sin(turn)]),
+            np.array([-math.sin(turn), math.cos(turn)]),
+        )
+        s, e = starts @ across, ends @ across
+        crossing = (s > 0) != (e > 0)
+        share = s[crossing] / (s[crossing] - e[crossing])
+        hits = starts[crossing] @ along * (1 - share) + ends[crossing] @ along * share
+        reach[k] = hits.max(initial=0.0)
+    return reach / part.radius
