@@ -19,6 +19,7 @@ Flags = NDArray[np.bool_]
 _MOST_RAW = 500_000
 _MOST_VOXELS = 40_000
 _FAR_M = 2.0
+_ABSURD_M = 1e6
 _TABLE_VOXELS = 2.0
 _FLAT_VOXELS = 0.1
 _THIN_VOXELS = 0.5
@@ -102,7 +103,7 @@ def prepare_cloud(
     obstacles: Floats | None = None,
     voxel: float = 0.003,
     normal_radius: float = 0.01,
-    silhouette_deg: float = 80.0,
+    silhouette_deg: float = 70.0,
 ) -> SurfaceCloud:
     """Make a cloud even and find its normals.
 
@@ -111,7 +112,8 @@ def prepare_cloud(
     Parameters
     ----------
     points : (n, 3), m
-        One object, or a table with what stands on it. Rows that are not finite are left out.
+        One object, or a table with what stands on it. Rows that are not finite, or beyond any
+        earthly distance, are left out.
     table : (4,) or None
         Plane n . p + d = 0 under the objects, n upwards; points near it are not part of them.
     viewpoints : (k, 3) or None, m
@@ -144,11 +146,10 @@ def prepare_cloud(
         raise ValueError(f"0 < voxel < 0.1 m <= normal_radius is wanted, got {voxel}")
     notes: list[str] = []
     own = _cropped(points, notes)
-    others = others[np.isfinite(others).all(axis=1)]
+    others = others[(np.abs(others) < _ABSURD_M).all(axis=1)]
     if len(own) == 0:
         return _nothing(cameras, plane, voxel, notes, "the cloud holds no finite point")
-    centre = np.median(own, axis=0)
-    others = others[np.linalg.norm(others - centre, axis=1) < _FAR_M]
+    others = others[np.linalg.norm(others - own.mean(axis=0), axis=1) < _FAR_M]
     height = own @ plane[:3] + plane[3] if plane is not None else np.full(len(own), np.inf)
     above = height > _TABLE_VOXELS * voxel
     if not above.any():
@@ -156,7 +157,7 @@ def prepare_cloud(
     reason = _shapeless(own[above], voxel)
     if reason:
         return _nothing(cameras, plane, voxel, notes, reason)
-    axes = own_axes(own[above])
+    axes, centre = own_axes(own[above]), own[above].mean(axis=0)
     everything = np.concatenate([own, others])
     kind = np.concatenate([above, np.zeros(len(others), bool)])
     kept, target, voxel = _thinned(everything, kind, axes, centre, voxel, notes)
@@ -210,7 +211,7 @@ def _nothing(
 
 
 def _cropped(points: Floats, notes: list[str]) -> Floats:
-    finite = np.isfinite(points).all(axis=1)
+    finite = (np.abs(points) < _ABSURD_M).all(axis=1)  # false for nan too
     if not finite.all():
         notes.append(f"{int((~finite).sum())} points that are not finite left out")
         points = points[finite]

@@ -181,14 +181,15 @@ class _View:
         forward = seen.mean(axis=0)
         distance = float(np.linalg.norm(forward))
         forward = forward / distance
-        right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
+        # Upright along an axis of the object: a moved scene gives the moved picture.
+        right = np.cross(forward, cloud.axes[int(np.argmin(np.abs(cloud.axes @ forward)))])
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         local = seen @ rotation.T
         flat = local[:, :2] / np.maximum(local[:, 2:], 1e-6)
         # A voxel's width on the screen; each point fills the cells around its own.
         cell = cloud.voxel / distance
-        low = flat.min(axis=0) - 3 * cell
+        low = flat.min(axis=0) - 3.5 * cell
         size = np.ceil((flat.max(axis=0) - low) / cell).astype(np.int64) + 4
         depth = np.full((min(int(size[1]), 2000), min(int(size[0]), 2000)), np.inf)
         column, row = np.floor((flat - low) / cell).astype(np.int64).T
@@ -264,7 +265,7 @@ def _walls(cloud: SurfaceCloud) -> tuple[Floats, Floats]:
     height = seen @ up + cloud.table[3]
     flat = np.stack([seen @ east, seen @ north], axis=1)
     cell = 1.5 * cloud.voxel
-    low = flat.min(axis=0) - 2 * cell
+    low = flat.min(axis=0) - 2.5 * cell
     size = np.ceil((flat.max(axis=0) - low) / cell).astype(np.int64) + 3
     top = np.zeros((size[0], size[1]))
     index = np.floor((flat - low) / cell).astype(np.int64)
@@ -277,7 +278,9 @@ def _walls(cloud: SurfaceCloud) -> tuple[Floats, Floats]:
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         neighbour = np.roll(top, (-dx, -dy), axis=(0, 1))
         for i, j in np.argwhere(top - neighbour > 2 * cloud.voxel):
-            levels = np.arange(neighbour[i, j] + cloud.voxel, top[i, j], cloud.voxel)
+            levels = np.arange(
+                neighbour[i, j] + cloud.voxel, top[i, j] - 0.3 * cloud.voxel, cloud.voxel
+            )
             x = low + (np.array([i, j]) + 0.5 + 0.5 * np.array([dx, dy])) * cell
             foot = x[0] * east + x[1] * north - cloud.table[3] * up
             down = -slope[:, i, j] if np.any(slope[:, i, j]) else np.array([dx, dy], float)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from grasp.spatial.antipodal import antipodal_label, support_needed
 from grasp.spatial.candidate import GraspCandidate, Proposals
+from grasp.spatial.classifier import GraspClassifier
 from grasp.spatial.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.collision import Room, Support, Surroundings, room_around
 from grasp.spatial.completion import complete_by_symmetry
@@ -40,6 +41,7 @@ def propose_from_cloud(
     seed: int = 0,
     options: SearchOptions | None = None,
     complete: bool = True,
+    classifier: GraspClassifier | None = None,
     max_candidates: int = 100,
 ) -> Proposals:
     """Propose grasps of what a cloud shows, best first.
@@ -65,6 +67,8 @@ def propose_from_cloud(
     complete
         Guess the hidden side of the object, which ``points`` then show alone but for the table;
         takes a table and a viewpoint, and is left out without them.
+    classifier
+        Orders candidates by its probability, kept as ``scores["classifier"]``; None = geometry.
     max_candidates
         How many at most.
 
@@ -105,7 +109,7 @@ def propose_from_cloud(
     )
     if complete:
         cloud = complete_by_symmetry(cloud)
-    return propose_on(cloud, gripper, samples, seed, options, max_candidates)
+    return propose_on(cloud, gripper, samples, seed, options, classifier, max_candidates)
 
 
 def propose_on(
@@ -114,6 +118,7 @@ def propose_on(
     samples: int = 200,
     seed: int = 0,
     options: SearchOptions | None = None,
+    classifier: GraspClassifier | None = None,
     max_candidates: int = 100,
 ) -> Proposals:
     """Propose grasps on a cloud that is ready; see :func:`propose_from_cloud`."""
@@ -162,7 +167,25 @@ def propose_on(
             {"geometry": float(score[i]), "clearance": float(clearance)},
         )
     ]
+    if classifier is not None:
+        candidates = _judged(cloud, gripper, candidates, classifier)
     return Proposals(tuple(candidates[:max_candidates]), "", cloud.notes, dict(counts))
+
+
+def _judged(
+    cloud: SurfaceCloud,
+    gripper: ParallelGripper,
+    candidates: list[GraspCandidate],
+    classifier: GraspClassifier,
+) -> list[GraspCandidate]:
+    """Return candidates with the classifier's probability, best first."""
+    probability = classifier.judge(cloud, candidates, gripper)
+    judged = [
+        replace(candidate, scores={**candidate.scores, "classifier": float(p)})
+        for candidate, p in zip(candidates, probability, strict=True)
+    ]
+    # Calibration makes ties; geometry breaks them.
+    return sorted(judged, key=lambda c: (-c.scores["classifier"], -c.scores["geometry"]))
 
 
 def _room(
@@ -208,7 +231,7 @@ def _plausibility(
     offset = hands.poses[:, :3, 3] - cloud.centroid
     closing = hands.poses[:, :3, 0]
     across = offset - np.einsum("ij,ij->i", offset, closing)[:, None] * closing
-    size = np.linalg.norm(np.ptp(cloud.points[cloud.target], axis=0)) / 2
+    size = np.linalg.norm(np.ptp(cloud.points[cloud.target] @ cloud.axes.T, axis=0)) / 2
     arm = np.clip(np.linalg.norm(across, axis=1) / max(float(size), 1e-6), 0.0, 1.0)
     spare = np.clip((gripper.max_opening - hands.column("width")) / 0.02, 0.0, 1.0)
     return np.asarray(

@@ -49,7 +49,8 @@ class SearchOptions:
     room, table_room
         Wanted between object and jaws on either side, and between hand and table, m.
     silhouette_deg
-        Normals further than this from the view ray do not count.
+        Normals further than this from the view ray do not count: what a camera grazes it measures
+        badly, and one view of a round object would else have two opposed sides.
     """
 
     voxel: float = 0.003
@@ -64,7 +65,7 @@ class SearchOptions:
     frames: Literal["pca", "quadric"] = "pca"
     room: float = 0.002
     table_room: float = 0.002
-    silhouette_deg: float = 80.0
+    silhouette_deg: float = 70.0
 
     def __post_init__(self) -> None:
         if self.turns < 1 or self.slots < 2 or self.init_bite <= 0 or self.step <= 0:

@@ -71,6 +71,7 @@ def surface_frames(
     near = np.empty(len(grid.points), np.int64)
     for k, i in enumerate(samples):
         count = within(*grid.arrays, grid.points[i], radius, near)
+        near[:count].sort()
         own = normals[near[:count]]
         usable = np.any(own != 0, axis=1)
         if usable.sum() < _FEW:
@@ -271,6 +272,8 @@ def _frames(points, cell, order, keys, low, shape, normals, samples, radius, alo
     near = np.empty(points.shape[0], np.int64)
     for k in range(samples.shape[0]):
         count = within(points, cell, order, keys, low, shape, points[samples[k]], radius, near)
+        # In the order of the points, which moves with them; the grid's order does not.
+        near[:count].sort()
         own = np.empty((count, 3))
         used = 0
         for j in range(count):
