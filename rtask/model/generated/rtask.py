@@ -1087,6 +1087,12 @@ class GraspEvaluation(InformationEntity):
         (beta of a Beta distribution). [UNITLESS]
     closure_mode
         How the grasp closes.
+    confidence_lower95
+        The one-sided lower 95 % bound of the confidence s_G, from the number of
+        perturbations. [UNITLESS]
+    epsilon_quality
+        The radius of the largest ball of wrenches that the contacts resist (Ferrari and Canny
+        1992), torques over the object's radius. [UNITLESS]
     evaluates
         The grasp that was evaluated.
     force_closure_lower_bound
@@ -1103,6 +1109,8 @@ class GraspEvaluation(InformationEntity):
     belief_alpha: One[float] = One(_RT + "beliefAlpha", _XSD + "double", functional=True, unit="UNITLESS")
     belief_beta: One[float] = One(_RT + "beliefBeta", _XSD + "double", functional=True, unit="UNITLESS")
     closure_mode: Links[ClosureMode] = Links(_RT + "closureMode", _RT + "ClosureMode", limits=Limits(one_of=(_RT + "convexVertexClosure", _RT + "frictionClosure", _RT + "slipClosure",)))
+    confidence_lower95: One[float] = One(_RT + "confidenceLower95", _XSD + "double", functional=True, unit="UNITLESS")
+    epsilon_quality: One[float] = One(_RT + "epsilonQuality", _XSD + "double", functional=True, unit="UNITLESS")
     evaluates: Link[GraspConfiguration] = Link(_RT + "evaluates", _RT + "GraspConfiguration", functional=True, inverse=_RT + "hasEvaluation", stored=False)
     force_closure_lower_bound: One[float] = One(_RT + "forceClosureLowerBound", _XSD + "double", functional=True, unit="UNITLESS")
     grasp_confidence: One[float] = One(_RT + "graspConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
