@@ -25,6 +25,7 @@ ALLOWED: Mapping[tuple[str, str], float] = {("trunk", "upper"): np.inf}
 
 _MARGIN = 0.004
 _TABLE_THICK = 0.10
+_LIMIT_SLACK = 1e-6
 _PURPOSE_PATH = 1
 
 
@@ -113,8 +114,11 @@ class ArmSpace:
             return "rrt_goal"
         margin = min(_MARGIN, float(ends.min()) - 1e-9)
 
+        low, high = chain.lower - _LIMIT_SLACK, chain.upper + _LIMIT_SLACK
+
         def is_free(q: Floats) -> NDArray[np.bool_]:
-            return np.asarray(spheres.clearances(q, around, slack) >= margin)
+            within = ((q >= low) & (q <= high)).all(axis=1)  # a spline may swing beyond its corners
+            return np.asarray(within & (spheres.clearances(q, around, slack) >= margin))
 
         rng = np.random.default_rng((seed, _PURPOSE_PATH))
         corners = plan_path(start, goal, chain.lower, chain.upper, is_free, rng)

@@ -33,6 +33,9 @@ _SETTLE_S = 0.08
 _CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.6, 2.0, 1.0
 _TRACKING_RAD = 0.05
 _CONTACT_CHECK_S = 0.05
+# Shares of the opening: a finger that moves less than this when it closes is stuck, one that is
+# further than that from where it should be did not open.
+_MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
 _NEAR_M = 0.06
 _TARGET_HEIGHT_M = 0.15
 
@@ -85,12 +88,23 @@ class Execution:
         Returns
         -------
         str
-            ``ok``, or ``tracking`` when something kept the arm from it; then it is at home.
+            ``ok``; ``tracking`` when something kept the arm from it, ``hardware`` when the hand
+            does not open as planned: then the arm is at home.
         """
-        if self._to_grasp():
-            return "ok"
-        self._go_home()
-        return "tracking"
+        self._start_at_home()
+        self.robot.move_fingers(self.arm, self.plan.opening, self._hand.open_effort)
+        arrived = self._follow(self.plan.free)
+        opens = abs(self.robot.finger_opening(self.arm) - self.plan.opening) < _OFF_OPENING
+        if not arrived or not opens:
+            self._go_home()
+            return "hardware" if arrived else "tracking"
+        self._end("pregrasp")
+        self._follow(self.plan.approach)
+        self._end("approach")
+        request = self.plan.request
+        height = request.table_height + self.plan.tool_height
+        self._measure_error(np.array([request.x, request.y, height]))
+        return "ok"
 
     def pretend(self) -> str:
         """Reach and lift, with the hand open: what follows goes as if something were held."""
@@ -105,11 +119,15 @@ class Execution:
         self.reason = self.reach()
         if self.reason != "ok":
             return self.reason
+        before = self.robot.finger_opening(self.arm)
         self._fingers(0.0, self._hand.close_effort, _CLOSE_S)
         closed = self._end("close")
         if closed.links < MIN_LINKS:
+            jammed = before - self.robot.finger_opening(self.arm) < _MOVED_OPENING
             self.back_off()
-            self.reason = "missed" if closed.is_finite else "not_judged"
+            self.reason = "hardware" if jammed else "missed"
+            if not closed.is_finite:
+                self.reason = "not_judged"
             return self.reason
         self._follow(self.plan.lift)
         self._end("lift")
@@ -148,19 +166,6 @@ class Execution:
         self._open(self.plan.opening)
         self._follow(_reverse(self.plan.approach, 2.0))
         self._go_home()
-
-    def _to_grasp(self) -> bool:
-        self._start_at_home()
-        self.robot.move_fingers(self.arm, self.plan.opening, self._hand.open_effort)
-        if not self._follow(self.plan.free):
-            return False
-        self._end("pregrasp")
-        self._follow(self.plan.approach)
-        self._end("approach")
-        request = self.plan.request
-        height = request.table_height + self.plan.tool_height
-        self._measure_error(np.array([request.x, request.y, height]))
-        return True
 
     def _measure_error(self, wanted: Floats) -> None:
         tool = self.robot.tool_pose(self.arm)[:3, 3]

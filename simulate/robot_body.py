@@ -180,6 +180,13 @@ class RobotBody:
         """Hold a hand open without leaning on its limits."""
         self.move_fingers(arm, REST_OPENING, _REST_EFFORT * self.arm(arm).open_effort)
 
+    def finger_opening(self, arm: str) -> float:
+        """Return how far a hand is open, 0..1, as measured: the mean over its fingers."""
+        parts = self.arm(arm)
+        indices = [self.joint_index[name] for name in parts.fingers]
+        values = [state[0] for state in self._client.getJointStates(self.body, indices)]
+        return float(np.mean(values)) / parts.finger_range
+
     def touch(self, arm: str, body: int) -> HandTouch:
         """Return what an arm's hand feels of a body."""
         links, force = set(), 0.0

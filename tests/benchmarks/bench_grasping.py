@@ -1,7 +1,8 @@
-"""How often the simulated NAO holds and places: true poses with noise, no camera.
+"""How often a simulated robot holds and places: true poses, with noise on request, no camera.
 
-    python tests/benchmarks/bench_grasping.py single -n 50
-    python tests/benchmarks/bench_grasping.py table -n 8 --objects 7
+    python tests/benchmarks/bench_grasping.py single -n 100
+    python tests/benchmarks/bench_grasping.py single -n 100 --robot panda
+    python tests/benchmarks/bench_grasping.py table -n 8 --objects 7 --sigma 0.003
 
 ``single`` puts one object on the table at a time, alternating between the arms and the kinds;
 ``table`` lays several and clears them, the others being obstacles. An object counts as held when
@@ -25,12 +26,12 @@ from grasp.spatial.planar import propose_planar
 from simulate.collision import Obstacle
 from simulate.executor import Executor, GraspRecord, GraspRequest
 from simulate.objects import KINDS, ObjectSpec, collision_of, product
-from simulate.robots.nao import Nao
+from simulate.robots import Arm, Workplace
+from simulate.workcell import Workcell
 from simulate.world import World
 
 MAX_GRASPS, MAX_PLANS = 3, 12
-AREA_X, AREA_Y = (0.11, 0.19), (0.02, 0.19)
-HAND = ParallelGripper("nao_hand", "nao_hand", 0.0, 0.05)
+AREA_BEYOND = 0.01
 
 
 @dataclass
@@ -38,13 +39,15 @@ class Tally:
     """What happened to one object."""
 
     kind: str
-    arm: str
+    side: str
+    arm: str = ""
     attempts: int = 0
     planned: bool = False
     held: bool = False
     placed: bool = False
     reasons: list[str] = field(default_factory=list)
     place_reason: str = ""
+    planning: list[float] = field(default_factory=list)
     plan_s: float = 0.0
     execute_s: float = 0.0
     log: list[dict[str, object]] = field(default_factory=list)
@@ -94,6 +97,11 @@ def measured(world: World, body: int, rng: np.random.Generator, sigma: float) ->
     )  # fmt: skip
 
 
+def hand_of(arm: Arm) -> ParallelGripper:
+    """Return what proposes grasps for an arm's hand."""
+    return ParallelGripper(arm.gripper_type, arm.gripper_type, 0.0, arm.mouth)
+
+
 def attempt(
     executor: Executor,
     body: int,
@@ -111,7 +119,8 @@ def attempt(
     started = time.process_time()
     best, aim = None, (0.0, 0.0, 0.0)
     # Of candidates alike but for height and opening the first is enough: the planner tries others.
-    grasps, kept = propose_planar(seen, HAND, seed=int(rng.integers(1 << 30))), []
+    hand = hand_of(executor.robot.arm(tally.side))
+    grasps, kept = propose_planar(seen, hand, seed=int(rng.integers(1 << 30))), []
     for grasp in grasps:
         offset = (grasp.x - seen.centre[0], grasp.y - seen.centre[1], grasp.theta)
         if all(np.linalg.norm(np.subtract(offset, k[1])) > 1e-6 for k in kept):
@@ -121,9 +130,11 @@ def attempt(
             continue
         request = GraspRequest(
             grasp.x, grasp.y, grasp.theta, world.table_height + grasp.z, grasp.width, seen.height,
-            seen.length, grasp.opening, world.table_height, tally.arm, seen.kind == "round",
+            seen.length, grasp.opening, world.table_height, "auto", seen.kind == "round",
         )  # fmt: skip
+        before = time.process_time()
         plan = executor.plan(request, others, seed=int(rng.integers(1 << 30)))
+        tally.planning.append(time.process_time() - before)
         if isinstance(plan, str):
             tally.reasons.append(plan)
             continue
@@ -135,7 +146,7 @@ def attempt(
     if best is None:
         return None
     tried.append(aim)
-    tally.planned = True
+    tally.planned, tally.arm = True, best.arm
     started = time.process_time()
     record = executor.execute(best)
     tally.execute_s += time.process_time() - started
@@ -189,23 +200,21 @@ def clear(
     return found
 
 
-def make_world(preset: str) -> tuple[World, Executor]:
-    world = World(preset)
-    world.add_table()
-    world.add_place_box("left")
-    world.add_place_box("right")
-    return world, Executor(world, Nao(world))
+def make_world(args: argparse.Namespace) -> tuple[World, Executor]:
+    """Return a robot's world and its executor."""
+    cell = Workcell(args.robot, args.preset)
+    return cell.world, cell.executor
 
 
 def run_single(args: argparse.Namespace) -> list[Tally]:
-    world, executor = make_world(args.preset)
+    world, executor = make_world(args)
     tallies = []
     kinds = args.kinds or KINDS
     for trial in range(args.start, args.start + args.n):
         rng = np.random.default_rng((args.seed, trial))
         spec = product(kinds[trial % len(kinds)], int(rng.integers(200)))
         side = -1 if (trial // len(kinds)) % 2 == 0 else 1
-        x, y, yaw = place(spec, side, rng)
+        x, y, yaw = place(spec, side, rng, world.workplace)
         body = world.spawn(spec, (x, y), yaw)
         world.step(0.3)
         tally = clear(executor, [body], args, args.seed * 1000 + trial)[0]
@@ -219,7 +228,7 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
     tallies = []
     for trial in range(args.start, args.start + args.n):
         rng = np.random.default_rng((args.seed, trial))
-        world, executor = make_world(args.preset)
+        world, executor = make_world(args)
         places: list[tuple[float, float]] = []
         for _number in range(200):
             if len(places) == args.objects:
@@ -227,7 +236,7 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
             side = -1 if len(places) % 2 == 0 else 1
             kinds = args.kinds or KINDS
             spec = product(kinds[len(places) % len(kinds)], int(rng.integers(200)))
-            x, y, yaw = place(spec, side, rng)
+            x, y, yaw = place(spec, side, rng, world.workplace)
             reach = [0.06 + 0.3 * max(0.0, max(spec.extent[:2]) - 0.05)] * len(places)
             if all(np.hypot(x - a, y - b) >= r for (a, b), r in zip(places, reach, strict=True)):
                 places.append((x, y))
@@ -243,14 +252,21 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
     return tallies
 
 
-def place(spec: ObjectSpec, side: int, rng: np.random.Generator) -> tuple[float, float, float]:
+def place(
+    spec: ObjectSpec, side: int, rng: np.random.Generator, on: Workplace
+) -> tuple[float, float, float]:
     """Draw x, y, yaw with the whole outline on the table, on one side and clear of the boxes."""
     half = np.array(spec.extent[:2]) / 2
+    (x0, x1), (y0, y1) = on.area_x, on.area_abs_y
+    outside = on.box_centre[1] - on.box_inner / 2 - 0.008
     while True:
-        x, y, yaw = rng.uniform(*AREA_X), side * rng.uniform(*AREA_Y), rng.uniform(0, 2 * np.pi)
+        x = rng.uniform(x0 - AREA_BEYOND, x1 + AREA_BEYOND)
+        y = side * rng.uniform(y0 - AREA_BEYOND, y1 + AREA_BEYOND)
+        yaw = rng.uniform(0, 2 * np.pi)
         cos, sin = abs(np.cos(yaw)), abs(np.sin(yaw))
         reach = half if spec.is_round and spec.kind != "pen" else half @ [[cos, sin], [sin, cos]]
-        if x - reach[0] > 0.092 and abs(y) - reach[1] > 0 and abs(y) + reach[1] < 0.212:
+        near = on.table_near + 0.002
+        if x - reach[0] > near and abs(y) - reach[1] > 0 and abs(y) + reach[1] < outside:
             return float(x), float(y), float(yaw)
 
 
@@ -266,8 +282,10 @@ def wilson(k: int, n: int) -> str:
 def report(tallies: list[Tally]) -> None:
     groups = {kind: [t for t in tallies if t.kind == kind] for kind in KINDS}
     groups["all but pens"] = [t for t in tallies if t.kind != "pen"]
-    groups["right"] = [t for t in tallies if t.arm == "right"]
-    groups["left"] = [t for t in tallies if t.arm == "left"]
+    for side in ("right", "left"):
+        groups[f"{side} side"] = [t for t in tallies if t.side == side]
+    for arm in sorted({t.arm for t in tallies if t.arm}):
+        groups[arm] = [t for t in tallies if t.arm == arm]
     groups["all"] = tallies
     print(f"{'group':14}{'planned':>22}{'held':>22}{'held at first':>22}{'placed of held':>22}")
     for name, group in groups.items():
@@ -278,15 +296,19 @@ def report(tallies: list[Tally]) -> None:
             f"{wilson(len(held), len(group)):>22}{wilson(len(first), len(group)):>22}"
             f"{wilson(sum(t.placed for t in held), len(held)):>22}"
         )
+    tried, lost = Counter(), Counter()
+    for tally in tallies:
+        tried.update(r for r in tally.reasons if r != "ok")
+        if not tally.held:
+            lost.update([tally.reasons[-1] if tally.reasons else "no_grasp"])
+    print("reasons of what failed on the way ", dict(tried.most_common()))
+    print("reasons of objects never held     ", dict(lost.most_common()))
+    print("places", dict(Counter(t.place_reason or "-" for t in tallies)))
+    plans = np.array([s for t in tallies for s in t.planning])
     attempts = max(sum(t.attempts for t in tallies), 1)
-    print("reasons", dict(Counter(r for t in tallies for r in t.reasons if t.planned)))
     print(
-        "never planned", dict(Counter(t.reasons[0] for t in tallies if t.reasons and not t.planned))
-    )
-    print("place", dict(Counter(t.place_reason for t in tallies)))
-    print(
-        f"CPU s per attempt: planning {sum(t.plan_s for t in tallies) / attempts:.2f}, "
-        f"execution {sum(t.execute_s for t in tallies) / attempts:.2f}"
+        f"CPU s of one plan: median {np.median(plans):.3f}, 95 % {np.quantile(plans, 0.95):.3f} "
+        f"(n = {len(plans)}); of one execution {sum(t.execute_s for t in tallies) / attempts:.2f}"
     )
 
 
@@ -298,7 +320,8 @@ def main() -> None:
     parser.add_argument("--objects", type=int, default=7)
     parser.add_argument("--kinds", nargs="*")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--sigma", type=float, default=0.003)
+    parser.add_argument("--sigma", type=float, default=0.0, help="noise of the pose, m")
+    parser.add_argument("--robot", default="nao")
     parser.add_argument("--preset", default="faithful")
     parser.add_argument("--json", type=Path)
     parser.add_argument("-v", "--verbose", action="store_true")

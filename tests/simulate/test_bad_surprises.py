@@ -1,0 +1,140 @@
+"""What goes wrong on the way has its reason code, and a world that broke down says so."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rtask.errors import RobotError
+from simulate.act.service import ActService
+from simulate.executor import GraspRequest
+from simulate.objects import product
+from simulate.workcell import Workcell
+
+CAN = product("can", 3)
+AT = (0.47, -0.10)
+
+
+@pytest.fixture(scope="module")
+def cell():
+    """A Panda: whoever carries out a plan is the same code for all robots."""
+    with Workcell("panda") as made:
+        yield made
+
+
+@pytest.fixture
+def can(cell):
+    body = cell.world.spawn(CAN, AT)
+    cell.world.step(0.2)
+    yield body
+    for other in list(cell.world.objects):
+        cell.world.remove(other)
+    cell.robot.reset_arm("panda_arm", cell.robot.home("panda_arm"))
+    cell.robot.rest_hand("panda_arm")
+    cell.world.step(0.5)
+
+
+def plan_of(cell):
+    diameter, height = CAN.dims
+    request = GraspRequest(
+        *AT, 0.0, width=diameter, length=diameter, height=height, round=True,
+        table_height=cell.world.table_height,
+    )  # fmt: skip
+    plan = cell.executor.plan(request, seed=1)
+    assert not isinstance(plan, str)
+    return plan
+
+
+def run(cell, phase, happens):
+    """Carry out the plan; ``happens`` at the end of a phase."""
+    return cell.executor.execute(
+        plan_of(cell), on_phase=lambda name: happens() if name == phase else None
+    )
+
+
+def test_an_object_taken_away_during_the_approach_is_missed(cell, can):
+    record = run(cell, "pregrasp", lambda: cell.world.remove(can))
+    assert (record.reason, record.held, record.links_touching) == ("missed", False, 0)
+    assert record.lifted_m == pytest.approx(0.0, abs=1e-3)
+
+
+def test_an_object_that_moves_during_the_approach_is_missed(cell, can):
+    def move():
+        cell.world.client.resetBasePositionAndOrientation(can, (0.47, 0.15, 0.24), (0, 0, 0, 1))
+
+    record = run(cell, "pregrasp", move)
+    assert record.reason == "missed"
+    assert record.touched  # it stood elsewhere when the hand closed
+
+
+def test_an_object_taken_from_the_hand_in_transport_is_named(cell, can):
+    record = run(cell, "transport", lambda: cell.world.remove(can))
+    assert (record.held, record.placed) == (True, False)
+    assert record.place_reason in {"drop_outside", "slip_transport"}
+
+
+def test_a_hand_that_does_not_close_is_hardware(cell, can, monkeypatch):
+    real = cell.robot.move_fingers
+
+    def jammed(arm, opening, effort):
+        if opening > 0:
+            real(arm, opening, effort)
+
+    monkeypatch.setattr(cell.robot, "move_fingers", jammed)
+    assert cell.executor.execute(plan_of(cell)).reason == "hardware"
+
+
+def test_a_hand_that_does_not_open_is_hardware_and_touches_nothing(cell, can, monkeypatch):
+    cell.robot.move_fingers("panda_arm", 0.0, 15.0)
+    cell.world.step(0.8)
+    monkeypatch.setattr(cell.robot, "move_fingers", lambda arm, opening, effort: None)
+    record = cell.executor.execute(plan_of(cell))
+    assert record.reason == "hardware"
+    assert "approach" not in record.times
+    assert cell.world.object_pose(can).position[:2] == pytest.approx(AT, abs=0.002)
+
+
+def test_plans_keep_to_the_joints_limits(cell):
+    chain = cell.robot.chains["panda_arm"]
+    for dx, dy in ((0.0, 0.0), (0.07, 0.25), (-0.05, -0.08)):
+        request = GraspRequest(AT[0] + dx, AT[1] + dy, 1.2, table_height=cell.world.table_height)
+        plan = cell.executor.plan(request, seed=2)
+        assert not isinstance(plan, str)
+        for way in (plan.free, plan.approach, plan.lift):
+            assert (way.positions >= chain.lower - 1e-6).all()
+            assert (way.positions <= chain.upper + 1e-6).all()
+            assert (np.abs(way.velocities) <= chain.velocity * 1.001).all()
+
+
+def test_a_world_that_breaks_down_names_the_joint(cell, can, monkeypatch):
+    real, broken = cell.robot.arm_joints, []
+
+    def joints(arm):
+        values = real(arm)
+        if broken:
+            values[3] = math.nan
+        return values
+
+    monkeypatch.setattr(cell.robot, "arm_joints", joints)
+    with pytest.raises(RobotError, match="panda_joint4 of panda is not a number") as caught:
+        run(cell, "pregrasp", lambda: broken.append(True))
+    assert caught.value.details["reason"] == "not_judged"
+
+
+def test_the_act_service_passes_a_breakdown_on(cell, can, monkeypatch):
+    service = ActService(cell)
+    monkeypatch.setattr(cell.robot, "arm_joints", lambda arm: np.full(7, math.nan))
+    with pytest.raises(RobotError, match="make a new world"):
+        service.act(
+            {
+                "action_type": "grasp",
+                "goal_pose": {
+                    "position": {"x": AT[0], "y": AT[1], "z": 0.235},
+                    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+                },
+            }
+        )
+    monkeypatch.undo()
+    assert service.act({"action_type": "home"})["success"] == 1
