@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 from grasp.learning.agents import Dyna, QLearning, RMax, Sarsa, run_episodes
 from grasp.learning.agents.tabular import Settings
-from grasp.learning.agents.texplore import Texplore, TexploreSettings
+from grasp.learning.agents.texplore import RealTimeTexplore, Texplore, TexploreSettings
 from grasp.learning.environments import Bins, TwoRooms
 from grasp.learning.transition import Transition
 
@@ -92,9 +93,48 @@ def test_a_file_of_another_learner_or_world_is_refused(tmp_path: Path) -> None:
         RMax(_BINS, 4).load(path)
     with pytest.raises(ValueError, match="states and actions"):
         QLearning(Bins((0,), (5,), (5,)), 4).load(path)
+    with pytest.raises(ValueError, match=r"was learned with .*alpha.*make the learner with that"):
+        QLearning(_BINS, 4, Settings(alpha=0.5)).load(path)
     path.write_bytes(b"no archive")
     with pytest.raises(ValueError, match="not a saved learner"):
         QLearning(_BINS, 4).load(path)
+
+
+@pytest.mark.parametrize(
+    ("version", "remedy"), [(1, "learn anew"), (None, "learn anew"), (99, "the release of RTASK")]
+)
+def test_a_file_of_another_version_says_what_to_do(
+    version: int | None, remedy: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "agent.npz"
+    agent = QLearning(_BINS, 4, seed=5)
+    agent.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    header = {**json.loads(str(arrays.pop("header"))), "format": version}
+    np.savez(path, header=np.array(json.dumps(header)), **arrays)
+    before = agent.rng.bit_generator.state
+    with pytest.raises(ValueError, match=f"version {version}, .*{remedy}"):
+        agent.load(path)
+    assert agent.rng.bit_generator.state == before
+
+
+def test_texplore_goes_on_in_real_time_and_back(tmp_path: Path) -> None:
+    first, path = _MAKERS["texplore"](1), tmp_path / "agent.npz"
+    list(run_episodes(first, TwoRooms(), 1, seed=2))
+    first.save(path)
+    with RealTimeTexplore(_BINS, 4, TexploreSettings(rollouts=100), seed=9) as running:
+        running.load(path)
+        running.save(path)
+    again = _MAKERS["texplore"](2)
+    again.load(path)
+    assert again.model.reward.count == first.model.reward.count
+    cell = _BINS.number((2, 8))
+    for action in range(4):
+        for agent in (first, again):
+            agent.predict(cell, action)
+    assert (again.predictions.reward[cell] == first.predictions.reward[cell]).all()
+    assert (again.predictions.end[cell] == first.predictions.end[cell]).all()
 
 
 def _step(state: int, action: int, reward: float, after: int, ended: bool = False) -> Transition:

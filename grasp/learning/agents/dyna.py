@@ -43,6 +43,10 @@ class Dyna(QLearning):
         self._rewards = np.zeros(64)
         self._count = 0
 
+    def parameters(self) -> dict[str, Any]:
+        """Return what the learner was made with."""
+        return {**super().parameters(), "replays": self.replays}
+
     def observe(self, transition: Transition) -> None:
         """Learn from one step, then from remembered ones."""
         self._remember(transition)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from grasp.learning.agents.tabular import Settings, TabularAgent
 from grasp.learning.environments.discretise import Bins
@@ -35,6 +36,10 @@ class QLearning(TabularAgent):
     ) -> None:
         super().__init__(bins, actions, settings, seed)
         self.standard = standard
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what the learner was made with."""
+        return {**super().parameters(), "standard": self.standard}
 
     def observe(self, transition: Transition) -> None:
         """Learn from one step."""

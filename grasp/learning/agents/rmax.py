@@ -54,6 +54,10 @@ class RMax(TabularAgent):
         self._rewards = np.zeros((bins.count, actions, visits))
         self.values[:] = self.most
 
+    def parameters(self) -> dict[str, Any]:
+        """Return what the learner was made with."""
+        return {**super().parameters(), "visits": self.visits, "most": self.most}
+
     def choose(self, cell: int, mask: NDArray[np.bool_] | None = None) -> int:
         """Return the best action of the model; optimism explores, chance need not."""
         return self.best(cell, mask)

@@ -49,6 +49,10 @@ class Sarsa(TabularAgent):
         self.standard = standard
         self._traces: dict[tuple[int, int], float] = {}
 
+    def parameters(self) -> dict[str, Any]:
+        """Return what the learner was made with."""
+        return {**super().parameters(), "fading": self.fading, "standard": self.standard}
+
     def observe(self, transition: Transition) -> None:
         """Learn from one step, and choose the next action with it."""
         before = (self.bins.number(transition.state), transition.action)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -121,6 +122,10 @@ class TabularAgent(ABC):
 
     # -- putting away and taking up ----------------------------------------------------------
 
+    def parameters(self) -> dict[str, Any]:
+        """Return what the learner was made with; a file resumes only in one made alike."""
+        return asdict(self.settings)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything learned, by name."""
         planned = [] if self._planned is None else [self._planned]
@@ -137,7 +142,7 @@ class TabularAgent(ABC):
 
     def save(self, path: Path) -> None:
         """Write everything that is needed to go on exactly here."""
-        save_arrays(path, type(self).__name__, self.rng, asdict(self.settings), self.arrays())
+        save_arrays(path, type(self).__name__, self.rng, self.parameters(), self.arrays())
 
     def load(self, path: Path) -> None:
         """Go on where :meth:`save` stopped.
@@ -145,15 +150,14 @@ class TabularAgent(ABC):
         Raises
         ------
         ValueError
-            Another learner's file, one of another version, or of other states and actions.
+            Another learner's file, one of another version, or of other states, actions or
+            parameters. The learner is left as it was.
         """
-        arrays = load_arrays(path, type(self).__name__, self.rng)
-        if arrays["values"].shape != self.values.shape:
-            raise ValueError(
-                f"{path} knows {arrays['values'].shape} states and actions, "
-                f"this agent {self.values.shape}"
+        self.take(
+            load_arrays(
+                path, type(self).__name__, self.rng, self.parameters(), values=self.values.shape
             )
-        self.take(arrays)
+        )
 
 
 def allowed_actions(info: Mapping[str, Any] | None) -> NDArray[np.bool_] | None:
@@ -177,14 +181,28 @@ def save_arrays(
     path: Path,
     kind: str,
     rng: np.random.Generator,
-    settings: Mapping[str, Any],
+    parameters: Mapping[str, Any],
     arrays: Mapping[str, NDArray[Any]],
 ) -> None:
-    """Write a learner as one npz file, by a rename, so that none is ever half written."""
+    """Write a learner as one npz file, by a rename, so that none is ever half written.
+
+    Parameters
+    ----------
+    path
+        Replaced if it exists.
+    kind
+        Of learner.
+    rng
+        Its state is written, too.
+    parameters
+        What the learner was made with; JSON.
+    arrays
+        What it learned.
+    """
     header = {
         "format": _FORMAT,
         "kind": kind,
-        "settings": dict(settings),
+        "parameters": dict(parameters),
         "random": rng.bit_generator.state,
     }
     draft = path.with_name(path.name + ".part")
@@ -193,23 +211,55 @@ def save_arrays(
     draft.replace(path)
 
 
-def load_arrays(path: Path, kind: str, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
+def load_arrays(
+    path: Path,
+    kind: str,
+    rng: np.random.Generator,
+    parameters: Mapping[str, Any],
+    **shapes: tuple[int, ...],
+) -> dict[str, NDArray[Any]]:
     """Read what :func:`save_arrays` wrote, and set the random generator.
+
+    Parameters
+    ----------
+    path, kind, rng, parameters
+        As for :func:`save_arrays`; kind and parameters must be those of the file.
+    **shapes
+        That arrays of these names must have.
 
     Raises
     ------
     ValueError
-        Another learner's file, or one of another version.
+        No learner's file, another learner's, of another version, parameters or shapes; says what
+        to do. The generator is left as it was.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         header = json.loads(str(arrays.pop("header")))
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is not a saved learner: {error}") from error
-    if header.get("format") != _FORMAT:
-        raise ValueError(f"{path} is of version {header.get('format')}, expected {_FORMAT}")
+    version = header.get("format")
+    if version != _FORMAT:
+        known = isinstance(version, int)
+        remedy = (
+            "use the release of RTASK that wrote it"
+            if known and version > _FORMAT
+            else "learn anew from the outcomes, or go on with the release that wrote it"
+        )
+        raise ValueError(f"{path} is of version {version}, this release reads {_FORMAT}: {remedy}")
     if header.get("kind") != kind:
-        raise ValueError(f"{path} holds a {header.get('kind')}, expected a {kind}")
+        raise ValueError(f"{path} holds a {header.get('kind')}, expected a {kind}: make that one")
+    saved, mine = header["parameters"], json.loads(json.dumps(dict(parameters)))
+    other = sorted(k for k in {*saved, *mine} if saved.get(k) != mine.get(k))
+    if other:
+        there, here = ({k: p.get(k) for k in other} for p in (saved, mine))
+        raise ValueError(f"{path} was learned with {there}, not {here}: make the learner with that")
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(
+                f"{path} knows {arrays[name].shape} states and actions, this agent {shape}: "
+                "make it with the same bins"
+            )
     rng.bit_generator.state = header["random"]
     return arrays

@@ -136,14 +136,12 @@ class Texplore:
         Raises
         ------
         ValueError
-            Another learner's file, one of another version, or of other states and actions.
+            Another learner's file, one of another version, or of other states, actions or
+            settings. The learner is left as it was.
         """
-        arrays = load_arrays(path, "Texplore", self.rng)
-        if arrays["values"].shape != self.planner.values.shape:
-            raise ValueError(
-                f"{path} knows {arrays['values'].shape} states and actions, "
-                f"this agent {self.planner.values.shape}"
-            )
+        shape = self.planner.values.shape
+        settings = asdict(self.settings)
+        arrays = load_arrays(path, "Texplore", self.rng, settings, values=shape)
         self.model.take(arrays)
         self.planner.values = arrays["values"]
         self.planner.visits = arrays["visits"]

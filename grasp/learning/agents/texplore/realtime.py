@@ -12,6 +12,7 @@ import logging
 import threading
 import time
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -110,6 +111,26 @@ class RealTimeTexplore:
                 lambda: not (self._experience or self._training) or self._failure is not None,
                 timeout_s,
             )
+
+    def save(self, path: Path) -> None:
+        """Write what is known now, as :meth:`Texplore.save`; what is being learned is missing."""
+        with self._statistics:
+            self._agent.save(path)
+
+    def load(self, path: Path) -> None:
+        """Go on with what :meth:`save` or :class:`Texplore` wrote.
+
+        Raises
+        ------
+        ValueError
+            As of :meth:`Texplore.load`.
+        RuntimeError
+            Experience is being learned just now.
+        """
+        with self._arrived, self._statistics:
+            if self._experience or self._training:
+                raise RuntimeError("experience is being learned; load before the first step")
+            self._agent.load(path)
 
     def close(self) -> None:
         """End both threads; nothing survives this."""
