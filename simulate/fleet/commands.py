@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal
+from typing import Any, Literal, TextIO
 
 import click
 
-__all__ = ["grasping", "learn", "run_fleet"]
+__all__ = ["fetch", "grasping", "learn", "run_fleet"]
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _PRESETS = click.Choice(["faithful", "fast"])
@@ -144,3 +144,59 @@ def learn(
     _table("Attempts to first success", COLUMNS, learning_rows(summary))
     click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
     click.echo(f"report  {out / 'report.json'}, {out / 'geometry.png'}, {out / 'blind.png'}")
+
+
+@click.command()
+@click.argument("wanted")
+@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
+@click.option("--objects", default=5, show_default=True, help="On the table.")
+@click.option("--robot", default="nao", show_default=True, help="Which robot.")
+@click.option("--url", default="", help="Server to ask, with RTASK_TOKEN; default: this process.")
+@click.option("--data", type=_FOLDER, help="Knowledge base to use; default: an empty one.")
+@click.option("--taught/--untaught", default=True, help="A person has named the products before.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON.")
+def fetch(
+    wanted: str,
+    seed: int,
+    objects: int,
+    robot: str,
+    url: str,
+    data: Path | None,
+    taught: bool,
+    preset: str,
+    as_json: bool,
+) -> None:
+    """Ask a robot for a kind of thing: "something to drink from".
+
+    It looks at its table, asks the graph which of what it sees serves, and brings that; or it
+    says why it cannot, and the exit code is 1.
+    """
+    import os
+
+    from simulate.fleet.request import Request, carry_out
+
+    request = Request(
+        wanted, seed, objects, robot, url, os.environ.get("RTASK_TOKEN"), data, taught,
+        preset=preset,
+    )  # fmt: skip
+    # Bullet and Mesa write to file descriptor 1; the answer gets a private copy of it.
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
+        os.dup2(2, 1)
+        done = carry_out(request)
+        if as_json:
+            click.echo(json.dumps(done), out)
+        else:
+            _say_fetched(done, out)
+    if not done["placed"]:
+        raise SystemExit(1)
+
+
+def _say_fetched(done: Mapping[str, Any], out: TextIO) -> None:
+    click.echo(f"sees {len(done['seen'])} objects", out)
+    if done["placed"]:
+        click.echo(f"brought {done['label']}: {done['text']}", out)
+        return
+    click.echo(done["text"], out)
+    for reason in done["answer"]["reasons"]:
+        click.echo(f"  {reason['code']}: {reason['text']}", out)

@@ -1,0 +1,141 @@
+"""``rtask simulate fetch``: a table, a robot, a request in words."""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import rtask
+from rtask.client import Client
+from simulate.agent import AgentConfig
+from simulate.agent_messages import pose_message
+from simulate.camera import Lighting
+from simulate.fetcher import Fetcher, RequestServer
+from simulate.objects import sample_objects
+from simulate.perception import perceive
+from simulate.robots import describe
+from simulate.scene import arrange
+from simulate.scoring import Judge
+from simulate.simulated_body import Conditions, SimulatedBody
+from simulate.streams import stream
+
+__all__ = ["Request", "carry_out"]
+
+_PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(50, 55)
+_LESSON, _TASK = 0, 1
+WORDS = {"can": "can", "ball": "ball", "box": "box", "bottle": "bottle", "pen": "pen"}
+"""What a person calls the simulated products."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked for, and where.
+
+    Parameters
+    ----------
+    wanted
+        In words: "something to drink from".
+    url, token
+        A server to ask; without one, a graph of this process, in ``data`` or in memory.
+    taught
+        A person has named the products to another robot before, each once.
+    """
+
+    wanted: str
+    seed: int = 0
+    objects: int = 5
+    robot: str = "nao"
+    url: str = ""
+    token: str | None = None
+    data: Path | None = None
+    taught: bool = True
+    max_attempts: int = 4
+    preset: str = "faithful"
+
+
+def carry_out(request: Request) -> dict[str, Any]:
+    """Let a robot look, ask, fetch and place; return what came of it as JSON data.
+
+    ``took`` names the product that it really was, which the robot never learns.
+    """
+    with ExitStack() as stack:
+        assets = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtask-assets-")))
+        target: Any = request.url or stack.enter_context(rtask.open(request.data or ":memory:"))
+        if request.taught:
+            _teach(request, target, assets)
+        body = _body(request, _TASK, assets)
+        stack.callback(body.close)
+        client = stack.enter_context(_connected(request, target, "fetcher"))
+        client.call("register_robot", **body.robot.describe("fetcher"))
+        choice = int(stream(request.seed, _CHOICE).integers(2**31))
+        config = AgentConfig(max_attempts=request.max_attempts, seed=choice)
+        fetched = Fetcher(body, cast(RequestServer, client), config).fetch(request.wanted)
+        boxes = body.world.place_boxes.values()
+        took = [
+            laid.placement.spec.name
+            for laid in body.laid
+            if any(_inside(body.world.object_pose(laid.body), box) for box in boxes)
+        ]
+    return {**asdict(fetched), "took": took[0] if took else ""}
+
+
+def _inside(pose: Any, box: Any) -> bool:
+    return bool(
+        box.x_range[0] < pose.x < box.x_range[1] and box.y_range[0] < pose.y < box.y_range[1]
+    )
+
+
+def _body(request: Request, table: int, assets: Path) -> SimulatedBody:
+    products = sample_objects(stream(request.seed, _PRODUCTS), request.objects)
+    workplace = describe(request.robot).workplace
+    placements = arrange(products, stream(request.seed, _TABLE, table), workplace=workplace)
+    conditions = Conditions(
+        robot=request.robot,
+        preset=request.preset,
+        lighting=Lighting.sample(stream(request.seed, _LIGHT, table)),
+        noise_seed=(request.seed, _NOISE, table),
+    )
+    return SimulatedBody(placements, assets, conditions)
+
+
+def _connected(request: Request, target: Any, agent: str) -> Client:
+    if request.url:
+        return rtask.connect(request.url, token=request.token)
+    return rtask.connect(target, agent=agent)
+
+
+def _teach(request: Request, target: Any, assets: Path) -> None:
+    """Let another robot look at the products on another table while a person names the kinds."""
+    from features.codec import encode_frame, to_wire
+
+    body = _body(request, _LESSON, assets)
+    try:
+        judge = Judge(body)
+        kinds = {laid.body: laid.placement.spec.kind for laid in body.laid}
+        with _connected(request, target, "pupil") as client:
+            client.call("register_robot", **body.robot.describe("pupil"))
+            for side in ("right", "left"):
+                frame, base_from_camera = body.look(side)
+                view = perceive(frame, base_from_camera, body.ignored)
+                for seen in view.objects:
+                    kind = kinds.get(judge.body_under(seen))
+                    is_here = (seen.position[1] < 0) == (side == "right")
+                    if kind is None or not is_here:
+                        continue
+                    client.insert_object(
+                        objects=[
+                            {
+                                "data": to_wire(encode_frame(seen.crop)),
+                                "sensor_pose": pose_message(base_from_camera),
+                                "frame_id": body.base_frame,
+                                "support_height": view.table_height,
+                                "gripper_id": body.gripper_ids[side],
+                                "class_description": WORDS[kind],
+                            }
+                        ]
+                    )
+    finally:
+        body.close()
