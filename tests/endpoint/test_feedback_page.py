@@ -1,0 +1,141 @@
+"""The page of outcomes: who sees it, who judges, and that no other page can."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import pytest
+from flask.testing import FlaskClient
+
+import ontology
+import rtask
+from endpoint.app import create_app
+from endpoint.config import Config
+from endpoint.tokens import TokenStore
+from rtask.engine import Engine
+
+HOST = "http://robots.lab:8765"
+OWN = {"Origin": HOST}
+FACTS = f"""
+PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
+PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
+INSERT DATA {{
+  <urn:lab/robot/nao-1> a cora:Robot ; rt:name "nao-1" ; rt:hasEndEffector <urn:lab/hand> .
+  <urn:lab/hand> a rt:Hand ; rt:gripperType "nao" ; rt:name "hand" ; rt:maxOpening 0.05e0 .
+  <urn:lab/object/1> a rt:Mug ; rt:objectId "lab/1" ; rt:name "blue <mug>" ;
+    rt:hasGrasp <urn:lab/grasp/1> .
+  <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" ; rt:graspQuality 0.8e0 .
+  <urn:lab/task/1> a rt:Grasp ; rt:handles <urn:lab/object/1> ; rt:through <urn:lab/attempt/1> .
+  <urn:lab/attempt/1> a rt:GraspAttempt ; rt:performedBy <urn:lab/robot/nao-1> ;
+    rt:activates <urn:lab/hand> ; rt:executesGrasp <urn:lab/grasp/1> ; rt:requestId "urn:task:1" ;
+    rt:hasOutcome <urn:lab/outcome/1> ; prov:endedAtTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
+  <urn:lab/outcome/1> a rt:GraspOutcome ; rt:success true ; rt:hasReason rt:reason_ok ;
+    rt:hasFeedback <urn:lab/feedback/1> .
+  <urn:lab/feedback/1> a rt:PhysicsFeedback ; rt:verdict true .
+}}"""
+
+
+class Site:
+    """A guarded server with one attempt in its graph."""
+
+    def __init__(self, tokens: TokenStore) -> None:
+        self.tokens = {
+            "ann": tokens.create("teacher", agent="ann")[0],
+            "bob": tokens.create("teacher", agent="bob")[0],
+            "nao-1": tokens.create("robot", agent="nao-1")[0],
+            "boss": tokens.create("admin")[0],
+        }
+        self.kb = rtask.open(":memory:", base="urn:lab/")
+        self.kb.update(FACTS, "nao-1")
+        self.engine = Engine(self.kb)
+        self.app = create_app(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
+
+    def signed_in(self, name: str) -> FlaskClient:
+        browser = self.app.test_client()
+        token = {"token": self.tokens[name]}
+        assert browser.post("/login", data=token, base_url=HOST, headers=OWN).status_code == 303
+        return browser
+
+
+@pytest.fixture
+def site() -> Iterator[Site]:
+    with closing(TokenStore(None)) as tokens:
+        made = Site(tokens)
+        yield made
+        made.app.extensions["rtask"].close()
+        made.engine.close()
+        made.kb.close()
+
+
+def page(browser: FlaskClient) -> str:
+    answer = browser.get("/feedback", base_url=HOST, headers={"Accept": "text/html"})
+    assert answer.status_code == 200
+    return answer.text
+
+
+def judge(browser: FlaskClient, origin: str | None = HOST, **form: str) -> Any:
+    secret = re.search(r'name="secret" value="([^"]+)"', page(browser))
+    assert secret
+    form = {"secret": secret.group(1), "task_id": "urn:task:1", **form}
+    headers = {"Origin": origin} if origin else {}
+    return browser.post("/feedback", data=form, base_url=HOST, headers=headers)
+
+
+def attempt(browser: FlaskClient) -> dict[str, Any]:
+    (only,) = browser.get("/feedback.json", base_url=HOST).get_json()["attempts"]
+    return dict(only)
+
+
+def test_strangers_are_asked_to_sign_in(site: Site) -> None:
+    answer = site.app.test_client().get("/feedback", base_url=HOST, headers={"Accept": "text/html"})
+    assert answer.status_code == 303
+    assert answer.headers["Location"].startswith("/login")
+
+
+def test_two_people_disagree_and_the_page_says_so(site: Site) -> None:
+    ann, bob = site.signed_in("ann"), site.signed_in("bob")
+    assert "blue &lt;mug&gt;" in page(ann)
+    answer = judge(ann, verdict="correct", held="false", reason="slip_lift", comment="slid <b>out")
+    assert answer.status_code == 303
+    assert answer.headers["Location"].endswith("#attempt-1")
+    found = attempt(ann)
+    assert (found["decided"], found["judged"], found["disputed"]) == (True, False, False)
+    assert judge(bob, verdict="confirm").status_code == 303
+    found = attempt(bob)
+    assert (found["judged"], found["disputed"]) == (None, True)
+    assert [(v["by"], v["held"], v["reason"]) for v in found["verdicts"]] == [
+        ("ann", False, "slip_lift"), ("bob", True, ""),
+    ]  # fmt: skip
+    text = page(bob)
+    assert "disputed" in text
+    assert "slid &lt;b&gt;out" in text
+
+
+def test_neither_robots_nor_foreign_pages_judge(site: Site) -> None:
+    assert judge(site.signed_in("nao-1"), verdict="confirm").status_code == 403
+    ann = site.signed_in("ann")
+    assert judge(ann, origin="https://evil.example", verdict="confirm").status_code == 403
+    assert judge(ann, secret="another", verdict="confirm").status_code == 403
+    assert judge(ann, verdict="confirm", operator="bob").status_code == 403
+    assert attempt(ann)["verdicts"] == []
+
+
+def test_an_operator_gives_the_name_of_who_speaks(site: Site) -> None:
+    boss = site.signed_in("boss")
+    assert 'name="operator"' in page(boss)
+    assert 'name="operator"' not in page(site.signed_in("ann"))
+    answer = judge(boss, verdict="refuse", operator="cleo")
+    assert "by=cleo" in answer.headers["Location"]
+    assert attempt(boss)["verdicts"][0]["by"] == "cleo"
+    gate = site.app.extensions["rtask"]
+    assert gate.audit.recent(1)[0]["event"] == "feedback"
+
+
+def test_an_attempt_that_does_not_exist_gets_a_problem_page(site: Site) -> None:
+    ann = site.signed_in("ann")
+    answer = judge(ann, verdict="confirm", task_id="urn:task:2")
+    assert answer.status_code == 422
+    assert "did you mean" in answer.text
