@@ -164,15 +164,23 @@ def segment_cloud(
     labels, patches = np.zeros(len(flat), np.int32), np.full(len(flat), -1, np.int32)
     clock = Clock()
     if len(chosen) >= 1:
-        tint = None if colours is None else colours.reshape(-1, 3)[chosen]
-        voxels = build_voxels(flat[chosen], tint, params.voxel_m)
+        tint = None if colours is None else colours.reshape(-1, 3).take(chosen, axis=0)
+        voxels = build_voxels(flat.take(chosen, axis=0), tint, params.voxel_m)
         clock.lap("voxels")
         of_voxel, patch_of_voxel = _objects_of_voxels(voxels, params, clock)
-        labels[chosen] = of_voxel[voxels.of_point] + 1
-        patches[chosen] = patch_of_voxel[voxels.of_point]
+        _hand_down(chosen, voxels.of_point, of_voxel, patch_of_voxel, labels, patches)
     labels, counts = number_by_size(labels, params.min_points)
     clock.lap("labels")
     return Segmentation(labels.reshape(shape), patches.reshape(shape), counts, clock.laps)
+
+
+@numba.njit(cache=True, nogil=True)
+def _hand_down(chosen, of_point, of_voxel, patch_of_voxel, labels, patches):  # type: ignore[no-untyped-def]
+    """Write the object, from 1, and the supervoxel of each chosen point."""
+    for i in range(chosen.shape[0]):
+        voxel = of_point[i]
+        labels[chosen[i]] = of_voxel[voxel] + 1
+        patches[chosen[i]] = patch_of_voxel[voxel]
 
 
 def _objects_of_voxels(

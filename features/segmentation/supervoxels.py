@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.segmentation.fpfh import fpfh
-from features.segmentation.voxels import VoxelGrid
+from features.segmentation.voxels import VoxelGrid, find_cell
 
 __all__ = ["Supervoxels", "components", "grow_supervoxels"]
 
@@ -82,11 +82,8 @@ def grow_supervoxels(
         rich,
     )
     means = _means(plain, voxels.counts, of_voxel, len(seeds))
-    lengths = np.linalg.norm(means[:, 3:6], axis=1, keepdims=True)
-    normals = np.divide(
-        means[:, 3:6], lengths, out=np.zeros((len(seeds), 3)), where=lengths > _NO_DIRECTION
-    )
-    return Supervoxels(of_voxel, means[:, :3], normals, means[:, 6:9])
+    _unit_normals(means)
+    return Supervoxels(of_voxel, means[:, :3], means[:, 3:6], means[:, 6:9])
 
 
 def _lab(colours: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -102,21 +99,53 @@ def _seeds(voxels: VoxelGrid, seed_m: float) -> NDArray[np.int64]:
     """
     if not len(voxels):
         return np.zeros(0, np.int64)
-    cells = np.floor(voxels.centroids / seed_m).astype(np.int64)
-    centres = (cells + 0.5) * seed_m
-    distance = np.linalg.norm(voxels.centroids - centres, axis=1)
-    order = np.lexsort((np.arange(len(cells)), distance))
-    _, first = np.unique(cells[order], axis=0, return_index=True)
-    nearest = order[np.sort(first)]
-    nearest = nearest[np.lexsort((nearest,))]
-    kept = _apart(voxels.centroids, nearest, _SEED_SPACING * seed_m)
+    kept = _apart(voxels.centroids, _central(voxels.centroids, seed_m), _SEED_SPACING * seed_m)
     parts = components(voxels.neighbours, voxels.degrees)
-    lonely = np.setdiff1d(np.unique(parts), parts[kept])
-    extra = [
-        int(members[np.argmax(voxels.counts[members])])
-        for members in (np.flatnonzero(parts == part) for part in lonely)
-    ]
-    return np.concatenate([kept, np.array(extra, np.int64)])
+    extra = _lonely(parts, voxels.counts, kept)
+    return np.concatenate([kept, extra])
+
+
+@numba.njit(cache=True, nogil=True)
+def _central(centroids, size_m):  # type: ignore[no-untyped-def]
+    """Return, in rising order, the voxel of each seed cell that is nearest to its centre."""
+    n = centroids.shape[0]
+    cells = np.floor(centroids / size_m).astype(np.int64)
+    size = 16
+    while size < 2 * n:
+        size *= 2
+    table = np.full(size, -1, np.int32)
+    keys = np.empty((n, 3), np.int64)
+    nearest = np.empty(n, np.int64)
+    distance = np.empty(n)
+    count = 0
+    for voxel in range(n):
+        d2 = 0.0
+        for axis in range(3):
+            d2 += (centroids[voxel, axis] - (cells[voxel, axis] + 0.5) * size_m) ** 2
+        cell, slot = find_cell(table, keys, cells[voxel, 0], cells[voxel, 1], cells[voxel, 2])
+        if cell < 0:
+            cell = count
+            table[slot] = cell
+            keys[cell] = cells[voxel]
+            distance[cell] = np.inf
+            count += 1
+        if d2 < distance[cell]:
+            nearest[cell], distance[cell] = voxel, d2
+    return np.sort(nearest[:count])
+
+
+@numba.njit(cache=True, nogil=True)
+def _lonely(parts, counts, kept):  # type: ignore[no-untyped-def]
+    """Return the fullest voxel of each connected part in which no seed was kept."""
+    number = parts.max() + 1
+    fullest = np.full(number, -1, np.int64)
+    for voxel in range(parts.shape[0]):
+        part = parts[voxel]
+        if fullest[part] < 0 or counts[voxel] > counts[fullest[part]]:
+            fullest[part] = voxel
+    for seed in kept:
+        fullest[parts[seed]] = -1
+    return fullest[fullest >= 0]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -163,22 +192,32 @@ def components(neighbours, degrees):  # type: ignore[no-untyped-def]
     return part
 
 
-@numba.njit(cache=True, nogil=True)
-def _distance(a, b, seed_m, weights):  # type: ignore[no-untyped-def]
-    """Return the distance of a voxel's and a supervoxel's position, normal and colour."""
-    space = tint = dot = length = 0.0
-    for k in range(3):
-        space += (a[k] - b[k]) ** 2
-        dot += a[3 + k] * b[3 + k]
-        length += b[3 + k] ** 2
-        tint += (a[6 + k] - b[6 + k]) ** 2
-    # The mean of unit normals is shorter than 1.
-    dot = dot / np.sqrt(length) if length > _NO_DIRECTION**2 else 0.0
+@numba.njit(cache=True, nogil=True, inline="always")
+def _distance(a, b, by_space, by_normal, by_colour):  # type: ignore[no-untyped-def]
+    """Return the weighted distance of a voxel's and a supervoxel's position, normal and colour.
+
+    The supervoxel's normal has unit length or is zero.
+    """
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
+    red, green, blue = a[6] - b[6], a[7] - b[7], a[8] - b[8]
     return (
-        weights[0] * np.sqrt(space) / seed_m
-        + weights[1] * (1 - abs(dot))
-        + weights[2] * np.sqrt(tint)
+        by_space * np.sqrt(x * x + y * y + z * z)
+        + by_normal * (1 - abs(dot))
+        + by_colour * np.sqrt(red * red + green * green + blue * blue)
     )
+
+
+@numba.njit(cache=True, nogil=True)
+def _unit_normals(means):  # type: ignore[no-untyped-def]
+    """Make the normals of supervoxels unit vectors, in place: means of unit vectors are shorter."""
+    for label in range(means.shape[0]):
+        length = 0.0
+        for k in range(3, 6):
+            length += means[label, k] ** 2
+        scale = 1 / np.sqrt(length) if length > _NO_DIRECTION**2 else 0.0
+        for k in range(3, 6):
+            means[label, k] *= scale
 
 
 @numba.njit(cache=True, nogil=True)
@@ -222,6 +261,7 @@ def _grow(  # type: ignore[no-untyped-def]
 ):
     """Relabel voxels along adjacency until nothing changes; distances are never forgotten."""
     n = features.shape[0]
+    by_space = weights[0] / seed_m
     labels = np.full(n, -1, np.int32)
     best = np.full(n, np.inf)
     means = np.empty((seeds.shape[0], features.shape[1]))
@@ -229,6 +269,8 @@ def _grow(  # type: ignore[no-untyped-def]
         labels[seeds[label]] = label
         best[seeds[label]] = 0.0
         means[label] = features[seeds[label]]
+    if not rich:
+        _unit_normals(means)
     # The last sweeps only carry labels to voxels that nobody reached within the rounds.
     for sweep in range(rounds + n):
         changed = False
@@ -243,12 +285,14 @@ def _grow(  # type: ignore[no-untyped-def]
                 if rich:
                     d = _distance_39(features[other], means[label], seed_m)
                 else:
-                    d = _distance(features[other], means[label], seed_m, weights)
+                    d = _distance(features[other], means[label], by_space, weights[1], weights[2])
                 if d < best[other]:
                     best[other] = d
                     labels[other] = label
                     changed = True
-        means = _means(features, counts, labels, seeds.shape[0])
         if not changed:
             break
+        means = _means(features, counts, labels, seeds.shape[0])
+        if not rich:
+            _unit_normals(means)
     return labels

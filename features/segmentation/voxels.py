@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["VoxelGrid", "build_voxels"]
+__all__ = ["VoxelGrid", "build_voxels", "find_cell"]
 
 _MIN_EIGENVALUE_M2 = 1e-10
 
@@ -57,7 +57,7 @@ def _slot(a, b, c, mask):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _find(table, keys, a, b, c):  # type: ignore[no-untyped-def]
+def find_cell(table, keys, a, b, c):  # type: ignore[no-untyped-def]
     """Return (voxel or -1, slot) of a cell by linear probing."""
     mask = table.shape[0] - 1
     slot = _slot(a, b, c, mask)
@@ -71,24 +71,44 @@ def _find(table, keys, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _gather(points, colours, cells, table):  # type: ignore[no-untyped-def]
-    """Return keys, moments (v, 10), colour sums (v, 3) and the voxel of each point."""
+def _middle(points):  # type: ignore[no-untyped-def]
+    """Return the mean (3,) of points."""
+    total = np.zeros(3)
+    for i in range(points.shape[0]):
+        for k in range(3):
+            total[k] += points[i, k]
+    return total / max(points.shape[0], 1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _assign(points, shift, size_m, table):  # type: ignore[no-untyped-def]
+    """Return the keys (v, 3) of the occupied cells and the voxel (n,) of each point."""
     n = points.shape[0]
     keys = np.empty((n, 3), np.int64)
-    moments = np.zeros((n, 10))
-    sums = np.zeros((n, 3))
     of_point = np.empty(n, np.int32)
     count = 0
     for i in range(n):
-        a, b, c = cells[i, 0], cells[i, 1], cells[i, 2]
-        voxel, slot = _find(table, keys, a, b, c)
+        a = np.int64(np.floor((points[i, 0] - shift[0]) / size_m))
+        b = np.int64(np.floor((points[i, 1] - shift[1]) / size_m))
+        c = np.int64(np.floor((points[i, 2] - shift[2]) / size_m))
+        voxel, slot = find_cell(table, keys, a, b, c)
         if voxel < 0:
             voxel = count
             table[slot] = voxel
             keys[voxel, 0], keys[voxel, 1], keys[voxel, 2] = a, b, c
             count += 1
         of_point[i] = voxel
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    return keys[:count].copy(), of_point
+
+
+@numba.njit(cache=True, nogil=True)
+def _gather(points, colours, shift, of_point, number):  # type: ignore[no-untyped-def]
+    """Return moments (v, 10) about ``shift`` and the mean colours (v, 3) of the voxels."""
+    moments = np.zeros((number, 10))
+    tints = np.zeros((number, 3))
+    for i in range(points.shape[0]):
+        voxel = of_point[i]
+        x, y, z = points[i, 0] - shift[0], points[i, 1] - shift[1], points[i, 2] - shift[2]
         m = moments[voxel]
         m[0] += 1
         m[1] += x
@@ -100,28 +120,56 @@ def _gather(points, colours, cells, table):  # type: ignore[no-untyped-def]
         m[7] += y * y
         m[8] += y * z
         m[9] += z * z
-        for k in range(3):
-            sums[voxel, k] += colours[i, k]
-    return keys[:count].copy(), moments[:count].copy(), sums[:count].copy(), of_point
+    if colours.shape[0]:
+        for i in range(points.shape[0]):
+            for k in range(3):
+                tints[of_point[i], k] += colours[i, k]
+        for voxel in range(number):
+            for k in range(3):
+                tints[voxel, k] /= 255 * moments[voxel, 0]
+    return moments, tints
+
+
+@numba.njit(cache=True, nogil=True)
+def _index(keys, table):  # type: ignore[no-untyped-def]
+    """Enter the cells into a table."""
+    for voxel in range(keys.shape[0]):
+        _, slot = find_cell(table, keys, keys[voxel, 0], keys[voxel, 1], keys[voxel, 2])
+        table[slot] = voxel
 
 
 @numba.njit(cache=True, nogil=True)
 def _adjacency(table, keys):  # type: ignore[no-untyped-def]
+    """Return the voxels in the 26 cells around each, in the order of the cells, and their number.
+
+    Each pair is looked up once: the 13 cells ahead, of which the 13 behind are the mirror.
+    """
     n = keys.shape[0]
+    ahead = np.full((n, 13), -1, np.int32)
+    behind = np.full((n, 13), -1, np.int32)
+    for voxel in range(n):
+        for side in range(13):
+            cell = side + 14
+            other, _ = find_cell(
+                table,
+                keys,
+                keys[voxel, 0] + cell // 9 - 1,
+                keys[voxel, 1] + cell // 3 % 3 - 1,
+                keys[voxel, 2] + cell % 3 - 1,
+            )
+            if other >= 0:
+                ahead[voxel, side] = other
+                behind[other, side] = voxel
     neighbours = np.full((n, 26), -1, np.int32)
     degrees = np.zeros(n, np.int32)
     for voxel in range(n):
-        for da in range(-1, 2):
-            for db in range(-1, 2):
-                for dc in range(-1, 2):
-                    if da == 0 and db == 0 and dc == 0:
-                        continue
-                    other, _ = _find(
-                        table, keys, keys[voxel, 0] + da, keys[voxel, 1] + db, keys[voxel, 2] + dc
-                    )
-                    if other >= 0:
-                        neighbours[voxel, degrees[voxel]] = other
-                        degrees[voxel] += 1
+        degree = 0
+        for side in range(26):
+            other = behind[voxel, 12 - side] if side < 13 else ahead[voxel, side - 13]
+            if other >= 0:
+                neighbours[voxel, degree] = other
+                degree += 1
+        degrees[voxel] = degree
     return neighbours, degrees
 
 
@@ -149,22 +197,23 @@ def build_voxels(
     size_m
         Edge of a cube.
     """
-    exact: NDArray[np.float64] = points.astype(np.float64)
     # Second moments of far coordinates cancel; the mean is put back into the centroids.
-    shift = exact.mean(axis=0) if len(exact) else np.zeros(3)
-    centred = exact - shift
-    tint = np.zeros_like(centred) if colours is None else colours.astype(np.float64) / 255
-    cells = np.floor(centred / size_m).astype(np.int64)
-    table = np.full(1 << int(2 * len(exact) + 15).bit_length(), -1, np.int32)
-    keys, moments, sums, of_point = _gather(centred, tint, cells, table)
+    shift = _middle(points)
+    keys, of_point = _assign(points, shift, size_m, _empty_table(len(points)))
+    tint = np.zeros((0, 3), np.uint8) if colours is None else colours
+    moments, tints = _gather(points, tint, shift, of_point, len(keys))
+    table = _empty_table(len(keys))  # smaller than that of the points: it stays in the cache
+    _index(keys, table)
     neighbours, degrees = _adjacency(table, keys)
     wide = _spread(_spread(moments, neighbours, degrees), neighbours, degrees)
     counts = moments[:, 0]
     centroids = moments[:, 1:4] / counts[:, None] + shift
     normals = _normals(wide, centroids)
-    return VoxelGrid(
-        of_point, neighbours, degrees, centroids, sums / counts[:, None], counts, normals
-    )
+    return VoxelGrid(of_point, neighbours, degrees, centroids, tints, counts, normals)
+
+
+def _empty_table(entries: int) -> NDArray[np.int32]:
+    return np.full(1 << int(4 * entries + 15).bit_length(), -1, np.int32)
 
 
 @numba.njit(cache=True, nogil=True)
