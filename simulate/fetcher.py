@@ -113,7 +113,9 @@ class Fetcher(Agent):
         frame, base_from_camera = self.body.look(side)
         view = perceive(frame, base_from_camera, self.body.ignored)
         mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
-        return view, base_from_camera, self._tracker.update(mine, handled, sign)
+        things = self._tracker.update(mine, handled, sign)
+        here = [thing for thing in things if thing.seen.position[1] * sign >= 0]
+        return view, base_from_camera, here
 
     def _name(
         self, thing: Thing, side: str, view: Perceived, base_from_camera: NDArray[np.float64]
