@@ -96,6 +96,8 @@ class Thing(Model):
         its product (rule R7). Several end effectors give several bounds. [KiloGM]
     member
         Is a member of.
+    merged_into
+        The object that this one turned out to be; its old IRI leads there.
     name
         A handle for people and messages, such as "panda" or "coke can".
     note
@@ -111,6 +113,9 @@ class Thing(Model):
         the step that it shows.
     phenomenon_time
         The time for which the result holds.
+    policy_version
+        The rules by which outcomes became the stored belief; numbers of other rules are
+        computed anew, never mixed.
     position_sigma
         The standard deviation of a position, per axis; on poses and evaluations. [M]
     qualified_name
@@ -173,6 +178,7 @@ class Thing(Model):
     made_by_sensor: Links[Thing] = Links(_SOSA + "madeBySensor", _OWL + "Thing")
     mass_bound: Many[float] = Many(_RT + "massBound", _XSD + "double", unit="KiloGM")
     member: Links[Thing] = Links(_SUMO + "member", _OWL + "Thing")
+    merged_into: Links[ManipulableObject] = Links(_RT + "mergedInto", _RT + "ManipulableObject")
     name: Many[str] = Many(_RT + "name", _XSD + "string")
     note: Many[str] = Many(_RT + "note", _XSD + "string")
     orientation_sigma: One[float] = One(_RT + "orientationSigma", _XSD + "double", unit="RAD")
@@ -180,6 +186,7 @@ class Thing(Model):
     part: Links[Thing] = Links(_SUMO + "part", _OWL + "Thing")
     phase: One[str] = One(_RT + "phase", _XSD + "string", functional=True)
     phenomenon_time: Links[Thing] = Links(_SOSA + "phenomenonTime", _OWL + "Thing")
+    policy_version: One[str] = One(_RT + "policyVersion", _XSD + "string", functional=True)
     position_sigma: One[float] = One(_RT + "positionSigma", _XSD + "double", unit="M")
     qualified_name: One[str] = One(_RT + "qualifiedName", _XSD + "string", functional=True)
     rdfs_comment: Many[str] = Many(_RDFS + "comment", _RDF + "langString")
