@@ -8,7 +8,8 @@ nothing contradicts them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numba
 import numpy as np
@@ -22,15 +23,18 @@ __all__ = ["Symmetry", "complete_by_symmetry", "find_symmetry"]
 
 Floats = NDArray[np.float64]
 
-_PLANES = 24
+_PLANES = 11
+_ACROSS_RAD = 0.62
 _OFFSETS = 21
 _SIDEWAYS = 9
 _MOST = 400
 _TOLERANCE_VOXELS = 1.5
+# No round numbers: else points in rows lie at the search's limits, and rounding decides.
+_WALL_CELL, _WALL_RISE = 1.4837, 0.9713
 _CAP_M = 0.02
 _OUTSIDE_M = 0.01
-_BEHIND = 0.15
-_PLAUSIBLE_M = 0.004
+_BEHIND = 0.01
+_PLAUSIBLE_M = 0.0015
 
 
 @dataclass(frozen=True)
@@ -43,16 +47,16 @@ class Symmetry:
         Reflection, or rotation by half a turn.
     offset : (3,), m
         A point p goes to ``linear @ p + offset``.
-    cost
-        How much the view contradicts it, and how much it adds beyond need, m: lower is better.
     kind
         ``plane`` or ``turn``.
+    contradiction
+        How far completed points lie in space that was seen empty, mean, m.
     """
 
     linear: Floats
     offset: Floats
-    cost: float
-    kind: str
+    kind: Literal["plane", "turn"]
+    contradiction: float = 0.0
 
     def apply(self, points: Floats) -> Floats:
         """Return images of points (n, 3), m."""
@@ -95,10 +99,9 @@ def complete_by_symmetry(
 
 
 def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
-    """Return the vertical plane or half turn that the view contradicts least.
+    """Return the vertical plane or half turn that the view contradicts least, if any is plausible.
 
-    Vertical is the table's normal; without a table, the axis nearest to it cannot be told and
-    there is no answer.
+    Vertical is along the table's normal: without a table there is no answer.
     """
     if cloud.reason or cloud.table is None or len(cloud.viewpoints) == 0:
         return None
@@ -116,28 +119,27 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
         length = float(np.linalg.norm(ahead))
     ahead /= length
     side = np.cross(up, ahead)
-    options = [*_planes(seen, up, ahead, side), *_turns(seen, up, ahead, side)]
-    tolerance = _TOLERANCE_VOXELS * cloud.voxel
-    costs = np.array([_cost(view, option.apply(drawn), tolerance) for option in options])
-    best = int(np.argmin(costs))
-    if costs[best] > _PLAUSIBLE_M:
+    options = [*_planes(seen, ahead, side), *_turns(seen, up, ahead, side)]
+    judged = [_contradiction(view, option.apply(drawn)) for option in options]
+    best = min(range(len(options)), key=lambda k: judged[k][1])
+    if judged[best][0] > _PLAUSIBLE_M:
         return None
-    found = options[best]
-    return Symmetry(found.linear, found.offset, float(costs[best]), found.kind)
+    return replace(options[best], contradiction=judged[best][0])
 
 
-def _planes(seen: Floats, up: Floats, ahead: Floats, side: Floats) -> list[Symmetry]:
-    """Return mirrors in vertical planes through and behind what is seen."""
+def _planes(seen: Floats, ahead: Floats, side: Floats) -> list[Symmetry]:
+    """Return mirrors in vertical planes that stand across the view, through and behind what is
+    seen. Planes along the view map what is seen onto itself and tell nothing."""
     found = []
-    for angle in np.arange(_PLANES) * np.pi / _PLANES:
+    for angle in np.linspace(-_ACROSS_RAD, _ACROSS_RAD, _PLANES):
         normal = np.cos(angle) * ahead + np.sin(angle) * side
         along = seen @ normal
         low, high = np.quantile(along, (0.02, 0.98))
-        # Half of the seen extent, and as much again behind it where the normal looks away.
-        reach = high + abs(np.cos(angle)) * (high - low + 0.01)
+        # From the middle of what is seen to as much again behind it.
+        reach = high + float(np.cos(angle)) * (high - low + 0.01)
         linear = np.eye(3) - 2 * np.outer(normal, normal)
         for d in np.linspace((low + high) / 2 - 0.1 * (high - low), reach, _OFFSETS):
-            found.append(Symmetry(linear, 2 * d * normal, 0.0, "plane"))
+            found.append(Symmetry(linear, 2 * d * normal, "plane"))
     return found
 
 
@@ -150,7 +152,7 @@ def _turns(seen: Floats, up: Floats, ahead: Floats, side: Floats) -> list[Symmet
     found = []
     for d in np.linspace((near + far) / 2, far + (far - near) / 2 + 0.01, _OFFSETS):
         for s in (left + right) / 2 + np.linspace(-0.15, 0.15, _SIDEWAYS) * (right - left):
-            found.append(Symmetry(linear, 2 * (d * ahead + s * side), 0.0, "turn"))
+            found.append(Symmetry(linear, 2 * (d * ahead + s * side), "turn"))
     return found
 
 
@@ -220,16 +222,17 @@ def _behind(local, low, cell, depth):  # type: ignore[no-untyped-def]
     return out
 
 
-def _cost(view: _View, image: Floats, tolerance: float) -> float:
-    """Return the mean cost of completed points, m.
+def _contradiction(view: _View, image: Floats) -> tuple[float, float]:
+    """Return what speaks against completed points, and what orders guesses that nothing speaks
+    against, both as means over the points, m.
 
-    Space seen empty, in front or beside, costs; so does, less, what lies far behind: of two
-    completions that nothing contradicts, the smaller is the likelier.
+    Space seen empty, in front or beside, contradicts. Of two guesses that nothing contradicts the
+    smaller is the likelier: what lies far behind the visible surface costs a little.
     """
     behind = view.behind(image)
-    front = np.clip(-behind - tolerance, 0.0, _CAP_M)
+    front = np.clip(-behind, 0.0, _CAP_M)
     front[np.isneginf(behind)] = _OUTSIDE_M
-    return float(np.mean(front + _BEHIND * np.clip(behind, 0.0, None)))
+    return float(front.mean()), float(np.mean(front + _BEHIND * np.clip(behind, 0.0, None)))
 
 
 def _hidden(cloud: SurfaceCloud, points: Floats) -> NDArray[np.bool_]:
@@ -264,7 +267,7 @@ def _walls(cloud: SurfaceCloud) -> tuple[Floats, Floats]:
     seen = cloud.points[cloud.target]
     height = seen @ up + cloud.table[3]
     flat = np.stack([seen @ east, seen @ north], axis=1)
-    cell = 1.5 * cloud.voxel
+    cell, rise = _WALL_CELL * cloud.voxel, _WALL_RISE * cloud.voxel
     low = flat.min(axis=0) - 2.5 * cell
     size = np.ceil((flat.max(axis=0) - low) / cell).astype(np.int64) + 3
     top = np.zeros((size[0], size[1]))
@@ -278,9 +281,7 @@ def _walls(cloud: SurfaceCloud) -> tuple[Floats, Floats]:
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         neighbour = np.roll(top, (-dx, -dy), axis=(0, 1))
         for i, j in np.argwhere(top - neighbour > 2 * cloud.voxel):
-            levels = np.arange(
-                neighbour[i, j] + cloud.voxel, top[i, j] - 0.3 * cloud.voxel, cloud.voxel
-            )
+            levels = np.arange(neighbour[i, j] + rise, top[i, j] - rise / 3, rise)
             x = low + (np.array([i, j]) + 0.5 + 0.5 * np.array([dx, dy])) * cell
             foot = x[0] * east + x[1] * north - cloud.table[3] * up
             down = -slope[:, i, j] if np.any(slope[:, i, j]) else np.array([dx, dy], float)
