@@ -40,7 +40,8 @@ class Perception:
     Parameters
     ----------
     vertex_std, com_std
-        Standard deviation of the perceived vertices and centre of mass, part radii.
+        Standard deviation of the perceived vertices and centre of mass, in the unit in which the
+        vertices of a family lie 0.35 to 1 from its middle (before stretching).
     friction
         Assumed; the real coefficient is 0.7.
     """
@@ -229,8 +230,8 @@ def _quality(
     rng: np.random.Generator,
 ) -> Floats:
     """Return the bound on closure of the candidates on the part as perceived, (g,)."""
-    perceived = _distorted(part.vertices, seen.vertex_std * part.radius, rng)
-    com = part.com + rng.normal(0, seen.com_std * part.radius, 2)
+    perceived = _distorted(part.vertices, seen.vertex_std, rng)
+    com = part.com + rng.normal(0, seen.com_std, 2)
     analysis = analyse_push_grasps(
         grasps, perceived.vertices, com, jaw_width=_JAW * part.diameter, friction=seen.friction,
         samples=settings.samples,
