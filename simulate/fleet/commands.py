@@ -11,7 +11,7 @@ from typing import Any, Literal, TextIO
 
 import click
 
-__all__ = ["fetch", "grasping", "learn", "run_fleet"]
+__all__ = ["fetch", "grasping", "learn", "run_fleet", "table4", "table5"]
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _PRESETS = click.Choice(["faithful", "fast"])
@@ -200,3 +200,69 @@ def _say_fetched(done: Mapping[str, Any], out: TextIO) -> None:
     click.echo(done["text"], out)
     for reason in done["answer"]["reasons"]:
         click.echo(f"  {reason['code']}: {reason['text']}", out)
+
+
+@click.command()
+@click.option("--objects", default=111, show_default=True, help="In the store.")
+@click.option("--seed", default=0, show_default=True, help="Fixes products and looks.")
+@click.option("--repeats", default=10, show_default=True, help="Of each question.")
+@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
+def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
+    """Time the retrieval of objects: Table 4 of Gatto 2016 beside ours.
+
+    A server holds a look at each of 111 products, as many as the thesis's data set; four are asked
+    for by websocket from new looks.
+    """
+    import os
+    import tempfile
+
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
+        os.dup2(2, 1)  # Bullet and Mesa write there
+        import rtask
+        from simulate.demo.processes import Endpoint
+        from simulate.study.tables import fill, retrieval_times
+
+        with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
+            endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
+            try:
+                with rtask.connect(endpoint.url) as client:
+                    hand = {"name": "nao_right_hand", "gripper_type": "nao_hand"}
+                    other = {"name": "nao_left_hand", "gripper_type": "nao_hand"}
+                    client.call(
+                        "register_robot", name="nao", model="nao-h25-v5", simulated=True,
+                        end_effectors=[
+                            {**one, "max_opening": 0.05, "max_payload": 0.3}
+                            for one in (hand, other)
+                        ],
+                    )  # fmt: skip
+                    rows = retrieval_times(client, fill(client, objects, seed), seed, repeats)
+            finally:
+                endpoint.stop()
+        _say_times(rows, as_json, out)
+
+
+@click.command()
+@click.option("--repeats", default=3, show_default=True, help="Held grasps of each kind.")
+@click.option("--seed", default=0, show_default=True, help="Fixes products and places.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
+def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
+    """Time grasps from (X, Y, theta): Table 5 of Gatto 2016 beside ours."""
+    import os
+
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
+        os.dup2(2, 1)  # Bullet and Mesa write there
+        from simulate.study.tables import grasp_times
+
+        _say_times(grasp_times(repeats, seed, preset), as_json, out)
+
+
+def _say_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:
+    if as_json:
+        click.echo(json.dumps(list(rows)), out)
+        return
+    for number, row in enumerate(rows):
+        if not number:
+            click.echo("  ".join(f"{name:>12}" for name in row), out)
+        cells = (f"{v:12.3f}" if isinstance(v, float) else f"{v!s:>12}" for v in row.values())
+        click.echo("  ".join(cells), out)
