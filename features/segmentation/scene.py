@@ -108,8 +108,7 @@ def segment_scene(
     if np.count_nonzero(usable) < _MIN_FINITE:
         return Scene("empty", None, None, nothing, ())
     clock = Clock()
-    clean = points.copy()
-    clean.reshape(-1, 3)[~usable] = np.nan
+    clean = _without_strays(points, usable)
     plane = find_table_plane(clean, gravity)
     clock.lap("plane")
     if plane is None:
@@ -137,6 +136,18 @@ def segment_scene(
     return Scene(status, plane, prism, labels, objects, {**found.timings_ms, **clock.laps})
 
 
+def _without_strays(
+    points: NDArray[np.floating[Any]], usable: NDArray[np.bool_]
+) -> NDArray[np.floating[Any]]:
+    """Return the points, those that cannot be used as NaN; mostly they already are."""
+    strays = np.flatnonzero(~usable)
+    if np.isnan(points.reshape(-1, 3)[strays, 2]).all():
+        return points
+    clean = points.copy()
+    clean.reshape(-1, 3)[strays] = np.nan
+    return clean
+
+
 def _join_standing(
     points: NDArray[np.floating[Any]], labels: NDArray[np.int32], prism: Prism
 ) -> NDArray[np.int32]:
@@ -159,24 +170,42 @@ def _give_bases(
     params: SegmentParams,
 ) -> NDArray[np.int32]:
     """Give low points to the one object whose footprint their foot lies under or beside."""
-    with np.errstate(invalid="ignore"):
-        low = np.flatnonzero(
-            (prism.heights.ravel() > params.base_m) & (prism.heights.ravel() <= params.height_min_m)
-        )
+    low = np.asarray(_between(prism.heights.ravel(), params.base_m, params.height_min_m))
     taken = np.flatnonzero(labels)
     if not len(low) or not len(taken):
         return labels
     flat = points.reshape(-1, 3)
-    feet = [
-        np.floor(flat[some].astype(np.float64) @ prism.basis.T / _FOOT_CELL_M).astype(np.int64)
-        for some in (taken, low)
-    ]
+    feet = [_feet(flat, some, prism.basis, _FOOT_CELL_M) for some in (taken, low)]
     first = feet[0].min(axis=0) - _FOOT_REACH
     size = feet[0].max(axis=0) + _FOOT_REACH + 1 - first
     given = _under(feet[0] - first, labels.ravel()[taken], feet[1] - first, size)
     out = labels.copy()
     out.reshape(-1)[low] = given
     return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _between(heights, low, high):  # type: ignore[no-untyped-def]
+    """Return the indices of the heights in (low, high]."""
+    found = np.empty(heights.shape[0], np.int64)
+    count = 0
+    for i in range(heights.shape[0]):
+        if low < heights[i] <= high:
+            found[count] = i
+            count += 1
+    return found[:count].copy()
+
+
+@numba.njit(cache=True, nogil=True)
+def _feet(points, chosen, basis, cell_m):  # type: ignore[no-untyped-def]
+    """Return the cells (m, 2) of the table below the chosen points."""
+    feet = np.empty((chosen.shape[0], 2), np.int64)
+    for i in range(chosen.shape[0]):
+        x, y, z = points[chosen[i], 0], points[chosen[i], 1], points[chosen[i], 2]
+        for k in range(2):
+            at = basis[k, 0] * x + basis[k, 1] * y + basis[k, 2] * z
+            feet[i, k] = np.int64(np.floor(at / cell_m))
+    return feet
 
 
 @numba.njit(cache=True, nogil=True)
@@ -214,30 +243,47 @@ def _objects(
     at_border = np.zeros(labels.shape, bool)
     if labels.ndim == 2:
         at_border[[0, -1]] = at_border[:, [0, -1]] = True
-    at_edge = at_border.ravel()[order]
+    near_edge = at_border.ravel()[order]
     if prism is not None and len(prism.hull) >= 3:
-        at_edge = at_edge | (prism.distance_to_edge(flat[order]) < _EDGE_M)
+        near_edge = near_edge | (prism.distance_to_edge(flat.take(order, axis=0)) < _EDGE_M)
     ends = np.cumsum(counts)
-    objects = []
-    for label, (start, end) in enumerate(zip(ends - counts, ends, strict=True), start=1):
-        indices, near_edge = order[start:end], at_edge[start:end]
-        mine = flat[indices].astype(np.float64)
-        objects.append(
-            SegmentedObject(
-                label,
-                indices,
-                mine.mean(axis=0),
-                np.stack([mine.min(axis=0), mine.max(axis=0)]),
-                bool(near_edge.mean() > _BORDER_SHARE),
-            )
+    means, boxes, shares = _extents(flat, order, near_edge, ends)
+    return tuple(
+        SegmentedObject(
+            k + 1, order[ends[k] - counts[k] : ends[k]], means[k], boxes[k],
+            bool(shares[k] > _BORDER_SHARE),
         )
-    return tuple(objects)
+        for k in range(len(counts))
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def _extents(points, order, near_edge, ends):  # type: ignore[no-untyped-def]
+    """Return the mean (k, 3), box (k, 2, 3) and share near an edge (k,) of runs of points."""
+    number = ends.shape[0]
+    means, shares = np.zeros((number, 3)), np.zeros(number)
+    boxes = np.empty((number, 2, 3))
+    start = 0
+    for k in range(number):
+        boxes[k, 0], boxes[k, 1] = np.inf, -np.inf
+        for i in range(start, ends[k]):
+            shares[k] += near_edge[i]
+            for axis in range(3):
+                value = points[order[i], axis]
+                means[k, axis] += value
+                boxes[k, 0, axis] = min(boxes[k, 0, axis], value)
+                boxes[k, 1, axis] = max(boxes[k, 1, axis], value)
+        size = max(ends[k] - start, 1)
+        means[k] /= size
+        shares[k] /= size
+        start = ends[k]
+    return means, boxes, shares
 
 
 def _is_grazing(points: NDArray[np.floating[Any]], plane: Plane, prism: Prism) -> bool:
     with np.errstate(invalid="ignore"):
-        near = np.abs(prism.heights.ravel()[::7]) < _ON_PLANE_M
-    middle = points.reshape(-1, 3)[::7][near].mean(axis=0)
+        near = np.flatnonzero(np.abs(prism.heights.ravel()[::7]) < _ON_PLANE_M)
+    middle = points.reshape(-1, 3)[::7].take(near, axis=0).mean(axis=0)
     ray = middle / max(float(np.linalg.norm(middle)), 1e-9)
     return bool(abs(float(plane.normal @ ray)) < _GRAZING_COS)
 
