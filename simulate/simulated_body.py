@@ -78,7 +78,9 @@ class SimulatedBody:
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         self.world.add_table()
         boxes = [self.world.add_place_box(side) for side in ("right", "left")]
-        self.ignored = tuple(Ignored(box.x_range, box.y_range) for box in boxes)
+        # Its boxes are its own business, and what stands before the table is the robot itself.
+        behind = Ignored((-np.inf, self.world.workplace.table_near - 0.02), (-np.inf, np.inf))
+        self.ignored = (behind, *(Ignored(box.x_range, box.y_range) for box in boxes))
         self.laid: list[Laid] = lay(self.world, placements, assets)
         self.lighting = conditions.lighting or Lighting()
         self._noise = conditions.noise

@@ -45,7 +45,7 @@ _WORKPLACE = Workplace(
     eye=(1.15, -0.70, 0.75),
     target=(0.42, -0.12, 0.25),
 )
-_CAMERA_AT, _CAMERA_SEES = np.array([0.82, 0.0, 0.62]), np.array([0.46, 0.0, 0.20])
+_CAMERA_AT, _CAMERA_SEES = np.array([0.72, 0.0, 0.54]), np.array([0.46, 0.0, 0.20])
 
 
 def describe_panda(*, name: str = "panda") -> RobotDescription:
