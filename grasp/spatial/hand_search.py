@@ -32,7 +32,7 @@ _CHECKED = 3
 # How often candidates of a geometric rank were right on single noisy views of generated shapes,
 # by whether both jaws are opposed or one (`bench_grasp_classifier.py --calibrate`).
 _RANKS = (0.0, 0.1, 0.3, 0.4, 0.5, 0.6)
-_RIGHT = {"full": (0.05, 0.3, 0.65, 0.78, 0.9, 0.95), "half": (0.01, 0.05, 0.3, 0.4, 0.5, 0.5)}
+_RIGHT = {"full": (0.05, 0.3, 0.6, 0.8, 0.92, 0.97), "half": (0.01, 0.1, 0.4, 0.5, 0.5, 0.5)}
 
 
 def propose_from_cloud(

@@ -122,6 +122,15 @@ def table(name: str, results: list[tuple[bool, dict[str, np.ndarray]]]) -> None:
         )
 
 
+def calibrate(samples: GraspSamples) -> None:
+    """Print how often candidates were right by their geometric rank."""
+    for name, chosen in (("full", ~samples.one_sided), ("half", samples.one_sided)):
+        edges = np.quantile(samples.geometry[chosen], np.linspace(0, 1, 9))
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            within = chosen & (samples.geometry >= low) & (samples.geometry <= high)
+            print(f"  {name} {low:.2f} .. {high:.2f}: {samples.right[within].mean():.2f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--gripper", default="panda", help="nao, panda, jaw:STROKE")
@@ -130,6 +139,7 @@ def main() -> None:
     parser.add_argument("--ycb", type=int, default=0, help="views of each YCB mesh")
     parser.add_argument("--every", type=int, default=1, help="take every n-th YCB mesh")
     parser.add_argument("--views", type=Path, help="samples to learn from instead")
+    parser.add_argument("--calibrate", action="store_true", help="print shares by geometric rank")
     parser.add_argument("--svm", action="store_true", help="also the linear machine")
     options = parser.parse_args()
     gripper = gripper_named(options.gripper)
@@ -143,6 +153,9 @@ def main() -> None:
         f"{len(samples)} candidates on {len(np.unique(samples.objects))} objects, "
         f"{100 * samples.right.mean():.1f} % right, {time.perf_counter() - start:.0f} s"
     )
+    if options.calibrate:
+        calibrate(samples)
+        return
     unseen = collect_samples(shapes(options.tests, FIRST_TEST_SEED), gripper)
     kinds = ("boosting", "svm") if options.svm else ("boosting",)
     models = {kind: train(samples, kind) for kind in kinds}
