@@ -20,6 +20,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +127,7 @@ def calibrate(samples: GraspSamples) -> None:
     """Print how often candidates were right by their geometric rank."""
     for name, chosen in (("full", ~samples.one_sided), ("half", samples.one_sided)):
         edges = np.quantile(samples.geometry[chosen], np.linspace(0, 1, 9))
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in pairwise(edges):
             within = chosen & (samples.geometry >= low) & (samples.geometry <= high)
             print(f"  {name} {low:.2f} .. {high:.2f}: {samples.right[within].mean():.2f}")
 
