@@ -143,6 +143,8 @@ class GraspConfidence(TypedDict):
     prior: float | None
     evaluation: str
     updated: str
+    policy: str
+    note: str
 
 
 class RecalledGrasp(TypedDict):

@@ -176,6 +176,7 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
             RT.qualityKind: None if one.received.quality is None else "planar outline",
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
+            RT.policyVersion: engine.policy.version if belief else None,
             RT.approachTilt: fields.get("approach_tilt"),
             RT.seed: one.seed if fields.get("seed") is None else fields["seed"],
             PROV.startedAtTime: started,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from grasp.learning.bandit import Arm, BetaThompson
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Belief", "Confidence", "believe", "posterior", "stored_confidences"]
 
-_BELIEF = (RT.graspConfidence, RT.beliefAlpha, RT.beliefBeta, RT.atTime)
+_BELIEF = (RT.graspConfidence, RT.beliefAlpha, RT.beliefBeta, RT.atTime, RT.policyVersion)
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,15 @@ class Confidence:
         The posterior stored last, over all robots; None before the first outcome.
     updated
         When, ISO 8601; empty before the first outcome.
+    policy
+        Version of the rules of the posterior.
     """
 
     evaluation: str = ""
     prior: float | None = None
     belief: Belief | None = None
     updated: str = ""
+    policy: str = ""
 
 
 def posterior(
@@ -95,25 +98,27 @@ def stored_confidences(engine: Engine, grasps: Sequence[str]) -> dict[str, Confi
     if not grasps:
         return {}
     rows = engine.kb.select(f"""{PREFIXES}
-SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time WHERE {{
+SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
   VALUES ?grasp {{ {values(grasps)} }}
   ?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:graspConfidence ?confidence
-  OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; rt:atTime ?time }}
+  OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; rt:atTime ?time
+    OPTIONAL {{ ?evaluation rt:policyVersion ?policy }} }}
 }} ORDER BY ?grasp ?time ?evaluation""")
     found: dict[str, Confidence] = {}
     for row in rows:
         at: dict[str, Any] = row.to_dict()
         grasp = str(row.value("grasp"))
         known = found.get(grasp, Confidence())
-        if at["alpha"] is None:
-            if known.prior is None:
-                known = Confidence(
-                    str(row.value("evaluation")), float(at["confidence"]), known.belief,
-                    known.updated,
-                )  # fmt: skip
-        else:
-            belief = Belief(float(at["alpha"]), float(at["beta"]))
-            known = Confidence(known.evaluation, known.prior, belief, str(row.value("time")))
+        if at["alpha"] is not None:
+            known = replace(
+                known,
+                belief=Belief(float(at["alpha"]), float(at["beta"])),
+                updated=str(row.value("time")),
+                policy=str(at["policy"] or ""),
+            )
+        elif known.prior is None:
+            first, prior = str(row.value("evaluation")), float(at["confidence"])
+            known = replace(known, evaluation=first, prior=prior)
         found[grasp] = known
     return found
 
@@ -162,6 +167,7 @@ def believe(
             RT.beliefAlpha: belief.alpha,
             RT.beliefBeta: belief.beta,
             RT.atTime: stamp(time),
+            RT.policyVersion: engine.policy.version,
             PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,
             PROV.wasAttributedTo: author,
         },

@@ -71,15 +71,28 @@ def recalled(engine: Engine, grasps: Iterable[Remembered], most: int) -> list[di
 
 
 def _confidence(engine: Engine, grasp: Remembered, stored: Confidence) -> dict[str, Any]:
-    """Return prior and posterior of a grasp; before the first outcome the two are one."""
-    belief = stored.belief or posterior(engine.policy, grasp.prior, ())
+    """Return prior and posterior of a grasp; before the first outcome the two are one.
+
+    A belief that was stored under other rules is computed anew from the attempts.
+    """
+    policy, note = engine.policy, ""
+    prior = grasp.prior if stored.prior is None else stored.prior
+    belief = stored.belief
+    if belief is None:
+        belief = posterior(policy, prior, ())
+    elif stored.policy != policy.version:
+        counts = [(t.held, t.count * policy.weight_of(t.is_fast)) for t in grasp.tallies]
+        belief = posterior(policy, prior, counts)
+        note = f"computed anew: stored by the rules {stored.policy or 'of an older release'}"
     return {
         "mean": belief.mean,
         "alpha": belief.alpha,
         "beta": belief.beta,
-        "prior": grasp.prior if stored.prior is None else stored.prior,
+        "prior": prior,
         "evaluation": stored.evaluation,
         "updated": stored.updated,
+        "policy": policy.version,
+        "note": note,
     }
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from hashlib import sha256
 
 from grasp.learning.bandit import Policy as Bandit
 
 __all__ = ["Policy"]
+
+_SCHEME = 1
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,17 @@ class Policy:
     min_identity: float = 0.7
     min_pose: float = 0.7
     min_grasp: float = 0.3
+
+    @property
+    def version(self) -> str:
+        """Name of the rules by which outcomes become a belief; it changes with their numbers.
+
+        >>> Policy().version == Policy(min_grasp=0.5).version != Policy(fast_physics=0.5).version
+        True
+        """
+        bandit = self.bandit
+        numbers = (bandit.kappa, bandit.cap, bandit.floor, self.fast_physics)
+        return f"beta-{_SCHEME}-{sha256(repr(numbers).encode()).hexdigest()[:8]}"
 
     def weight_of(self, is_fast: bool) -> float:
         """Return what one outcome counts by the physics that it was had in."""
