@@ -14,8 +14,8 @@ from rtask.errors import UsageError
 
 __all__ = ["Bar", "Line", "bar_chart", "line_chart"]
 
-_WIDTH, _HEIGHT = 960, 560
-_LEFT, _RIGHT, _TOP, _BOTTOM = 90, 30, 60, 70
+_WIDTH, _HEIGHT = 1240, 560
+_LEFT, _RIGHT, _TOP, _BOTTOM = 90, 310, 60, 70
 _INK, _GRID = (60, 60, 60), (225, 225, 225)
 # Okabe and Ito's palette, told apart by colour-blind people too; BGR.
 _COLOURS = (
@@ -23,7 +23,8 @@ _COLOURS = (
     (66, 228, 240), (0, 0, 0),
 )  # fmt: skip
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-_TICKS = 5
+_STEPS = (1.0, 2.0, 5.0, 10.0)
+_MOST_TICKS = 6
 
 Image = NDArray[np.uint8]
 
@@ -58,10 +59,10 @@ class _Axes:
         self.y0, self.y1 = y
         _write(self.image, title, (_LEFT, 32), 0.7)
         _write(self.image, y_label, (_LEFT, 52), 0.45)
-        for value in np.linspace(self.y0, self.y1, _TICKS + 1):
-            row = self.row(float(value))
+        for value in _ticks(self.y0, self.y1):
+            row = self.row(value)
             cv2.line(self.image, (_LEFT, row), (_WIDTH - _RIGHT, row), _GRID, 1)
-            _write(self.image, f"{value:.2f}", (_LEFT - 60, row + 5), 0.45)
+            _write(self.image, f"{value:g}", (_LEFT - 50, row + 5), 0.45)
         base = self.row(self.y0)
         cv2.line(self.image, (_LEFT, base), (_WIDTH - _RIGHT, base), _INK, 1)
 
@@ -71,7 +72,7 @@ class _Axes:
 
     def legend(self, names: Sequence[str]) -> None:
         for k, name in enumerate(names):
-            at = (_WIDTH - 330, _TOP + 12 + 20 * k)
+            at = (_WIDTH - _RIGHT + 25, _TOP + 12 + 22 * k)
             cv2.rectangle(self.image, (at[0], at[1] - 8), (at[0] + 14, at[1] + 2), _colour(k), -1)
             _write(self.image, name, (at[0] + 22, at[1] + 3), 0.45)
 
@@ -109,9 +110,9 @@ def line_chart(path: Path, title: str, x_label: str, y_label: str, lines: Sequen
             axes.image = np.asarray(cv2.addWeighted(veil, 0.18, axes.image, 0.82, 0), np.uint8)
         points = np.array([at(x, y) for x, y in zip(line.x, line.y, strict=True)], np.int32)
         cv2.polylines(axes.image, [points], False, _colour(k), 2, cv2.LINE_AA)
-    for value in np.linspace(x0, x1, _TICKS + 1):
-        _write(axes.image, f"{value:.0f}", (at(float(value), axes.y0)[0] - 8, _HEIGHT - 45), 0.45)
-    _write(axes.image, x_label, (_WIDTH // 2 - 60, _HEIGHT - 18), 0.5)
+    for value in _ticks(x0, x1):
+        _write(axes.image, f"{value:g}", (at(value, axes.y0)[0] - 8, _HEIGHT - 45), 0.45)
+    _write(axes.image, x_label, ((_LEFT + _WIDTH - _RIGHT) // 2 - 60, _HEIGHT - 18), 0.5)
     axes.legend([line.name for line in lines])
     axes.save(path)
 
@@ -139,6 +140,20 @@ def bar_chart(path: Path, title: str, y_label: str, bars: Sequence[Bar]) -> None
 
 def _colour(k: int) -> tuple[int, int, int]:
     return _COLOURS[k % len(_COLOURS)]
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    """Return round numbers between two values, at most seven.
+
+    >>> _ticks(0.0, 1.08)
+    [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
+    """
+    raw = (high - low) / _MOST_TICKS
+    scale = 10.0 ** np.floor(np.log10(raw))
+    step = next(s * scale for s in _STEPS if s * scale >= raw * (1 - 1e-9))
+    first = int(np.ceil(low / step - 1e-9))
+    last = int(np.floor(high / step + 1e-9))
+    return [round(float(k * step), 10) for k in range(first, last + 1)]
 
 
 def _range(values: Sequence[float]) -> tuple[float, float]:
