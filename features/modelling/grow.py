@@ -35,7 +35,7 @@ _OVERLAP_M = 0.004
 _LEAST_OVERLAP = 0.35
 _LEAST_FIT = 0.45
 _GRAZING = 0.25
-_MOST_VIOLATION = 0.12
+_MOST_VIOLATION, _LEAST_JUDGED = 0.12, 0.25
 _MOST_DRIFT_M, _MOST_DRIFT_RAD = 0.015, np.deg2rad(12.0)
 _MODEL_GRID = 48
 _MOST_CELLS = 160
@@ -102,6 +102,7 @@ class ObjectModel:
         features: ViewFeatures | None = None,
         object_from_camera: NDArray[np.float64] | None = None,
         name: str = "",
+        is_exact: bool = False,
     ) -> tuple[ObjectModel, Registration | None]:
         """Register a view and take its points in.
 
@@ -116,6 +117,9 @@ class ObjectModel:
             The movement, where it is known; it is refined.
         name
             Of the view, kept in :attr:`sources`.
+        is_exact
+            The movement was measured, as on a turntable: it holds even where the view shows too
+            little of what is known to improve it, unless free space contradicts it.
 
         Returns
         -------
@@ -132,6 +136,8 @@ class ObjectModel:
             found: Registration | None = Registration(pose, "first", 1.0)
         else:
             found = self._registered(frame, oriented, features, object_from_camera)
+            if found is None and is_exact and object_from_camera is not None:
+                found = self._taken_at_its_word(frame, object_from_camera)
         if found is None:
             return self, None
         pose = found.object_from_camera
@@ -142,6 +148,19 @@ class ObjectModel:
         views = self.views if features is None else (*self.views, (features, pose))
         sources = (*self.sources, (name, pose))
         return ObjectModel(cloud, inks, weights, views, sources), found
+
+    def _taken_at_its_word(
+        self, frame: Frame, object_from_camera: NDArray[np.float64]
+    ) -> Registration | None:
+        """Return a movement as it was given, unless view and model contradict each other."""
+        model = self.pose_model()
+        camera_from_object = np.linalg.inv(object_from_camera).astype(np.float64)
+        rotation = camera_from_object[:3, :3]
+        translation = camera_from_object[:3, 3] + rotation @ model.centre
+        violation = _violation(model, frame, rotation, translation)
+        if violation > _MOST_VIOLATION:
+            return None
+        return Registration(object_from_camera, "given", 0.0, violation)
 
     def pose_model(self, is_round: bool = False) -> PoseModel:
         """Return what poses are estimated against; made once.
@@ -297,19 +316,34 @@ def _refined(
     drift_rad = angle_between(start.rotations[0], found.rotations[0])
     if overlap < _LEAST_OVERLAP or drift_m > _MOST_DRIFT_M or drift_rad > _MOST_DRIFT_RAD:
         return None
+    violation = _violation(model, frame, found.rotations[0], found.translations[0])
+    if violation > _MOST_VIOLATION:
+        return None
+    pose = model.camera_from_object(found.rotations[0], found.translations[0])
+    return Registration(np.linalg.inv(pose).astype(np.float64), how, overlap, violation)
+
+
+def _violation(
+    model: PoseModel,
+    frame: Frame,
+    rotation: NDArray[np.float64],
+    translation: NDArray[np.float64],
+) -> float:
+    """Return the share of the model's visible side that a view contradicts at a pose.
+
+    Of a shell seen from behind only a ragged rim shows, which says little: the share is one of a
+    quarter of the surface at least.
+    """
     lens = frame.intrinsics
     sight = check_free_space(
-        *(model.samples, found.rotations, found.translations),
+        *(model.samples, rotation[None], translation[None]),
         np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32),
         frame.object_mask() & (frame.depth_m > 0),
         (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0),
         model.spacing_m,
     )
-    violation = float(sight.violation[0])
-    if violation > _MOST_VIOLATION:
-        return None
-    pose = model.camera_from_object(found.rotations[0], found.translations[0])
-    return Registration(np.linalg.inv(pose).astype(np.float64), how, overlap, violation)
+    judged = max(float(sight.agreeing[0] + sight.violating[0]), _LEAST_JUDGED * len(model.samples))
+    return float(sight.violating[0]) / judged
 
 
 def _merged(

@@ -34,6 +34,7 @@ _BUILT_IN = (
     "learn",
     "load",
     "model",
+    "objects",
     "ontology",
     "quarantine",
     "query",

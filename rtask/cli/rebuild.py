@@ -12,7 +12,7 @@ from rtask.cli.options import data_option
 if TYPE_CHECKING:
     from rtask.kb.knowledge_base import KnowledgeBase
 
-_PARTS = ("union", "catalogue", "inferred", "index", "statistics", "recognition", "blobs")
+_PARTS = ("union", "catalogue", "inferred", "index", "statistics", "recognition", "models", "blobs")
 
 
 @click.command()
@@ -22,7 +22,8 @@ def rebuild(what: str, data: Path) -> None:
     """Derive again what is derived: the graph is the truth, the rest follows from it.
 
     union and catalogue of graphs, the inferred graph, the index of texts and places, the statistics
-    of grasps, the recognition index; blobs deletes bytes that no statement has named for a day.
+    of grasps, the recognition index, the models of objects; blobs deletes bytes that no statement
+    has named for a day.
     """
     import rtask
 
@@ -37,7 +38,7 @@ def _rebuild(kb: KnowledgeBase, part: str) -> str:
         return f"+{done.added} -{done.removed}"
     if part == "blobs":
         return f"{kb.collect_blobs()} deleted"
-    if part in ("statistics", "recognition"):
+    if part in ("statistics", "recognition", "models"):
         return _rebuild_engine(kb, part)
     findings = kb.verify(repair=True, parts=(part,))
     return "; ".join(finding.detail for finding in findings) or "as it should be"
@@ -50,6 +51,8 @@ def _rebuild_engine(kb: KnowledgeBase, part: str) -> str:
     try:
         if part == "recognition":
             return f"{engine.rebuild_index()} views"
+        if part == "models":
+            return f"{engine.rebuild_models()} objects"
         done = engine.rebuild_statistics()
         return f"+{done.added} -{done.removed}"
     finally:

@@ -142,6 +142,10 @@ class Client(ABC):
         """Pass on what a person wants: search by words, teach, confirm, reject."""
         return cast("answers.Taught", self.call("teach_object", **request))
 
+    def curate_object(self, **request: Unpack[requests.CurateObject]) -> answers.Curated:
+        """Merge two objects, split one, forget one, or take that back."""
+        return cast("answers.Curated", self.call("curate_object", **request))
+
     def call(
         self, operation: str, /, timeout_s: float | None = None, **args: Any
     ) -> dict[str, Any]:

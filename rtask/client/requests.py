@@ -233,6 +233,19 @@ class TeachObject(_Sight, total=False):
     comment: str
 
 
+class CurateObject(TypedDict, total=False):
+    """What a person puts right about objects."""
+
+    operation: Required[Literal["merge", "split", "forget", "undo"]]
+    object: str
+    into: str
+    views: list[str]
+    name: str
+    purge: bool
+    commit: str
+    operator: str
+
+
 REQUESTS: dict[str, Any] = {
     "register_robot": RegisterRobot,
     "recognise_for_grasp": RecogniseForGrasp,
@@ -243,5 +256,6 @@ REQUESTS: dict[str, Any] = {
     "report_outcome": ReportOutcome,
     "give_feedback": GiveFeedback,
     "teach_object": TeachObject,
+    "curate_object": CurateObject,
 }
 """Type of the request of each operation."""

@@ -10,6 +10,7 @@ from typing import Any, NotRequired, TypedDict
 
 __all__ = [
     "ANSWERS",
+    "Curated",
     "Feedback",
     "GivenVerdict",
     "GraspConfidence",
@@ -278,6 +279,15 @@ class Feedback(TypedDict):
     confidence: float | None
 
 
+class Curated(TypedDict):
+    """What `curate_object` answers: the object that there is now, and the commit to take back."""
+
+    object: str
+    commit: str
+    added: int
+    removed: int
+
+
 class Taught(TypedDict):
     """What `teach_object` answers; what is stored only where something was to be stored."""
 
@@ -300,5 +310,6 @@ ANSWERS: dict[str, Any] = {
     "report_outcome": ReportedOutcome,
     "give_feedback": Feedback,
     "teach_object": Taught,
+    "curate_object": Curated,
 }
 """Type of the answer of each operation."""

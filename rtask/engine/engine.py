@@ -15,6 +15,7 @@ from rtask.engine.names import Names
 from rtask.engine.observation import ObservationCache
 from rtask.engine.operations import OPERATIONS, SCOPES, Operation
 from rtask.engine.policy import Policy
+from rtask.engine.redirect import followed
 from rtask.engine.robots import GripperCatalogue
 from rtask.engine.tasks import Decisions
 from rtask.engine.terms import ClassCatalogue, known_reasons
@@ -123,6 +124,7 @@ class Engine:
         access = access or Access()
         self.require(access, operation.scope)
         request = read(operation.fields, operation.prepare(dict(args or {})))
+        request = followed(self.kb, request)
         return operation.handler(self, request, access)
 
     def require(self, access: Access, scope: str) -> None:
@@ -239,6 +241,12 @@ class Engine:
         from rtask.engine.statistics import rebuild
 
         return rebuild(self)
+
+    def rebuild_models(self) -> int:
+        """Make the models of all objects again from their views; return their number."""
+        from rtask.engine.models import rebuild_models
+
+        return rebuild_models(self)[1]
 
     def _heard(self, change: Change) -> None:
         self.grippers.forget_if_changed(change)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.engine.facts import Facts
-from rtask.engine.identity import recognise, settle
+from rtask.engine.identity import is_plausible, recognise, settle
 from rtask.engine.messages import Field, read
 from rtask.engine.models import Growth, grow, old_models, state_model
 from rtask.engine.names import slug, tail
@@ -179,10 +179,11 @@ def _prepare(
             "register_robot introduces it", field=where + "gripper_id",
         )  # fmt: skip
     view = engine.names.unique("view")
+    is_alike = known is None or is_plausible(known, seen, engine.policy)
     is_round = placement is not None and placement.is_round
     growth = grow(
         engine.models, None if known is None else iri(known.iri), seen,
-        _viewpoint(seen, known, placement, pose), view, is_round,
+        _viewpoint(seen, known, placement, pose) if is_alike else None, view, is_round,
     )  # fmt: skip
     return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome, view, growth)
 

@@ -11,25 +11,41 @@ from __future__ import annotations
 import logging
 import threading
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.spatial.frames import tilt
 from rtask.engine.facts import Facts
-from rtask.engine.surroundings import surrounded
+from rtask.engine.surroundings import surrounded, with_table
+from rtask.engine.views import stored_frame, viewpoint
 from rtask.engine.vocabulary import PROV, RT
 from rtask.errors import MissingBlobError
 from rtask.kb.terms import NamedNode, Value, iri
 
 if TYPE_CHECKING:
+    from features.geometry import Frame
     from features.modelling import ObjectModel, Registration
     from rtask.engine.engine import Engine
     from rtask.engine.observation import Observation
+    from rtask.kb.commit import Commit
     from rtask.kb.knowledge_base import KnowledgeBase
 
-__all__ = ["Growth", "Models", "StoredModel", "current_model", "grow", "old_models", "state_model"]
+__all__ = [
+    "Growth",
+    "Models",
+    "StoredModel",
+    "grow",
+    "old_models",
+    "posed_views",
+    "rebuild_models",
+    "regrown",
+    "state_model",
+    "stored_models",
+]
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +54,7 @@ _MESH = "model/ply"
 _CODEC = "RTASK-model/1"
 _ENOUGH_VIEWS, _MOST_VIEWS = 8, 48
 _WORTH = 1.02
+_UPRIGHT, _MOST_FLOAT_M = np.deg2rad(20), 0.012
 
 
 @dataclass(frozen=True)
@@ -88,11 +105,6 @@ def stored_models(kb: KnowledgeBase, thing: NamedNode) -> list[StoredModel]:
         )
         found.append(StoredModel(model, blob.value, views))
     return sorted(found, key=lambda model: (-len(model.views), model.iri.value))
-
-
-def current_model(kb: KnowledgeBase, thing: NamedNode) -> StoredModel | None:
-    """Return the model of an object that counts, or None."""
-    return next(iter(stored_models(kb, thing)), None)
 
 
 class Models:
@@ -164,24 +176,115 @@ def grow(
     if known is not None and view.value in known[0].views:
         return None
     before = ObjectModel() if known is None else known[1]
+    if known is not None and not _stands(seen, object_from_camera):
+        log.info("view %s shows the model above or below the table", view.value)
+        return None
+    found = _extended(before, surrounded(seen)[0], object_from_camera, view.value)
+    if found is None:
+        return None
+    try:
+        # Now rather than when somebody waits for a pose; and no model of what is no object's size.
+        found[0].pose_model(is_round)
+    except ValueError as error:
+        log.info("view %s gives no model: %s", view.value, error)
+        return None
+    return Growth(*found, "" if known is None else known[0].blob)
+
+
+def _stands(seen: Observation, object_from_camera: NDArray[np.float64]) -> bool:
+    """Tell whether an upright object has its origin on the table, where that is known.
+
+    The top of a taller thing fits the model as well, floating.
+    """
+    if not seen.is_posed or seen.shape is None:
+        return True
+    frame_from_object = seen.frame_from_camera @ np.linalg.inv(object_from_camera)
+    off = abs(float(frame_from_object[2, 3]) - seen.shape.support_height)
+    return tilt(frame_from_object) > _UPRIGHT or off < _MOST_FLOAT_M
+
+
+def _extended(
+    before: ObjectModel, frame: Frame, object_from_camera: NDArray[np.float64], view: str
+) -> tuple[ObjectModel, Registration] | None:
+    """Return a model with one more view, or None when it does not fit or shows nothing new."""
     if len(before.sources) >= _MOST_VIEWS:
         return None
     try:
-        grown, registration = before.add(
-            surrounded(seen)[0], object_from_camera=object_from_camera, name=view.value
-        )
-        if registration is None:
-            log.info("view %s does not fit the model", view.value)
-            return None
-        # Now rather than when somebody waits for a pose; and no model of what is no object's size.
-        grown.pose_model(is_round)
+        grown, registration = before.add(frame, object_from_camera=object_from_camera, name=view)
     except ValueError as error:
-        log.info("view %s gives no model: %s", view.value, error)
+        log.info("view %s cannot be laid on the model: %s", view, error)
+        return None
+    if registration is None:
+        log.info("view %s does not fit the model", view)
         return None
     shows_new = len(grown.cloud) > _WORTH * len(before.cloud)
     if len(before.sources) >= _ENOUGH_VIEWS and not shows_new:
         return None
-    return Growth(grown, registration, "" if known is None else known[0].blob)
+    return grown, registration
+
+
+def posed_views(kb: KnowledgeBase, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return the views of an object whose viewpoint is known, oldest first."""
+    views = {q.object for q in kb.match(thing, RT.hasView) if isinstance(q.object, NamedNode)}
+    found = [(view.value, viewpoint(kb, view)) for view in sorted(views, key=str)]
+    return [(view, pose) for view, pose in found if pose is not None]
+
+
+def regrown(
+    kb: KnowledgeBase, views: Sequence[tuple[str, NDArray[np.float64]]]
+) -> ObjectModel | None:
+    """Return the model that views grow into, made again from their bytes; None without any.
+
+    Parameters
+    ----------
+    views
+        IRI and ``object_from_camera`` (4, 4) of each, the first gives the frame.
+    """
+    from features.modelling import ObjectModel
+
+    model = ObjectModel()
+    for view, pose in views:
+        stored = stored_frame(kb, view)
+        if stored is None:
+            continue
+        frame, is_camera = stored
+        # In the object's frame the table is where z = 0.
+        plane = np.array([*pose[2, :3], pose[2, 3]]) if pose[2, 3] > 0 else None
+        shown = with_table(frame, plane) if is_camera else frame
+        found = _extended(model, shown, pose, view)
+        model = model if found is None else found[0]
+    return None if model.is_empty else model
+
+
+def rebuild_models(engine: Engine) -> tuple[Commit, int]:
+    """Make the models of all objects again from their views; one commit.
+
+    Returns
+    -------
+    Commit
+    Number of models.
+    """
+    kb = engine.kb
+    with engine.writing:
+        things = {q.subject for q in kb.match(None, RT.hasView) if isinstance(q.subject, NamedNode)}
+        things |= {
+            q.subject for q in kb.match(None, RT.hasModel) if isinstance(q.subject, NamedNode)
+        }
+        facts, made = Facts(), 0
+        old: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
+        for thing in sorted(things, key=str):
+            old += old_models(kb, thing)
+            model = regrown(kb, posed_views(kb, thing))
+            if model is not None:
+                state_model(engine, facts, thing, model)
+                made += 1
+        rights = kb.access()
+        with kb.transaction(note="rebuild models") as tx:
+            for subject, predicate, value, graph in old:
+                if rights.may_write(graph):
+                    tx.remove(subject, predicate, value, graph)
+            facts.write(tx)
+        return tx.commit, made
 
 
 def state_model(

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Names", "slug", "tail", "uuid7"]
 
+# A number that was ever given is not given again: old names of merged and forgotten objects stay.
 _COUNTED = {
-    "object": "?thing a rt:ManipulableObject",
+    "object": "{ ?thing a rt:ManipulableObject } UNION { ?thing rt:mergedInto ?other } "
+    "UNION { ?thing prov:invalidatedAtTime ?when }",
     "grasp": "?thing rt:graspPose ?pose",
 }
 

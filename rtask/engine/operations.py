@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.curate import CURATE_OBJECT, curate_object
 from rtask.engine.feedback import GIVE_FEEDBACK, give_feedback
 from rtask.engine.grasps import RECALL_GRASPS, recall_grasps
 from rtask.engine.insert import INSERT_OBJECT, insert_object, wrapped
@@ -101,6 +102,10 @@ OPERATIONS: Mapping[str, Operation] = {
         Operation(
             "teach_object", "read", "search by words, name an object, confirm or reject a grasp",
             teach_object, TEACH_OBJECT,
+        ),
+        Operation(
+            "curate_object", "teach", "merge two objects, split one, forget one, take it back",
+            curate_object, CURATE_OBJECT,
         ),
     )
 }  # fmt: skip

@@ -15,19 +15,17 @@ from numpy.typing import NDArray
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement
 from rtask.engine.surroundings import surrounded
-from rtask.engine.vocabulary import PREFIXES
-from rtask.errors import MissingBlobError
+from rtask.engine.views import stored_frame
 from rtask.kb.terms import iri
 
 if TYPE_CHECKING:
-    from features.geometry import Frame
     from features.pose import PoseEstimate, PoseModel
     from features.recognition.recogniser import Match
     from rtask.engine.engine import Engine
     from rtask.engine.recall import KnownObject, Memory
     from rtask.kb.knowledge_base import KnowledgeBase
 
-__all__ = ["ObjectPose", "find_pose", "pose_fields", "stored_frame"]
+__all__ = ["ObjectPose", "find_pose", "pose_fields"]
 
 _STARTS, _KEPT, _POINTS = 160, 12, 800
 _TIME_LIMIT_S = 0.1
@@ -153,31 +151,14 @@ def _against_view(
 
     from features.pose import estimate_pose_from_views
 
-    frame = stored_frame(kb, view)
-    if frame is None:
+    stored = stored_frame(kb, view)
+    if stored is None:
         return None
-    found = estimate_pose_from_views(frame, surrounded(seen)[0], movement)
+    found = estimate_pose_from_views(stored[0], surrounded(seen)[0], movement)
     if found is None:
         return None
     pose = found.camera_from_object @ np.linalg.inv(object_from_view)
     return _posed(seen, replace(found, camera_from_object=pose), "view", 1)
-
-
-def stored_frame(kb: KnowledgeBase, view: str) -> Frame | None:
-    """Return the crop that a stored view keeps, or None when it has no depth or no bytes."""
-    from features.codec import decode
-    from features.geometry import Frame
-
-    rows = kb.select(f"""{PREFIXES}
-SELECT ?blob WHERE {{ {iri(view)} rt:viewContent ?content .
-  ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob }} ORDER BY ?blob LIMIT 1""")
-    for row in rows:
-        try:
-            frame = decode(kb.blobs.read(str(row.value("blob"))))
-        except (MissingBlobError, ValueError):
-            return None
-        return frame if isinstance(frame, Frame) else None
-    return None
 
 
 def _posed(seen: Observation, found: PoseEstimate, source: str, views: int) -> ObjectPose:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from rtask.engine.observation import Observation
 
-__all__ = ["surrounded", "table_plane"]
+__all__ = ["surrounded", "table_plane", "with_table"]
 
 _MARGIN = 0.35
 _RIM_PX = 4
@@ -35,13 +35,24 @@ def table_plane(seen: Observation) -> NDArray[np.float64] | None:
 def surrounded(seen: Observation) -> tuple[Frame, NDArray[np.float64] | None]:
     """Return the frame with the table around the object, and the table's plane (4,).
 
-    A few pixels beside the mask stay unknown, as segments end a little too early. Without a pose of
-    the camera, or when the picture was made from a cloud, nothing is added.
+    Without a pose of the camera, or when the picture was made from a cloud, nothing is added.
     """
     plane = table_plane(seen)
-    frame = seen.frame
-    if plane is None or seen.is_rendered or not frame.object_mask().any():
-        return frame, plane
+    return (seen.frame if seen.is_rendered else with_table(seen.frame, plane)), plane
+
+
+def with_table(frame: Frame, plane: NDArray[np.float64] | None) -> Frame:
+    """Return a crop with some room around it, the table where nothing else is known.
+
+    A few pixels beside the mask stay unknown, as segments end a little too early.
+
+    Parameters
+    ----------
+    plane : (4,) float64 or None
+        Unit normal, towards the camera, and offset in the camera's frame, m.
+    """
+    if plane is None or not frame.object_mask().any():
+        return frame
     import cv2
 
     wide = _padded(frame)
@@ -53,11 +64,11 @@ def surrounded(seen: Observation) -> tuple[Frame, NDArray[np.float64] | None]:
         + plane[1] * ((v + wide.y0 - lens.cy) / lens.fy)
         + plane[2]
     )
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         table = np.where(slope < 0, -plane[3] / slope, 0.0)
     rim = cv2.dilate(mask.astype(np.uint8), np.ones((2 * _RIM_PX + 1,) * 2, np.uint8)) > 0
     unknown = ~rim & ~(wide.depth_m > 0) & (table > 0) & (table < _FARTHEST_M)
-    return replace(wide, depth_m=np.where(unknown, table, wide.depth_m).astype(np.float32)), plane
+    return replace(wide, depth_m=np.where(unknown, table, wide.depth_m).astype(np.float32))
 
 
 def _padded(frame: Frame) -> Frame:

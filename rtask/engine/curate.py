@@ -1,0 +1,74 @@
+"""People put objects right: two that are one, one that is two, what shall be forgotten."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.edit import undo
+from rtask.engine.merging import merge_objects
+from rtask.engine.messages import Field
+from rtask.engine.redirect import present_name
+from rtask.engine.splitting import forget_object, forget_views, split_object
+from rtask.engine.vocabulary import RT
+from rtask.errors import UnknownTermError, UsageError
+from rtask.kb.terms import NamedNode, iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.access import Access
+    from rtask.kb.commit import Commit
+
+__all__ = ["CURATE_OBJECT", "curate_object"]
+
+CURATE_OBJECT = (
+    Field("operation", "string", "what the person wants", required=True,
+          choices=("merge", "split", "forget", "undo")),
+    Field("object", "string", "IRI of the object"),
+    Field("into", "string", "merge: IRI of the object that it turned out to be"),
+    Field("views", "strings", "split: IRIs of the views that show another object; "
+          "forget: only these views", default=[], high=1000),
+    Field("name", "string", "split: what people call the new object"),
+    Field("purge", "boolean", "forget: with all that was tried on it, and the bytes at once",
+          default=False),
+    Field("commit", "string", "undo: the commit to take back, as answered"),
+    Field("operator", "string", "who says so"),
+)  # fmt: skip
+
+
+def curate_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Carry out what a person wants; robots have no right to it."""
+    author = engine.author(access, request["operator"], "teacher")
+    operation = request["operation"]
+    if operation == "undo":
+        if not request["commit"]:
+            raise UsageError("commit is missing: which one is taken back?", field="commit")
+        return _answer(engine, undo(engine, request["commit"], author), "")
+    thing = _object(engine, request["object"], "object")
+    if operation == "merge":
+        kept = _object(engine, request["into"], "into")
+        return _answer(engine, merge_objects(engine, kept, thing, author), kept.value)
+    if operation == "split":
+        new, commit = split_object(engine, thing, request["views"], request["name"], author)
+        return _answer(engine, commit, new.value)
+    if request["views"]:
+        done = forget_views(engine, thing, request["views"], request["purge"], author)
+        return _answer(engine, done, thing.value)
+    return _answer(engine, forget_object(engine, thing, request["purge"], author), "")
+
+
+def _object(engine: Engine, name: str | None, field: str) -> NamedNode:
+    if not name:
+        raise UsageError(f"{field} is missing: IRI of the object", field=field)
+    thing = iri(present_name(engine.kb, name))
+    if not engine.kb.match(thing, RT.objectId):
+        raise UnknownTermError(f"{field}: the graph knows no object {name}")
+    return thing
+
+
+def _answer(engine: Engine, commit: Commit, thing: str) -> dict[str, Any]:
+    return {
+        "object": thing,
+        "commit": engine.commit_id(commit),
+        "added": commit.added,
+        "removed": commit.removed,
+    }
