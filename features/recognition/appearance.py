@@ -9,11 +9,19 @@ from numpy.typing import NDArray
 from features.geometry import UInt8Array
 from features.recognition.hog import HOG_SIZE
 
-__all__ = ["APPEARANCE_SIZE", "COLOUR_SIZE", "appearance_vector", "colour_histogram"]
+__all__ = [
+    "APPEARANCE_SIZE",
+    "COLOUR_SIZE",
+    "appearance_vector",
+    "colour_histogram",
+    "colour_of",
+]
 
 HUES, SATURATIONS, VALUES = 16, 4, 3
 COLOUR_SIZE = HUES * SATURATIONS * VALUES
 APPEARANCE_SIZE = COLOUR_SIZE + HOG_SIZE
+
+_HALF = np.float32(np.sqrt(0.5))  # share of each in their joint similarity, under the root
 
 
 def colour_histogram(rgb: UInt8Array, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -50,4 +58,10 @@ def colour_histogram(rgb: UInt8Array, mask: NDArray[np.bool_]) -> NDArray[np.flo
 
 def appearance_vector(colour: NDArray[np.float32], hog: NDArray[np.float32]) -> NDArray[np.float32]:
     """Join both so that one dot product is their mean similarity, 0 to 1."""
-    return np.concatenate([colour, hog]).astype(np.float32) * np.float32(np.sqrt(0.5))
+    return np.concatenate([colour, hog]).astype(np.float32) * _HALF
+
+
+def colour_of(look: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the colour histogram (192,) in an appearance vector (768,)."""
+    colour: NDArray[np.float32] = look[:COLOUR_SIZE] / _HALF
+    return colour

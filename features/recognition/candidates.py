@@ -48,7 +48,7 @@ class RecogniserParams:
         Similarity of looks that another product reaches anyhow: stands in for it where few are
         stored.
     look_least_objects
-        With fewer objects stored, a look that resembles one of them most means nothing.
+        With fewer objects stored, a look that resembles one of them most may suggest it only.
     verify, confidence
         Constants of the two steps that follow.
     """

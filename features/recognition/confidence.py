@@ -32,13 +32,17 @@ class Evidence:
         Similarity of colours and shapes to its most similar view, 0 to 1.
     appearance_lead
         The same minus that of the most similar other object.
+    colour
+        Similarity of the colours alone to its most similar view, 0 to 1.
+    place_colour
+        The same to the view whose places agree.
     size_ok
         Whether the measured size fits the stored ones; None without depth.
-    size_gap
-        Absolute logarithm of the measured size over that of the most similar view; None without
-        depth. Two views from the same side measure the same.
-    keypoints
-        Of the query: where there are many and geometry found nothing, the look says nothing.
+    size_gap, place_gap
+        Absolute logarithm of the measured size over that of the most similar view, and of the view
+        whose places agree; None without depth. Two views from the same side measure the same.
+    is_among_many
+        So many objects are stored that one of them would look more alike, were it not this one.
     is_twin
         Another object carries the same print: which of the two it is cannot be seen.
     """
@@ -47,9 +51,12 @@ class Evidence:
     rival_inliers: int
     appearance: float
     appearance_lead: float
+    colour: float
+    place_colour: float = 0.0
     size_ok: bool | None = None
     size_gap: float | None = None
-    keypoints: int = 0
+    place_gap: float | None = None
+    is_among_many: bool = False
     is_twin: bool = False
 
 
@@ -59,17 +66,18 @@ class ConfidenceParams:
 
     Parameters
     ----------
-    inliers, rival, appearance, lead, offset
-        Weights of the logistic function in :func:`confidences`.
-    place_inliers, place_rival, place_offset
-        Weights of a logistic function of places alone, where the size is known to fit: what turned
-        another side, or stands in another light, looks different and is the same.
-    look_lead, look_gap, look_offset
-        Weights of another logistic function, for objects without texture: it speaks only when
-        the size is known to fit, the similarity reaches ``look_least``, and the query has at most
-        ``look_most_keypoints``.
-    look_least, look_most_keypoints
-        See above; what carries a print is to be recognised by it.
+    place_inliers, place_rival, place_colour, place_gap, place_offset
+        Weights of the logistic function of agreeing places. Two products that share an emblem
+        agree in its places, and differ in colours and size.
+    look_colour, look_lead, look_gap, look_rival, look_offset
+        Weights of the logistic function of the look, for what carries no print. What agrees in
+        places with another object does not look like this one by nature.
+    colour_noise, gap_noise
+        Differences of colours and sizes that two views of one object from one side have anyhow.
+    least_colour
+        Less alike says no more: another light moves colours that far, and thirty places decide.
+    most_gap, unknown_gap
+        Larger gaps say no more than the first; the second stands in for one without depth.
     threshold
         Kehoe's c_I: the least confidence of an accepted answer.
     listed
@@ -77,43 +85,32 @@ class ConfidenceParams:
     most_rival_share
         Second best confidence over best from which on the answer is ambiguous.
     decisive_inliers
-        Fewer inliers may suggest an object, but not decide, unless the size is known to fit.
+        Fewer inliers may suggest an object, but not decide, unless the size is known to fit and
+        many other objects are stored.
     undecided
         The most confidence without that, and of twins.
     """
 
-    inliers: float = 2.79
-    rival: float = -1.18
-    appearance: float = 6.87
-    lead: float = 11.22
-    offset: float = -12.03
-    place_inliers: float = 2.2
-    place_rival: float = -1.8
-    place_offset: float = -5.8
-    look_lead: float = 23.2
-    look_gap: float = -30.6
-    look_offset: float = -0.4
-    look_least: float = 0.87
-    look_most_keypoints: int = 80
+    place_inliers: float = 1.91
+    place_rival: float = -0.81
+    place_colour: float = 2.78
+    place_gap: float = -3.95
+    place_offset: float = -10.31
+    look_colour: float = 1.85
+    look_lead: float = 11.5
+    look_gap: float = 0.35
+    look_rival: float = -1.0
+    look_offset: float = -6.8
+    colour_noise: float = 0.02
+    gap_noise: float = 0.01
+    least_colour: float = 0.65
+    most_gap: float = 0.3
+    unknown_gap: float = 0.1
     threshold: float = 0.7
     listed: float = 0.2
     most_rival_share: float = 0.5
     decisive_inliers: int = 4
     undecided: float = 0.69
-
-
-def features_of(evidence: Sequence[Evidence]) -> NDArray[np.float64]:
-    """Return the inputs (k, 4) of the logistic function."""
-    rows = [
-        (
-            np.log2(1 + e.inliers),
-            np.log2(1 + e.rival_inliers),
-            max(e.appearance, 0.5),
-            np.clip(e.appearance_lead, -0.2, 0.2),
-        )
-        for e in evidence
-    ]
-    return np.array(rows, np.float64).reshape(-1, 4)
 
 
 def confidences(
@@ -123,46 +120,58 @@ def confidences(
 
     Examples
     --------
-    >>> many, few = Evidence(20, 0, 0.8, 0.1), Evidence(4, 12, 0.6, -0.1)
+    >>> many = Evidence(20, 0, 0.8, 0.1, 0.95, place_colour=0.95)
+    >>> few = Evidence(4, 12, 0.6, -0.1, 0.7, place_colour=0.7)
     >>> (confidences([many, few]) > 0.7).tolist()
     [True, False]
     """
     params = params or ConfidenceParams()
-    weights = (params.inliers, params.rival, params.appearance, params.lead)
-    score = features_of(evidence) @ np.array(weights) + params.offset
-    confidence: NDArray[np.float64] = 1.0 / (1.0 + np.exp(-np.clip(score, -60, 60)))
-    for k, e in enumerate(evidence):
-        if e.size_ok is False:
-            confidence[k] = 0.0
-            continue
-        confidence[k] = max(confidence[k], _by_look(e, params), _by_places(e, params))
-        if e.is_twin or (e.inliers < params.decisive_inliers and not e.size_ok):
-            confidence[k] = min(confidence[k], params.undecided)
-    return confidence
+    return np.array([_confidence(e, params) for e in evidence], np.float64)
+
+
+def _confidence(e: Evidence, params: ConfidenceParams) -> float:
+    if e.size_ok is False:
+        return 0.0
+    look = _by_look(e, params)
+    if not (e.size_ok and e.is_among_many and e.size_gap is not None):
+        look = min(look, params.undecided)
+    best = max(look, _by_places(e, params))
+    return min(best, params.undecided) if e.is_twin else best
 
 
 def _by_places(e: Evidence, params: ConfidenceParams) -> float:
-    """Return how sure the agreeing places alone make, where the size fits."""
-    if not e.size_ok or e.inliers < params.decisive_inliers:
+    """Return how sure the agreeing places make."""
+    if e.inliers < params.decisive_inliers:
         return 0.0
-    score = (
+    return _logistic(
         params.place_inliers * np.log2(1 + e.inliers)
         + params.place_rival * np.log2(1 + e.rival_inliers)
+        + params.place_colour * _closeness(e.place_colour, params)
+        + params.place_gap * min(e.place_gap or 0.0, params.most_gap)
         + params.place_offset
     )
-    return float(1.0 / (1.0 + np.exp(-score)))
 
 
 def _by_look(e: Evidence, params: ConfidenceParams) -> float:
-    """Return how sure the look alone makes, where the size is measured too."""
-    if not e.size_ok or e.size_gap is None:
-        return 0.0
-    if e.appearance < params.look_least or e.keypoints > params.look_most_keypoints:
-        return 0.0
-    lead = min(max(e.appearance_lead, -0.2), 0.2)
-    gap = min(e.size_gap, 0.5)
-    score = params.look_lead * lead + params.look_gap * gap + params.look_offset
-    return float(1.0 / (1.0 + np.exp(-score)))
+    """Return how sure the look alone makes."""
+    gap = params.unknown_gap if e.size_gap is None else min(e.size_gap, params.most_gap)
+    return _logistic(
+        params.look_colour * _closeness(e.colour, params)
+        + params.look_lead * min(max(e.appearance_lead, -0.2), 0.2)
+        - params.look_gap * np.log(params.gap_noise + gap)
+        + params.look_rival * np.log2(1 + e.rival_inliers)
+        + params.look_offset
+    )
+
+
+def _closeness(similarity: float, params: ConfidenceParams) -> float:
+    """Return 1.0 for other colours to 3.9 for the same ones: the last percents say most."""
+    similarity = min(max(similarity, params.least_colour), 1.0)
+    return float(-np.log(params.colour_noise + 1.0 - similarity))
+
+
+def _logistic(score: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-np.clip(score, -60, 60))))
 
 
 def is_size_plausible(size_m: float, is_cut: bool, stored_m: NDArray[np.floating]) -> bool | None:

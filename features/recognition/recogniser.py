@@ -200,26 +200,48 @@ class _Ranking:
         views = np.flatnonzero((snapshot.object_of_view == number) & snapshot.alive)
         sizes = snapshot.measures(views)[:, 1]
         most_similar = int(views[self._similarity[views].argmax()])
+        likeness = self._likeness(most_similar)
+        at_places = self._likeness(fits[0].view) if fits else _Likeness(0.0, None)
+        is_smaller = features.is_cut and at_places.is_smaller
         evidence = Evidence(
             inliers=fits[0].places if fits else 0,
             rival_inliers=max(rivals, default=0),
             appearance=float(self._look[number]),
             appearance_lead=float(self._look[number]) - next_look,
+            colour=likeness.colour,
+            place_colour=at_places.colour,
             size_ok=is_size_plausible(features.size_m, features.is_cut, sizes),
-            size_gap=_size_gap(features.size_m, float(sizes[views == most_similar][0]))
-            if self._has_many
-            else None,
-            keypoints=len(features),
+            size_gap=likeness.size_gap,
+            place_gap=None if is_smaller else at_places.size_gap,
+            is_among_many=self._has_many,
             is_twin=is_twin,
         )
         return Candidate(number, evidence, fits, most_similar)
 
+    def _likeness(self, view: int) -> _Likeness:
+        """Compare the query with one view."""
+        stored_m = float(self._snapshot.measures(np.array([view]))[0, 1])
+        size_m, growth = self._features.size_m, None
+        if np.isfinite(size_m) and np.isfinite(stored_m) and min(size_m, stored_m) > 0:
+            growth = float(np.log(size_m / stored_m))
+        colour = float(self._snapshot.colour(view) @ self._features.colour)
+        return _Likeness(colour, growth)
 
-def _size_gap(size_m: float, stored_m: float) -> float | None:
-    """Return the absolute logarithm of the ratio of two sizes, None where one is unknown."""
-    if not (np.isfinite(size_m) and np.isfinite(stored_m)) or min(size_m, stored_m) <= 0:
-        return None
-    return float(abs(np.log(size_m / stored_m)))
+
+@dataclass(frozen=True)
+class _Likeness:
+    """Similarity of colours, and logarithm of the size over the view's where both are known."""
+
+    colour: float
+    growth: float | None
+
+    @property
+    def size_gap(self) -> float | None:
+        return None if self.growth is None else abs(self.growth)
+
+    @property
+    def is_smaller(self) -> bool:
+        return self.growth is not None and self.growth < 0
 
 
 def warm_up() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import UInt8Array
+from features.recognition.appearance import colour_of
 from features.recognition.cascade import FAR, match_exact, match_flat, match_tables
 from features.recognition.hashing import Hasher
 from features.recognition.segments import Block
@@ -212,10 +213,18 @@ class Snapshot:
         chosen: NDArray[np.float32] = measures[views]
         return chosen
 
+    def colour(self, view: int) -> NDArray[np.float32]:
+        """Return the colour histogram (192,) of one view, as :func:`colour_histogram` makes it."""
+        part = self._part_of(view)
+        return colour_of(part.block.looks[view - part.first_view])
+
+    def _part_of(self, view: int) -> Part:
+        starts = [part.first_view for part in self.parts]
+        return self.parts[int(np.searchsorted(starts, view, side="right")) - 1]
+
     def stored_view(self, view: int) -> StoredView:
         """Return the rows of one view."""
-        starts = [part.first_view for part in self.parts]
-        part = self.parts[int(np.searchsorted(starts, view, side="right")) - 1]
+        part = self._part_of(view)
         rows = part.block.rows_of(view - part.first_view)
         block = part.block
         return StoredView(block.descriptors[rows], block.keypoints[rows], block.points3d[rows])

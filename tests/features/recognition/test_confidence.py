@@ -10,25 +10,30 @@ from features.recognition.confidence import Evidence, confidences
 
 # An object without texture: no inliers, a clear lead, the size of the most similar view.
 PLAIN = Evidence(
-    inliers=0, rival_inliers=0, appearance=0.95, appearance_lead=0.15,
-    size_ok=True, size_gap=0.01, keypoints=20,
+    inliers=0, rival_inliers=0, appearance=0.95, appearance_lead=0.15, colour=0.99,
+    size_ok=True, size_gap=0.01, is_among_many=True,
+)  # fmt: skip
+
+# A printed one, seen from another side and in another light than it was stored.
+PRINTED = Evidence(
+    inliers=12, rival_inliers=0, appearance=0.8, appearance_lead=0.05, colour=0.95,
+    place_colour=0.95, size_ok=True, size_gap=0.06, place_gap=0.06,
 )  # fmt: skip
 
 
 def test_a_measured_look_decides_for_what_carries_no_print() -> None:
-    assert confidences([PLAIN])[0] > 0.7
+    assert confidences([PLAIN])[0] > 0.9
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        {"keypoints": 300},  # a print that geometry did not confirm
-        {"size_gap": 0.12},  # a larger one of the same sort
+        {"rival_inliers": 30},  # the print of another object
         {"size_gap": None, "size_ok": None},  # no depth
-        {"size_gap": None},  # too few objects to compare with
+        {"is_among_many": False},  # too few objects to compare with
         {"size_ok": False},
-        {"appearance_lead": 0.02},  # something else looks like it too
-        {"appearance": 0.80},
+        {"appearance_lead": -0.05, "colour": 0.95},  # something else looks more like it
+        {"colour": 0.80},
         {"is_twin": True},
     ],
 )
@@ -36,7 +41,27 @@ def test_otherwise_a_look_does_not_decide(change: dict[str, object]) -> None:
     assert confidences([replace(PLAIN, **change)])[0] < 0.7  # type: ignore[arg-type]
 
 
+def test_a_larger_one_of_the_same_sort_is_less_likely() -> None:
+    gaps = [0.0, 0.02, 0.1, 0.25]
+    falling = confidences([replace(PLAIN, size_gap=gap) for gap in gaps])
+    assert (falling[1:] < falling[:-1]).all()
+
+
 def test_agreeing_places_decide_without_a_size() -> None:
-    bare = Evidence(inliers=14, rival_inliers=0, appearance=0.8, appearance_lead=0.05)
+    bare = replace(PRINTED, size_ok=None, size_gap=None, place_gap=None)
     assert confidences([bare])[0] > 0.7
     assert confidences([replace(bare, inliers=3)])[0] < 0.7
+
+
+def test_an_emblem_on_another_package_does_not_decide() -> None:
+    """Two packages of one brand: a dozen places agree, colours and size do not."""
+    other = replace(PRINTED, colour=0.7, place_colour=0.7, place_gap=0.22, size_gap=0.22)
+    assert confidences([PRINTED])[0] > 0.7
+    assert confidences([other])[0] < 0.5
+    unmeasured = replace(other, size_ok=None, size_gap=None, place_gap=None)
+    assert confidences([unmeasured])[0] < 0.7
+
+
+def test_thirty_places_decide_in_any_light() -> None:
+    dark = replace(PRINTED, inliers=30, colour=0.1, place_colour=0.1)
+    assert confidences([dark])[0] > 0.7

@@ -44,7 +44,7 @@ def test_a_card_is_recognised_at_another_yaw_tilt_light_and_noise(stocked, photo
     assert answer.accepted
     best = answer.matches[0]
     assert (best.object_iri, best.class_iri, best.view_iri) == ("object:4", "class:card", "view:4")
-    assert best.confidence > 0.9
+    assert best.confidence > 0.85
     assert best.inliers >= 10
     assert best.size_ok is True
 
@@ -208,20 +208,22 @@ def test_neighbours_in_the_crop_are_not_recognised_as_the_object(stocked, photo)
 
 
 def test_confidence_rises_with_places_and_falls_with_rivals() -> None:
-    places = confidences([Evidence(n, 0, 0.8, 0.05) for n in (0, 4, 8, 16, 40)])
-    assert (np.diff(places) > 0).all()
-    assert places[0] < 0.05
-    assert places[-1] > 0.95
-    rivals = confidences([Evidence(12, n, 0.8, 0.05) for n in (0, 4, 12)])
-    assert (np.diff(rivals) < 0).all()
+    def seen(places: int, rival: int) -> Evidence:
+        return Evidence(places, rival, 0.8, 0.05, colour=0.9, place_colour=0.9)
+
+    rising = confidences([seen(n, 0) for n in (0, 4, 8, 16, 40)])
+    assert (np.diff(rising) > 0).all()
+    assert rising[0] < 0.2
+    assert rising[-1] > 0.95
+    assert (np.diff(confidences([seen(12, n) for n in (0, 4, 12)])) < 0).all()
 
 
 def test_looks_alone_and_twins_never_reach_the_threshold() -> None:
     alone, twin, wrong_size = confidences(
         [
-            Evidence(0, 0, 1.0, 0.5),
-            Evidence(50, 0, 0.9, 0.1, size_ok=True, is_twin=True),
-            Evidence(50, 0, 0.9, 0.1, size_ok=False),
+            Evidence(0, 0, 1.0, 0.5, 1.0),
+            Evidence(50, 0, 0.9, 0.1, 0.95, place_colour=0.95, size_ok=True, is_twin=True),
+            Evidence(50, 0, 0.9, 0.1, 0.95, place_colour=0.95, size_ok=False),
         ]
     )
     assert alone < 0.7
