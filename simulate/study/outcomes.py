@@ -127,7 +127,7 @@ class _Bench:
         rated = rate(self.shape, self.gripper, grasp)
         contacts = self.shape.contacts((grasp.x, grasp.y), grasp.theta, self.gripper.finger_width)
         width = self.shape.width if contacts is None else contacts.width
-        outcome = self._outcome(grasp, width, mix_seed(self.seed, number), source == "blind")
+        outcome = self._outcome(grasp, width, mix_seed(self.seed, number))
         x, y = self._in_object(grasp)
         return {
             "source": source,
@@ -139,16 +139,14 @@ class _Bench:
             **outcome,
         }
 
-    def _outcome(
-        self, grasp: PlanarGrasp, width: float, seed: int, as_asked: bool
-    ) -> dict[str, Any]:
+    def _outcome(self, grasp: PlanarGrasp, width: float, seed: int) -> dict[str, Any]:
         body, shape = self.body, self.shape
         self._put_back()
         request = GraspRequest(
             x=grasp.x, y=grasp.y, z=body.world.table_height + grasp.z, theta=grasp.theta,
             width=width, opening=grasp.opening, height=shape.height, length=shape.length,
             table_height=body.world.table_height, arm=self._side,
-            round=shape.kind == "round" and not as_asked,
+            round=shape.kind == "round",
         )  # fmt: skip
         plan = body.executor.plan(request, seed=seed)
         if isinstance(plan, PlannedGrasp):
