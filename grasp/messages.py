@@ -6,11 +6,12 @@ in the grasp positions and effort. Stamps carry the names of ROS 1 and ROS 2 ali
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.frames import (
     FloatArray,
     matrix_from_pose,
@@ -22,11 +23,13 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp
 
 __all__ = [
+    "candidate_from_message",
     "empty_grasp_message",
     "grasp_message",
     "matrix_from_message",
     "planar_from_message",
     "pose_message",
+    "spatial_grasp_message",
 ]
 
 _ZERO_TIME = {"secs": 0, "nsecs": 0, "sec": 0, "nanosec": 0}
@@ -186,3 +189,108 @@ def planar_from_message(
         pose = pose @ parent_from_gripper
     x, y, z, theta = planar_from_pose(pose)
     return PlanarGrasp(x, y, z - support_height, theta, width, opening, quality)
+
+
+_SPARE_M = 0.02
+_UP = (0.0, 0.0, 1.0)
+
+
+def spatial_grasp_message(
+    candidate: GraspCandidate,
+    gripper: ParallelGripper,
+    frame_id: str,
+    *,
+    grasp_id: str = "",
+    up: tuple[float, float, float] = _UP,
+    allowed: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return a grasp in space as moveit_msgs/Grasp.
+
+    Parameters
+    ----------
+    candidate
+        In the frame ``frame_id``.
+    gripper
+        Gives the parent link, whose pose the message states, the joints of the postures and the
+        lengths of approach and retreat.
+    up
+        Unit vector against gravity in ``frame_id``: the way out with the object.
+    allowed
+        Names of what may be touched.
+
+    Notes
+    -----
+    The pre-grasp posture leaves 2 cm, or what was checked for collisions, within the stroke.
+    """
+    if not frame_id:
+        raise ValueError("a grasp message needs the name of its frame")
+    pose = candidate.frame_from_gripper
+    if gripper.parent_from_gripper is not None:
+        pose = pose @ np.linalg.inv(gripper.parent_from_gripper)
+    opening = candidate.opening
+    if opening is None:
+        opening = min(candidate.width + _SPARE_M, gripper.max_opening)
+    into = _triple(candidate.approach)
+    back = _triple(-candidate.approach)
+    out = _triple(np.asarray(up, dtype=np.float64))
+    return {
+        "id": grasp_id,
+        "pre_grasp_posture": posture(gripper.joint_positions(opening), frame_id),
+        "grasp_posture": posture(
+            gripper.joint_positions(candidate.width), frame_id, gripper.max_effort
+        ),
+        "grasp_pose": {"header": header(frame_id), "pose": pose_message(pose)},
+        "grasp_quality": candidate.scores.get("confidence", 0.0),
+        "pre_grasp_approach": translation(into, *gripper.approach, frame_id),
+        "post_grasp_retreat": translation(out, *gripper.retreat, frame_id),
+        "post_place_retreat": translation(back, *gripper.retreat, frame_id),
+        "max_contact_force": 0.0,
+        "allowed_touch_objects": list(allowed),
+    }
+
+
+def candidate_from_message(message: Mapping[str, Any], gripper: ParallelGripper) -> GraspCandidate:
+    """Return the grasp in space of a moveit_msgs/Grasp for a gripper.
+
+    Raises
+    ------
+    ValueError
+        When a field is missing, not finite, or the postures name other joints.
+
+    Examples
+    --------
+    >>> from grasp.spatial.gripper import panda_hand
+    >>> there = GraspCandidate(pose_from_planar(0.4, 0.1, 0.05, 1.0), 0.03, opening=0.05)
+    >>> message = spatial_grasp_message(there, panda_hand(), "panda_link0")
+    >>> back = candidate_from_message(message, panda_hand())
+    >>> bool(np.allclose(back.frame_from_gripper, there.frame_from_gripper)), round(back.width, 6)
+    (True, 0.03)
+    """
+    try:
+        pose = matrix_from_message(message["grasp_pose"]["pose"])
+        opening = _opening(message["pre_grasp_posture"], gripper)
+        width = _opening(message["grasp_posture"], gripper)
+        quality = float(message["grasp_quality"])
+    except (KeyError, IndexError, TypeError) as error:
+        raise ValueError(f"not a grasp message: {error!r} is missing") from error
+    if not np.isfinite([opening, width, quality]).all():
+        raise ValueError(f"postures and quality must be finite, got {opening}, {width}, {quality}")
+    if gripper.parent_from_gripper is not None:
+        pose = pose @ gripper.parent_from_gripper
+    return GraspCandidate(
+        np.asarray(pose, dtype=np.float64), width, source="recalled", opening=opening,
+        scores={"confidence": quality},
+    )  # fmt: skip
+
+
+def _opening(stated: Mapping[str, Any], gripper: ParallelGripper) -> float:
+    wanted = list(gripper.joint_positions(0.0))
+    values = dict(zip(stated["joint_names"], stated["points"][0]["positions"], strict=True))
+    if wanted[0] not in values:
+        raise ValueError(f"postures of {gripper.name!r} name {', '.join(wanted)}, got {[*values]}")
+    return gripper.opening_at(float(values[wanted[0]]))
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in vector)
+    return x, y, z

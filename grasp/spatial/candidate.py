@@ -9,13 +9,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Antipodal", "GraspCandidate", "Proposals", "Source"]
+from grasp.spatial.frames import planar_from_pose
+from grasp.spatial.planar import PlanarGrasp
+
+__all__ = ["Antipodal", "GraspCandidate", "Proposals", "Source", "to_planar"]
 
 Source = Literal["mesh", "cloud", "planar", "recalled"]
 Antipodal = Literal["full", "half", "none"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GraspCandidate:
     """One way to close a gripper on an object.
 
@@ -108,3 +111,36 @@ class Proposals:
 
     def __getitem__(self, index: int) -> GraspCandidate:
         return self.candidates[index]
+
+
+def to_planar(
+    candidate: GraspCandidate, support_height: float = 0.0, max_tilt: float = np.deg2rad(20)
+) -> PlanarGrasp:
+    """Return a candidate that comes from above as (X, Y, theta) (Gatto 2016, 3.3.4).
+
+    Parameters
+    ----------
+    candidate
+        In a frame whose z points up.
+    support_height
+        Of the support in that frame, m.
+
+    Raises
+    ------
+    ValueError
+        When the approach is more than ``max_tilt`` rad off the vertical.
+
+    Examples
+    --------
+    >>> from grasp.spatial.frames import pose_from_planar
+    >>> planar = to_planar(GraspCandidate(pose_from_planar(0.1, 0.2, 0.3, 0.5), 0.04))
+    >>> round(planar.x, 3), round(planar.theta, 3)
+    (0.1, 0.5)
+    """
+    x, y, z, theta = planar_from_pose(candidate.frame_from_gripper, max_tilt)
+    return PlanarGrasp(
+        x, y, z - support_height, theta, candidate.width,
+        candidate.width if candidate.opening is None else candidate.opening,
+        candidate.scores.get("confidence", 0.0), antipodal=candidate.antipodal,
+        clearance=candidate.scores.get("clearance", 0.0),
+    )  # fmt: skip

@@ -2,8 +2,9 @@
 
 The gripper is moved against the object by draws of the pose error; the confidence s_G is the share
 of draws in which both jaws meet the object within the opening and the line between both contacts
-lies inside both friction cones (Nguyen 1988). All candidates see the same draws, so that their
-order does not depend on luck.
+lies inside both friction cones (Nguyen 1988). On request the open gripper must also touch nothing
+on its way in, and its pads must hold the weight's torque about the line. All candidates see the
+same draws, so that their order does not depend on luck.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from grasp.push.quality import density_weights, lower_bound
+from grasp.spatial.boxes import boxes_meet_mesh
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.mesh import Mesh
 from grasp.spatial.rays import line_ends
 from grasp.spatial.wrench import Contacts, epsilon, epsilon_bound
 
-__all__ = ["Confidence", "PoseNoise", "closures", "confidences", "score_grasps"]
+__all__ = ["Confidence", "Load", "PoseNoise", "closures", "confidences", "score_grasps"]
 
 FloatArray = NDArray[np.float64]
 
@@ -86,6 +88,40 @@ class PoseNoise:
         return moved
 
 
+@dataclass(frozen=True)
+class Load:
+    """The weight that a grasp has to hold.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    up : (3,)
+        Unit vector against gravity in the object's frame.
+    patch
+        Mean radius at which a pad's friction acts against torsion, m: each jaw takes a torque of
+        friction x force x patch about the closing axis.
+    """
+
+    mass: float
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    patch: float = 0.004
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mass) and self.mass > 0 and self.patch > 0):
+            raise ValueError(f"mass (kg) and patch (m) are positive, got {self.mass}, {self.patch}")
+
+    def is_held(
+        self, origins: FloatArray, closing: FloatArray, com: FloatArray, gripper: ParallelGripper
+    ) -> NDArray[np.bool_]:
+        """Tell which lines (..., 3) of closing hold the weight: its force and its torque."""
+        weight = 9.81 * self.mass
+        torque = np.cross(com - origins, -weight * np.array(self.up))
+        twist = np.abs(np.einsum("...i,...i->...", torque, closing))
+        grip = 2 * gripper.friction * gripper.max_force
+        return np.asarray((twist <= grip * self.patch) & (weight <= grip))
+
+
 @dataclass(frozen=True, eq=False)
 class Confidence:
     """What perturbations did to each of several grasps.
@@ -139,6 +175,9 @@ def confidences(
     quality: Quality = "closure",
     weighting: Weighting = "plain",
     friction: float | None = None,
+    sweep: float | None = None,
+    load: Load | None = None,
+    middles: FloatArray | None = None,
     seed: int = 0,
 ) -> Confidence:
     """Return the confidences of grasps under pose uncertainty.
@@ -162,6 +201,14 @@ def confidences(
         in six dimensions fewer than half of the draws then carry the weight.
     friction
         None = the gripper's.
+    sweep
+        Length of the straight approach, m, on which the open gripper must not touch the object;
+        None = not looked at, which is many times as fast.
+    load
+        The weight to be held; None = not looked at.
+    middles : (c, 3) or None, m
+        Points of the closing lines midway between the contacts, where they do not run through the
+        poses' origins: pads hold low things with their tips.
 
     Examples
     --------
@@ -176,7 +223,16 @@ def confidences(
     noise = noise or PoseNoise()
     errors = noise.transforms(samples, seed)
     in_object = noise.covariance is not None
-    closed, ends = _swept(mesh, poses, gripper, errors, openings, friction, in_object)
+    opening = np.full(len(poses), gripper.max_opening) if openings is None else openings
+    lines = np.array(poses, dtype=np.float64)
+    if middles is not None:
+        lines[:, :3, 3] = middles
+    closed, ends = _swept(mesh, lines, gripper, errors, opening, friction, in_object)
+    if load is not None:
+        moved = _moved(lines, errors, in_object)
+        closed &= load.is_held(moved[..., :3, 3], moved[..., :3, 0], mesh.com, gripper)
+    if sweep is not None:
+        _without_collisions(closed, mesh, gripper, _moved(poses, errors, in_object), opening, sweep)
     weights = np.full(samples, 1.0 / samples)
     if weighting == "density":
         weights = density_weights(noise.normals(samples, seed))
@@ -185,13 +241,13 @@ def confidences(
         raise ValueError(f"weighting is plain or density, got {weighting!r}")
     if quality == "closure":
         effective = 1.0 / float((weights**2).sum())
-        share = closed @ weights
+        share = np.clip(np.round(closed @ weights, 12), 0.0, 1.0)
         return Confidence(share, lower_bound(share * effective, np.full(len(share), effective)),
                           closed > 0)  # fmt: skip
     if quality != "epsilon":
         raise ValueError(f"quality is closure or epsilon, got {quality!r}")
     mu = gripper.friction if friction is None else friction
-    values = _epsilons(mesh, poses, errors, closed, ends, mu, in_object)
+    values = _epsilons(mesh, lines, errors, closed, ends, mu, in_object)
     mean = values @ weights
     spread = np.sqrt(np.maximum(((values - mean[:, None]) ** 2) @ weights, 0.0) / samples)
     return Confidence(mean, np.maximum(mean - 1.645 * spread, 0.0), closed > 0)
@@ -208,6 +264,8 @@ def score_grasps(
     weighting: Weighting = "plain",
     gamma: float = 0.5,
     exact: int = _EXACT,
+    sweep: float | None = None,
+    load: Load | None = None,
     seed: int = 0,
 ) -> list[GraspCandidate]:
     """Return the candidates with ``confidence``, ``lower_95`` and ``epsilon`` among their scores.
@@ -216,18 +274,23 @@ def score_grasps(
     ----------
     gamma
         Torsion that a soft fingertip takes, see :func:`grasp.spatial.wrench.wrenches`.
+    sweep, load
+        See :func:`confidences`.
     exact
         How many of the most confident get the exact epsilon; the others an upper bound of it.
     """
     if not candidates:
         return []
     poses = np.stack([c.frame_from_gripper for c in candidates])
+    middles = np.stack(
+        [c.centre if c.contacts is None else c.contacts.mean(axis=0) for c in candidates]
+    )
     openings = np.array(
         [gripper.max_opening if c.opening is None else c.opening for c in candidates]
     )
     found = confidences(
         mesh, poses, gripper, noise, samples=samples, openings=openings, quality=quality,
-        weighting=weighting, seed=seed,
+        weighting=weighting, sweep=sweep, load=load, middles=middles, seed=seed,
     )  # fmt: skip
     best = set(np.argsort(-found.value, kind="stable")[:exact].tolist())
     scored = []
@@ -265,6 +328,26 @@ def _swept(
         _close(*mesh.tree.arrays, mesh.tree.normals, poses, errors, in_object, opening, cone,
                least, closed, ends)  # fmt: skip
     return closed, ends
+
+
+def _moved(poses: FloatArray, errors: FloatArray, in_object: bool) -> FloatArray:
+    """Return the poses (c, K, 4, 4) of grippers off by errors."""
+    if in_object:
+        return np.asarray(errors[None] @ poses[:, None])
+    return np.asarray(poses[:, None] @ errors[None])
+
+
+def _without_collisions(
+    closed: NDArray[np.uint8], mesh: Mesh, gripper: ParallelGripper, moved: FloatArray,
+    openings: FloatArray, sweep: float,
+) -> None:  # fmt: skip
+    """Clear ``closed`` (c, K) where the open gripper would touch the mesh on its approach."""
+    g, k = np.nonzero(closed)
+    if len(g) == 0:
+        return
+    boxes = np.stack([gripper.boxes(float(opening), sweep) for opening in openings])[g]
+    touched = boxes_meet_mesh(*mesh.tree.arrays, np.ascontiguousarray(moved[g, k]), boxes)
+    closed[g[touched], k[touched]] = 0
 
 
 @njit(cache=True, nogil=True)

@@ -47,10 +47,14 @@ class ParallelGripper:
         Coulomb coefficient between pads and object.
     max_effort
         Of a closed finger's joint: N if it slides, N m if it turns.
+    max_force
+        Of each jaw on what it holds, N.
     parent_from_gripper : (4, 4) or None
         Tool centre point in the link that carries the end effector; None = they coincide.
     joints
         Joints that open and close it; () = one that is named after the gripper.
+    approach, retreat
+        Straight way in and out: wanted and least length, m.
     joint_table
         Pairs (opening in m, value of each joint), both rising; () = the value is the opening.
 
@@ -77,7 +81,10 @@ class ParallelGripper:
     wrist: tuple[float, float, float] | None = None
     friction: float = 0.5
     max_effort: float = 20.0
+    max_force: float = 20.0
     parent_from_gripper: NDArray[np.float64] | None = field(default=None, compare=False)
+    approach: tuple[float, float] = (0.10, 0.05)
+    retreat: tuple[float, float] = (0.10, 0.05)
     joints: tuple[str, ...] = ()
     joint_table: tuple[tuple[float, float], ...] = ()
 
@@ -223,6 +230,9 @@ def nao_hand(name: str = "nao_right_hand") -> ParallelGripper:
         palm=(0.05, 0.05, 0.05),
         wrist=(0.05, 0.05, 0.06),
         max_effort=0.06,
+        max_force=2.0,
+        approach=(0.055, 0.033),
+        retreat=(0.06, 0.035),
         parent_from_gripper=wrist_from_gripper,
         joints=("LHand" if "left" in name else "RHand",),
         joint_table=((0.0, 0.0), (0.05, 1.0)),

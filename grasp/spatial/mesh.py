@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from grasp.spatial.rays import Tree, build_tree, crossings
 
-__all__ = ["Mesh", "as_mesh"]
+__all__ = ["Mesh", "as_mesh", "surfels"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -23,6 +23,7 @@ _SMALL_M, _LARGE_M = 0.005, 1.0
 _MERGE = 1e-7
 _FLAT = 1e-12
 _VOTES = 7
+_SLITS = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,8 @@ class Mesh:
     com : (3,), m
         Centre of mass at uniform density.
     com_from
-        ``volume`` of a closed surface, else of its convex ``hull``; ``points`` when that is flat.
+        ``volume`` of a closed surface, slits apart; else of its convex ``hull``; ``points`` when
+        that is flat.
     watertight
         Whether every edge belongs to exactly two faces.
     notes
@@ -141,7 +143,8 @@ def as_mesh(
         v = np.where(finite[:, None], v, 0.0)
     v, f = _without_waste(v * scale, f, notes)
     normals, areas = _normals(v, f)
-    closed, directed = _edges(f)
+    open_share, directed = _edges(f)
+    closed = open_share == 0
     if len(f):
         _check_size(float(np.ptp(v, axis=0).max()), scale, notes)
         volume = _volume(v, f)[0]
@@ -151,10 +154,43 @@ def as_mesh(
             normals = np.where(flips[:, None], -normals, normals)
     if not closed and len(f):
         notes.append("the surface is not closed")
-    com, com_from = _centre_of_mass(v, f, closed)
+    # A few slits between faces without area leave the volume what it is.
+    com, com_from = _centre_of_mass(v, f, open_share < _SLITS)
     if com_from != "volume" and len(f):
         notes.append(f"centre of mass of the {'convex hull' if com_from == 'hull' else 'vertices'}")
     return Mesh(v, f, normals, areas, com, com_from, closed, tuple(notes))
+
+
+def surfels(points: FloatArray, normals: FloatArray, size: float) -> Mesh:
+    """Return a cloud as small squares, one for each point, so that lines can meet it.
+
+    Parameters
+    ----------
+    points, normals : (n, 3)
+        m; unit vectors out of the object.
+    size
+        Edge of a square, m: a little more than the points' distance closes the gaps.
+
+    Returns
+    -------
+    Mesh
+        Open; its centre of mass is that of the convex hull.
+    """
+    across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    across *= size / 2 / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    up = np.cross(normals, across)
+    corners = np.stack(
+        [points - across - up, points + across - up, points + across + up, points - across + up],
+        axis=1,
+    )
+    base = 4 * np.arange(len(points))[:, None]
+    faces = np.vstack([base + np.array([0, 1, 2]), base + np.array([0, 2, 3])])
+    vertices = corners.reshape(-1, 3)
+    com, com_from = _centre_of_mass(points, np.empty((len(points), 3), np.int64), False)
+    return Mesh(
+        vertices, faces, np.vstack([normals, normals]), np.full(len(faces), size**2 / 2), com,
+        com_from, False, (),
+    )  # fmt: skip
 
 
 def _without_waste(v: FloatArray, f: IntArray, notes: list[str]) -> tuple[FloatArray, IntArray]:
@@ -191,14 +227,14 @@ def _normals(v: FloatArray, f: IntArray) -> tuple[FloatArray, FloatArray]:
     return cross / np.maximum(length, 1e-300)[:, None], length / 2
 
 
-def _edges(f: IntArray) -> tuple[bool, bool]:
-    """Return whether every edge has two faces, and whether they run along it both ways."""
+def _edges(f: IntArray) -> tuple[float, bool]:
+    """Return the share of edges without exactly two faces, and whether no two run the same way."""
     if len(f) == 0:
-        return False, False
+        return 1.0, False
     ends = f[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     _, counts = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
     _, ways = np.unique(ends, axis=0, return_counts=True)
-    return bool((counts == 2).all()), bool((ways == 1).all())
+    return float((counts != 2).mean()), bool((ways == 1).all())
 
 
 def _volume(v: FloatArray, f: IntArray) -> tuple[float, FloatArray]:
@@ -216,7 +252,7 @@ def _centre_of_mass(
 ) -> tuple[FloatArray, Literal["volume", "hull", "points"]]:
     from scipy.spatial import ConvexHull, QhullError
 
-    if len(f) == 0:
+    if len(v) == 0:
         return np.zeros(3), "points"
     box = float(np.prod(np.ptp(v, axis=0)))
     if closed:

@@ -26,9 +26,12 @@ __all__ = ["Pairs", "antipodal_pairs", "propose_on_mesh"]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+_UNFIT = "too wide or too narrow for the stroke"
+_NO_ROOM = "no room for a finger beside it"
 _SAME_M = 1e-4
 _ROOM_M = 0.003
 _OPEN_M = 0.02
+_TIP_M = 0.002
 _SCREEN, _SCREENED = 24, 600
 _ROUNDS = 10
 _ALIKE_M, _ALIKE = 0.005, np.sin(np.deg2rad(10))
@@ -132,9 +135,9 @@ def antipodal_pairs(
     some = leaves.any(axis=1)
     dropped = {
         "nothing opposite within the stroke": int((~some).sum()),
-        "no room for a finger beside it": int((some & ~fits.any(axis=1)).sum()),
+        _NO_ROOM: int((some & ~fits.any(axis=1)).sum()),
         "outside the friction cone": int(slips.sum()),
-        "too wide or too narrow for the stroke": int((~slips & unfit).sum()),
+        _UNFIT: int((~slips & unfit).sum()),
     }
     row, column, width = (a[~slips & ~unfit] for a in (row, column, width))
     d = closing[row]
@@ -236,8 +239,8 @@ def propose_on_mesh(
     found = antipodal_pairs(mesh, gripper, tries, seed, margin)
     counts = {"tried": tries, **found.dropped, "pairs": len(found)}
     if len(found) == 0:
-        why = max(found.dropped, key=lambda name: found.dropped[name])
-        return Proposals(reason=f"no antipodal pair: {why}", notes=mesh.notes, counts=counts)
+        reason = f"no antipodal pair: {_why(found.dropped)}"
+        return Proposals(reason=reason, notes=mesh.notes, counts=counts)
     if len(found) > _SCREENED:
         found = found.take(np.linspace(0, len(found) - 1, _SCREENED).astype(np.int64))
     order = _promising(found, mesh, gripper, noise or PoseNoise(), seed)
@@ -256,6 +259,14 @@ def propose_on_mesh(
         why = ", ".join(f"{name} ({n})" for name, n in hits.items() if n)
         reason = f"every approach touches something: {why}"
     return Proposals(tuple(candidates), reason, mesh.notes, counts)
+
+
+def _why(dropped: dict[str, int]) -> str:
+    """Return the most telling reason: what came nearest to a pair."""
+    for name in (_UNFIT, _NO_ROOM):
+        if dropped[name]:
+            return name
+    return max(dropped, key=lambda name: dropped[name])
 
 
 def _unfit(mesh: Mesh, gripper: ParallelGripper, margin: float) -> str:
@@ -281,7 +292,7 @@ def _promising(
     held = closures(mesh, poses, gripper, noise.transforms(_SCREEN, seed), found.room)
     middle = found.contacts.mean(axis=1)
     arm = np.linalg.norm(np.cross(mesh.com - middle, found.closing), axis=1)
-    score = held.mean(axis=1) - 0.3 * arm / max(mesh.radius, 1e-9)
+    score = np.round(held.mean(axis=1) - 0.3 * arm / max(mesh.radius, 1e-9), 9)
     order = np.argsort(-score, kind="stable")
     axis = found.closing
     if gripper.symmetric:
@@ -316,6 +327,7 @@ def _approached(
     index = np.tile(np.arange(len(found)), turns)
     openings = np.minimum(found.room, found.widths + _OPEN_M)[index]
     depth = _depths(mesh, poses, gripper)
+    _raise_over(poses, openings, gripper, around)
     room = room_around(poses, openings, gripper, around, mesh)
     free = room.free & (depth <= gripper.reach + gripper.fingertip)
     hits = {name: int((room.hit == k).sum()) for k, name in enumerate(HIT_BY) if k}
@@ -323,7 +335,8 @@ def _approached(
     if around.support is not None:
         steep = -(poses[:, :3, 2] @ around.support.up)
     # From above where there is an above, else where the fingers reach least past the surface.
-    preference = np.round(steep, 6) - 0.1 * depth / gripper.finger_length
+    # Rounded, so that equal ones are equal in every frame.
+    preference = np.round(steep - 0.1 * depth / gripper.finger_length, 6)
     candidates = []
     for k in range(len(found)):
         mine = np.flatnonzero(free & (index == k))
@@ -337,6 +350,20 @@ def _approached(
                 )
             )  # fmt: skip
     return candidates, hits
+
+
+def _raise_over(
+    poses: FloatArray, openings: FloatArray, gripper: ParallelGripper, around: Surroundings
+) -> None:
+    """Draw grippers that would touch the support back, as far as their pads still hold."""
+    if around.support is None:
+        return
+    boxes = np.stack([gripper.boxes(float(o), around.sweep) for o in openings])
+    lacking = around.support.clearance + 1e-6 - around.support.below(poses, boxes)
+    steep = -(poses[:, :3, 2] @ around.support.up)
+    back = lacking / np.maximum(steep, 1e-3)
+    shift = np.where((lacking > 0) & (back <= gripper.fingertip - _TIP_M), back, 0.0)
+    poses[:, :3, 3] -= shift[:, None] * poses[:, :3, 2]
 
 
 def _depths(mesh: Mesh, poses: FloatArray, gripper: ParallelGripper) -> FloatArray:

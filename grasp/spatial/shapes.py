@@ -61,6 +61,11 @@ def lathed_mesh(profile: NDArray[np.float64] | list[tuple[float, float]], around
     low_next, high_next = np.roll(low, -1, axis=1), np.roll(high, -1, axis=1)
     first = np.stack([low, low_next, high_next], axis=-1).reshape(-1, 3)
     second = np.stack([low, high_next, high], axis=-1).reshape(-1, 3)
+    # At the axis only one of two triangles has an area.
+    first, second = (
+        first[np.repeat(ring[:-1, 0] > 0, around)],
+        second[np.repeat(ring[1:, 0] > 0, around)],
+    )
     return as_mesh(vertices, np.vstack([first, second]))
 
 

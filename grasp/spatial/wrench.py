@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 
 _EDGES = 8
 _STARTS, _STEPS = 24, 60
+_LEVEL = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +116,9 @@ def epsilon_bound(
     from several u finds some value of it, mostly the least.
     """
     w = wrenches(contacts, friction, gamma, edges)
+    # Seen from the contacts, so that the starts are the same in every frame.
+    frame = _frame(contacts)
+    w = np.hstack([w[:, :3] @ frame, w[:, 3:] @ frame])
     return max(0.0, float(_descend(np.ascontiguousarray(w), _starts(), _STEPS)))
 
 
@@ -127,6 +131,13 @@ def _tangents(push: FloatArray, towards: FloatArray) -> tuple[FloatArray, FloatA
         length = float(np.linalg.norm(one))
     one = one / length
     return one, np.cross(push, one)
+
+
+def _frame(contacts: Contacts) -> FloatArray:
+    """Return axes (3, 3), as columns, that turn with the contacts."""
+    first = np.asarray(contacts.normals[0], dtype=np.float64)
+    second, third = _tangents(first, contacts.com if contacts.across is None else contacts.across)
+    return np.stack([first, second, third], axis=1)
 
 
 def _starts() -> FloatArray:
@@ -151,7 +162,8 @@ def _descend(w, starts, steps):  # type: ignore[no-untyped-def]
                 dot = 0.0
                 for k in range(6):
                     dot += w[i, k] * u[k]
-                if dot > value:
+                # Among equals the first: rounding must not choose the way.
+                if dot > value + _LEVEL:
                     value, at = dot, i
             best = min(best, value)
             size = 0.6 / (1.0 + 0.25 * step)

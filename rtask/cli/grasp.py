@@ -21,11 +21,18 @@ def grasp() -> None:
 @grasp.command()
 @click.argument("source")
 @click.option("--jaw-width", type=float, help="Of both jaws; default a quarter of the diameter.")
-@click.option("--friction", default=0.7, show_default=True, help="Between jaw and part.")
+@click.option(
+    "--mode",
+    type=click.Choice(["push", "space"]),
+    help="Push grasps on a plane, or grasps in space  [space for meshes, else push].",
+)
+@click.option("--friction", type=float, help="Between jaw and part  [push: .7, space: .5].")
 @click.option("--vertex-std", type=float, help="Standard deviation of a vertex [.045 radii].")
 @click.option("--com-std", type=float, help="Of the centre of mass [.084 radii].")
-@click.option("--position-std", default=0.0, help="Of the part's lateral position before the push.")
-@click.option("--rotation-std-deg", default=0.0, help="Of the part's rotation before the push.")
+@click.option(
+    "--position-std", type=float, help="Of the position  [push: 0, laterally; space: .004 m]."
+)
+@click.option("--rotation-std-deg", type=float, help="Of the rotation  [push: 0; space: 5.73].")
 @click.option("--filter", "filter_distance", default=0.0, show_default=True, help="In radii.")
 @click.option("--density", default=1.5, show_default=True, help="Contacts on a mean edge.")
 @click.option("--angles", default=5, show_default=True, help="Directions at a contact, odd.")
@@ -62,27 +69,51 @@ def grasp() -> None:
 @click.option("--store", is_flag=True, help="Write the best grasps to the object in the graph.")
 @click.option(
     "--gripper-type",
-    default="parallel_jaw",
+    help="Under which stored grasps are found again  [push: parallel_jaw, space: the gripper's].",
+)
+@click.option(
+    "--gripper",
+    default="panda",
     show_default=True,
-    help="Under which stored grasps are found again.",
+    help="In space: nao, panda, or jaw:STROKE with a stroke in m.",
+)
+@click.option("--scale", default=1.0, show_default=True, help="In space: m per unit of the file.")
+@click.option("--mass", type=float, help="In space: of the object, kg; its weight must be held.")
+@click.option("--floating", is_flag=True, help="In space: nothing is under the object.")
+@click.option(
+    "--min-confidence", default=0.3, show_default=True, help="In space: below it do not grasp."
 )
 @data_option
 @json_option
 def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
-    """Rank push grasps of SOURCE by a lower bound on their probability of force closure.
+    """Rank grasps of SOURCE: on a plane or in space.
 
-    SOURCE is a part (.json, .svg, .dxf, or an image of it before a plain background), a segmented
-    point cloud (.pcd, .ply, .npy, .xyz; z up), or the IRI, id or name of an object of the graph.
-    Lengths are in the unit of the file; those of the graph are metres.
+    SOURCE is a part (.json, .svg, .dxf, or an image of it before a plain background), a mesh
+    (.stl, .obj, .ply; z up), a segmented point cloud (.pcd, .ply, .npy, .xyz; z up), or the IRI, id
+    or name of an object of the graph. Push grasps are ranked by a lower bound on their probability
+    of force closure, lengths in the unit of the file. Grasps in space are ranked by their
+    confidence under an uncertain pose, lengths in m. Those of the graph are metres.
     """
+    from rtask.cli.grasp_space import is_mesh, plan_in_space
     from rtask.errors import RtaskError, UsageError
 
+    mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
     try:
-        _plan(source, data, as_json, options)
+        if mode == "space":
+            plan_in_space(source, data, as_json, options)
+        else:
+            _plan(source, data, as_json, {**options, **_push_defaults(options)})
     except ValueError as error:
         if isinstance(error, RtaskError):
             raise
         raise UsageError(f"{source}: {error}") from error
+
+
+def _push_defaults(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of options that were not given, for push grasps."""
+    values = {"friction": 0.7, "position_std": 0.0, "rotation_std_deg": 0.0,
+              "gripper_type": "parallel_jaw"}  # fmt: skip
+    return {name: value for name, value in values.items() if options[name] is None}
 
 
 def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rtask.engine.attempts import state_grasp
 from rtask.engine.facts import Facts
-from rtask.engine.objects import state_frame
+from rtask.engine.objects import body_frame, state_frame
 from rtask.engine.received import Received
 from rtask.engine.vocabulary import PREFIXES, RT
 from rtask.errors import DataError, MissingBlobError, UsageError
@@ -21,9 +21,16 @@ from rtask.kb.terms import NamedNode, iri
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
 
-__all__ = ["PlannedGrasp", "object_cloud", "store_planned"]
+__all__ = [
+    "PlannedGrasp",
+    "PlannedSpatialGrasp",
+    "object_cloud",
+    "store_planned",
+    "store_planned_in_space",
+]
 
 _PLANNER = "planner"
+_IN_SPACE = "rtask antipodal 1"
 
 
 @dataclass(frozen=True)
@@ -50,7 +57,34 @@ class PlannedGrasp:
     opening: float
     quality: float
     samples: int
-    vertex_sigma: float
+    vertex_sigma: float | None = None
+
+
+@dataclass(frozen=True)
+class PlannedSpatialGrasp:
+    """A grasp in space in the object's frame and what was computed about it.
+
+    Parameters
+    ----------
+    object_from_gripper : (4, 4)
+        Of the tool centre point: z = approach, x = closing direction.
+    width, opening
+        Between the jaws, closed and before, m.
+    confidence, lower_95
+        s_G over ``samples`` poses off by ``position_sigma`` (m) and ``orientation_sigma`` (rad).
+    epsilon
+        Of Ferrari and Canny.
+    """
+
+    object_from_gripper: NDArray[np.float64]
+    width: float
+    opening: float
+    confidence: float
+    lower_95: float
+    epsilon: float
+    samples: int
+    position_sigma: float
+    orientation_sigma: float
 
 
 def object_cloud(engine: Engine, name: str) -> tuple[str, NDArray[np.float64]]:
@@ -146,9 +180,95 @@ def store_planned(
                 },
             )
             stored.append(node)
-        author = engine.author(access or Access(), _PLANNER)
-        with engine.kb.transaction(access=author, note="planned grasps") as tx:
-            facts.write(tx)
+        return _written(engine, facts, thing, stored, access)
+
+
+def store_planned_in_space(
+    engine: Engine,
+    thing: str,
+    grasps: Sequence[PlannedSpatialGrasp],
+    gripper_type: str,
+    access: Access | None = None,
+) -> dict[str, Any]:
+    """Write grasps in space of an object with their evaluations.
+
+    Those that come within 20 degrees from above are planar grasps as well: they are stored as such
+    and recalled like any other. The others are stored with their full pose.
+
+    Returns
+    -------
+    ``object``, ``grasps`` (IRIs in the given order), ``commit``.
+    """
+    from grasp.spatial.frames import planar_from_pose
+
+    if not grasps:
+        raise UsageError("there are no grasps to store")
+    target = iri(thing)
+    stored: list[NamedNode] = []
+    with engine.writing:
+        facts = Facts()
+        state_frame(engine, facts, target)
+        for planned in grasps:
+            try:
+                at = planar_from_pose(planned.object_from_gripper)
+            except ValueError:
+                node = _state_spatial(engine, facts, target, gripper_type, planned)
+            else:
+                received = Received(
+                    in_object=at,
+                    width=planned.width,
+                    opening=planned.opening,
+                    quality=planned.confidence,
+                )
+                node = state_grasp(engine, facts, target, gripper_type, received)
+            evaluation = iri(node.value + "/evaluation")
+            facts.add(node, RT.hasEvaluation, evaluation)
+            facts.node(
+                evaluation,
+                [RT.GraspEvaluation],
+                {
+                    RT.graspConfidence: planned.confidence,
+                    RT.confidenceLower95: planned.lower_95,
+                    RT.epsilonQuality: planned.epsilon,
+                    RT.sampleCount: planned.samples,
+                    RT.positionSigma: planned.position_sigma,
+                    RT.orientationSigma: planned.orientation_sigma,
+                },
+            )
+            stored.append(node)
+        return _written(engine, facts, thing, stored, access)
+
+
+def _state_spatial(
+    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, planned: PlannedSpatialGrasp
+) -> NamedNode:
+    """State a new grasp with a full pose, and return its IRI."""
+    node = engine.names.counted("grasp")
+    pose = iri(node.value + "/pose")
+    facts.add(thing, RT.hasGrasp, node)
+    facts.node(
+        node,
+        [RT.SpatialGrasp, RT.GraspCandidate],
+        {
+            RT.gripperType: gripper_type,
+            RT.graspPose: pose,
+            RT.jawOpening: planned.opening,
+            RT.contactWidth: planned.width,
+            RT.graspQuality: planned.confidence,
+            RT.generator: _IN_SPACE,
+        },
+    )
+    facts.pose(pose, body_frame(engine, thing), planned.object_from_gripper)
+    return node
+
+
+def _written(
+    engine: Engine, facts: Facts, thing: str, stored: Sequence[NamedNode], access: Access | None
+) -> dict[str, Any]:
+    """Commit what was stated and return what a caller learns of it."""
+    author = engine.author(access or Access(), _PLANNER)
+    with engine.kb.transaction(access=author, note="planned grasps") as tx:
+        facts.write(tx)
     return {
         "object": thing,
         "grasps": [node.value for node in stored],
