@@ -97,6 +97,9 @@ def demo(
     "--preset", type=click.Choice(["faithful", "fast"]), default="faithful", show_default=True
 )
 @click.option(
+    "--robot", "kinds", multiple=True, default=["nao"], help="Which, in turn; repeatable."
+)
+@click.option(
     "--data",
     default="rtask-fleet",
     show_default=True,

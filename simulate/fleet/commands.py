@@ -39,6 +39,7 @@ def run_fleet(
     in_line: bool,
     preset: str,
     as_json: bool,
+    kinds: Sequence[str] = ("nao",),
 ) -> dict[str, Any]:
     """Run a fleet with sharing on, off or both, print its figures and write its report."""
     from simulate.fleet.console import FleetConsole
@@ -54,7 +55,7 @@ def run_fleet(
         told.say(f"{robots} robots, {objects} objects each, experience {name}")
         settings = FleetSettings(
             data / name.replace(" ", "-"), robots, objects, on_table, seed, on, prior, in_line,
-            preset=preset,
+            preset=preset, kinds=tuple(kinds),
         )  # fmt: skip
         fleet = Fleet(settings, told)
         done = fleet.run()
@@ -82,6 +83,7 @@ def run_fleet(
 @click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
 @click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
 @click.option("--attempts", default=3, show_default=True, help="Attempts at one object.")
+@click.option("--robot", default="nao", show_default=True, help="Which robot.")
 @click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
 @click.option("--out", default="rtask-grasping", show_default=True, type=_FOLDER)
 @click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
@@ -91,6 +93,7 @@ def grasping(
     seed: int,
     processes: int,
     attempts: int,
+    robot: str,
     preset: str,
     out: Path,
     resume: bool,
@@ -101,7 +104,7 @@ def grasping(
     from simulate.study.runner import run
     from simulate.study.studies import grasping_study
 
-    results = run(grasping_study(trials, seed, attempts, preset), out, processes, resume)
+    results = run(grasping_study(trials, seed, attempts, preset, robot), out, processes, resume)
     summary = write_grasping_report(out, results, seed)
     if as_json:
         click.echo(json.dumps(summary))

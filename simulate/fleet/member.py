@@ -26,6 +26,7 @@ from simulate.fleet.plan import MemberJob, spec_of
 from simulate.fleet.servers import BlindServer, PatientServer
 from simulate.perception import Seen
 from simulate.robot_process import Voice
+from simulate.robots import describe
 from simulate.scene import arrange
 from simulate.scoring import Judge
 from simulate.simulated_body import Conditions, SimulatedBody
@@ -62,11 +63,13 @@ class _Member:
         job, key = self.job, (self.job.index, number)
         products = [spec_of(name) for name in job.tables[number]]
         conditions = Conditions(
+            robot=job.robot,
             preset=job.preset,
             lighting=Lighting.sample(stream(job.seed, _LIGHT, *key)),
             noise_seed=(job.seed, _NOISE, *key),
         )
-        placements = arrange(products, stream(job.seed, _TABLE, *key))
+        workplace = describe(job.robot).workplace
+        placements = arrange(products, stream(job.seed, _TABLE, *key), workplace=workplace)
         return SimulatedBody(placements, self.assets, conditions)
 
     def _introduce(self, body: SimulatedBody) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 from rtask.errors import RtaskError, UsageError
 from simulate.demo.processes import Endpoint, MemberProcess, run_rtask
 from simulate.fleet.plan import FleetPlan, MemberJob, plan_fleet
+from simulate.robots import ROBOTS
 
 __all__ = ["Fleet", "FleetSettings"]
 
@@ -45,6 +46,8 @@ class FleetSettings:
         A robot turns to a table when the one before it has cleared its own table of that number,
         so that each meets what the others have learned; all work at once nevertheless. Else all
         begin at once.
+    kinds
+        Which robot each is, in turn: names of :data:`simulate.robots.ROBOTS`.
     """
 
     folder: Path
@@ -58,6 +61,13 @@ class FleetSettings:
     max_attempts: int = 6
     preset: str = "faithful"
     patience_s: float = 120.0
+    kinds: tuple[str, ...] = ("nao",)
+
+    def __post_init__(self) -> None:
+        for kind in self.kinds:
+            if kind not in ROBOTS:
+                known = ", ".join(ROBOTS)
+                raise UsageError(f"--robot: no robot is called {kind!r}; known: {known}")
 
 
 class Fleet:
@@ -146,6 +156,7 @@ class Fleet:
             outbox=str(settings.folder / f"{name}.outbox.jsonl"),
             patience_s=settings.patience_s,
             preset=settings.preset,
+            robot=settings.kinds[index % len(settings.kinds)],
         )
         log = settings.folder / f"{name}.log"
         return MemberProcess(name, job.to_json(), json.loads(answer)["token"], log)

@@ -33,7 +33,9 @@ class MemberJob:
     outbox
         File that keeps what could not be told yet.
     patience_s
-        How long it waits for an answer before it gives an object up.
+        How long it waits for an answer before it gives up.
+    robot
+        Which robot it is: a name of :data:`simulate.robots.ROBOTS`.
     """
 
     name: str
@@ -46,6 +48,7 @@ class MemberJob:
     outbox: str
     patience_s: float = 120.0
     preset: str = "faithful"
+    robot: str = "nao"
 
     def to_json(self) -> dict[str, Any]:
         """Return it as JSON data."""

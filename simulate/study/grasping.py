@@ -21,6 +21,7 @@ from simulate.demo.report import by_product
 from simulate.encounter import Encounter
 from simulate.objects import KINDS, product
 from simulate.perception import Seen
+from simulate.robots import describe
 from simulate.scene import arrange
 from simulate.scoring import Judge
 from simulate.simulated_body import Conditions, SimulatedBody
@@ -38,8 +39,11 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     kind = KINDS[number % len(KINDS)]
     side = -1 if (number // len(KINDS)) % 2 == 0 else 1
     spec = product(kind, int(stream(seed, _PRODUCT, number).integers(_PRODUCTS_OF_A_KIND)))
-    (placement,) = arrange([spec], stream(seed, _PLACE, number), [side])
+    robot = str(settings["robot"])
+    workplace = describe(robot).workplace
+    (placement,) = arrange([spec], stream(seed, _PLACE, number), [side], workplace)
     conditions = Conditions(
+        robot=robot,
         preset=str(settings["preset"]),
         lighting=Lighting.sample(stream(seed, _LIGHT, number)),
         noise_seed=(seed, _NOISE, number),

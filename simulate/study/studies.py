@@ -8,13 +8,17 @@ __all__ = ["grasping_study", "outcome_study"]
 
 
 def grasping_study(
-    trials: int, seed: int, max_attempts: int = 3, preset: str = "faithful"
+    trials: int,
+    seed: int,
+    max_attempts: int = 3,
+    preset: str = "faithful",
+    robot: str = "nao",
 ) -> Study:
     """Return the trials with perception in the loop: kinds in turn, after each round the arms."""
     return Study(
         "grasping with perception in the loop",
         "simulate.study.grasping:grasping_trial",
-        {"seed": seed, "max_attempts": max_attempts, "preset": preset},
+        {"seed": seed, "max_attempts": max_attempts, "preset": preset, "robot": robot},
         trials,
     )
 
