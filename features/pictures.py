@@ -10,12 +10,21 @@ from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Intrinsics, UInt8Array, points_from_depth
 
-__all__ = ["box_corners", "draw_box", "draw_labels", "draw_matches", "picture_of_cloud", "shade"]
+__all__ = [
+    "box_corners",
+    "draw_box",
+    "draw_labels",
+    "draw_matches",
+    "draw_model",
+    "picture_of_cloud",
+    "shade",
+]
 
 _GOLDEN = 0.61803398875
 _EDGES = ((0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7),
           (6, 7))  # fmt: skip
 _AXIS_COLOURS = ((230, 60, 50), (60, 190, 70), (60, 100, 240))
+_MOST_DOTS = 300
 _GREEN, _GREY = (70, 220, 90), (150, 150, 150)
 
 
@@ -130,6 +139,48 @@ def draw_box(
     tips = np.vstack([np.zeros(3), np.diag(half_extent)])
     axes = _project(
         tips @ camera_from_box[:3, :3].T + camera_from_box[:3, 3], intrinsics, origin_px
+    )
+    for k, colour in enumerate(_AXIS_COLOURS, start=1):
+        _segment(shown, axes[0], axes[k], colour, 2)
+    return shown
+
+
+def draw_model(
+    image: UInt8Array,
+    intrinsics: Intrinsics,
+    camera_from_object: FloatArray,
+    cloud: FloatArray,
+    origin_px: tuple[int, int] = (0, 0),
+) -> UInt8Array:
+    """Dot the visible side of a posed model over an image, near light and far dark, with its axes.
+
+    Parameters
+    ----------
+    image : (h, w, 3) uint8 RGB
+    intrinsics, origin_px
+        As in :func:`draw_box`.
+    camera_from_object : (4, 4) float, m
+    cloud : (n, 6) float
+        Places (m) and outward normals of the model, in the object's frame.
+    """
+    shown = image.copy()
+    if len(cloud) == 0:
+        return shown
+    places = cloud[:, :3] @ camera_from_object[:3, :3].T + camera_from_object[:3, 3]
+    normals = cloud[:, 3:] @ camera_from_object[:3, :3].T
+    places = places[np.einsum("ni,ni->n", places, normals) < 0].astype(np.float64)
+    reach = float(np.ptp(cloud[:, :3], axis=0).max()) / 2
+    order = np.argsort(-places[:, 2], kind="stable")[:: max(len(places) // _MOST_DOTS, 1)]
+    pixels = _project(places[order], intrinsics, origin_px)
+    depth = places[order, 2]
+    share = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-6) if len(depth) else depth
+    for (u, v), far in zip(pixels.tolist(), share.tolist(), strict=True):
+        if np.isfinite(u) and np.isfinite(v) and abs(u) < 1e5 and abs(v) < 1e5:
+            colour = (int(255 - 90 * far), int(210 - 120 * far), 60)
+            cv2.circle(shown, (round(u), round(v)), 1, colour, -1, cv2.LINE_AA)
+    tips = np.vstack([np.zeros(3), reach * np.eye(3)])
+    axes = _project(
+        tips @ camera_from_object[:3, :3].T + camera_from_object[:3, 3], intrinsics, origin_px
     )
     for k, colour in enumerate(_AXIS_COLOURS, start=1):
         _segment(shown, axes[0], axes[k], colour, 2)

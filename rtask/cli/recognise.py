@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from features.recognition import Match, RecognitionIndex, ViewFeatures
     from features.recognition import Recognition as Answer
+    from rtask.engine.models import Models
+    from rtask.engine.poses import ObjectPose
     from rtask.kb.knowledge_base import KnowledgeBase
 
 __all__ = ["recognise"]
@@ -35,6 +37,7 @@ class Seen:
     crop: Frame
     features: ViewFeatures
     answer: Answer
+    pose: ObjectPose | None = None
 
     @property
     def name(self) -> str:
@@ -42,7 +45,8 @@ class Seen:
         if not self.answer.accepted:
             return f"{self.label}: ?"
         first = self.answer.matches[0]
-        return f"{self.label}: {_short(first.object_iri)} {first.confidence:.2f}"
+        name = f"{self.label}: {_short(first.object_iri)} {first.confidence:.2f}"
+        return name if self.pose is None else f"{name}, pose {self.pose.confidence:.2f}"
 
 
 @click.command()
@@ -79,15 +83,17 @@ def recognise(
     into objects first. Nothing is written to the knowledge base.
     """
     from features.geometry import Frame
+    from rtask.engine.models import Models
 
     frame = read_scene(file, View(colour, depth_unit, focal, centre))
     if not isinstance(frame, Frame) or frame.rgb is None:
         raise UsageError(f"{file}: recognition needs colours; give the picture as --colour")
     with open_to_read(data) as kb:
         index = _index_of(kb)
-        seen = _look(frame, index, preset, min_confidence)
+        models = Models(kb)
+        seen = [_posed(models, one) for one in _look(frame, index, preset, min_confidence)]
         if save_plot is not None:
-            save_picture(save_plot, _picture(kb, frame, seen))
+            save_picture(save_plot, _picture(models, frame, seen))
         index.close()
     rows = [_row(one) for one in seen]
     if as_json:
@@ -96,6 +102,10 @@ def recognise(
     click.echo(f"{len(rows)} objects seen, {sum(row['accepted'] for row in rows)} recognised")
     for row in rows:
         verdict = row["outcome"] + (", accepted" if row["accepted"] else "")
+        pose = row["pose"]
+        if pose is not None:
+            verdict += f", pose {pose['confidence']:.2f}"
+            verdict += "" if pose["accepted"] else " (cannot be determined)"
         click.echo(f"{row['label']:4d}  {verdict}")
         for match in row["matches"][:3]:
             click.echo(
@@ -144,6 +154,39 @@ def _look(
     return seen
 
 
+def _posed(models: Models, one: Seen) -> Seen:
+    """Return what was seen, with the pose where something stored can tell."""
+    import numpy as np
+
+    from rtask.engine.observation import Observation
+    from rtask.engine.poses import find_pose
+    from rtask.engine.question import Question
+    from rtask.engine.recall import recall
+
+    if not one.answer.accepted:
+        return one
+    match = one.answer.matches[0]
+    memory = recall(models.kb, Question(objects=(match.object_iri,), views=(match.view_iri,)))
+    # Only the camera is known: not how it stands to the table.
+    nothing = np.empty((0, 3))
+    seen = Observation(b"", one.crop, one.features, np.eye(4), nothing, None, is_posed=False)
+    known = memory.objects.get(match.object_iri)
+    return replace(one, pose=find_pose(models, seen, known, match, memory))
+
+
+def _pose_row(pose: ObjectPose | None) -> dict[str, Any] | None:
+    if pose is None:
+        return None
+    return {
+        "confidence": round(pose.confidence, 4),
+        "accepted": pose.accepted,
+        "ambiguous": pose.estimate.ambiguous,
+        "source": pose.source,
+        "views": pose.views,
+        "camera_from_object": pose.camera_from_object.round(5).tolist(),
+    }
+
+
 def _row(one: Seen) -> dict[str, Any]:
     return {
         "label": one.label,
@@ -151,6 +194,7 @@ def _row(one: Seen) -> dict[str, Any]:
         "keypoints": len(one.features),
         "outcome": one.answer.outcome,
         "accepted": one.answer.accepted,
+        "pose": _pose_row(one.pose),
         "matches": [
             {
                 "object": match.object_iri,
@@ -176,7 +220,7 @@ def _short(name: str) -> str:
 # ---- pictures -----------------------------------------------------------------------------------
 
 
-def _picture(kb: KnowledgeBase, frame: Frame, seen: list[Seen]) -> NDArray[np.uint8]:
+def _picture(models: Models, frame: Frame, seen: list[Seen]) -> NDArray[np.uint8]:
     """Return names and poses over the view, and under it the matches of what was recognised."""
     import numpy as np
 
@@ -194,11 +238,11 @@ def _picture(kb: KnowledgeBase, frame: Frame, seen: list[Seen]) -> NDArray[np.ui
         if not one.answer.matches:
             continue
         match = one.answer.matches[0]
-        stored = _stored_view(kb, match.view_iri)
+        stored = _stored_view(models.kb, match.view_iri)
+        if one.answer.accepted:
+            overlay = _with_pose(overlay, frame, models, one, stored)
         if stored is None:
             continue
-        if one.answer.accepted:
-            overlay = _with_pose(overlay, frame, stored[0], match)
         pictures.append(_matches(one, match, *stored))
     return _stack([overlay, *pictures[:_MOST_PLOTTED]])
 
@@ -225,14 +269,27 @@ SELECT ?kind ?blob WHERE {{ <{view}> rt:viewContent ?content . ?content a ?kind 
 
 
 def _with_pose(
-    overlay: NDArray[np.uint8], frame: Frame, stored: Frame, match: Match
+    overlay: NDArray[np.uint8],
+    frame: Frame,
+    models: Models,
+    one: Seen,
+    stored: tuple[Frame, ViewFeatures] | None,
 ) -> NDArray[np.uint8]:
-    """Draw the box of the stored view's points, carried into this view."""
+    """Draw the posed model; without one the box of the stored view's points, carried over."""
     import numpy as np
 
-    from features.pictures import draw_box
+    from features.pictures import draw_box, draw_model
+    from rtask.kb.terms import iri
 
-    points = stored.points().reshape(-1, 3)
+    match = one.answer.matches[0]
+    model = models.of(iri(match.object_iri))
+    origin = (frame.x0, frame.y0)
+    if one.pose is not None and model is not None:
+        pose, cloud = one.pose.camera_from_object, model[1].cloud
+        return draw_model(overlay, frame.intrinsics, pose, cloud, origin)
+    if stored is None:
+        return overlay
+    points = stored[0].points().reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     if match.query_from_view is None or len(points) < 10:
         return overlay
@@ -247,7 +304,7 @@ def _with_pose(
         frame.intrinsics,
         match.query_from_view @ box,
         (high - low) / 2,
-        (frame.x0, frame.y0),
+        origin,
     )
 
 

@@ -111,14 +111,14 @@ class Models:
     """Decoded models by the IRI of their bytes; the last ones used stay."""
 
     def __init__(self, kb: KnowledgeBase, size: int = 64) -> None:
-        self._kb = kb
+        self.kb = kb
         self._size = size
         self._kept: OrderedDict[str, ObjectModel] = OrderedDict()
         self._lock = threading.Lock()
 
     def of(self, thing: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
         """Return the model of an object, or None when there is none or its bytes are gone."""
-        for stored in stored_models(self._kb, thing):
+        for stored in stored_models(self.kb, thing):
             model = self.read(stored.blob)
             if model is not None:
                 return stored, model
@@ -134,7 +134,7 @@ class Models:
                 self._kept.move_to_end(blob)
                 return known
         try:
-            model = ObjectModel.from_bytes(self._kb.blobs.read(blob))
+            model = ObjectModel.from_bytes(self.kb.blobs.read(blob))
         except (MissingBlobError, ValueError) as error:
             log.warning("no model from %s: %s", blob, error)
             return None

@@ -21,7 +21,7 @@ from rtask.kb.terms import iri
 if TYPE_CHECKING:
     from features.pose import PoseEstimate, PoseModel
     from features.recognition.recogniser import Match
-    from rtask.engine.engine import Engine
+    from rtask.engine.models import Models
     from rtask.engine.recall import KnownObject, Memory
     from rtask.kb.knowledge_base import KnowledgeBase
 
@@ -68,7 +68,7 @@ class ObjectPose:
 
 
 def find_pose(
-    engine: Engine,
+    models: Models,
     seen: Observation,
     known: KnownObject | None,
     match: Match | None,
@@ -79,6 +79,8 @@ def find_pose(
 
     Parameters
     ----------
+    models
+        Of the knowledge base.
     match
         Of recognition: its movement of keypoints is tried first.
     upright
@@ -91,14 +93,14 @@ def find_pose(
     matched = None
     if movement is not None and viewpoint is not None:
         matched = np.asarray(movement, np.float64) @ np.linalg.inv(viewpoint)
-    stored = engine.models.of(iri(known.iri))
+    stored = models.of(iri(known.iri))
     if stored is not None:
         model = stored[1].pose_model(known.is_round)
         found = _against_model(seen, model, matched, upright)
         return None if found is None else _posed(seen, found, "model", len(stored[0].views))
     if matched is None or viewpoint is None or movement is None or match is None:
         return None
-    return _against_view(engine.kb, seen, match.view_iri, np.asarray(movement, np.float64),
+    return _against_view(models.kb, seen, match.view_iri, np.asarray(movement, np.float64),
                          viewpoint)  # fmt: skip
 
 

@@ -211,7 +211,7 @@ def locate(
         query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
         viewpoint = memory.viewpoints.get(match.view_iri)
     placement = place(seen, known.is_round, query_from_view, viewpoint)
-    pose = find_pose(engine, seen, known, match, memory, placement)
+    pose = find_pose(engine.models, seen, known, match, memory, placement)
     return posed(placement, pose), pose
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from features.codec import encode_cloud, encode_frame
 from features.geometry import Frame, Intrinsics
-from features.pictures import draw_box, draw_matches
+from features.pictures import draw_box, draw_matches, draw_model
 from rtask.cli import main
 
 CAMERA = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
@@ -178,6 +178,13 @@ def test_recognition_names_what_it_knows_and_draws_it(
     assert len(rows) == 3
     assert rows[number]["accepted"]
     assert rows[number]["matches"][0]["inliers"] >= 10
+    pose = rows[number]["pose"]
+    assert pose["accepted"]
+    assert pose["source"] == "model"
+    # Seen from where it was stored, the object is where its points are.
+    middle = np.nanmean(crop.points()[crop.object_mask()], axis=0)
+    assert np.linalg.norm(np.array(pose["camera_from_object"])[:3, 3] - middle) < 0.1
+    assert all(row["pose"] is None for label, row in rows.items() if label != number)
     assert not any(row["accepted"] for label, row in rows.items() if label != number)
     assert cv2.imread(str(plot)).shape[0] > 480
     assert "needs colours" in failed(capsys, "recognise", pair[0], "-d", store)
@@ -191,3 +198,12 @@ def test_pictures_refuse_what_does_not_fit_and_survive_what_lies_outside() -> No
     behind[2, 3] = -1.0
     drawn = draw_box(image, Intrinsics(60, 40, 50, 50, 30, 20), behind, np.full(3, 0.1))
     assert not drawn.any()
+    one_behind = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]])
+    lens = Intrinsics(60, 40, 50, 50, 30, 20)
+    assert not draw_model(image, lens, behind, one_behind).any()
+    ahead = np.eye(4)
+    ahead[2, 3] = 1.0
+    drawn = draw_model(image, lens, ahead, one_behind)
+    assert drawn[20, 30].any()  # the point faces the camera, in the middle of the image
+    assert not drawn[:10].any()
+    assert not draw_model(image, lens, ahead, np.zeros((0, 6))).any()
