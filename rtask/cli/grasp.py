@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.grasp_train import train
 from rtask.cli.options import data_option, json_option, print_json
 
 if TYPE_CHECKING:
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 @click.group()
 def grasp() -> None:
     """Plan grasps under uncertainty."""
+
+
+grasp.add_command(train)
 
 
 @grasp.command()
