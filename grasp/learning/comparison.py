@@ -110,6 +110,8 @@ ROWS: tuple[Row, ...] = (
         (1.08, None, 1.10, 1.06, None, None)),
     Row("default, graph only", "candidates", _arms(**_NONE, graph=True)),
     Row("default, poor and graph", "candidates", _arms(**_POOR, graph=True)),
+    Row("default, poor, learned, graph", "candidates",
+        _arms(**_POOR, graph=True, learned=True)),
     Row("default, good and graph", "candidates", _arms(**_GOOD, graph=True)),
     Row("oracle", "candidates", Oracle, (1.00, 1.00)),
 )  # fmt: skip

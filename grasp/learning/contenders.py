@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from grasp.learning.bandit import Arm, BetaThompson, Policy, Trial, kernel
 from grasp.learning.env import MAX_ATTEMPTS
-from grasp.learning.simulated import World
+from grasp.learning.logistic import LearnedQuality
+from grasp.learning.simulated import Thing, World
 
 __all__ = ["Attempt", "Candidates", "Contender", "Luck", "Oracle", "RandomCandidate"]
 
@@ -114,6 +115,9 @@ class Candidates:
         Which quality is the prior; ``None``: none.
     graph
         Learn from what happened with other objects.
+    learned
+        Replace the poor quality by what logistic regression on the candidates' features predicts
+        once that is better (:mod:`grasp.learning.logistic`).
     selection, top_k
         As of :class:`grasp.learning.bandit.Policy`.
     """
@@ -125,6 +129,7 @@ class Candidates:
         *,
         quality: Literal["good", "poor"] | None,
         graph: bool,
+        learned: bool = False,
         selection: Literal["auto", "thompson", "mean"] = "auto",
         top_k: int = 5,
     ) -> None:
@@ -134,6 +139,8 @@ class Candidates:
         policy = Policy(selection=selection, top_k=top_k, stop_below=0.0)
         self._learner = BetaThompson(policy, size_m=1.0, period=_PUSH)
         self._memory = Memory(world) if graph else None
+        features = world.things[0].features.shape[1]
+        self._model = LearnedQuality(features) if learned else None
         self._decisions = 0
 
     def grasp(self, thing: int, luck: Luck, learn: bool = True) -> list[Attempt]:
@@ -149,21 +156,38 @@ class Candidates:
             held = luck.holds(thing, best, len(attempts))
             attempts.append(Attempt(best, held))
             trials.append(Trial(arms[best].position, float(here.directions[best]), held))
-        if learn and self._memory is not None:
-            self._memory.add(thing, attempts)
+        if learn:
+            self._learn(thing, attempts)
         return attempts
+
+    def _learn(self, thing: int, attempts: list[Attempt]) -> None:
+        if self._memory is not None:
+            self._memory.add(thing, attempts)
+        if self._model is not None:
+            here = self._world.things[thing]
+            for tried in attempts:
+                self._model.learn(
+                    here.features[tried.candidate], float(here.poor[tried.candidate]), tried.success
+                )
+
+    def _rated(self, here: Thing) -> list[float | None]:
+        if self._quality is None:
+            return [None] * len(here)
+        quality: Floats = getattr(here, self._quality)
+        if self._model is not None:
+            quality = self._model.rate(here.features, quality)
+        return [float(q) for q in quality]
 
     def _arms(self, thing: int) -> list[Arm]:
         here = self._world.things[thing]
-        quality = [None] * len(here) if self._quality is None else getattr(here, self._quality)
         told = np.zeros((len(here), 2)) if self._memory is None else self._memory.counts(thing)
         return [
             Arm(
                 (float(place[0]), float(place[1]), 0.0), float(direction),
-                None if q is None else float(q), float(won), float(lost),
+                q, float(won), float(lost),
             )
             for place, direction, q, (won, lost) in zip(
-                here.places, here.directions, quality, told, strict=True
+                here.places, here.directions, self._rated(here), told, strict=True
             )
         ]  # fmt: skip
 

@@ -121,10 +121,10 @@ def _interval(values: list[Floats], draws: int, seed: int) -> Measure:
     if not values or any(len(row) == 0 for row in values):
         raise ValueError("nothing to measure: a life without objects, or no life")
     rng = np.random.default_rng(seed)
-    means = np.empty(draws)
-    for k in range(draws):
-        drawn = rng.integers(len(values), size=len(values))
-        rows = [values[i] for i in drawn]
-        means[k] = np.mean([row[rng.integers(len(row), size=len(row))].mean() for row in rows])
-    low, high = np.quantile(means, (0.025, 0.975))
+    chosen = rng.integers(len(values), size=(draws, len(values)))
+    means = np.empty(chosen.shape)
+    for number, row in enumerate(values):
+        here = chosen == number
+        means[here] = row[rng.integers(len(row), size=(int(here.sum()), len(row)))].mean(axis=1)
+    low, high = np.quantile(means.mean(axis=1), (0.025, 0.975))
     return Measure(float(np.mean([row.mean() for row in values])), float(low), float(high))

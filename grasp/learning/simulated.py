@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.push.candidates import Grasps, sample_grasps
+from grasp.push.candidates import Grasps, needed_openings, sample_grasps
 from grasp.push.plan import analyse_push_grasps
 from grasp.push.polygon import Part, as_part
 from grasp.push.quasistatic import simulate
@@ -97,6 +97,10 @@ class Thing:
         Share of simulated pushes that closed around the object.
     good, poor : (n,)
         Quality by geometry, 0..1, for the two perceptions.
+    features : (n, 5)
+        Measures of the poorly perceived part about each candidate, of order one: angle to the
+        edge, offset of the centre of mass from the jaw's middle and its distance, opening, slope
+        of the edge on the other side.
     extents : (32,)
         Radii of the view around the centre of mass, with noise.
     """
@@ -107,6 +111,7 @@ class Thing:
     chances: Floats
     good: Floats
     poor: Floats
+    features: Floats
     extents: Floats
 
     def __len__(self) -> int:
@@ -190,16 +195,23 @@ def _thing(family: int, part: Part, settings: WorldSettings, rng: np.random.Gene
     grasps = sample_grasps(part, density=2, angles=3)
     places = (grasps.contacts - part.com) / part.diameter
     chances = _chances(part, grasps, settings, rng)
-    good, poor = (_quality(part, grasps, seen, settings, rng) for seen in (GOOD, POOR))
+    sharp, blurred = _perceived(part, GOOD, rng), _perceived(part, POOR, rng)
     return Thing(
         family,
         np.column_stack([places, np.zeros(len(places))]),
         np.arctan2(grasps.approaches[:, 1], grasps.approaches[:, 0]),
         chances,
-        good,
-        poor,
+        _quality(sharp, grasps, GOOD, settings),
+        _quality(blurred, grasps, POOR, settings),
+        _features(blurred, grasps),
         _extents(part) + rng.normal(0, _RAY_NOISE, _RAYS),
     )
+
+
+def _perceived(part: Part, seen: Perception, rng: np.random.Generator) -> Part:
+    """Return the part as it is seen, in its own unit."""
+    outline = _distorted(part.vertices, seen.vertex_std, rng)
+    return as_part(outline.vertices, part.com + rng.normal(0, seen.com_std, 2))
 
 
 def _chances(
@@ -222,21 +234,41 @@ def _chances(
     return closed
 
 
-def _quality(
-    part: Part,
-    grasps: Grasps,
-    seen: Perception,
-    settings: WorldSettings,
-    rng: np.random.Generator,
-) -> Floats:
-    """Return the bound on closure of the candidates on the part as perceived, (g,)."""
-    perceived = _distorted(part.vertices, seen.vertex_std, rng)
-    com = part.com + rng.normal(0, seen.com_std, 2)
-    analysis = analyse_push_grasps(
-        grasps, perceived.vertices, com, jaw_width=_JAW * part.diameter, friction=seen.friction,
+def _quality(part: Part, grasps: Grasps, seen: Perception, settings: WorldSettings) -> Floats:
+    """Return the bound on closure of the candidates on the perceived part, (g,)."""
+    return analyse_push_grasps(
+        grasps, part.vertices, part.com, jaw_width=_JAW * part.diameter, friction=seen.friction,
         samples=settings.samples,
-    )  # fmt: skip
-    return analysis.quality
+    ).quality  # fmt: skip
+
+
+def _features(part: Part, grasps: Grasps) -> Floats:
+    """Return measures of the candidates on the perceived part, (g, 5)."""
+    jaw = _JAW * part.diameter
+    along = grasps.approaches
+    right = np.column_stack([along[:, 1], -along[:, 0]])
+    middles = grasps.contacts + right * np.where(grasps.left, jaw / 2, -jaw / 2)[:, None]
+    away = (part.com - middles) / part.diameter
+    offset, depth = np.sum(away * right, axis=1), np.sum(away * along, axis=1)
+    opening = needed_openings(part, grasps, jaw) / part.diameter
+    slope = [_slope_behind(part, m, v) for m, v in zip(middles, along, strict=True)]
+    return np.column_stack(
+        [np.abs(grasps.angles) / 0.26, 5 * np.abs(offset), 3 * depth, 2 * opening, slope]
+    )
+
+
+def _slope_behind(part: Part, middle: Floats, along: Floats) -> float:
+    """Return the sine between jaw and the last edge that a ray along the push crosses; 1 = none."""
+    starts, ends = part.vertices - middle, np.roll(part.vertices, -1, axis=0) - middle
+    across = np.array([-along[1], along[0]])
+    s, e = starts @ across, ends @ across
+    crossing = np.flatnonzero((s > 0) != (e > 0))
+    if len(crossing) == 0:
+        return 1.0
+    share = s[crossing] / (s[crossing] - e[crossing])
+    reach = starts[crossing] @ along * (1 - share) + ends[crossing] @ along * share
+    edge = (ends - starts)[crossing[np.argmax(reach)]]
+    return float(abs(edge @ along) / np.hypot(*edge))
 
 
 def _extents(part: Part) -> Floats:

@@ -51,6 +51,15 @@ def test_a_closing_direction_and_its_opposite_are_one_grasp():
     assert kernel(home, np.zeros(1), home, np.array([np.pi]), SIZE)[0, 0] == pytest.approx(1.0)
 
 
+def test_a_push_and_its_opposite_are_two_grasps():
+    home = np.zeros((1, 3))
+    turned = [kernel(home, np.zeros(1), home, np.array([t]), SIZE, period=2 * np.pi)[0, 0]
+              for t in (0.2, np.pi, 2 * np.pi)]  # fmt: skip
+    assert turned[0] == pytest.approx(np.exp(-0.5), rel=0.02)
+    assert turned[1] < 1e-9
+    assert turned[2] == pytest.approx(1.0)
+
+
 def test_a_failed_grasp_drags_its_neighbours_down_and_leaves_the_others():
     arms = [Arm(HERE, 0.0, 0.8), Arm(HERE, 0.1, 0.8), Arm(HERE, 1.5, 0.8)]
     before = BetaThompson(size_m=SIZE).beliefs(arms)

@@ -104,6 +104,12 @@ class RealTimeTexplore:
         for transition in transitions:
             self.observe(transition)
 
+    @property
+    def is_learning(self) -> bool:
+        """Whether something handed over is not in the model yet."""
+        with self._arrived:
+            return bool(self._experience or self._training)
+
     def wait_until_learned(self, timeout_s: float) -> bool:
         """Wait until everything handed over is in the model; return whether it is."""
         with self._arrived:
