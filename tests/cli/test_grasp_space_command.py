@@ -1,0 +1,125 @@
+"""`rtask grasp plan` in space: meshes, clouds, objects of the graph; what is stored is recalled."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import ontology
+import rtask
+from rtask.cli import cli
+from rtask.engine.engine import Engine
+
+
+def _run(*args: str) -> Result:
+    return CliRunner().invoke(cli, ["grasp", "plan", *args])
+
+
+def _box(path: Path, size: tuple[float, float, float]) -> Path:
+    from grasp.spatial.shapes import box_mesh
+
+    mesh = box_mesh(size)
+    lines = ["v {:.6f} {:.6f} {:.6f}".format(*p) for p in mesh.vertices]
+    lines += ["f {} {} {}".format(*(f + 1)) for f in mesh.faces]
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_mesh_gives_a_table_and_a_drawing(tmp_path: Path) -> None:
+    mesh = _box(tmp_path / "box.obj", (0.04, 0.12, 0.08))
+    done = _run(str(mesh), "--samples", "30", "--top", "3", "--plots", str(tmp_path / "d"))
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert lines[0] == "12 faces, 40 x 120 x 80 mm"
+    table = next(k for k, line in enumerate(lines) if line.startswith("rank"))
+    assert [line.split()[0] for line in lines[table + 1 : table + 4]] == ["1", "2", "3"]
+    drawing = ElementTree.parse(tmp_path / "d" / "candidates_3d.svg").getroot()
+    assert drawing.tag.endswith("svg")
+
+
+def test_json_holds_messages_and_planar_views(tmp_path: Path) -> None:
+    mesh = _box(tmp_path / "box.obj", (40, 120, 80))
+    asked = ["--scale", "0.001", "--samples", "30", "--gripper", "jaw:0.07", "--json"]
+    done = _run(str(mesh), *asked)
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.output)
+    best = found["grasps"][0]
+    assert best["width"] == pytest.approx(0.04, abs=0.003)
+    assert best["message"]["grasp_pose"]["header"]["frame_id"] == "object"
+    assert len(best["features"]) == 14
+    flat = [g for g in found["grasps"] if g["planar"]]
+    assert flat
+    assert all(abs(np.cos(g["planar"]["theta"])) > 0.8 for g in flat)
+    assert found["verdict"] == ""
+
+
+def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
+    wide = _run(str(_box(tmp_path / "box.obj", (0.2, 0.2, 0.2))), "--samples", "5")
+    assert wide.exit_code == 0
+    assert "no grasp found" in wide.output
+    unsure = _run(str(_box(tmp_path / "b.obj", (0.04, 0.12, 0.08))), "--samples", "20",
+                  "--rotation-std-deg", "90", "--min-confidence", "0.9")  # fmt: skip
+    assert "the best confidence is" in unsure.output
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--gripper", "hook"], "unknown gripper"),
+        (["--gripper", "jaw:0"], "stroke"),
+        (["--scale", "0"], "scale"),
+        (["--store"], "object of the graph"),
+        (["--samples", "0"], "perturbation"),
+        (["--position-std", "-1"], "deviations"),
+    ],
+)
+def test_bad_calls_are_one_line(tmp_path: Path, args: list[str], words: str) -> None:
+    done = _run(str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08))), *args)
+    assert done.exit_code != 0
+    assert words in str(done.exception)
+
+
+def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.stl").write_bytes(b"no mesh")
+    done = _run(str(tmp_path / "bad.stl"))
+    assert "no STL mesh" in str(done.exception)
+
+
+def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
+    from features.codec import encode_cloud, to_wire
+    from grasp.spatial.shapes import box_mesh
+
+    points, _ = box_mesh((0.09, 0.04, 0.06)).sample(9000, np.random.default_rng(3))
+    seen = {"data": to_wire(encode_cloud((points + np.array([0.3, 0.0, 0.03])).astype(np.float32))),
+            "frame_id": "base_link", "support_height": 0.0}  # fmt: skip
+    data = tmp_path / "store"
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        stored = engine.call("insert_object", {"objects": [seen]})
+        thing = stored["objects"][0]["object"]
+    done = _run(thing, "-d", str(data), "--mode", "space", "--samples", "40", "--store", "--top",
+                "12", "--json")  # fmt: skip
+    assert done.exit_code == 0, (done.output, done.exception)
+    found = json.loads(done.output)
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        recalled = engine.call("recall_grasps", {"object": thing, "max_grasps": 50})["grasps"]
+        rows = kb.select(
+            f"PREFIX rt: <{ontology.NS}> SELECT ?g ?c ?e ?s WHERE {{ ?g rt:hasEvaluation ?v . "
+            "?v rt:graspConfidence ?c ; rt:confidenceLower95 ?l ; rt:epsilonQuality ?e ; "
+            "rt:positionSigma ?s ; rt:sampleCount 40 }"
+        )
+        assert not [v for v in kb.validate() if "/grasp/" in v.focus]
+    said = {str(row.value("g")): float(str(row.value("c"))) for row in rows}
+    assert set(said) == set(found["stored"]["grasps"])
+    ranked = [said[name] for name in found["stored"]["grasps"]]
+    assert ranked == pytest.approx([g["confidence"] for g in found["grasps"]], abs=1e-6)
+    from_above = {g["id"] for g in recalled}
+    assert from_above
+    assert from_above <= set(said)
+    best = recalled[0]
+    assert best["gripper_type"] == "panda_hand"
+    assert abs(best["x"]) < 0.05
