@@ -15,7 +15,6 @@ from simulate.agent import Server
 __all__ = ["BlindServer", "PatientServer"]
 
 _PAUSE_S = 0.5
-_MARGIN_M = 0.015  # a finger's width
 _DIRECTIONS = 12
 _BLIND_GRASPS = 10
 _LOOK = ("data", "sensor_pose", "frame_id", "support_height")
@@ -90,7 +89,7 @@ class BlindServer:
     """A robot that cannot judge shapes: it tries what the graph knows to hold, else anything.
 
     A grasp that somebody held this object with before goes first. Without one the robot closes its
-    hand somewhere over the object's bounding box and a finger's width around it, in any direction.
+    hand somewhere over the object's bounding box, in any direction.
 
     Parameters
     ----------
@@ -130,7 +129,7 @@ class BlindServer:
 
     def _blind(self, shape: dict[str, float], number: int) -> dict[str, Any]:
         """Return a grasp that knows the bounding box only."""
-        half = np.array([shape["length"], shape["width"]]) / 2 + _MARGIN_M
+        half = np.array([shape["length"], shape["width"]]) / 2
         a, b = self._rng.uniform(-half, half)
         cos, sin = math.cos(shape["yaw"]), math.sin(shape["yaw"])
         turn = int(self._rng.integers(_DIRECTIONS)) * math.pi / _DIRECTIONS

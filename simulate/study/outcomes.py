@@ -35,7 +35,6 @@ __all__ = ["outcome_trial"]
 _PRODUCT, _PLACE, _LIGHT, _NOISE, _BLIND, _PLAN = range(20, 26)
 _PRODUCTS_OF_A_KIND = 200
 _DIRECTIONS = 12
-_BLIND_MARGIN_M = 0.015  # a finger's width
 _DRAWS = 3  # so many draws for one that can be reached
 _SETTLE_S = 0.3
 
@@ -96,11 +95,11 @@ class _Bench:
                 yield grasp
 
     def blind(self, rng: np.random.Generator) -> Iterator[PlanarGrasp]:
-        """Yield grasps anywhere over the object's bounding box and a finger's width around it."""
+        """Yield grasps anywhere over the object's bounding box, in any direction."""
         shape = self.shape
         along = np.array([math.cos(shape.yaw), math.sin(shape.yaw)])
         across = np.array([-along[1], along[0]])
-        half = np.array([shape.length, shape.width]) / 2 + _BLIND_MARGIN_M
+        half = np.array([shape.length, shape.width]) / 2
         while True:
             a, b = rng.uniform(-half, half)
             x, y = np.asarray(shape.centre) + a * along + b * across

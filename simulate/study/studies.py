@@ -24,7 +24,7 @@ def grasping_study(
 
 
 def outcome_study(
-    objects: int, seed: int, proposed: int = 3, blind: int = 5, preset: str = "faithful"
+    objects: int, seed: int, proposed: int = 3, blind: int = 6, preset: str = "faithful"
 ) -> Study:
     """Return the outcomes of so many proposed and so many blind grasps of each object."""
     return Study(
