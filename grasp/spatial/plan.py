@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.candidate import GraspCandidate, Proposals
+from grasp.spatial.classifier import GraspClassifier
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
 from grasp.spatial.features import body_of, with_features
@@ -103,6 +104,7 @@ def plan_on_cloud(
     support: Support | None = None,
     viewpoints: FloatArray | None = None,
     options: SpatialOptions | None = None,
+    classifier: GraspClassifier | None = None,
 ) -> Proposals:
     """Plan grasps of what a cloud shows, its hidden side completed where that is possible.
 
@@ -114,6 +116,8 @@ def plan_on_cloud(
         In the frame of the points.
     viewpoints : (k, 3) or None, m
         Where cameras were; None = seen from all around.
+    classifier
+        Of this gripper: decides among candidates that the confidence does not tell apart.
 
     Notes
     -----
@@ -127,7 +131,8 @@ def plan_on_cloud(
     options = options or SpatialOptions()
     table = None if support is None else np.array([*support.normal, -support.height])
     cloud = complete_by_symmetry(prepare_cloud(points, table=table, viewpoints=viewpoints))
-    found = propose_on(cloud, gripper, max(options.tries // 10, 1), options.seed)
+    hands = max(options.tries // 10, 1)
+    found = propose_on(cloud, gripper, hands, options.seed, classifier=classifier)
     if not found:
         return found
     known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)

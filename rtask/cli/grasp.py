@@ -83,6 +83,16 @@ grasp.add_command(train)
 )
 @click.option("--scale", default=1.0, show_default=True, help="In space: m per unit of the file.")
 @click.option("--mass", type=float, help="In space: of the object, kg; its weight must be held.")
+@click.option(
+    "--viewpoint",
+    type=(float, float, float),
+    help="In space: where the camera of a cloud was, m; its hidden side is completed then.",
+)
+@click.option(
+    "--classifier",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="In space: a model of `rtask grasp train`, for clouds.",
+)
 @click.option("--floating", is_flag=True, help="In space: nothing is under the object.")
 @click.option(
     "--min-confidence", default=0.3, show_default=True, help="In space: below it do not grasp."

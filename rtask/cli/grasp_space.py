@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasp.spatial.candidate import Proposals
+    from grasp.spatial.classifier import GraspClassifier
     from grasp.spatial.gripper import ParallelGripper
     from grasp.spatial.mesh import Mesh
 
@@ -106,7 +107,17 @@ def _planned(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) ->
         support = Support(float(finite[:, 2].min()))
     if isinstance(shape, Mesh):
         return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
-    return plan_on_cloud(shape, gripper, support, options=wanted)
+    eye = options["viewpoint"]
+    viewpoints = None if eye is None else np.array([eye])
+    return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
+
+
+def _classifier(options: dict[str, Any]) -> GraspClassifier | None:
+    if options["classifier"] is None:
+        return None
+    from grasp.spatial.classifier import GraspClassifier
+
+    return GraspClassifier.load(options["classifier"])
 
 
 def _noise(options: dict[str, Any]) -> Any:

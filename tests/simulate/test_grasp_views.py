@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,7 @@ def test_samples_are_repeatable_and_know_their_object() -> None:
 
 def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
+    from rtask.cli.grasp import plan
     from rtask.cli.grasp_train import train
 
     views, model = tmp_path / "views.npz", tmp_path / "model.npz"
@@ -142,3 +144,14 @@ def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     assert GraspClassifier.load(model).about["digest"] == GraspSamples.load(views).digest
     wrong = CliRunner().invoke(train, [str(model), "--out", str(model)])
     assert "expected rtask-grasp-samples-1" in str(wrong.exception)
+    view = depth_view(sample_shape("can", 3), CAMERA, SensorNoise(), 0)
+    np.save(tmp_path / "cloud.npy", view.points[view.points[:, 2] > 0.008])
+    asked = [str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "20", "--json"]
+    asked += ["--viewpoint", *(str(x) for x in CAMERA), "--classifier", str(model)]
+    planned = CliRunner().invoke(plan, asked)
+    assert planned.exit_code == 0, planned.output
+    best = json.loads(planned.output)["grasps"][0]
+    assert best["completed"]
+    assert 0 <= best["classifier"] <= 1
+    refused = CliRunner().invoke(plan, [*asked, "--gripper", "nao"])
+    assert "trained for 'panda_hand 80', not for 'nao_hand 50'" in str(refused.exception)
