@@ -289,7 +289,7 @@ def body_obstacles(
     own = {joint.child for joint in robot.path(arm.wrist)} | {
         joint.child for joint in robot.joints if joint.name in arm.fingers
     }
-    base_from_root = transform_from((0.0, 0.0, robot.base_height))
+    base_from_root = robot.base_from_root.matrix
     poses = link_poses(robot.root, robot.joints, values)
     poses[robot.root] = np.eye(4)
     found: list[Obstacle] = []

@@ -87,7 +87,7 @@ class Chain:
         """
         parts = robot.arm(arm)
         path = robot.path(parts.wrist)
-        return cls(path, transform_from((0.0, 0.0, robot.base_height)), Tool.of(parts))
+        return cls(path, robot.base_from_root.matrix, Tool.of(parts))
 
     @property
     def dof(self) -> int:

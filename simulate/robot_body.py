@@ -249,7 +249,7 @@ class RobotBody:
         path = robot.path(mount.parent)
         poses = link_poses(robot.root, path, {k: float(v) for k, v in values.items()})
         root_from_parent = poses.get(mount.parent, np.eye(4))  # the root itself is not among them
-        base_from_root = transform_from((0.0, 0.0, robot.base_height))
+        base_from_root = robot.base_from_root.matrix
         mounted = transform_from(mount.pose.xyz, mount.pose.rpy)
         pose: Floats = base_from_root @ root_from_parent @ mounted @ _FRAME_FROM_OPTICAL
         return pose

@@ -109,9 +109,9 @@ def _try_arrange(
             y = float(side * rng.uniform(*place.area_abs_y))
             yaw = float(rng.uniform(0, 2 * np.pi))
             outline = _outline(spec, x, y, yaw)
-            if _is_clear(outline, side, place) and all(
-                _gap(outline, o) >= _GAP_M for o in outlines
-            ):
+            if not _is_clear(outline, side, place):
+                continue
+            if all(_gap(outline, other) >= _GAP_M for other in outlines):
                 placed.append(Placement(spec, x, y, yaw))
                 outlines.append(outline)
                 break

@@ -23,7 +23,7 @@ from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-unt
 from rtask.errors import RobotError, UsageError
 from simulate.objects import Assets, ObjectSpec, collision_of, inertia_of
 from simulate.robot_body import RobotBody
-from simulate.robots.description import Workplace
+from simulate.robots.description import Pose, Workplace
 from simulate.robots.urdf import urdf_text
 
 if TYPE_CHECKING:
@@ -283,8 +283,7 @@ class World:
         self_collision
             Let links that are not each other's ancestors collide.
         """
-        x, y, z = world_from_base[:3, 3] + world_from_base[:3, 2] * robot.base_height
-        yaw = float(np.arctan2(world_from_base[1, 0], world_from_base[0, 0]))
+        world_from_root = Pose.of(world_from_base @ robot.base_from_root.matrix)
         client = self.client
         flags = client.URDF_USE_INERTIA_FROM_FILE
         if self_collision:
@@ -295,8 +294,8 @@ class World:
             return int(
                 client.loadURDF(
                     str(path),
-                    (x, y, z),
-                    client.getQuaternionFromEuler((0, 0, yaw)),
+                    world_from_root.xyz,
+                    client.getQuaternionFromEuler(world_from_root.rpy),
                     useFixedBase=True,
                     flags=flags,
                 )

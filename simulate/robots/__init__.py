@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,7 +17,7 @@ from simulate.robots.description import (
     Shape,
     Workplace,
 )
-from simulate.robots.nao import describe_nao
+from simulate.robots.nao import LEAN, describe_nao
 from simulate.robots.panda import describe_panda
 from simulate.robots.urdf import urdf_text
 
@@ -36,6 +37,7 @@ __all__ = [
 
 ROBOTS: Mapping[str, Callable[..., RobotDescription]] = {
     "nao": describe_nao,
+    "nao_leaning": functools.partial(describe_nao, lean=LEAN, name="nao_leaning"),
     "panda": describe_panda,
 }
 """The robots by name."""

@@ -287,7 +287,7 @@ class Workplace:
 class RobotDescription:
     """A robot: a tree of links, with arms and cameras named on it.
 
-    ``base_height`` (m) lifts the root link so that the robot stands on z = 0 of its base frame.
+    ``base_from_root`` is where the root link is when the robot stands on z = 0 of its base frame.
     """
 
     name: str
@@ -296,7 +296,7 @@ class RobotDescription:
     joints: tuple[Joint, ...]
     arms: Mapping[str, Arm]
     cameras: Mapping[str, CameraMount]
-    base_height: float = 0.0
+    base_from_root: Pose = Pose()
     frames: Mapping[str, tuple[str, Pose]] = field(default_factory=dict)
     model: str = ""
     base_frame: str = "base_footprint"

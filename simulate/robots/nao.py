@@ -7,11 +7,13 @@ of our own choice; the palm follows from the published touch-sensor frames.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rtask.errors import RobotError
 from simulate.robots import facts_nao as facts
 from simulate.robots.description import (
     Arm,
@@ -22,13 +24,14 @@ from simulate.robots.description import (
     Pose,
     RobotDescription,
     Shape,
+    Workplace,
 )
 
 if TYPE_CHECKING:
     from simulate.robot_body import RobotBody
     from simulate.world import World
 
-__all__ = ["GRIPPER_TILT", "PHALANX_MASS", "Nao", "describe_nao", "head_pitch_limits"]
+__all__ = ["GRIPPER_TILT", "LEAN", "PHALANX_MASS", "Nao", "describe_nao", "head_pitch_limits"]
 
 Legs = Literal["fixed", "joints"]
 
@@ -36,6 +39,8 @@ GRIPPER_TILT = 0.8
 """Angle (rad) of the approach axis below the finger direction: the mouth opens diagonally."""
 PHALANX_MASS = 0.002
 """kg; the published 2 mg against a hand of 185 g is a ratio that no iterative solver likes."""
+LEAN = 0.2
+"""rad, of a Nao that leans over its table: its hands reach a fifth more of it."""
 CAMERA_MASS = 0.05
 CAMERA_TILT = 0.70
 """rad; HeadPitch alone ends at 29.5 deg and would leave the table below the image."""
@@ -62,7 +67,7 @@ def head_pitch_limits(head_yaw: float) -> tuple[float, float]:
 
 
 def describe_nao(
-    *, legs: Legs = "fixed", symmetric: bool = True, name: str = "nao"
+    *, legs: Legs = "fixed", symmetric: bool = True, lean: float = 0.0, name: str = "nao"
 ) -> RobotDescription:
     """Describe the NAO.
 
@@ -74,9 +79,16 @@ def describe_nao(
     symmetric
         Mirror the left inertia tensors to the right; else use the published right ones, four of
         which differ.
+    lean
+        Angle (rad) by which the torso leans forward over the standing legs, by both HipPitch.
     name
         Name of the robot in the URDF.
     """
+    lowest = facts.LEG_JOINTS["HipPitch"][4]
+    if not 0 <= lean <= -lowest:
+        raise RobotError(f"lean: {lean:g} rad; the hips allow 0 .. {-lowest:.2f}")
+    if lean and legs != "fixed":
+        raise RobotError("lean needs fixed legs: who moves the legs leans by them")
     links = [_torso(), _neck(), _head(), _camera()]
     joints = [_row_joint(n, row, "", 1) for n, row in facts.HEAD_JOINTS.items()]
     joints.append(
@@ -84,15 +96,16 @@ def describe_nao(
     )
     for side in (1, -1):
         links += [*_arm_links(side, symmetric), *_leg_links(side, symmetric)]
-        joints += [*_arm_joints(side), *_leg_joints(side, legs)]
+        joints += [*_arm_joints(side), *_leg_joints(side, legs, lean)]
     return RobotDescription(
         name=name,
         root="torso",
         links=tuple(links),
         joints=tuple(joints),
         arms={arm.name: arm for arm in (_arm(1), _arm(-1))},
-        cameras={"CameraDepth3": _CAMERA},
-        base_height=facts.TORSO_HEIGHT,
+        cameras={"CameraDepth3": _looking_level(_CAMERA, lean)},
+        base_from_root=_leaning(lean),
+        workplace=_within_reach(lean),
         frames=_frames(),
         model="Aldebaran NAO H25 V5",
     )
@@ -107,6 +120,32 @@ def Nao(
 ) -> RobotBody:
     """Put a NAO into a world, arms at home and hands open."""
     return world.load_robot(describe_nao(legs=legs, symmetric=symmetric), world_from_base)
+
+
+def _looking_level(camera: CameraMount, lean: float) -> CameraMount:
+    """Return the camera with a head that undoes the lean."""
+    look = {side: (yaw, pitch - lean) for side, (yaw, pitch) in camera.look.items()}
+    return replace(camera, look=look)
+
+
+def _within_reach(lean: float) -> Workplace:
+    """Return the table; what stands on it moves forward with the shoulders."""
+    place = Workplace()
+    above_hips = facts.ARM_JOINTS["ShoulderPitch"][2][2] - facts.LEG_JOINTS["HipYawPitch"][2][2]
+    forward = above_hips * math.sin(lean)
+    near, far = place.area_x
+    return replace(
+        place,
+        area_x=(near + forward, far + forward),
+        box_centre=(place.box_centre[0] + forward, place.box_centre[1]),
+    )
+
+
+def _leaning(lean: float) -> Pose:
+    """Return the torso in the base frame: turned about the hips, which stay where they are."""
+    hips = facts.LEG_JOINTS["HipYawPitch"][2][2]
+    x, z = -hips * math.sin(lean), facts.TORSO_HEIGHT + hips - hips * math.cos(lean)
+    return Pose((x, 0.0, z), (0.0, lean, 0.0))
 
 
 _CAMERA_POSE = Pose((0.028, 0.0, 0.142), (0.0, CAMERA_TILT, 0.0))
@@ -282,10 +321,15 @@ def _arm_joints(side: int) -> list[Joint]:
     return joints
 
 
-def _leg_joints(side: int, legs: Legs) -> list[Joint]:
+def _leg_joints(side: int, legs: Legs, lean: float) -> list[Joint]:
+    """Return the joints of a leg; leaning turns the thigh back, so that the foot stays flat."""
     prefix = "L" if side > 0 else "R"
     kind: Literal["revolute", "fixed"] = "revolute" if legs == "joints" else "fixed"
-    return [_row_joint(name, row, prefix, side, kind) for name, row in facts.LEG_JOINTS.items()]
+    joints = [_row_joint(name, row, prefix, side, kind) for name, row in facts.LEG_JOINTS.items()]
+    if kind == "revolute":
+        return joints
+    turned = Pose((0.0, 0.0, 0.0), (0.0, -lean, 0.0))
+    return [replace(j, pose=turned) if j.name.endswith("HipPitch") else j for j in joints]
 
 
 def _arm(side: int) -> Arm:

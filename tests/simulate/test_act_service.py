@@ -213,6 +213,16 @@ def test_the_workspace_is_what_both_arms_reach_and_a_picture_of_it(tmp_path):
         np.testing.assert_array_equal(data["share"], found.share)
 
 
+def test_a_torso_that_leans_reaches_more_and_farther():
+    maps = [
+        map_workspace(ArmSpace(describe(n)), step=0.05, angles=4) for n in ("nao", "nao_leaning")
+    ]
+    upright, leaning = (found.best[0] for found in maps)
+    assert leaning.sum() > 1.05 * upright.sum()
+    farthest = [found.x[found.best[0].max(axis=1) > 0].max() for found in maps]
+    assert farthest[1] > farthest[0]
+
+
 def test_the_commands_print_a_table_or_json(tmp_path):
     run = CliRunner().invoke
     shown = run(simulate, ["act-test", "reach", "--robot", "panda", "-n", "1"])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rtask.errors import RobotError
+from simulate.collision import link_poses
 from simulate.executor import GraspRequest
 from simulate.kinematics import Chain, Goal, follow_line, solve_ik
 from simulate.mesh_cover import cover_mesh, read_vertices
@@ -62,6 +63,25 @@ def test_forward_kinematics_agree_with_the_physics_engine(cell):
         _, positions = chain.link_frames(q[None])
         np.testing.assert_allclose(state[4], positions[0, -1], atol=2e-6)
     robot.reset_arm("panda_arm", robot.home("panda_arm"))
+
+
+def test_a_leaning_nao_stands_on_flat_feet_and_is_where_physics_has_it():
+    robot = describe("nao_leaning")
+    with Workcell(robot, preset="fast") as leaning:
+        body = leaning.robot
+        chain, index = body.chains["left_arm"], body.link_index["l_wrist"]
+        for q in np.random.default_rng(2).uniform(chain.lower, chain.upper, (5, chain.dof)):
+            body.reset_arm("left_arm", q)
+            state = body.world.client.getLinkState(body.body, index, computeForwardKinematics=True)
+            _, positions = chain.link_frames(q[None])
+            np.testing.assert_allclose(state[4], positions[0, -1], atol=2e-6)
+    poses = link_poses(robot.root, robot.joints, {})
+    foot = robot.base_from_root.matrix @ poses["l_ankle"]
+    upright = describe("nao")
+    stood = upright.base_from_root.matrix @ link_poses("torso", upright.joints, {})["l_ankle"]
+    np.testing.assert_allclose(foot, stood, atol=1e-9)
+    with pytest.raises(RobotError, match="the hips allow"):
+        describe("nao", lean=2.0)
 
 
 def test_seven_joints_meet_the_whole_pose(panda):
