@@ -115,6 +115,27 @@ def test_real_time_acts_on_time_learns_meanwhile_and_leaves_no_thread() -> None:
         agent.act(state)
 
 
+def test_acting_does_not_wait_for_learning() -> None:
+    """The aim is one period and 5 ms; a loaded machine gets ten times the period."""
+    world = TwoRooms()
+    state, _ = world.reset(seed=1)
+    steps = []
+    for number in range(3_000):
+        after, reward, ended, _, _ = world.step(number % 4)
+        steps.append(Transition(state, number % 4, reward, after, ended))
+        state = world.reset()[0] if ended else after
+    with RealTimeTexplore(world.bins(), 4, seed=0, rate_hz=20) as agent:
+        agent.act(state)
+        agent.learn_examples(steps)
+        took = []
+        while agent.is_learning and len(took) < 15:
+            started = time.monotonic()
+            agent.act(state)
+            took.append(time.monotonic() - started)
+        assert len(took) > 3  # 3,000 experiences take longer to learn than that
+        assert np.median(took) < 10 * agent.period_s
+
+
 def test_a_failure_in_a_thread_reaches_the_caller() -> None:
     with RealTimeTexplore(TwoRooms.bins(), 4, rate_hz=200) as agent:
         agent.observe(Transition(np.array([0, 6]), 9, -1.0, np.array([0, 6])))  # no such action
