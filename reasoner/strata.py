@@ -93,22 +93,33 @@ class AbsenceTrigger:
         return len(self.path) % 2 == 1
 
     @cached_property
-    def steps_below_head(self) -> tuple[Step, ...]:
-        """The other atoms, where the head is bound: what holds leads to few bindings."""
-        assert self.rule.head is not None
+    def steps_to_head(self) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
+        """The head among the other atoms, in matching order: the steps up to it, and those after.
+
+        Where the fact binds no variable of the head, atoms that lead there come first: there are as
+        many conclusions as the rule ever drew, and few of them have to do with the fact.
+        """
+        head = self.rule.head
+        assert head is not None
         atoms = [*self.rule.body, *(a for group in self.path for a in group.atoms)]
         atoms.remove(self.atom)
-        return arrange(atoms, (), self.atom.variables | self.rule.head.variables)
+        steps = arrange([head, *atoms], (), self.atom.variables)
+        place = next(i for i, step in enumerate(steps) if step is head)
+        return steps[: place + 1], steps[place + 1 :]
 
     def held(self, base: View, view: View, terms: Dictionary, fact: Fact) -> Iterator[Fact]:
         """Yield conclusions in `base` that a fact may speak against."""
-        head = self.rule.head
         env = self.rule.environment()
-        if head is None or not bind(self.atom, fact, terms, env):
+        if self.rule.head is None or not bind(self.atom, fact, terms, env):
             return
-        for found in solve(base, terms, (head,), env):
+        before, after = self.steps_to_head
+        seen = set()
+        for found in solve(view, terms, before, env):
             conclusion = self.rule.conclude(found)
-            if next(solve(view, terms, self.steps_below_head, list(found)), None) is not None:
+            if conclusion in seen or not base.has(*conclusion):
+                continue
+            if next(solve(view, terms, after, list(found)), None) is not None:
+                seen.add(conclusion)
                 yield conclusion
 
     def candidates(self, view: View, terms: Dictionary, fact: Fact) -> Iterator[list[int | None]]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from grasp.learning.bandit import Arm, BetaThompson
-from rtask.engine.facts import Facts, stamp
+from rtask.engine.facts import Facts
 from rtask.engine.names import slug
 from rtask.engine.policy import Policy
 from rtask.engine.vocabulary import PREFIXES, PROV, RT, values
@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Belief", "Confidence", "believe", "posterior", "stored_confidences"]
 
-_BELIEF = (RT.graspConfidence, RT.beliefAlpha, RT.beliefBeta, RT.atTime, RT.policyVersion)
+_BELIEF = (
+    RT.graspConfidence,
+    RT.beliefAlpha,
+    RT.beliefBeta,
+    PROV.generatedAtTime,
+    RT.policyVersion,
+)
 
 
 @dataclass(frozen=True)
@@ -101,7 +107,7 @@ def stored_confidences(engine: Engine, grasps: Sequence[str]) -> dict[str, Confi
 SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
   VALUES ?grasp {{ {values(grasps)} }}
   ?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:graspConfidence ?confidence
-  OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; rt:atTime ?time
+  OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; prov:generatedAtTime ?time
     OPTIONAL {{ ?evaluation rt:policyVersion ?policy }} }}
 }} ORDER BY ?grasp ?time ?evaluation""")
     found: dict[str, Confidence] = {}
@@ -113,7 +119,7 @@ SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
             known = replace(
                 known,
                 belief=Belief(float(at["alpha"]), float(at["beta"])),
-                updated=str(row.value("time")),
+                updated=_iso(row.value("time")),
                 policy=str(at["policy"] or ""),
             )
         elif known.prior is None:
@@ -129,7 +135,6 @@ def believe(
     grasp: NamedNode,
     counts: Mapping[tuple[bool, bool], int],
     author: NamedNode,
-    time: dt.datetime,
     graph: NamedNode,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """State the new posterior of a grasp, derived from the first evaluation where there is one.
@@ -166,13 +171,18 @@ def believe(
             RT.graspConfidence: belief.mean,
             RT.beliefAlpha: belief.alpha,
             RT.beliefBeta: belief.beta,
-            RT.atTime: stamp(time),
+            # Not rt:atTime, by which rules look for the newest.
+            PROV.generatedAtTime: dt.datetime.now(dt.UTC),
             RT.policyVersion: engine.policy.version,
             PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,
             PROV.wasAttributedTo: author,
         },
     )
     return old
+
+
+def _iso(time: Any) -> str:
+    return time.isoformat() if isinstance(time, dt.datetime) else str(time)
 
 
 def _quality(engine: Engine, facts: Facts, grasp: NamedNode) -> float | None:

@@ -19,7 +19,7 @@ from rtask.engine.judged import Judged, find_attempt, label_of
 from rtask.engine.messages import Field, nearest
 from rtask.engine.names import tail
 from rtask.engine.record import home_graph
-from rtask.engine.statistics import count, judged_counts, summary
+from rtask.engine.statistics import count, judged_counts, totalled
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.access import Access
 from rtask.kb.terms import Graph
@@ -128,8 +128,7 @@ def _write(engine: Engine, before: Judged, after: Judged, author: Access) -> str
                 key = label, after.is_fast
                 totals[key] = max(totals.get(key, 0) + more, 0)
         who = engine.agent_iri(author)
-        time = after.verdicts[-1].time
-        withdrawn = believe(engine, facts, after.grasp, totals, who, time, home)
+        withdrawn = believe(engine, facts, after.grasp, totals, who, home)
     rights = _Recounting(author.agent, author.role, counts=kept)
     with engine.kb.transaction(access=rights, note="a person's verdict") as tx:
         for subject, predicate, value in recounted:
@@ -145,8 +144,6 @@ def _write(engine: Engine, before: Judged, after: Judged, author: Access) -> str
 
 def _answer(engine: Engine, judged: Judged, stored: int, commit: str) -> dict[str, Any]:
     label, (held, lost) = label_of(judged), judged.votes
-    totals = judged_counts(engine, judged.grasp)
-    won = sum(n for (success, _), n in totals.items() if success)
     known = stored_confidences(engine, [judged.grasp.value]).get(judged.grasp.value, Confidence())
     return {
         "stored": stored,
@@ -165,7 +162,7 @@ def _answer(engine: Engine, judged: Judged, stored: int, commit: str) -> dict[st
             for v in judged.verdicts
         ],
         "text": _sentence(judged),
-        "statistics": summary(won, sum(totals.values())),
+        "statistics": totalled(judged_counts(engine, judged.grasp)),
         "confidence": known.belief.mean if known.belief else None,
     }  # fmt: skip
 

@@ -81,7 +81,7 @@ def find_attempt(engine: Engine, request: Mapping[str, Any]) -> Judged:
     """
     patterns = []
     if request["task_id"]:
-        patterns.append(f"?attempt rt:requestId ?id FILTER(?id = {literal(request['task_id'])})")
+        patterns.append(f"?attempt rt:requestId {literal(request['task_id'])} .")
     if request["grasp"]:
         patterns.append(f"?attempt rt:executesGrasp {iri(request['grasp'])} .")
     if request["object"]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rtask.engine.facts import Facts
 from rtask.engine.messages import Field, read
 from rtask.engine.received import OUTCOME, Outcome, received
-from rtask.engine.record import Entry, earlier, home_graph, record_try
-from rtask.engine.statistics import over_all_robots
+from rtask.engine.record import Entry, earlier, home_graph, record
+from rtask.engine.statistics import over_all_robots, totalled
 from rtask.engine.vocabulary import RT
 from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.terms import NamedNode, iri
@@ -58,7 +58,7 @@ def report_outcome(engine: Engine, request: dict[str, Any], access: Access) -> d
             statistics = over_all_robots(engine, iri(before.grasp))
             return {"stored": 0, "commit": "", "statistics": statistics, "grasp": before.grasp}
         facts = Facts()
-        node, withdrawn = record_try(
+        recorded = record(
             engine,
             facts,
             Entry(
@@ -74,13 +74,14 @@ def report_outcome(engine: Engine, request: dict[str, Any], access: Access) -> d
             ),
         )
         with engine.kb.transaction(access=author, note="report outcome") as tx:
-            for subject, predicate, value in withdrawn:
+            for subject, predicate, value in recorded.withdrawn:
                 tx.remove(subject, predicate, value)
             facts.write(tx)
+    node, counts = recorded.grasp, recorded.counts
     return {
         "stored": 1,
         "commit": engine.commit_id(tx.commit),
-        "statistics": over_all_robots(engine, node),
+        "statistics": over_all_robots(engine, node) if counts is None else totalled(counts),
         "grasp": node.value,
     }
 

@@ -26,7 +26,17 @@ if TYPE_CHECKING:
     from rtask.engine.engine import Engine
     from rtask.kb.access import Access
 
-__all__ = ["Earlier", "Entry", "Withdrawn", "earlier", "record_try", "resolve_grasp", "task_iri"]
+__all__ = [
+    "Earlier",
+    "Entry",
+    "Recorded",
+    "Withdrawn",
+    "earlier",
+    "record",
+    "record_try",
+    "resolve_grasp",
+    "task_iri",
+]
 
 Withdrawn = list[tuple[NamedNode, NamedNode, Value]]
 
@@ -65,15 +75,15 @@ class Entry:
 
 def earlier(engine: Engine, task_id: str, who: list[NamedNode]) -> Earlier | None:
     """Return what was stored under a request id by one of these agents, or None."""
-    agents = " ".join(map(str, who))
+    agents = f"VALUES ?agent {{ {' '.join(map(str, who))} }}"
+    known = f"?event rt:requestId {literal(task_id)}"
+    # Each part by itself: the store would else read every event before it looks at the id.
     rows = engine.kb.select(f"""{PREFIXES}
 SELECT ?thing ?grasp ?view WHERE {{
-  ?event rt:requestId ?id FILTER(?id = {literal(task_id)})
-  VALUES ?agent {{ {agents} }}
-  {{ ?event rt:performedBy ?agent ; rt:executesGrasp ?grasp .
+  {{ {agents} {known} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
      ?task rt:through ?event ; rt:handles ?thing }}
   UNION
-  {{ ?event prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
+  {{ {agents} {known} ; prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
      ?view a rt:View ; prov:wasDerivedFrom ?event }}
 }} ORDER BY ?thing ?grasp ?view""")
     found = [row.to_dict() for row in rows]
@@ -123,13 +133,32 @@ def resolve_grasp(
     return state_grasp(engine, facts, thing, gripper_type, grasp, derived_from=source)
 
 
-def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, Withdrawn]:
-    """State an attempt with grasp, outcome and count.
+@dataclass(frozen=True)
+class Recorded:
+    """What an attempt that is about to be stored changes.
 
-    Returns
-    -------
-    The grasp, and the statements of the old count that go.
+    Parameters
+    ----------
+    withdrawn
+        The statements of the old count and belief, which go.
+    counts
+        Judged attempts of the grasp by (held, in coarse physics), this one too; None where this
+        one is not judged.
     """
+
+    grasp: NamedNode
+    withdrawn: Withdrawn
+    counts: Mapping[tuple[bool, bool], int] | None = None
+
+
+def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, Withdrawn]:
+    """State an attempt; see :func:`record`."""
+    recorded = record(engine, facts, entry)
+    return recorded.grasp, recorded.withdrawn
+
+
+def record(engine: Engine, facts: Facts, entry: Entry) -> Recorded:
+    """State an attempt with grasp, outcome, count and belief."""
     grasp = resolve_grasp(
         engine, facts, entry.thing, entry.gripper.gripper.gripper_type, entry.received
     )
@@ -158,7 +187,7 @@ def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, W
         ),
     )
     if entry.outcome.reason in UNJUDGED:
-        return grasp, []
+        return Recorded(grasp, [])
     gripper, held = entry.gripper, entry.outcome.held
     withdrawn: Withdrawn = []
     if entry.graph == engine.kb.graphs.agent(gripper.robot_name):
@@ -167,8 +196,8 @@ def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, W
             attempts=1, successes=int(held),
         )  # fmt: skip
     counts = Counter(judged_counts(engine, grasp)) + _pending(facts, grasp)
-    withdrawn += believe(engine, facts, grasp, counts, gripper.robot, entry.ended, entry.graph)
-    return grasp, withdrawn
+    withdrawn += believe(engine, facts, grasp, counts, gripper.robot, entry.graph)
+    return Recorded(grasp, withdrawn, counts)
 
 
 def _pending(facts: Facts, grasp: NamedNode) -> Counter[tuple[bool, bool]]:

@@ -7,7 +7,7 @@ truth, and the counts can be made again from them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.facts import Facts
@@ -28,6 +28,7 @@ __all__ = [
     "rebuild",
     "statistics_of",
     "summary",
+    "totalled",
 ]
 
 
@@ -130,6 +131,16 @@ SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {g
     return {
         (bool(row.value("held")), bool(row.value("fast"))): int(str(row.value("n"))) for row in rows
     }
+
+
+def totalled(counts: Mapping[tuple[bool, bool], int]) -> dict[str, Any]:
+    """Return the statistics that counts by (held, in coarse physics) add up to.
+
+    >>> totalled({(True, False): 2, (False, True): 1})["successes"]
+    2
+    """
+    held = sum(n for (success, _), n in counts.items() if success)
+    return summary(held, sum(counts.values()))
 
 
 def rebuild(engine: Engine) -> Commit:
