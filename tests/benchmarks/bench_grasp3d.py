@@ -42,6 +42,7 @@ HAND = panda_hand()
 NOISE = PoseNoise()
 PLACE = (0.34, 0.0)
 TABLE = Support(0.0)
+MIN_CONFIDENCE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +139,7 @@ def wilson(k: int, n: int) -> str:
 def held(args: argparse.Namespace) -> None:
     """Print how often the best candidate holds at the true pose."""
     good, tried, none = 0, 0, []
+    sure, sure_good = 0, 0
     for thing in objects(args):
         candidates = thing.scored()
         if not candidates:
@@ -145,11 +147,14 @@ def held(args: argparse.Namespace) -> None:
             continue
         ok = thing.hold(candidates[0])
         good, tried = good + ok, tried + 1
+        if candidates[0].scores["confidence"] >= MIN_CONFIDENCE:
+            sure, sure_good = sure + 1, sure_good + ok
         if not ok:
             best = candidates[0]
             print(f"  lost: {thing.name}, s_G {best.scores['confidence']:.2f}, epsilon "
                   f"{best.scores['epsilon']:.2f}, width {best.width * 1e3:.0f} mm")  # fmt: skip
     print(f"held at the true pose, best candidate: {wilson(good, tried)}")
+    print(f"of those with s_G of at least {MIN_CONFIDENCE}: {wilson(sure_good, sure)}")
     print(f"no candidate: {len(none)} ({', '.join(none)})")
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from grasp.spatial.collision import Support, Surroundings
-from grasp.spatial.gripper import panda_hand, parallel_jaw
+from grasp.spatial.gripper import ParallelGripper, panda_hand, parallel_jaw
 from grasp.spatial.mesh import Mesh, as_mesh
 from grasp.spatial.mesh_candidates import antipodal_pairs, propose_on_mesh
 from grasp.spatial.plan import SpatialOptions, plan_on_cloud, plan_on_mesh
@@ -154,8 +154,17 @@ def _sheet() -> Mesh:
         (box_mesh((0.2, 0.2, 0.2)), HAND, "nothing opposite"),
         (box_mesh((0.078, 2.0, 2.0)), HAND, "too wide"),
         (box_mesh((0.04, 0.04, 0.04)), parallel_jaw(0.006), "leaves nothing"),
+        (box_mesh((0.01, 2.0, 2.0)), ParallelGripper("g", "jaw", 0.02, 0.08), "too narrow"),
     ],
-    ids=["empty", "nan", "one sheet", "larger than the stroke", "no margin", "stroke of 6 mm"],
+    ids=[
+        "empty",
+        "nan",
+        "one sheet",
+        "larger than the stroke",
+        "no margin",
+        "stroke of 6 mm",
+        "jaws that do not close so far",
+    ],
 )
 def test_where_there_is_no_grasp_the_reason_is_said(mesh, gripper, words) -> None:
     found = plan_on_mesh(mesh, gripper)
