@@ -52,12 +52,12 @@ def run_fleet(
     runs = []
     for on in {"on": [True], "off": [False], "both": [True, False]}[sharing]:
         name = "shared" if on else "not shared"
-        told.say(f"{robots} robots, {objects} objects each, experience {name}")
         settings = FleetSettings(
             data / name.replace(" ", "-"), robots, objects, on_table, seed, on, prior, in_line,
             preset=preset, kinds=tuple(kinds),
         )  # fmt: skip
         fleet = Fleet(settings, told)
+        told.say(f"{robots} robots, {objects} objects each, experience {name}")
         done = fleet.run()
         runs.append((name, done, fleet_figures(done, fleet.plan)))
     write_fleet_report(data, runs)
