@@ -17,7 +17,7 @@ from grasp.spatial.mesh import Mesh, surfels
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.select import diverse, rank
 
-__all__ = ["SpatialOptions", "plan_on_cloud", "plan_on_mesh"]
+__all__ = ["SpatialOptions", "plan_on_cloud", "plan_on_mesh", "warm_up"]
 
 FloatArray = NDArray[np.float64]
 
@@ -138,6 +138,18 @@ def plan_on_cloud(
     known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
     surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
     return _ranked(found, surface, cloud.points[cloud.target], gripper, support, options)
+
+
+def warm_up() -> None:
+    """Compile the kernels; they are kept on disk."""
+    from grasp.spatial.gripper import panda_hand
+    from grasp.spatial.shapes import box_mesh
+
+    box, few = box_mesh((0.04, 0.06, 0.08)), SpatialOptions(samples=2, tries=50)
+    points, _ = box.sample(2000, np.random.default_rng(0))
+    around = Surroundings(Support(-0.04), points + 1.0)
+    plan_on_mesh(box, panda_hand(), around, few)
+    plan_on_cloud(points, panda_hand(), Support(-0.04), options=few)
 
 
 def _ranked(

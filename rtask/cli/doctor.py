@@ -183,6 +183,7 @@ def warm_up() -> None:
         "features.scene_change",
         "reasoner",
         "grasp.push",
+        "grasp.spatial.plan",
     ):
         loaded = importlib.import_module(module)
         compile_all = getattr(loaded, "warm_up", None)
