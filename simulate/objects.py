@@ -8,7 +8,7 @@ up when the object stands (a pen: lies along x) as it is first put down.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -146,6 +146,12 @@ class ObjectSpec:
             raise UsageError(
                 f"a {self.kind} takes {len(_SIZES[self.kind])} positive sizes in m, got {self.dims}"
             )
+
+    def scaled(self, factor: float) -> ObjectSpec:
+        """Return a product of the same shape and density, larger by a factor: a wider hand's."""
+        dims = tuple(round(size * factor, 4) for size in self.dims)
+        name = f"{self.name}-x{factor:g}"
+        return replace(self, dims=dims, mass=round(self.mass * factor**3, 4), name=name)
 
     @property
     def is_round(self) -> bool:

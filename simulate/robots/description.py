@@ -254,8 +254,6 @@ class Workplace:
         Boxes to place into: x and absolute y of their middles, inner side, height of the walls.
     area_x, area_abs_y
         Where objects stand.
-    scale
-        Of the objects, against those for a hand of 5 cm.
     eye, target
         From where pictures for people are taken, and what they show, on the right side.
     """
@@ -268,7 +266,6 @@ class Workplace:
     box_height: float = 0.03
     area_x: Range = (0.120, 0.180)
     area_abs_y: Range = (0.030, 0.180)
-    scale: float = 1.0
     eye: Vector = (0.60, -0.34, 0.56)
     target: Vector = (0.12, -0.13, 0.32)
 

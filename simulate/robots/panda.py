@@ -41,7 +41,6 @@ _WORKPLACE = Workplace(
     box_height=0.04,
     area_x=(0.40, 0.54),
     area_abs_y=(0.03, 0.18),
-    scale=1.0,
     eye=(1.15, -0.70, 0.75),
     target=(0.42, -0.12, 0.25),
 )

@@ -212,7 +212,7 @@ def run_single(args: argparse.Namespace) -> list[Tally]:
     kinds = args.kinds or KINDS
     for trial in range(args.start, args.start + args.n):
         rng = np.random.default_rng((args.seed, trial))
-        spec = product(kinds[trial % len(kinds)], int(rng.integers(200)))
+        spec = product(kinds[trial % len(kinds)], int(rng.integers(200))).scaled(args.scale)
         side = -1 if (trial // len(kinds)) % 2 == 0 else 1
         x, y, yaw = place(spec, side, rng, world.workplace)
         body = world.spawn(spec, (x, y), yaw)
@@ -322,6 +322,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sigma", type=float, default=0.0, help="noise of the pose, m")
     parser.add_argument("--robot", default="nao")
+    parser.add_argument("--scale", type=float, default=1.0, help="of the objects (single)")
     parser.add_argument("--preset", default="faithful")
     parser.add_argument("--json", type=Path)
     parser.add_argument("-v", "--verbose", action="store_true")

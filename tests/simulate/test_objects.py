@@ -124,6 +124,14 @@ def test_prints_have_rows_that_opengl_can_read(tmp_path: Path) -> None:
         assert image.shape[1] % 4 == 0
 
 
+def test_a_scaled_product_keeps_shape_and_density() -> None:
+    small = product("bottle", 4)
+    large = small.scaled(1.5)
+    assert large.dims == pytest.approx([1.5 * size for size in small.dims], abs=1e-4)
+    assert large.mass == pytest.approx(small.mass * 1.5**3, abs=1e-4)
+    assert large.name != small.name
+
+
 def test_wrong_requests_are_refused_by_name() -> None:
     with pytest.raises(UsageError, match="teapot"):
         product("teapot", 1)  # type: ignore[arg-type]
