@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,6 +43,8 @@ class SpatialOptions:
         Of the object, kg, where it is known: its weight must be held too.
     tries
         Points drawn on a mesh, or a tenth as many hands tried on a cloud.
+    reachable
+        Tells early whether a robot can bring its gripper to a pose (4, 4); None = all.
     most
         Candidates in the result.
     seed
@@ -54,6 +57,7 @@ class SpatialOptions:
     weighting: Weighting = "plain"
     mass: float | None = None
     tries: int = 2000
+    reachable: Callable[[FloatArray], bool] | None = None
     most: int = 50
     seed: int = 0
 
@@ -161,11 +165,16 @@ def _ranked(
     options: SpatialOptions,
     sweep: float | None = None,
 ) -> Proposals:
+    within = list(found)
+    if options.reachable is not None:
+        within = [c for c in found if options.reachable(c.frame_from_gripper)]
+    if not within:
+        return replace(found, candidates=(), reason="every candidate is out of reach")
     load = None
     if options.mass is not None:
         load = Load(options.mass, (0.0, 0.0, 1.0) if support is None else support.normal)
     scored = score_grasps(
-        list(found), surface, gripper, options.noise, samples=options.samples,
+        within, surface, gripper, options.noise, samples=options.samples,
         quality=options.quality, weighting=options.weighting, sweep=sweep, load=load,
         seed=options.seed,
     )  # fmt: skip

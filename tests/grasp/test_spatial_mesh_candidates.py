@@ -196,6 +196,14 @@ def test_the_best_of_a_long_box_is_near_its_middle() -> None:
     assert abs(best.centre[2]) < 0.016 + 0.004
 
 
+def test_what_is_out_of_reach_is_left_out() -> None:
+    box = box_mesh((0.04, 0.06, 0.08))
+    left = SpatialOptions(tries=300, samples=5, reachable=lambda pose: pose[1, 3] > 0)
+    assert all(c.centre[1] > 0 for c in plan_on_mesh(box, HAND, options=left))
+    nowhere = SpatialOptions(tries=300, samples=5, reachable=lambda pose: False)
+    assert "out of reach" in plan_on_mesh(box, HAND, options=nowhere).reason
+
+
 def test_a_cloud_of_a_box_gives_its_grasps() -> None:
     points, _ = box_mesh((0.04, 0.12, 0.06)).sample(5000, np.random.default_rng(0))
     options = SpatialOptions(tries=400)
