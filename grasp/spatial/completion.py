@@ -71,7 +71,7 @@ def complete_by_symmetry(
     Parameters
     ----------
     cloud
-        Of one object, with one viewpoint or more; the first one's view is completed.
+        Of one object, with one viewpoint or more.
     symmetry
         None = the most plausible one, see :func:`find_symmetry`.
     walls
@@ -110,7 +110,7 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     if len(seen) < 20:
         return None
     drawn = seen[:: max(1, len(seen) // _MOST)]
-    view = _View.of(cloud)
+    views = [_View.of(cloud, camera) for camera in cloud.viewpoints]
     ahead = seen.mean(axis=0) - cloud.viewpoints[0]
     ahead -= (ahead @ up) * up
     length = float(np.linalg.norm(ahead))
@@ -120,7 +120,7 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     ahead /= length
     side = np.cross(up, ahead)
     options = [*_planes(seen, ahead, side), *_turns(seen, up, ahead, side)]
-    judged = [_contradiction(view, option.apply(drawn)) for option in options]
+    judged = [_contradiction(views, option.apply(drawn)) for option in options]
     best = min(range(len(options)), key=lambda k: judged[k][1])
     if judged[best][0] > _PLAUSIBLE_M:
         return None
@@ -158,7 +158,7 @@ def _turns(seen: Floats, up: Floats, ahead: Floats, side: Floats) -> list[Symmet
 
 @dataclass(frozen=True)
 class _View:
-    """Depth of the visible object along rays from its first camera.
+    """Depth of the visible object along rays from one camera.
 
     Parameters
     ----------
@@ -177,8 +177,7 @@ class _View:
     depth: Floats
 
     @classmethod
-    def of(cls, cloud: SurfaceCloud) -> _View:
-        camera = cloud.viewpoints[0]
+    def of(cls, cloud: SurfaceCloud, camera: Floats) -> _View:
         seen = cloud.points[cloud.target & ~cloud.completed] - camera
         forward = seen.mean(axis=0)
         distance = float(np.linalg.norm(forward))
@@ -222,14 +221,15 @@ def _behind(local, low, cell, depth):  # type: ignore[no-untyped-def]
     return out
 
 
-def _contradiction(view: _View, image: Floats) -> tuple[float, float]:
+def _contradiction(views: list[_View], image: Floats) -> tuple[float, float]:
     """Return what speaks against completed points, and what orders guesses that nothing speaks
     against, both as means over the points, m.
 
     Space seen empty, in front or beside, contradicts. Of two guesses that nothing contradicts the
     smaller is the likelier: what lies far behind the visible surface costs a little.
     """
-    behind = view.behind(image)
+    # What any camera saw as empty is empty.
+    behind = np.min([view.behind(image) for view in views], axis=0)
     front = np.clip(-behind, 0.0, _CAP_M)
     front[np.isneginf(behind)] = _OUTSIDE_M
     return float(front.mean()), float(np.mean(front + _BEHIND * np.clip(behind, 0.0, None)))
@@ -241,7 +241,8 @@ def _hidden(cloud: SurfaceCloud, points: Floats) -> NDArray[np.bool_]:
     if len(points) == 0:
         return keep
     tolerance = _TOLERANCE_VOXELS * cloud.voxel
-    keep &= _View.of(cloud).behind(points) > -tolerance
+    for camera in cloud.viewpoints:
+        keep &= _View.of(cloud, camera).behind(points) > -tolerance
     if cloud.table is not None:
         keep &= points @ cloud.table[:3] + cloud.table[3] > cloud.voxel
     grid = cloud.grid(2 * cloud.voxel)

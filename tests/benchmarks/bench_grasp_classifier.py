@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from grasp.spatial.classifier import GraspClassifier, GraspSamples, train
-from grasp.spatial.cloud import prepare_cloud
+from grasp.spatial.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.completion import complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper, gripper_named
@@ -36,10 +36,10 @@ from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.mesh_files import read_mesh
 from grasp.spatial.select import diverse
 from simulate.grasp_samples import collect_samples, shapes
-from simulate.grasp_views import TABLE, correct, depth_view, sample_camera
+from simulate.grasp_views import TABLE, View, correct, depth_view, sample_camera
 from simulate.noise import SensorNoise
 
-VARIANTS = ("geometry", "completion", "boosting", "svm")
+VARIANTS = ("geometry", "two views", "completion", "both", "boosting", "svm")
 FIRST_TEST_SEED = 100_000
 
 
@@ -91,14 +91,26 @@ def outcomes(
     seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
     plain = prepare_cloud(seen.points, table=TABLE, viewpoints=seen.viewpoint[None])
     whole = complete_by_symmetry(plain)
+    fused = _from_two_sides(mesh, seen, rng)
+    clouds = {"geometry": plain, "two views": fused, "both": complete_by_symmetry(fused)}
     found = {}
-    for variant in ("geometry", "completion", *models):
-        cloud = plain if variant == "geometry" else whole
-        proposals = propose_on(cloud, gripper, classifier=models.get(variant))
+    for variant in ("geometry", "two views", "completion", "both", *models):
+        proposals = propose_on(clouds.get(variant, whole), gripper, classifier=models.get(variant))
         found[variant] = correct(_first_five(list(proposals), gripper), mesh, gripper)
     known = propose_on_mesh(mesh, gripper, Surroundings(Support()))
     possible = bool(correct(list(known), mesh, gripper).any())
     return possible or any(right.any() for right in found.values()), found
+
+
+def _from_two_sides(mesh: Mesh, seen: View, rng: np.random.Generator) -> SurfaceCloud:
+    """Return the cloud of a second look from a quarter turn further, fused with the first."""
+    x, y, z = seen.viewpoint
+    other = depth_view(mesh, np.array([-y, x, z]), SensorNoise(), int(rng.integers(1 << 31)))
+    return prepare_cloud(
+        np.concatenate([seen.points, other.points]),
+        table=TABLE,
+        viewpoints=np.stack([seen.viewpoint, other.viewpoint]),
+    )
 
 
 def _first_five(candidates: list, gripper: ParallelGripper) -> list:
