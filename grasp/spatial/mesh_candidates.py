@@ -197,6 +197,7 @@ def propose_on_mesh(
     per_pair: int = 2,
     margin: float = 0.004,
     noise: PoseNoise | None = None,
+    screen: bool = True,
     seed: int = 0,
 ) -> Proposals:
     """Propose collision-free grasps of a mesh, the most promising contacts first.
@@ -219,6 +220,8 @@ def propose_on_mesh(
         Space that each jaw keeps before closing, m.
     noise
         Under which pairs are compared before approaches are tried.
+    screen
+        Whether they are compared; else they come as drawn, good and bad.
     seed
         Of the points.
 
@@ -243,7 +246,9 @@ def propose_on_mesh(
         return Proposals(reason=reason, notes=mesh.notes, counts=counts)
     if len(found) > _SCREENED:
         found = found.take(np.linspace(0, len(found) - 1, _SCREENED).astype(np.int64))
-    order = _promising(found, mesh, gripper, noise or PoseNoise(), seed)
+    order = np.random.default_rng(seed).permutation(len(found))
+    if screen:
+        order = _promising(found, mesh, gripper, noise or PoseNoise(), seed)
     count = turns if turns is not None else (8 if around.support is None else 16)
     candidates: list[GraspCandidate] = []
     hits: Counter[str] = Counter()

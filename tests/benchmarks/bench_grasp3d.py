@@ -62,11 +62,11 @@ class Lying:
         pose[:3, :3], pose[:3, 3] = self.rest.rotation, self.rest.position
         return pose
 
-    def scored(self, seed: int = 0, pairs: int = 60) -> list[GraspCandidate]:
-        """Return candidates with scores, s_G first."""
+    def scored(self, seed: int = 0, screen: bool = True) -> list[GraspCandidate]:
+        """Return candidates with scores, ranked; all that were drawn without ``screen``."""
         normal = tuple(self.rest.rotation.T @ [0.0, 0.0, 1.0])
         around = Surroundings(Support(-self.rest.z, normal))
-        found = propose_on_mesh(self.mesh, HAND, around, seed=seed, pairs=pairs)
+        found = propose_on_mesh(self.mesh, HAND, around, seed=seed, screen=screen)
         scored = score_grasps(
             list(found), self.mesh, HAND, NOISE, seed=seed, exact=100, sweep=around.sweep,
             load=Load(self.mass, normal),
@@ -182,7 +182,9 @@ def ranking(args: argparse.Namespace) -> None:
         if not candidates:
             continue
         errors = NOISE.transforms(args.trials, seed=12345)
-        chosen = [candidates[0], *(max(candidates, key=RULES[name]) for name in list(RULES)[1:])]
+        drawn = thing.scored(screen=False)
+        pool = {name: drawn if name == "nominal" and drawn else candidates for name in RULES}
+        chosen = [candidates[0], *(max(pool[name], key=RULES[name]) for name in list(RULES)[1:])]
         rows.append([np.mean([thing.hold(c, e) for e in errors]) for c in chosen])
         said = "  ".join(f"{name} {v:.2f}" for name, v in zip(RULES, rows[-1], strict=True))
         print(f"  {thing.name:24s} {said}", flush=True)
@@ -208,7 +210,7 @@ def correlation(args: argparse.Namespace) -> None:
     success: list[float] = []
     group: list[int] = []
     for number, thing in enumerate(objects(args)):
-        candidates = thing.scored()
+        candidates = thing.scored(screen=False)
         if len(candidates) < args.candidates:
             continue
         spread = np.linspace(0, len(candidates) - 1, args.candidates).astype(int)
