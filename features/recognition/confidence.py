@@ -100,7 +100,7 @@ class ConfidenceParams:
     look_lead: float = 11.5
     look_gap: float = 0.35
     look_rival: float = -1.0
-    look_offset: float = -6.8
+    look_offset: float = -7.3
     colour_noise: float = 0.02
     gap_noise: float = 0.01
     least_colour: float = 0.65

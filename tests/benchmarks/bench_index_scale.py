@@ -1,0 +1,228 @@
+"""Ten thousand stored views: query, restart, size on disk, and what faiss does with the same.
+
+    python tests/benchmarks/bench_index_scale.py                   # synthetic descriptors, 2 min
+    python tests/benchmarks/bench_index_scale.py --cache FOLDER    # views of the YCB turntable
+
+The cache is the one that ``bench_recognition.py turntable --cache`` fills. Every matcher gets the
+same queries in turn, one thread each, and is judged by the same votes: a descriptor votes for the
+object of its nearest neighbour when that passes the ratio rule against the nearest of another
+object among the 32 nearest. faiss's structures answer with numbers of descriptors only; ours also
+says keypoints and views and allows removal at any time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from turntable import described_views, ycb_folder, ycb_names
+
+from features.recognition import Recogniser, RecognitionIndex, ViewFeatures, warm_up
+from features.recognition.candidates import RecogniserParams
+
+Stored = list[tuple[str, ViewFeatures]]
+Neighbours = tuple[NDArray[np.integer], NDArray[np.floating]]
+NEIGHBOURS = 32
+PARAMS = RecogniserParams()
+
+
+def turntable_views(cache: Path, rng: np.random.Generator) -> Stored:
+    """Return all views of the YCB turntable in random order."""
+    folder = ycb_folder()
+    if folder is None:
+        raise SystemExit("ycb not found; set RTASK_SHARED_DATA to its parent")
+    views = [(n, f) for n in ycb_names(folder) for f in described_views(folder, n, 5, 0, cache)]
+    return [views[k] for k in rng.permutation(len(views))]
+
+
+def synthetic_views(count: int, rng: np.random.Generator) -> Stored:
+    """Return ten views each of objects whose descriptors are drawn once and blurred by noise."""
+    image = (rng.random((16, 16)).repeat(8, axis=0).repeat(8, axis=1) * 255).astype(np.uint8)
+    from dataclasses import replace
+
+    from features.recognition import describe_view
+
+    base = describe_view(image, np.ones(image.shape, bool))
+    views: Stored = []
+    for thing in range(-(-count // 10)):
+        own = np.random.default_rng([thing, 1])
+        rows = own.gamma(0.6, 40, (128, 128))
+        keypoints = np.column_stack([own.uniform(0, 128, (128, 2)), np.full(128, 5), np.zeros(128)])
+        for _ in range(10):
+            noisy = np.clip(rows + own.normal(0, 8, rows.shape), 0, 255).astype(np.uint8)
+            view = replace(
+                base,
+                keypoints=keypoints.astype(np.float32),
+                descriptors=noisy,
+                points3d=np.full((128, 3), np.nan, np.float32),
+            )
+            views.append((f"o:{thing}", view))
+    return [views[k] for k in rng.permutation(len(views))]
+
+
+def winner(
+    labels: NDArray[np.integer], nearest: NDArray[np.floating], rival: NDArray[np.floating]
+) -> int:
+    """Return the object with most votes, -1 without any."""
+    good = (nearest < PARAMS.distance_cap) & (
+        nearest < PARAMS.ratio * np.minimum(rival, PARAMS.usual_rival)
+    )
+    voted = labels[good & (labels >= 0)]
+    return int(np.bincount(voted).argmax()) if len(voted) else -1
+
+
+def winner_of(found: Neighbours, label_of_row: NDArray[np.int32]) -> int:
+    """Return the same from the rows and squared distances (n, k) that faiss gives."""
+    rows, distances = found
+    order = np.argsort(distances, axis=1, kind="stable")
+    rows = np.take_along_axis(rows, order, axis=1)
+    distances = np.take_along_axis(distances, order, axis=1).astype(np.float64)
+    labels = np.where(rows >= 0, label_of_row[rows], -1)
+    others = np.where((labels != labels[:, :1]) & (rows >= 0), distances, np.inf)
+    return winner(labels[:, 0], distances[:, 0], others.min(axis=1))
+
+
+def faiss_matchers(
+    descriptors: NDArray[np.uint8], codes: NDArray[np.uint8], names: list[str]
+) -> dict[str, tuple[Callable[[ViewFeatures, NDArray[np.uint8]], Neighbours], float, float]]:
+    """Return each variant's search, the seconds of building it, and its megabytes."""
+    import faiss
+
+    faiss.omp_set_num_threads(1)
+    full = descriptors.astype(np.float32)
+    training = full[:: max(1, len(full) // 50_000)]
+    cells = int(np.clip(len(full) // 256, 16, 1024))
+    variants = {
+        "Flat": lambda: faiss.IndexFlatL2(128),
+        "IVF, 8 cells": lambda: faiss.IndexIVFFlat(faiss.IndexFlatL2(128), 128, cells),
+        "BinaryFlat": lambda: faiss.IndexBinaryFlat(128),
+        "BinaryHNSW": lambda: faiss.IndexBinaryHNSW(128, 16),
+    }
+    matchers = {}
+    for name in names:
+        start = time.perf_counter()
+        index = variants[name]()
+        is_binary = name.startswith("Binary")
+        if name.startswith("IVF"):
+            index.train(training)
+            index.nprobe = 8
+        index.add(codes if is_binary else full)
+        wire = faiss.serialize_index_binary(index) if is_binary else faiss.serialize_index(index)
+        size = len(wire) / 1e6
+
+        def search(
+            view: ViewFeatures, code: NDArray[np.uint8], index=index, is_binary=is_binary
+        ) -> Neighbours:
+            query = view.descriptors.astype(np.float32)
+            if not is_binary:
+                distances, rows = index.search(query, NEIGHBOURS)
+                return rows, distances
+            _, rows = index.search(code, NEIGHBOURS)
+            return rows, ((full[rows] - query[:, None]) ** 2).sum(axis=2)
+
+        matchers[name] = (search, time.perf_counter() - start, size)
+    return matchers
+
+
+def timed(step: Callable[[], int]) -> tuple[int, float, float]:
+    """Return the answer, the clock and the thread's processor time in ms."""
+    wall, cpu = time.perf_counter(), time.thread_time()
+    answer = step()
+    return answer, 1e3 * (time.perf_counter() - wall), 1e3 * (time.thread_time() - cpu)
+
+
+def folder_size(folder: Path) -> float:
+    """Return the megabytes of all files."""
+    return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) / 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--views", type=int, default=10_000)
+    parser.add_argument("--queries", type=int, default=40)
+    parser.add_argument("--cache", type=Path, help="described views of the turntable")
+    parser.add_argument("--peers", default="Flat,IVF, 8 cells,BinaryFlat,BinaryHNSW")
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    peers = [
+        n for n in ("Flat", "IVF, 8 cells", "BinaryFlat", "BinaryHNSW") if n in args.peers
+    ]  # BinaryHNSW takes minutes to build over a million descriptors
+    rng = np.random.default_rng(args.seed)
+    total = args.views + args.queries
+    views = turntable_views(args.cache, rng) if args.cache else synthetic_views(total, rng)
+    stored, asked = views[: args.views], views[args.views : total]
+    warm_up()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "index"
+        described = ((f"v:{k}", o, "class:x", f.to_bytes()) for k, (o, f) in enumerate(stored))
+        start, cpu = time.perf_counter(), time.process_time()
+        RecognitionIndex.rebuild(path, described).close()
+        print(
+            f"{len(stored)} views, {sum(len(f) for _, f in stored)} descriptors: made in "
+            f"{time.perf_counter() - start:.0f} s ({time.process_time() - cpu:.0f} s CPU), "
+            f"{folder_size(path):.0f} MB on disk, load {os.getloadavg()[0]:.0f}"
+        )
+        for turn in ("first", "second"):
+            start, cpu = time.perf_counter(), time.process_time()
+            index = RecognitionIndex(path, mode="r")
+            Recogniser(index).recognise(asked[0][1])
+            print(
+                f"open and first answer, {turn} time: {time.perf_counter() - start:.2f} s, "
+                f"{time.process_time() - cpu:.2f} s CPU"
+            )
+        compare(index, stored, asked, peers)
+
+
+def compare(index: RecognitionIndex, stored: Stored, asked: Stored, peers: list[str]) -> None:
+    """Ask every matcher the same, in turn, and print one line each."""
+    snapshot, recogniser = index.snapshot(), Recogniser(index)
+    numbers = {name: k for k, name in enumerate(snapshot.object_iris)}
+    descriptors = np.concatenate([f.descriptors for _, f in stored])
+    label_of_row = np.repeat([numbers[o] for o, _ in stored], [len(f) for _, f in stored])
+    codes = snapshot.hasher.encode(descriptors)[0].view(np.uint8).reshape(-1, 16)
+    variants = faiss_matchers(descriptors, codes, peers)
+
+    def cascade(view: ViewFeatures) -> int:
+        found = snapshot.match(view.descriptors)
+        labels = np.where(found.view >= 0, snapshot.object_of_view[found.view], -1)
+        return winner(labels, found.nearest, found.rival)
+
+    def recognised(view: ViewFeatures) -> int:
+        matches = recogniser.recognise(view).matches
+        return numbers[matches[0].object_iri] if matches else -1
+
+    lines: dict[str, list[tuple[int, float, float]]] = {}
+    for _, view in asked:
+        code = snapshot.hasher.encode(view.descriptors)[0].view(np.uint8).reshape(-1, 16)
+        steps: dict[str, Callable[[], int]] = {
+            "whole answer": lambda v=view: recognised(v),
+            "cascade hashing": lambda v=view: cascade(v),
+        }
+        for name, (search, _, _) in variants.items():
+            steps[name] = lambda v=view, c=code, s=search: winner_of(s(v, c), label_of_row)
+        for name, step in steps.items():
+            lines.setdefault(name, []).append(timed(step))
+    truth = np.array([numbers.get(name, -2) for name, _ in asked])
+    ours = np.median([cpu for _, _, cpu in lines["cascade hashing"]])
+    print(f"{len(asked)} queries, {np.mean([len(f) for _, f in asked]):.0f} descriptors each")
+    for name, answers in lines.items():
+        found, wall, cpu = (np.array(column) for column in zip(*answers, strict=True))
+        extra = ""
+        if name in variants:
+            _, seconds, size = variants[name]
+            extra = f", built in {seconds:.0f} s, {size:.0f} MB"
+        print(
+            f"{name:16s} right {np.mean(found == truth):.3f}, CPU median {np.median(cpu):7.1f} ms, "
+            f"95 % {np.percentile(cpu, 95):7.1f} ms, clock {np.median(wall):7.1f} ms, "
+            f"{np.median(cpu) / ours:6.2f} x cascade{extra}"
+        )
+
+
+if __name__ == "__main__":
+    main()
