@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from rtask.cli.learn import learn
+from rtask.cli import cli
 from rtask.errors import UsageError
 
-_SMALL = ("benchmark", "--seeds", "2", "--objects", "8", "--worlds", "1", "--workers", "1")
+_SMALL = ("learn", "benchmark", "--seeds", "2", "--objects", "8", "--worlds", "1", "--workers", "1")
 
 
 def test_learners_side_by_side_with_their_curves(tmp_path: Path) -> None:
     plot = tmp_path / "curves.svg"
     found = CliRunner().invoke(
-        learn, [*_SMALL, "--only", "oracle", "--save-plot", str(plot)], catch_exceptions=False
+        cli, [*_SMALL, "--only", "oracle", "--save-plot", str(plot)], catch_exceptions=False
     )
     assert found.exit_code == 0
     lines = found.output.splitlines()
@@ -30,7 +30,7 @@ def test_learners_side_by_side_with_their_curves(tmp_path: Path) -> None:
 
 def test_learners_as_json() -> None:
     found = CliRunner().invoke(
-        learn, [*_SMALL, "--only", "candidates oracle", "--json"], catch_exceptions=False
+        cli, [*_SMALL, "--only", "candidates oracle", "--json"], catch_exceptions=False
     )
     (row,) = json.loads(found.output)
     assert row["name"] == "oracle"
@@ -39,11 +39,11 @@ def test_learners_as_json() -> None:
 
 def test_a_name_that_nobody_has_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no learner's name holds 'magic'"):
-        CliRunner().invoke(learn, [*_SMALL, "--only", "magic"], catch_exceptions=False)
+        CliRunner().invoke(cli, [*_SMALL, "--only", "magic"], catch_exceptions=False)
     plot = tmp_path / "missing" / "curves.svg"
     with pytest.raises(UsageError, match="No such file"):
         CliRunner().invoke(
-            learn,
+            cli,
             [*_SMALL, "--only", "candidates oracle", "--save-plot", str(plot)],
             catch_exceptions=False,
         )
