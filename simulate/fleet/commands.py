@@ -43,7 +43,13 @@ def run_fleet(
 ) -> dict[str, Any]:
     """Run a fleet with sharing on, off or both, print its figures and write its report."""
     from simulate.fleet.console import FleetConsole
-    from simulate.fleet.figures import COLUMNS, fleet_figures, fleet_rows, write_fleet_report
+    from simulate.fleet.figures import (
+        COLUMNS,
+        fleet_figures,
+        fleet_rows,
+        sharing_gain,
+        write_fleet_report,
+    )
     from simulate.fleet.orchestrate import Fleet, FleetSettings
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -61,21 +67,29 @@ def run_fleet(
         done = fleet.run()
         runs.append((name, done, fleet_figures(done, fleet.plan)))
     write_fleet_report(data, runs)
-    result = {name: figures for name, _, figures in runs}
+    result: dict[str, Any] = {name: figures for name, _, figures in runs}
+    if sharing == "both":
+        result["shared_less_not_shared"] = sharing_gain(runs[0][1], runs[1][1], fleet.plan)
     if as_json:
         click.echo(json.dumps(result))
         return result
     for name, _, figures in runs:
         _table(f"Experience {name}", COLUMNS, fleet_rows(figures))
-        change = figures["last_less_first"]
-        if change is not None and change["attempts"] is not None:
-            low, high = change["interval95"]
-            click.echo(
-                f"attempts, last robot less first, over {change['products']} common products: "
-                f"{change['attempts']:+.2f} [{low:+.2f}, {high:+.2f}]"
-            )
+        _say_change("last robot less first", figures["last_less_first"])
+    if sharing == "both":
+        words = "shared less not shared, all robots but the first"
+        _say_change(words, result["shared_less_not_shared"])
     click.echo(f"report  {data / 'report.json'}, {data / 'attempts.png'}")
     return result
+
+
+def _say_change(words: str, change: Mapping[str, Any] | None) -> None:
+    if change is not None and change["attempts"] is not None:
+        low, high = change["interval95"]
+        click.echo(
+            f"attempts, {words}, over {change['products']} meetings with common products: "
+            f"{change['attempts']:+.2f} [{low:+.2f}, {high:+.2f}]"
+        )
 
 
 @click.command()

@@ -14,7 +14,14 @@ from simulate.fleet.plan import FleetPlan
 from simulate.study.chart import Bar, bar_chart
 from simulate.study.intervals import bootstrap, mean_interval, share
 
-__all__ = ["COLUMNS", "fleet_figures", "fleet_rows", "score_identities", "write_fleet_report"]
+__all__ = [
+    "COLUMNS",
+    "fleet_figures",
+    "fleet_rows",
+    "score_identities",
+    "sharing_gain",
+    "write_fleet_report",
+]
 
 COLUMNS = (
     "robot", "objects", "tried", "held", "attempts", "first try", "attempts, common",
@@ -105,15 +112,38 @@ def _last_less_first(done: Mapping[str, Any], plan: FleetPlan, cap: int) -> dict
         {m["product"]: _attempts(m, cap) for m in _objects(done["robots"][i])} for i in (0, -1)
     )
     both = sorted(name for name in first.keys() & last.keys() if plan.is_common(name))
-    change = np.array([last[name] - first[name] for name in both], dtype=np.float64)
+    return _change([last[name] - first[name] for name in both])
+
+
+def _change(differences: Sequence[int]) -> dict[str, Any]:
+    """Return a mean difference in attempts with its interval."""
+    change = np.array(differences, dtype=np.float64)
     if not len(change):
         return {"products": 0, "attempts": None, "interval95": None}
     low, high = bootstrap(lambda i: float(change[i].mean()), len(change))
     return {
-        "products": len(both),
+        "products": len(change),
         "attempts": round(float(change.mean()), 4),
         "interval95": [round(low, 4), round(high, 4)],
     }
+
+
+def sharing_gain(
+    shared: Mapping[str, Any], alone: Mapping[str, Any], plan: FleetPlan
+) -> dict[str, Any]:
+    """Return the attempts of all robots but the first with sharing less those without.
+
+    The same robots meet the same products on the same tables both times; compared are the common
+    ones, robot by robot and product by product.
+    """
+    cap = int(shared["settings"]["max_attempts"])
+    differences = []
+    for together, apart in zip(shared["robots"][1:], alone["robots"][1:], strict=True):
+        with_others = {m["product"]: _attempts(m, cap) for m in _objects(together)}
+        without = {m["product"]: _attempts(m, cap) for m in _objects(apart)}
+        both = sorted(n for n in with_others.keys() & without.keys() if plan.is_common(n))
+        differences += [with_others[name] - without[name] for name in both]
+    return _change(differences)
 
 
 def fleet_rows(figures: Mapping[str, Any]) -> list[tuple[str, ...]]:

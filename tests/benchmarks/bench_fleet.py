@@ -34,7 +34,11 @@ def main() -> None:
             options.robots, options.objects, options.table, options.seed,
             options.out or Path(folder), "both", options.prior, True, options.preset, False,
         )  # fmt: skip
-    last = {name: figures["robots"][-1]["attempts_common"] for name, figures in result.items()}
+    last = {
+        name: figures["robots"][-1]["attempts_common"]
+        for name, figures in result.items()
+        if "robots" in figures
+    }
     shared, alone = last["shared"]["mean"], last["not shared"]["mean"]
     if shared is not None and alone:
         print(f"the last robot's attempts on what others met: {shared:.2f} against {alone:.2f} "

@@ -11,7 +11,13 @@ import pytest
 
 import rtask
 from rtask.errors import UsageError
-from simulate.fleet.figures import COLUMNS, fleet_figures, fleet_rows, write_fleet_report
+from simulate.fleet.figures import (
+    COLUMNS,
+    fleet_figures,
+    fleet_rows,
+    sharing_gain,
+    write_fleet_report,
+)
 from simulate.fleet.orchestrate import Fleet, FleetSettings
 from simulate.fleet.plan import plan_fleet
 
@@ -128,3 +134,5 @@ def test_the_last_robot_is_compared_with_the_first_on_what_both_met() -> None:
     assert (last["recognised"], last["false_identities"], last["from_memory"]) == (1, 1, 1)
     assert figures["last_less_first"]["attempts"] == -2.0
     assert figures["last_less_first"]["products"] == 1
+    alone = {**done, "robots": [done["robots"][0]] * 2}  # the last one learned from nobody
+    assert sharing_gain(done, alone, plan)["attempts"] == 1 - 3
