@@ -42,6 +42,8 @@ class Question:
         IRIs that recognition or tracking gave.
     classes
         IRIs of kinds of objects whose members may teach something.
+    doubtful
+        Those of them that hardly are this one: they teach as members of the kind as well.
     size
         (length, width, height), m, of the object in question.
     tracked
@@ -62,6 +64,7 @@ class Question:
     robot: str | None = None
     views: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
+    doubtful: tuple[str, ...] = ()
 
 
 def query_text(question: Question) -> str:
@@ -113,7 +116,8 @@ def _members(question: Question) -> str:
         f"?{name} < {size * question.size_tolerance:.6f}"
         for name, size in zip(("l", "w", "h"), question.size, strict=True)
     )
-    known = ", ".join(values([iri]) for iri in sorted(question.objects)) or f"<{_NOBODY}>"
+    sure = sorted(set(question.objects) - set(question.doubtful))
+    known = ", ".join(values([iri]) for iri in sure) or f"<{_NOBODY}>"
     return f"""VALUES ?kind {{ {values(question.classes)} }}
     ?object a ?kind ; rt:extentX ?l ; rt:extentY ?w ; rt:extentZ ?h
     FILTER({bounds} && ?object NOT IN ({known}))"""

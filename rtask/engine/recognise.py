@@ -20,6 +20,7 @@ from rtask.engine.messages import Field
 from rtask.engine.objects import guess_class
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement, footprint_of, place, posed
+from rtask.engine.policy import Policy
 from rtask.engine.poses import ObjectPose, find_pose, pose_fields
 from rtask.engine.question import Question
 from rtask.engine.recall import KnownObject, Memory, recall
@@ -168,18 +169,30 @@ def question_for(
     if guess is not None:
         kinds.add(guess[0].value)
     kinds -= {RT.ManipulableObject.value, ""}
-    shape = seen.shape
+    shape, policy = seen.shape, engine.policy
     return Question(
         objects=tuple(sorted(objects | ({iri(tracked).value} if tracked else set()))),
         classes=tuple(sorted(kinds)) if gripper is not None else (),
         size=None if shape is None
         else (float(shape.length), float(shape.width), float(shape.height)),
-        size_tolerance=engine.policy.size_tolerance,
+        size_tolerance=policy.size_tolerance,
         tracked=tracked,
         robot=None if gripper is None else gripper.robot.value,
         views=tuple(sorted({m.view_iri for m in recognition.matches if m.view_iri})),
         only=only,
+        doubtful=_doubtful(recognition, tracked, policy),
     )  # fmt: skip
+
+
+def _doubtful(recognition: Recognition, tracked: str | None, policy: Policy) -> tuple[str, ...]:
+    """Return the matches that say less as the object itself than as another of its kind.
+
+    Both together never count more than an outcome of the object itself.
+    """
+    most = 1 - policy.same_class
+    others = recognition.matches[1:] if recognition.accepted else recognition.matches
+    names = (m.object_iri for m in others if m.confidence < most)
+    return tuple(sorted(name for name in names if name != tracked))
 
 
 def _known(tracked: str | None, recognition: Recognition, memory: Memory) -> KnownObject | None:
