@@ -1,0 +1,76 @@
+"""``rtask ask`` and ``rtask feedback`` over a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ontology
+import rtask
+from rtask.cli import main
+
+FACTS = f"""
+PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
+PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
+INSERT DATA {{
+  <urn:lab/robot/nao-1> a cora:Robot ; rt:name "nao-1" ; rt:hasEndEffector <urn:lab/hand> .
+  <urn:lab/hand> a rt:Hand ; rt:gripperType "nao" ; rt:name "hand" ; rt:minOpening 0e0 ;
+    rt:maxOpening 0.05e0 ; rt:maxPayload 0.3e0 .
+  <urn:lab/object/1> a rt:Can ; rt:objectId "lab/1" ; rt:name "cola" ; rt:graspWidth 0.04e0 ;
+    rt:mass 0.2e0 ; rt:hasGrasp <urn:lab/grasp/1> .
+  <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" ; rt:graspQuality 0.8e0 .
+  <urn:lab/task/1> a rt:Grasp ; rt:handles <urn:lab/object/1> ; rt:through <urn:lab/attempt/1> .
+  <urn:lab/attempt/1> a rt:GraspAttempt ; rt:performedBy <urn:lab/robot/nao-1> ;
+    rt:activates <urn:lab/hand> ; rt:executesGrasp <urn:lab/grasp/1> ; rt:requestId "urn:task:1" ;
+    rt:hasOutcome <urn:lab/outcome/1> ; prov:endedAtTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
+  <urn:lab/outcome/1> a rt:GraspOutcome ; rt:success true ; rt:hasReason rt:reason_ok ;
+    rt:hasFeedback <urn:lab/feedback/1> .
+  <urn:lab/feedback/1> a rt:PhysicsFeedback ; rt:verdict true .
+}}"""
+
+
+@pytest.fixture
+def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]):  # type: ignore[no-untyped-def]
+    folder = tmp_path / "kb"
+    with rtask.open(folder, base="urn:lab/") as kb:
+        kb.update(FACTS, "nao-1")
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as caught:
+            main([*arguments, "--data", str(folder)])
+        out, err = capsys.readouterr()
+        return caught.value.code or 0, out, err
+
+    return call
+
+
+def test_a_wish_is_answered_with_the_proof_or_with_reasons(run) -> None:  # type: ignore[no-untyped-def]
+    wish = ("ask", "something", "to", "drink", "from", "--robot", "nao-1")
+    code, out, _ = run(*wish, "--object", "urn:lab/object/1")
+    assert code == 0
+    assert out.startswith("cola  urn:lab/object/1\ncola is something to drink from")
+    assert "rule:canGrasp" in out
+    code, out, err = run(*wish)
+    assert (code, out) == (1, "")
+    assert "not_seen: something to drink from: nothing of that is seen" in err
+
+
+def test_people_judge_by_the_command_line(run) -> None:  # type: ignore[no-untyped-def]
+    assert "counts: held" in run("feedback")[1]
+    correct = ("feedback", "urn:task:1", "--correct", "held=false,reason=slip_lift")
+    code, out, _ = run(*correct, "--by", "ann")
+    assert code == 0
+    assert "0 say that it held, 1 that it did not: it counts as a failure" in out
+    assert "held 0 of 1 times" in out
+    assert "disputed" in run("feedback", "urn:task:1", "--confirm", "--by", "bob")[1]
+    assert "counts: disputed" in run("feedback")[1]
+
+
+def test_what_cannot_be_meant_is_refused(run) -> None:  # type: ignore[no-untyped-def]
+    code, _, err = run("feedback", "urn:task:2", "--confirm")
+    assert code != 0
+    assert "unknown task_id 'urn:task:2'; did you mean 'urn:task:1'?" in err
+    assert "--correct helt=no: held=true" in run("feedback", "urn:t", "--correct", "helt=no")[2]
+    assert "which attempt?" in run("feedback", "--confirm")[2]
+    assert "is enough" in run("feedback", "urn:t", "--confirm", "--correct", "held=true")[2]
