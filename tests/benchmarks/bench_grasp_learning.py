@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -104,7 +105,11 @@ def transfer(seeds: int = 20) -> None:
 def main() -> None:
     """Run what is asked for, else everything."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = {"decision": decision, "latency": latency, "transfer": transfer}
+    parts: dict[str, Callable[[], None]] = {
+        "decision": decision,
+        "latency": latency,
+        "transfer": transfer,
+    }
     parser.add_argument("what", nargs="*", help=f"of {', '.join(parts)}")
     for name in parser.parse_args().what or parts:
         parts[name]()
