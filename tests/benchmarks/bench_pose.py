@@ -147,13 +147,14 @@ def depth_of(vertices: np.ndarray, faces: np.ndarray, pose: np.ndarray) -> np.nd
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    tensor = o3d.core.Tensor
+    scene.add_triangles(tensor(vertices.astype(np.float32)), tensor(faces.astype(np.uint32)))
     v, u = np.mgrid[0 : TURNTABLE.height, 0 : TURNTABLE.width]
     ways = np.stack(
         [(u - TURNTABLE.cx) / TURNTABLE.fx, (v - TURNTABLE.cy) / TURNTABLE.fy, np.ones(u.shape)], -1
     )
     rays = np.concatenate([np.broadcast_to(pose[:3, 3], ways.shape), ways @ pose[:3, :3].T], -1)
-    met = scene.cast_rays(rays.astype(np.float32))["t_hit"].numpy()
+    met = scene.cast_rays(tensor(rays.astype(np.float32)))["t_hit"].numpy()
     return np.where(np.isfinite(met), met, 0.0)
 
 
