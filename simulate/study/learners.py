@@ -164,19 +164,21 @@ def _quadrants(
     for number, thing in enumerate(objects):
         components.add(thing["look"])
         state = np.clip(components.state(thing["look"]).features, -_STATE_RANGE, _STATE_RANGE)
-        problem = Problem(f"{number}", state, _both_ways(_arms(thing, source)))
+        problem = Problem(f"{number}", state, _both_ways(thing, source))
         if not problem.candidates:
             yield FAILED
             continue
         yield _steps(agent, GraspEnv([problem], _judge))
 
 
-def _both_ways(arms: Sequence[Mapping[str, Any]]) -> list[_Grasp]:
+def _both_ways(thing: Mapping[str, Any], source: str) -> list[_Grasp]:
     """Return each grasp in its quadrant and in the opposite one: two jaws close alike."""
     return [
-        _Grasp(a["theta"] + turn, a["quality"], a["reason"] == "ok")
+        _Grasp(
+            a["theta"] + turn, a["quality"] if source == "geometry" else 0.0, a["reason"] == "ok"
+        )
         for turn in (0.0, np.pi)
-        for a in arms
+        for a in _arms(thing, source)
     ]
 
 
