@@ -75,6 +75,20 @@ def test_nothing_is_completed_where_the_camera_saw_nothing_or_the_table_is() -> 
         assert added[:, 2].min() > 0
 
 
+def test_no_wall_falls_from_a_brim_under_which_the_camera_saw() -> None:
+    rng = np.random.default_rng(0)
+    stem = half_can(0.01, 0.08, lid=False)
+    turn, r = rng.uniform(0, 2 * np.pi, 9000), 0.04 * np.sqrt(rng.random(9000))
+    brim = np.stack([r * np.cos(turn), r * np.sin(turn), np.full(9000, 0.085)], axis=1)
+    cloud = complete_by_symmetry(cloud_of(np.concatenate([stem, brim])))
+    added = cloud.points[cloud.completed]
+    towards = CAMERA[:2] / np.linalg.norm(CAMERA[:2])
+    # In front of the stem's axis, beside the stem, below the brim: open space, seen as such.
+    low = (added[:, 2] < 0.05) & (added[:, :2] @ towards > 0.02)
+    assert not low.any()
+    assert len(added) > 50
+
+
 def test_a_box_seen_at_a_corner_gets_its_other_sides() -> None:
     size = np.array([0.05, 0.07, 0.09])
     cloud = complete_by_symmetry(cloud_of(corner_of_box(size)))
