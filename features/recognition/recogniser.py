@@ -176,7 +176,7 @@ class _Ranking:
         self._look = np.full(len(snapshot.object_iris), -1.0)
         np.maximum.at(self._look, snapshot.object_of_view, similarity)
         order = np.argsort(-self._look, kind="stable")[:4]
-        self._has_many = np.count_nonzero(self._look >= 0) >= params.look_least_objects
+        self._has_many = int(np.count_nonzero(self._look >= 0)) >= params.look_least_objects
         self._by_look = [int(number) for number in order if self._look[number] >= 0]
 
     def chosen(self) -> list[int]:
