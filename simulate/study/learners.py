@@ -161,24 +161,29 @@ def _quadrants(
     bins = Bins((-_STATE_RANGE,) * 5, (_STATE_RANGE,) * 5, (_STATE_PARTS,) * 5)
     agent = make(bins, seed)
     components = GrowingComponents(seed=seed)
+    rng = np.random.default_rng((seed, 2))
     for number, thing in enumerate(objects):
         components.add(thing["look"])
         state = np.clip(components.state(thing["look"]).features, -_STATE_RANGE, _STATE_RANGE)
-        problem = Problem(f"{number}", state, _both_ways(thing, source))
+        problem = Problem(f"{number}", state, _both_ways(thing, source, rng))
         if not problem.candidates:
             yield FAILED
             continue
         yield _steps(agent, GraspEnv([problem], _judge))
 
 
-def _both_ways(thing: Mapping[str, Any], source: str) -> list[_Grasp]:
-    """Return each grasp in its quadrant and in the opposite one: two jaws close alike."""
+def _both_ways(thing: Mapping[str, Any], source: str, rng: np.random.Generator) -> list[_Grasp]:
+    """Return each grasp in its quadrant and in the opposite one: two jaws close alike.
+
+    In random order, which decides between grasps of one quality.
+    """
+    arms = _arms(thing, source)
     return [
         _Grasp(
             a["theta"] + turn, a["quality"] if source == "geometry" else 0.0, a["reason"] == "ok"
         )
         for turn in (0.0, np.pi)
-        for a in _arms(thing, source)
+        for a in (arms[i] for i in rng.permutation(len(arms)))
     ]
 
 
