@@ -246,8 +246,8 @@ def _plot(lines: dict[str, list[tuple[float, float, float]]], path: Path) -> Non
             ]
             cv2.polylines(sheet, [np.array(drawn)], False, colours[title], 2, cv2.LINE_AA)
             cv2.putText(
-                sheet, title, (width - 150, top + 20 + 18 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.45,
-                colours[title], 1, cv2.LINE_AA,
+                sheet, title, (width - 150, (top + base) // 2 + 18 * k),
+                cv2.FONT_HERSHEY_SIMPLEX, 0.45, colours[title], 1, cv2.LINE_AA,
             )  # fmt: skip
     cv2.imwrite(str(path), sheet)
     print(f"drawn to {path}")
