@@ -188,7 +188,7 @@ class ObjectModel:
     def _round_pose_model(self) -> PoseModel:
         return self.revolved()._pose_model
 
-    def revolved(self, most: int = 1500, steps: int = 24) -> ObjectModel:
+    def revolved(self, most: int = 600, steps: int = 24) -> ObjectModel:
         """Return the body that a round object's surface sweeps about the z axis of its frame.
 
         Parameters
