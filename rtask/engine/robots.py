@@ -254,18 +254,15 @@ def _read_grippers(kb: KnowledgeBase) -> list[KnownGripper]:
         if not isinstance(part, NamedNode) or not isinstance(robot, NamedNode):
             continue
         kind = local_name(str(given.get("kind", "Hand")))
-        sizes = {
-            "finger_width": given.get("jaw"),
-            "finger_length": given.get("finger"),
-            "max_payload": given.get("payload"),
-        }
         gripper = ParallelGripper(
             name=str(given["name"]),
             gripper_type=str(given["type"]),
             min_opening=float(str(given.get("low", 0.0))),
             max_opening=float(str(given["high"])),
             symmetric=kind != "Hand",
-            **{name: float(str(size)) for name, size in sizes.items() if size is not None},
+            finger_width=float(str(given.get("jaw", ParallelGripper.finger_width))),
+            finger_length=float(str(given.get("finger", ParallelGripper.finger_length))),
+            max_payload=float(str(given.get("payload", ParallelGripper.max_payload))),
         )
         known = KnownGripper(
             part, robot, str(given["robot_name"]), gripper, kind,
