@@ -1,6 +1,6 @@
 """Models of objects that grow from view to view: one cloud, one mesh, ready for poses."""
 
-from features.modelling.grow import ObjectModel, Registration
+from features.modelling.grow import ObjectModel, Registration, warm_up
 from features.modelling.surface import mesh_to_ply, surface_of
 
-__all__ = ["ObjectModel", "Registration", "mesh_to_ply", "surface_of"]
+__all__ = ["ObjectModel", "Registration", "mesh_to_ply", "surface_of", "warm_up"]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from features.geometry import Frame
+from features.geometry import Frame, Intrinsics
 from features.modelling.surface import surface_of
 from features.pose.estimate import PoseParams, estimate_pose
 from features.pose.icp import distances
@@ -27,7 +27,7 @@ from features.pose.visibility import check_free_space
 from features.recognition.pairs import match_views
 from features.recognition.view import ViewFeatures
 
-__all__ = ["ObjectModel", "Registration"]
+__all__ = ["ObjectModel", "Registration", "warm_up"]
 
 _VOXEL_M = 0.0015
 _MOST_KEPT = 40_000
@@ -401,3 +401,18 @@ def _averaged(
     cloud = mean(rows)
     cloud[:, 3:] /= np.maximum(np.linalg.norm(cloud[:, 3:], axis=1, keepdims=True), 1e-9)
     return cloud.astype(np.float32), np.rint(mean(inks)).astype(np.uint8), total.astype(np.float32)
+
+
+def warm_up() -> None:
+    """Compile the kernels of growing and of poses; they stay on disk for the next process."""
+    camera = Intrinsics.from_fov(96, 72, 0.9)
+    v, u = np.mgrid[:72, :96]
+    ridge = (0.4 - 0.02 * np.exp(-(((u - 44) / 14) ** 2) - ((v - 36) / 9) ** 2)).astype(np.float32)
+    mask = (abs(u - 48) < 26) & (abs(v - 36) < 18)
+    frame = Frame(np.where(mask, ridge, np.float32(0.5)), camera, mask=mask)
+    model, _ = ObjectModel().add(frame)
+    model, _ = model.add(frame, object_from_camera=np.eye(4))
+    estimate_pose(
+        model.pose_model(), frame, mask.astype(np.int32), 1, PoseParams(starts=8), None,
+        initial=np.eye(4)[None],
+    )  # fmt: skip

@@ -180,6 +180,7 @@ def warm_up() -> None:
     for module in (
         "features.segmentation",
         "features.recognition",
+        "features.modelling",
         "features.scene_change",
         "reasoner",
         "grasp.push",
