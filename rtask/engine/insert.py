@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rtask.engine.facts import Facts
-from rtask.engine.identity import is_plausible, recognise, settle
-from rtask.engine.messages import Field, read
-from rtask.engine.models import Growth, grow, old_models, state_model
+from rtask.engine.messages import Field
+from rtask.engine.models import grow, old_models, state_model
 from rtask.engine.names import slug, tail
 from rtask.engine.objects import (
     NewObject,
@@ -25,28 +23,29 @@ from rtask.engine.objects import (
     guess_class,
     state_object,
     state_view,
-    viewpoint_of,
 )
 from rtask.engine.observation import Observation
-from rtask.engine.placement import Placement
-from rtask.engine.poses import ObjectPose
+from rtask.engine.prepared import (
+    ITEM,
+    Prepared,
+    Repeated,
+    classes_named,
+    prepare,
+    stored_before,
+)
 from rtask.engine.question import Question
-from rtask.engine.recall import KnownObject, recall
-from rtask.engine.received import OUTCOME, Outcome, Received, received
-from rtask.engine.recognise import SIGHT, locate, question_for
+from rtask.engine.recall import recall
 from rtask.engine.record import (
     Earlier,
     Entry,
     Withdrawn,
-    earlier,
     home_graph,
     record_try,
     resolve_grasp,
 )
-from rtask.engine.robots import KnownGripper
 from rtask.engine.terms import find_function, folded
 from rtask.engine.vocabulary import RDF, RDFS, RT
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import UnknownTermError
 from rtask.kb.terms import Literal, NamedNode, iri
 
 if TYPE_CHECKING:
@@ -54,31 +53,11 @@ if TYPE_CHECKING:
     from rtask.engine.engine import Engine
     from rtask.kb.access import Access
 
-__all__ = ["INSERT_OBJECT", "ITEM", "insert_object", "wrapped"]
+__all__ = ["INSERT_OBJECT", "insert_object", "wrapped"]
 
 log = logging.getLogger(__name__)
 
 _UNKNOWN_GRIPPER = "unknown"
-_MOST_MATCHES = 5
-_PLACE = ("X", "Y", "Z", "rad")
-
-ITEM = (
-    *SIGHT,
-    Field("object", "string", "IRI of the object, when the robot followed it and knows"),
-    Field("name", "string", "what people call this one object"),
-    Field("class_description", "string", "what kind of thing it is, in words"),
-    Field("function", "string", "what it is for: write, contain liquid, ..."),
-    Field("gripper_id", "string", "name or IRI of the end effector that tried"),
-    Field("task", "string", "what it was for: pick, place, push", default="pick"),
-    Field("grasp", "grasp", "the grasp that was tried, as received"),
-    *(Field(name, "number", "grasp in the frame of the cloud, m and rad") for name in _PLACE),
-    Field("success", "boolean", "whether the grasp held, when no outcome is given", default=True),
-    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
-    Field("operator", "string", "the person, when a person says so"),
-    Field("outcome", "record", "what came of it", fields=OUTCOME),
-    Field("task_id", "string", "from recognise_for_grasp, or any id: the same id stores once"),
-    Field("merge", "boolean", "add the view to a recognised object", default=True),
-)
 
 INSERT_OBJECT = (
     Field("objects", "records", "what was seen", required=True, low=1, high=32, fields=ITEM),
@@ -90,38 +69,13 @@ def wrapped(args: dict[str, Any]) -> dict[str, Any]:
     return args if "objects" in args or not args else {"objects": [args]}
 
 
-@dataclass(frozen=True)
-class _Prepared:
-    """One entry, decoded, recognised and located; nothing stored yet."""
-
-    item: dict[str, Any]
-    where: str
-    seen: Observation
-    known: KnownObject | None
-    placement: Placement | None
-    gripper: KnownGripper | None
-    grasp: Received | None
-    outcome: Outcome | None
-    view: NamedNode
-    growth: Growth | None
-
-
-@dataclass(frozen=True)
-class _Repeated:
-    """One entry whose id was stored before."""
-
-    task_id: str
-    before: Earlier
-    gripper: KnownGripper | None
-
-
 def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Store a list of objects as one commit; the first bad entry refuses all."""
     prepared = []
     for k, item in enumerate(request["objects"]):
         where = f"objects[{k}]."
         try:
-            prepared.append(_prepare(engine, item, where, access))
+            prepared.append(prepare(engine, item, where, access))
         except UnknownTermError as error:
             raise UnknownTermError(f"{where.rstrip('.')}: {error}", **error.details) from error
     grippers = [one.gripper for one in prepared if one.gripper is not None]
@@ -144,120 +98,6 @@ def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> di
     return {"stored": writer.stored, "commit": commit, "objects": entries}
 
 
-def _prepare(
-    engine: Engine, item: dict[str, Any], where: str, access: Access
-) -> _Prepared | _Repeated:
-    gripper = _gripper(engine, item, access)
-    before = _stored_before(engine, item["task_id"], access, gripper)
-    if before is not None:
-        return _Repeated(item["task_id"], before, gripper)
-    seen = engine.observations.observe(item, where)
-    kinds = _exact(engine, item["class_description"])
-    recognition = recognise(engine.recogniser, seen, engine.policy, _MOST_MATCHES)
-    question = question_for(
-        engine, seen, recognition, item["object"], gripper,
-        () if item["object"] else tuple(kind.value for kind in kinds),
-    )  # fmt: skip
-    memory = recall(engine.kb, question)
-    recognition = settle(recognition, memory, seen, engine.policy)
-    known = None
-    if item["object"]:
-        known = memory.objects.get(item["object"])
-        if known is None:
-            raise UnknownTermError(f"the graph knows no object {item['object']}")
-    elif item["merge"] and recognition.accepted and (kinds or not item["class_description"]):
-        known = memory.objects.get(recognition.matches[0].object_iri)
-    placement, pose = locate(engine, seen, recognition, known, memory)
-    decision = engine.decisions.get(item["task_id"])
-    grasp = _grasp(item, where)
-    if grasp is not None:
-        grasp = grasp.placed(placement).completed(decision)
-    outcome = _outcome(engine, item, grasp, where)
-    if item["outcome"] is not None and gripper is None:
-        raise UsageError(
-            f"{where}gripper_id is missing: an outcome is one of a gripper; "
-            "register_robot introduces it", field=where + "gripper_id",
-        )  # fmt: skip
-    view = engine.names.unique("view")
-    is_alike = known is None or is_plausible(known, seen, engine.policy)
-    is_round = placement is not None and placement.is_round
-    growth = grow(
-        engine.models, None if known is None else iri(known.iri), seen,
-        _viewpoint(seen, known, placement, pose) if is_alike else None, view, is_round,
-    )  # fmt: skip
-    return _Prepared(item, where, seen, known, placement, gripper, grasp, outcome, view, growth)
-
-
-def _viewpoint(
-    seen: Observation,
-    known: KnownObject | None,
-    placement: Placement | None,
-    pose: ObjectPose | None,
-) -> NDArray[np.float64] | None:
-    """Return how the camera stood to the object, when that is sure."""
-    if pose is not None and pose.accepted and known is not None and not known.is_round:
-        return pose.object_from_camera
-    if placement is None or not placement.is_verified:
-        return None
-    return viewpoint_of(seen, placement)
-
-
-def _stored_before(
-    engine: Engine, task_id: str | None, access: Access, gripper: KnownGripper | None
-) -> Earlier | None:
-    """Return what an earlier request of this id and author stored."""
-    if task_id is None:
-        return None
-    author = engine.author(access, gripper.robot_name if gripper else None)
-    agents = [engine.agent_iri(author), *([gripper.robot] if gripper else [])]
-    return earlier(engine, task_id, agents)
-
-
-def _gripper(engine: Engine, item: dict[str, Any], access: Access) -> KnownGripper | None:
-    try:
-        return engine.grippers.find(item["gripper_id"], access.agent)
-    except UnknownTermError:
-        if item["gripper_id"]:
-            raise
-        return None
-
-
-def _exact(engine: Engine, description: str | None) -> list[NamedNode]:
-    """Return the classes whose names are the description, not only begin with it."""
-    if not description:
-        return []
-    wanted = folded(description)
-    found = engine.classes.find(description)
-    return [kind.iri for kind in found if wanted in map(folded, kind.names)]
-
-
-def _grasp(item: dict[str, Any], where: str) -> Received | None:
-    if item["grasp"] is not None:
-        return received(item["grasp"], where + "grasp")
-    given = [item[name] is not None for name in _PLACE]
-    if not any(given):
-        return None
-    if not all(given):
-        raise UsageError(f"{where}X: X, Y, Z and rad belong together", field=where + "X")
-    x, y, z, rad = (item[name] for name in _PLACE)
-    return Received(in_frame=(x, y, z, rad))
-
-
-def _outcome(
-    engine: Engine, item: dict[str, Any], grasp: Received | None, where: str
-) -> Outcome | None:
-    fields = item["outcome"]
-    if fields is None:
-        if grasp is None:
-            return None
-        # As in the thesis, the operator has validated what is inserted (Gatto 2016, 3.2.4).
-        said = {"success": item["success"], "confirmed_by": item["confirmed_by"] or "human"}
-        fields = read(OUTCOME, {**said, "operator": item["operator"]})
-    elif grasp is None:
-        raise UsageError(f"{where}grasp is missing: an outcome is one of a grasp")
-    return Outcome.of(fields, engine.reasons, where + "outcome")
-
-
 class _Writer:
     """Turns prepared entries into statements; the caller holds the engine's write lock."""
 
@@ -274,15 +114,15 @@ class _Writer:
         self._grown_things: set[NamedNode] = set()
         self._told: dict[str, dict[str, Any]] = {}
 
-    def write(self, one: _Prepared | _Repeated) -> dict[str, Any]:
+    def write(self, one: Prepared | Repeated) -> dict[str, Any]:
         """State one entry, unless its id was stored before; return its part of the answer."""
-        if isinstance(one, _Repeated):
+        if isinstance(one, Repeated):
             return self._answer_again(one.before)
         task_id = one.item["task_id"]
         if task_id in self._told:
             return {**self._told[task_id], "new": False}
         # Again under the lock: the same request may have come in twice at once.
-        before = _stored_before(self.engine, task_id, self.author, one.gripper)
+        before = stored_before(self.engine, task_id, self.author, one.gripper)
         if before is not None:
             return self._answer_again(before)
         answer = self._write_new(one, task_id or self.engine.names.unique("task").value)
@@ -300,7 +140,7 @@ class _Writer:
             known.label if known else "", before.grasp, before.view, False, 0,
         )  # fmt: skip
 
-    def _write_new(self, one: _Prepared, task_id: str) -> dict[str, Any]:
+    def _write_new(self, one: Prepared, task_id: str) -> dict[str, Any]:
         engine, is_new = self.engine, one.known is None
         if one.known is None:
             thing, class_iri, short_id, label = self._new_object(one)
@@ -325,7 +165,7 @@ class _Writer:
             is_new, features,
         )  # fmt: skip
 
-    def _grown(self, one: _Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
+    def _grown(self, one: Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
         """State the model with this view in it; return how the camera stood, as the model says."""
         growth, engine = one.growth, self.engine
         if growth is None:
@@ -349,7 +189,7 @@ class _Writer:
         return None if known else growth.registration.object_from_camera
 
     def _grasp(
-        self, one: _Prepared, thing: NamedNode, task_id: str, event: NamedNode, now: dt.datetime
+        self, one: Prepared, thing: NamedNode, task_id: str, event: NamedNode, now: dt.datetime
     ) -> NamedNode | None:
         if one.grasp is None or one.outcome is None:
             return None
@@ -364,7 +204,7 @@ class _Writer:
         self.withdrawn += withdrawn
         return grasp
 
-    def _new_object(self, one: _Prepared) -> tuple[NamedNode, str, str, str]:
+    def _new_object(self, one: Prepared) -> tuple[NamedNode, str, str, str]:
         """State a new object; return it with class, short id and label."""
         engine = self.engine
         thing = engine.names.counted("object")
@@ -396,7 +236,7 @@ class _Writer:
 
     def _class(self, description: str) -> NamedNode:
         """Return the class of a description, made from the words when nobody taught it before."""
-        found = _exact(self.engine, description)
+        found = classes_named(self.engine, description)
         if found:
             return found[0]
         made = self.engine.names.named("class", slug(description))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.feedback import give_feedback
-from rtask.engine.insert import ITEM, insert_object
+from rtask.engine.insert import insert_object
 from rtask.engine.messages import Field, read
+from rtask.engine.prepared import ITEM
 from rtask.engine.recognise import SIGHT
 from rtask.engine.search import search_object
 
