@@ -348,11 +348,11 @@ def test_a_decompression_bomb_is_refused_before_it_is_held() -> None:
         unpacked(bomb, "gzip", 8 << 20)
 
 
-@pytest.mark.parametrize(("body", "status"), [(b"no gzip", 400), (gzip.compress(b"x")[:-4], 400)])
-def test_a_broken_gzip_body_is_refused(body: bytes, status: int) -> None:
+@pytest.mark.parametrize("body", [b"no gzip", gzip.compress(b"x")[:-4]], ids=["no gzip", "cut off"])
+def test_a_broken_gzip_body_is_refused(body: bytes) -> None:
     with pytest.raises(RefusedError) as refused:
         unpacked(body, "gzip", 1_000)
-    assert refused.value.http_status == status
+    assert refused.value.http_status == 400
 
 
 def test_an_unknown_encoding_is_415() -> None:
