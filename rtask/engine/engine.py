@@ -61,7 +61,7 @@ class Engine:
     >>> from rtask.engine import Engine
     >>> with rtask.open(":memory:", reason=False) as kb, Engine(kb) as engine:
     ...     sorted(engine.operations)[:2]
-    ['insert_object', 'recall_grasps']
+    ['curate_object', 'give_feedback']
     """
 
     operations: Mapping[str, Operation] = OPERATIONS
