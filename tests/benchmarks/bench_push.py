@@ -478,6 +478,9 @@ def main() -> None:
         at = names.index("--drawings")
         DRAWINGS = Path(names[at + 1])
         del names[at : at + 2]
+    unknown = [name for name in names if ALSO.get(name, name) not in ALL]
+    if unknown:
+        sys.exit(f"{', '.join(unknown)}: expected some of {', '.join([*ALL, *ALSO])}")
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     for name in names or ALL:
         began = time.perf_counter()
