@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FloatArray", "Frame", "Intrinsics", "UInt8Array", "points_from_depth", "transform"]
+__all__ = [
+    "FloatArray",
+    "Frame",
+    "Intrinsics",
+    "UInt8Array",
+    "look_at",
+    "points_from_depth",
+    "transform",
+]
 
 FloatArray = NDArray[np.floating[Any]]
 UInt8Array = NDArray[np.uint8]
@@ -84,6 +92,28 @@ def points_from_depth(
     u = (np.arange(x0, x0 + width, dtype=np.float32) - intrinsics.cx) / intrinsics.fx
     v = (np.arange(y0, y0 + height, dtype=np.float32) - intrinsics.cy) / intrinsics.fy
     return np.stack([u[None, :] * z, v[:, None] * z, z], axis=-1).astype(np.float32)
+
+
+def look_at(eye: FloatArray, target: FloatArray) -> NDArray[np.float64]:
+    """Return ``world_from_camera`` (4, 4) of an optical frame at ``eye`` that looks at a point.
+
+    Parameters
+    ----------
+    eye, target : (3,), m
+        World frame, z up; the view must not be straight up or down.
+
+    Examples
+    --------
+    >>> look_at(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]))[:3, 2].tolist()
+    [1.0, 0.0, 0.0]
+    """
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
+    pose[:3, 3] = eye
+    return pose
 
 
 def transform(target_from_source: FloatArray, points: FloatArray) -> FloatArray:

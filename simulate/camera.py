@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from features.geometry import Frame, Intrinsics
+from features.geometry import Frame, Intrinsics, look_at
 from rtask.errors import RobotError, UsageError
 from simulate.robots import Workplace
 
@@ -150,7 +150,7 @@ class Camera:
             From where, and what, for the right half; mirrored for the left.
         """
         mirror = np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
-        pose = _look_at(np.array(eye) * mirror, np.array(target) * mirror)
+        pose = look_at(np.array(eye) * mirror, np.array(target) * mirror)
         rgb, _, _ = self._render(pose, size, _SNAPSHOT_FOV_RAD, lighting)
         done, data = cv2.imencode(".png", np.ascontiguousarray(rgb[..., ::-1]))
         if not done:
@@ -188,17 +188,6 @@ class Camera:
         colours = np.asarray(rgba, np.uint8).reshape(height, width, 4)[..., :3].copy()
         depth = np.asarray(buffer, np.float64).reshape(height, width)
         return colours, depth, np.asarray(mask, np.int32).reshape(height, width)
-
-
-def _look_at(eye: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the optical pose (4, 4) of a camera at ``eye`` that looks at ``target``, z up."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
-    pose[:3, 3] = eye
-    return pose
 
 
 def _load_egl(client: Any) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from features.geometry import Frame, transform
+from features.geometry import Frame, look_at, transform
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
@@ -22,7 +22,7 @@ from grasp.spatial.rays import NOTHING, crossings, first_and_last
 from simulate.camera import INTRINSICS
 from simulate.noise import SensorNoise
 
-__all__ = ["TABLE", "View", "camera_pose", "correct", "depth_view", "sample_camera"]
+__all__ = ["TABLE", "View", "correct", "depth_view", "sample_camera"]
 
 Floats = NDArray[np.float64]
 
@@ -62,17 +62,6 @@ def sample_camera(rng: np.random.Generator) -> Floats:
     )
 
 
-def camera_pose(eye: Floats, target: Floats) -> Floats:
-    """Return ``world_from_camera`` (4, 4) of an optical frame at ``eye`` that looks at a point."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(forward, right), forward
-    pose[:3, 3] = eye
-    return pose
-
-
 def depth_view(
     mesh: Mesh,
     viewpoint: Floats,
@@ -91,7 +80,7 @@ def depth_view(
         Of the noise.
     """
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    world_from_camera = camera_pose(viewpoint, middle)
+    world_from_camera = look_at(viewpoint, middle)
     rotation = world_from_camera[:3, :3]
     corners = (mesh.vertices - viewpoint) @ rotation
     camera = INTRINSICS

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 _PLANNER = "planner"
+Planned = TypeVar("Planned")
 _IN_SPACE = "rtask antipodal 1"
 
 
@@ -152,35 +153,25 @@ def store_planned(
     -------
     ``object``, ``grasps`` (IRIs in the given order), ``commit``.
     """
-    if not grasps:
-        raise UsageError("there are no grasps to store")
-    target = iri(thing)
-    stored: list[NamedNode] = []
-    with engine.writing:
-        facts = Facts()
-        state_frame(engine, facts, target)
-        for planned in grasps:
-            received = Received(
-                in_object=(planned.x, planned.y, planned.z, planned.theta),
-                width=planned.width,
-                opening=planned.opening,
-                quality=planned.quality,
-            )
-            node = state_grasp(engine, facts, target, gripper_type, received)
-            evaluation = iri(node.value + "/evaluation")
-            facts.add(node, RT.hasEvaluation, evaluation)
-            facts.node(
-                evaluation,
-                [RT.GraspEvaluation],
-                {
-                    RT.graspConfidence: planned.quality,
-                    RT.forceClosureLowerBound: planned.quality,
-                    RT.sampleCount: planned.samples,
-                    RT.vertexSigma: planned.vertex_sigma,
-                },
-            )
-            stored.append(node)
-        return _written(engine, facts, thing, stored, access)
+
+    def state(facts: Facts, target: NamedNode, planned: PlannedGrasp) -> NamedNode:
+        received = Received(
+            in_object=(planned.x, planned.y, planned.z, planned.theta),
+            width=planned.width,
+            opening=planned.opening,
+            quality=planned.quality,
+        )
+        return state_grasp(engine, facts, target, gripper_type, received)
+
+    def evaluation(planned: PlannedGrasp) -> dict[NamedNode, Any]:
+        return {
+            RT.graspConfidence: planned.quality,
+            RT.forceClosureLowerBound: planned.quality,
+            RT.sampleCount: planned.samples,
+            RT.vertexSigma: planned.vertex_sigma,
+        }
+
+    return _store(engine, thing, grasps, state, evaluation, access)
 
 
 def store_planned_in_space(
@@ -201,42 +192,30 @@ def store_planned_in_space(
     """
     from grasp.spatial.frames import planar_from_pose
 
-    if not grasps:
-        raise UsageError("there are no grasps to store")
-    target = iri(thing)
-    stored: list[NamedNode] = []
-    with engine.writing:
-        facts = Facts()
-        state_frame(engine, facts, target)
-        for planned in grasps:
-            try:
-                at = planar_from_pose(planned.object_from_gripper)
-            except ValueError:
-                node = _state_spatial(engine, facts, target, gripper_type, planned)
-            else:
-                received = Received(
-                    in_object=at,
-                    width=planned.width,
-                    opening=planned.opening,
-                    quality=planned.confidence,
-                )
-                node = state_grasp(engine, facts, target, gripper_type, received)
-            evaluation = iri(node.value + "/evaluation")
-            facts.add(node, RT.hasEvaluation, evaluation)
-            facts.node(
-                evaluation,
-                [RT.GraspEvaluation],
-                {
-                    RT.graspConfidence: planned.confidence,
-                    RT.confidenceLower95: planned.lower_95,
-                    RT.epsilonQuality: planned.epsilon,
-                    RT.sampleCount: planned.samples,
-                    RT.positionSigma: planned.position_sigma,
-                    RT.orientationSigma: planned.orientation_sigma,
-                },
-            )
-            stored.append(node)
-        return _written(engine, facts, thing, stored, access)
+    def state(facts: Facts, target: NamedNode, planned: PlannedSpatialGrasp) -> NamedNode:
+        try:
+            at = planar_from_pose(planned.object_from_gripper)
+        except ValueError:
+            return _state_spatial(engine, facts, target, gripper_type, planned)
+        received = Received(
+            in_object=at,
+            width=planned.width,
+            opening=planned.opening,
+            quality=planned.confidence,
+        )
+        return state_grasp(engine, facts, target, gripper_type, received)
+
+    def evaluation(planned: PlannedSpatialGrasp) -> dict[NamedNode, Any]:
+        return {
+            RT.graspConfidence: planned.confidence,
+            RT.confidenceLower95: planned.lower_95,
+            RT.epsilonQuality: planned.epsilon,
+            RT.sampleCount: planned.samples,
+            RT.positionSigma: planned.position_sigma,
+            RT.orientationSigma: planned.orientation_sigma,
+        }
+
+    return _store(engine, thing, grasps, state, evaluation, access)
 
 
 def _state_spatial(
@@ -262,15 +241,33 @@ def _state_spatial(
     return node
 
 
-def _written(
-    engine: Engine, facts: Facts, thing: str, stored: Sequence[NamedNode], access: Access | None
+def _store(
+    engine: Engine,
+    thing: str,
+    grasps: Sequence[Planned],
+    state: Callable[[Facts, NamedNode, Planned], NamedNode],
+    evaluation: Callable[[Planned], dict[NamedNode, Any]],
+    access: Access | None,
 ) -> dict[str, Any]:
-    """Commit what was stated and return what a caller learns of it."""
-    author = engine.author(access or Access(), _PLANNER)
-    with engine.kb.transaction(access=author, note="planned grasps") as tx:
-        facts.write(tx)
-    return {
-        "object": thing,
-        "grasps": [node.value for node in stored],
-        "commit": engine.commit_id(tx.commit),
-    }
+    """Commit grasps, each with its evaluation, and return what a caller learns of it."""
+    if not grasps:
+        raise UsageError("there are no grasps to store")
+    target = iri(thing)
+    stored: list[NamedNode] = []
+    with engine.writing:
+        facts = Facts()
+        state_frame(engine, facts, target)
+        for planned in grasps:
+            node = state(facts, target, planned)
+            judged = iri(node.value + "/evaluation")
+            facts.add(node, RT.hasEvaluation, judged)
+            facts.node(judged, [RT.GraspEvaluation], evaluation(planned))
+            stored.append(node)
+        author = engine.author(access or Access(), _PLANNER)
+        with engine.kb.transaction(access=author, note="planned grasps") as tx:
+            facts.write(tx)
+        return {
+            "object": thing,
+            "grasps": [node.value for node in stored],
+            "commit": engine.commit_id(tx.commit),
+        }

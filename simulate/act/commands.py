@@ -35,6 +35,13 @@ _csv = click.option(
 )
 
 
+def _of_trials(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of a test of random goals."""
+    for option in (_view, _json, _csv, _seed, _n, _robot):
+        command = option(command)
+    return command
+
+
 def _cell(robot: str, view: bool) -> Workcell:
     from simulate.workcell import Workcell
 
@@ -49,12 +56,7 @@ def act_test() -> None:
 
 
 @act_test.command()
-@_robot
-@_n
-@_seed
-@_csv
-@_json
-@_view
+@_of_trials
 def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
     """Go to random positions of imagined objects."""
     from simulate.act.trials import reach_test
@@ -63,12 +65,7 @@ def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, v
 
 
 @act_test.command()
-@_robot
-@_n
-@_seed
-@_csv
-@_json
-@_view
+@_of_trials
 def place(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
     """Carry an imagined object to random positions."""
     from simulate.act.trials import place_test

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -107,7 +108,7 @@ def run(
         raise UsageError(f"needs at least 1 trial and 1 process, got {study.trials}, {processes}")
     settings = {"name": study.name, **study.settings}
     broken: dict[int, str] = {}
-    with Journal(folder / "journal.jsonl", settings, resume) as journal:
+    with closing(Journal(folder / "journal.jsonl", settings, resume)) as journal:
         missing = [n for n in range(study.trials) if n not in journal.done]
         told = Progress(study.trials, study.trials - len(missing), progress)
         for number, result, why in run_trials(study.trial, study.settings, missing, processes):

@@ -9,44 +9,10 @@ import numpy as np
 import pytest
 
 import simulate.agent as agent_module
-from features.geometry import Frame, Intrinsics
-from features.tabletop import TabletopShape
+from features.geometry import Frame
 from simulate.agent import Agent, AgentConfig
-from simulate.perception import Perceived, Seen
-
-_CAMERA = Intrinsics.from_fov(16, 12, 1.2)
-
-
-def _seen(x: float, y: float) -> Seen:
-    shape = TabletopShape(np.array([x, y]), 0.0, 0.03, 0.03, 0.07, 0.27, np.zeros((4, 2)), 0.95)
-    crop = Frame(np.full((12, 16), 0.3, np.float32), _CAMERA, np.zeros((12, 16, 3), np.uint8))
-    return Seen(crop, np.ones((12, 16), bool), np.full((30, 3), [x, y, 0.3]), shape, False)
-
-
-@dataclass(frozen=True)
-class _Record:
-    """What :class:`simulate.executor.GraspRecord` tells the agent."""
-
-    reason: str = "ok"
-    held: bool = True
-    placed: bool = True
-    place_reason: str = "ok"
-    lifted_m: float = 0.06
-    slip_m: float = 0.001
-    duration_s: float = 6.0
-    links_touching: int = 6
-    contact_force_n: float = 3.0
-    preset: str = "faithful"
-    seed: int = 0
-    end_effector: str = "right_hand"
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """A way to a grasp that can be reached, well or not."""
-
-    request: Any
-    is_doubtful: bool = False
+from simulate.perception import Perceived
+from simulate.testing import CAMERA, Plan, Record, seen_at
 
 
 @dataclass
@@ -54,7 +20,7 @@ class _Body:
     """A table on which a placed object is gone and a missed one stays."""
 
     table: list[tuple[float, float]]
-    outcomes: list[_Record] = field(default_factory=list)
+    outcomes: list[Record] = field(default_factory=list)
     unreachable: bool = False
     blocked: dict[tuple[float, float], int] = field(default_factory=dict)
     planned: list[Any] = field(default_factory=list)
@@ -68,16 +34,16 @@ class _Body:
         return {"right": "right_hand", "left": "left_hand"}
 
     def look(self, side: str) -> tuple[Frame, np.ndarray]:
-        return Frame(np.zeros((12, 16), np.float32), _CAMERA), np.eye(4)
+        return Frame(np.zeros((12, 16), np.float32), CAMERA), np.eye(4)
 
     def plan(self, request, obstacles, seed):
         if self.unreachable or len(self.table) > self.blocked.get((request.x, request.y), 99):
             return "ik"
         self.planned.append(request)
-        return _Plan(request, is_doubtful=request.theta in self.doubted)
+        return Plan(request, is_doubtful=request.theta in self.doubted)
 
     def execute(self, plan):
-        record = self.outcomes.pop(0) if self.outcomes else _Record()
+        record = self.outcomes.pop(0) if self.outcomes else Record()
         self.executed.append(plan.request)
         if record.placed:
             self.table.remove((plan.request.x, plan.request.y))
@@ -142,7 +108,7 @@ def run(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(
             agent_module,
             "perceive",
-            lambda *_: Perceived("ok", 0.27, tuple(_seen(x, y) for x, y in body.table)),
+            lambda *_: Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table)),
         )
         agent = Agent(body, server, AgentConfig(**config))
         return agent.clear_table()
@@ -189,7 +155,7 @@ def test_an_object_known_but_not_well_gives_one_more_view(run) -> None:
 
 def test_after_a_miss_the_robot_tries_again_and_says_which_object_it_is(run) -> None:
     spot = (0.15, -0.1)
-    miss = _Record("missed", held=False, placed=False)
+    miss = Record("missed", held=False, placed=False)
     server = _Server()
     (met,) = run(_Body([spot], [miss, miss]), server, [spot] * 3)
     assert "object" not in server.asked[0]
@@ -201,7 +167,7 @@ def test_after_a_miss_the_robot_tries_again_and_says_which_object_it_is(run) -> 
 
 def test_the_robot_gives_up_after_its_last_attempt(run) -> None:
     spot = (0.15, -0.1)
-    miss = _Record("missed", held=False, placed=False)
+    miss = Record("missed", held=False, placed=False)
     (met,) = run(_Body([spot], [miss] * 9), _Server(), [spot] * 9, max_attempts=3)
     assert met.tries == 3
     assert met.tries_to_success is None
@@ -231,7 +197,7 @@ def test_an_object_behind_others_waits_until_they_are_gone(run) -> None:
 def test_an_object_that_turns_up_elsewhere_goes_on_where_it_was_left(run) -> None:
     """It vanishes for a look, and is recognised where nobody put it."""
     spot, other, far = (0.15, -0.16), (0.15, -0.05), (0.30, -0.10)
-    body = _Body([spot, other], [_Record("missed", held=False, placed=False)])
+    body = _Body([spot, other], [Record("missed", held=False, placed=False)])
     server = _Server(knows=0.95)
     execute = body.execute
 
@@ -260,7 +226,7 @@ def test_an_object_that_turns_up_elsewhere_goes_on_where_it_was_left(run) -> Non
 
 def test_held_but_dropped_on_the_way_counts_as_held_and_is_tried_again(run) -> None:
     spot = (0.15, -0.1)
-    dropped = replace(_Record(), placed=False)
+    dropped = replace(Record(), placed=False)
     (met,) = run(_Body([spot], [dropped]), _Server(), [spot] * 2)
     assert (met.tries_to_success, met.tries, met.placed) == (1, 2, True)
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,7 @@ def test_killed_outright_it_leaves_no_process_and_goes_on_later(tmp_path: Path) 
     while time.monotonic() < deadline and any(Path(f"/proc/{pid}").exists() for pid in pids):
         time.sleep(0.05)  # the workers end in their own time
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
-    with Journal(journal, {"name": "s", "seed": 0}, resume=True) as kept:
+    with closing(Journal(journal, {"name": "s", "seed": 0}, resume=True)) as kept:
         assert sorted(kept.done) == [0, 1]
 
 

@@ -3,49 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pytest
 
 import simulate.agent as agent_module
 import simulate.fetcher as fetcher_module
-from features.geometry import Frame, Intrinsics
-from features.tabletop import TabletopShape
+from features.geometry import Frame
 from simulate.agent import AgentConfig
 from simulate.fetcher import Fetched, Fetcher
-from simulate.perception import Perceived, Seen
+from simulate.perception import Perceived
+from simulate.testing import CAMERA, Plan, Record, seen_at
 
-_CAMERA = Intrinsics.from_fov(16, 12, 1.2)
 _CUP, _CAN, _PEN = (0.15, -0.10), (0.15, -0.05), (0.14, 0.10)
-
-
-def _seen(x: float, y: float) -> Seen:
-    shape = TabletopShape(np.array([x, y]), 0.0, 0.03, 0.03, 0.07, 0.27, np.zeros((4, 2)), 0.95)
-    crop = Frame(np.full((12, 16), 0.3, np.float32), _CAMERA, np.zeros((12, 16, 3), np.uint8))
-    return Seen(crop, np.ones((12, 16), bool), np.full((30, 3), [x, y, 0.3]), shape, False)
-
-
-@dataclass(frozen=True)
-class _Record:
-    reason: str = "ok"
-    held: bool = True
-    placed: bool = True
-    place_reason: str = "ok"
-    lifted_m: float = 0.06
-    slip_m: float = 0.001
-    duration_s: float = 6.0
-    links_touching: int = 6
-    contact_force_n: float = 3.0
-    preset: str = "faithful"
-    seed: int = 0
-    end_effector: str = "right_hand"
-
-
-@dataclass(frozen=True)
-class _Plan:
-    request: Any
-    is_doubtful: bool = False
 
 
 @dataclass
@@ -53,7 +23,7 @@ class _Body:
     """Holds what it grasps, unless told otherwise; ``vanish`` leaves with the second look."""
 
     table: list[tuple[float, float]]
-    outcomes: dict[tuple[float, float], _Record] = field(default_factory=dict)
+    outcomes: dict[tuple[float, float], Record] = field(default_factory=dict)
     unreachable: tuple[tuple[float, float], ...] = ()
     vanish: tuple[float, float] | None = None
     executed: list[tuple[float, float]] = field(default_factory=list)
@@ -66,15 +36,15 @@ class _Body:
         self.looks += 1
         if self.looks == 3 and self.vanish in self.table:
             self.table.remove(self.vanish)
-        return Frame(np.zeros((12, 16), np.float32), _CAMERA), np.eye(4)
+        return Frame(np.zeros((12, 16), np.float32), CAMERA), np.eye(4)
 
     def plan(self, request, obstacles, seed):
-        return "ik" if (request.x, request.y) in self.unreachable else _Plan(request)
+        return "ik" if (request.x, request.y) in self.unreachable else Plan(request)
 
     def execute(self, plan):
         spot = (plan.request.x, plan.request.y)
         self.executed.append(spot)
-        record = self.outcomes.get(spot, _Record())
+        record = self.outcomes.get(spot, Record())
         if record.placed:
             self.table.remove(spot)
         return record, []
@@ -137,7 +107,7 @@ def fetch(monkeypatch: pytest.MonkeyPatch):
             monkeypatch.setattr(
                 module,
                 "perceive",
-                lambda *_: Perceived("ok", 0.27, tuple(_seen(x, y) for x, y in body.table)),
+                lambda *_: Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table)),
             )
         # The fake server must know which thing a crop shows; the crops here are all alike.
         encode = Fetcher._observation
@@ -198,7 +168,7 @@ def test_what_was_taken_away_meanwhile_is_gone_and_the_next_one_is_taken(fetch) 
 
 
 def test_what_slips_every_time_is_given_up_with_its_reason(fetch) -> None:
-    slips = _Record("slip_lift", held=False, placed=False, place_reason="")
+    slips = Record("slip_lift", held=False, placed=False, place_reason="")
     fetched, body, server = fetch(_Body([_CUP], {_CUP: slips}))
     assert (fetched.placed, body.executed) == (False, [_CUP, _CUP])
     assert fetched.text == "cup: slip_lift; nothing to drink from is seen"
@@ -206,6 +176,6 @@ def test_what_slips_every_time_is_given_up_with_its_reason(fetch) -> None:
 
 
 def test_what_falls_on_the_way_names_the_phase_that_failed(fetch) -> None:
-    dropped = _Record(placed=False, place_reason="drop_outside")
+    dropped = Record(placed=False, place_reason="drop_outside")
     fetched, _, _ = fetch(_Body([_CUP], {_CUP: dropped}))
     assert fetched.tried[0]["reason"] == "drop_outside"

@@ -1,0 +1,49 @@
+"""For tests of agents: objects in view, plans and records, without physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from features.geometry import Frame, Intrinsics
+from features.tabletop import TabletopShape
+from simulate.perception import Seen
+
+__all__ = ["CAMERA", "Plan", "Record", "seen_at"]
+
+CAMERA = Intrinsics.from_fov(16, 12, 1.2)
+
+
+def seen_at(x: float, y: float) -> Seen:
+    """Return an object of 3 x 3 x 7 cm that stands at a place, m, base frame."""
+    shape = TabletopShape(np.array([x, y]), 0.0, 0.03, 0.03, 0.07, 0.27, np.zeros((4, 2)), 0.95)
+    crop = Frame(np.full((12, 16), 0.3, np.float32), CAMERA, np.zeros((12, 16, 3), np.uint8))
+    return Seen(crop, np.ones((12, 16), bool), np.full((30, 3), [x, y, 0.3]), shape, False)
+
+
+@dataclass(frozen=True)
+class Record:
+    """What :class:`simulate.executor.GraspRecord` tells the agent."""
+
+    reason: str = "ok"
+    held: bool = True
+    placed: bool = True
+    place_reason: str = "ok"
+    lifted_m: float = 0.06
+    slip_m: float = 0.001
+    duration_s: float = 6.0
+    links_touching: int = 6
+    contact_force_n: float = 3.0
+    preset: str = "faithful"
+    seed: int = 0
+    end_effector: str = "right_hand"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A way to a grasp that can be reached, well or not."""
+
+    request: Any
+    is_doubtful: bool = False
