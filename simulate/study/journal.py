@@ -40,11 +40,12 @@ class Journal:
     Examples
     --------
     >>> import tempfile
+    >>> from contextlib import closing
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder) / "journal.jsonl"
-    ...     with Journal(path, {"seed": 1}) as journal:
+    ...     with closing(Journal(path, {"seed": 1})) as journal:
     ...         journal.append(0, {"held": True})
-    ...     with Journal(path, {"seed": 1}, resume=True) as journal:
+    ...     with closing(Journal(path, {"seed": 1}, resume=True)) as journal:
     ...         journal.done
     {0: {'held': True}}
     """
