@@ -18,13 +18,15 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # what is timed is one thread of either side
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from turntable import described_views, without_depth, ycb_folder, ycb_names
 
 from features.recognition import Recogniser, Recognition, RecognitionIndex, SiftParams
-from features.recognition.cascade import build_tables, match_exact, match_tables
+from features.recognition.cascade import build_tables, match_tables, squared_distances
 from features.recognition.hashing import TABLES, Hasher, used_table_bits
 from features.recognition.sift import detect_keypoints
 
@@ -90,15 +92,19 @@ class Pairs:
         self.stamp = 1
 
     def hashed(self, i: int, j: int) -> tuple[Rows, Rows]:
-        """Return rows of i and j that are each other's nearest, by cascade hashing."""
-        forward, _ = self._by_tables(i, j, np.arange(len(self.found[i][1])))
+        """Return rows of i and j that are each other's nearest, by cascade hashing.
+
+        The ratio rule holds in one direction, as in :meth:`exact`; only what was matched is
+        matched back.
+        """
+        forward = _kept(*self._by_tables(i, j, np.arange(len(self.found[i][1]))))
         rows = np.flatnonzero(forward >= 0)
         targets, where = np.unique(forward[rows], return_inverse=True)
-        back, _ = self._by_tables(j, i, targets)
-        mutual = back[where] == rows
+        mutual = self._by_tables(j, i, targets)[0][where] == rows
         return rows[mutual].astype(np.int32), forward[rows[mutual]]
 
-    def _by_tables(self, i: int, j: int, chosen: NDArray[np.integer]) -> tuple[Rows, Rows]:
+    def _by_tables(self, i: int, j: int, chosen: NDArray[np.integer]) -> tuple[Rows, Rows, Rows]:
+        """Return the nearest row, and squared distances to it and to the next."""
         codes, buckets = self.codes[i]
         n = len(self.found[j][1])
         own = np.arange(n, dtype=np.int32)
@@ -109,16 +115,17 @@ class Pairs:
             *(self.stamps, self.stamp),
         )
         self.stamp += len(chosen)
-        return _kept(best, nearest, rival), nearest
+        return best, nearest, rival
 
     def exact(self, i: int, j: int) -> tuple[Rows, Rows]:
-        """Return the same by the full product in both directions."""
-        a, b = self.found[i][1], self.found[j][1]
-        best, nearest, _, rival = match_exact(a, b, np.arange(len(b), dtype=np.int32))
-        forward = _kept(best, nearest, rival)
-        back = match_exact(b, a, np.arange(len(a), dtype=np.int32))[0]
-        rows = np.flatnonzero(forward >= 0)
-        rows = rows[back[forward[rows]] == rows]
+        """Return the same by the full product, which serves both directions."""
+        distances = squared_distances(self.found[i][1], self.found[j][1])
+        best, back = distances.argmin(axis=1).astype(np.int32), distances.argmin(axis=0)
+        rows = np.arange(len(best))
+        nearest = distances[rows, best].astype(np.int32)
+        distances[rows, best] = 2**30
+        forward = _kept(best, nearest, distances.min(axis=1).astype(np.int32))
+        rows = np.flatnonzero((forward >= 0) & (back[best] == rows))
         return rows.astype(np.int32), forward[rows]
 
     def inliers(self, i: int, j: int, rows: Rows, columns: Rows) -> int:
