@@ -11,7 +11,7 @@ from typing import Any, Literal, TextIO
 
 import click
 
-__all__ = ["fetch", "grasping", "learn", "run_fleet", "table4", "table5"]
+__all__ = ["fetch", "grasping", "learn", "run_fleet", "sharing", "table4", "table5"]
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _PRESETS = click.Choice(["faithful", "fast"])
@@ -161,6 +161,61 @@ def learn(
     _table("Attempts to first success", COLUMNS, learning_rows(summary))
     click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
     click.echo(f"report  {out / 'report.json'}, {out / 'geometry.png'}, {out / 'blind.png'}")
+
+
+@click.command()
+@click.option("--fleets", default=5, show_default=True, help="Each on products of its own.")
+@click.option("--robots", default=3, show_default=True, help="Of each fleet.")
+@click.option("--objects", default=20, show_default=True, help="That each robot meets.")
+@click.option("--table", "on_table", default=4, show_default=True, help="Of them at once.")
+@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
+@click.option("--prior/--no-prior", default=False, help="Whether geometry proposes grasps.")
+@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--out", default="rtask-sharing", show_default=True, type=_FOLDER)
+@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def sharing(
+    fleets: int,
+    robots: int,
+    objects: int,
+    on_table: int,
+    seed: int,
+    prior: bool,
+    processes: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure what sharing is worth: fleets with one graph and with one each.
+
+    Half of what a robot meets is met by the robots before it, half is new to all.
+    """
+    from simulate.fleet.sharing import (
+        COLUMNS,
+        sharing_rows,
+        sharing_study,
+        show,
+        write_sharing_report,
+    )
+    from simulate.study.runner import run
+
+    study = sharing_study(fleets, robots, objects, on_table, seed, prior, preset)
+    summary = write_sharing_report(out, run(study, out, processes, resume), study.settings)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    _table("Attempts to first success", COLUMNS, sharing_rows(summary))
+    for what, gain in summary["shared_less_not_shared"].items():
+        for measure, value in gain.items():
+            click.echo(
+                f"shared less not shared, {what}, {measure.replace('_', ' ')}: "
+                f"{show(value, '+.2f')}, {value['n']} meetings"
+            )
+    for condition, value in summary["last_less_first"].items():
+        click.echo(f"last less first, {condition}: {show(value, '+.2f')}")
+    click.echo(f"report  {out / 'report.json'}, {out / 'sharing.png'}")
 
 
 @click.command()

@@ -16,8 +16,10 @@ from simulate.study.intervals import bootstrap, mean_interval, share
 
 __all__ = [
     "COLUMNS",
+    "attempts_to_success",
     "fleet_figures",
     "fleet_rows",
+    "objects_tried",
     "score_identities",
     "sharing_gain",
     "write_fleet_report",
@@ -55,13 +57,14 @@ def _encounters(robot: Mapping[str, Any]) -> list[Met]:
     return [met for table in robot["tables"] for met in table]
 
 
-def _objects(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
+def objects_tried(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return one entry for each product that was tried in reach."""
     met = by_product(_encounters(robot))
     return [m for m in met if m["product"] and m["in_reach"] and m["tries"]]
 
 
-def _attempts(met: Met, cap: int) -> int:
+def attempts_to_success(met: Met, cap: int) -> int:
+    """Return the attempts at an object up to the first that held; ``cap`` + 1 when none did."""
     return int(met["tries_to_success"] or cap + 1)
 
 
@@ -75,7 +78,7 @@ def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
     identities = score_identities(done)
     robots = []
     for robot in done["robots"]:
-        objects = _objects(robot)
+        objects = objects_tried(robot)
         right, false = identities[robot["name"]]
         common = [m for m in objects if plan.is_common(m["product"])]
         own = [m for m in objects if not plan.is_common(m["product"])]
@@ -87,13 +90,13 @@ def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
                 "objects": len({m["product"] for m in _encounters(robot)} - {""}),
                 "tried": len(objects),
                 "held": share(sum(m["held"] for m in objects), len(objects)),
-                "attempts": mean_interval([_attempts(m, cap) for m in objects]),
+                "attempts": mean_interval([attempts_to_success(m, cap) for m in objects]),
                 "first_try": share(sum(m["tries_to_success"] == 1 for m in objects), len(objects)),
-                "attempts_common": mean_interval([_attempts(m, cap) for m in common]),
+                "attempts_common": mean_interval([attempts_to_success(m, cap) for m in common]),
                 "first_try_common": share(
                     sum(m["tries_to_success"] == 1 for m in common), len(common)
                 ),
-                "attempts_own": mean_interval([_attempts(m, cap) for m in own]),
+                "attempts_own": mean_interval([attempts_to_success(m, cap) for m in own]),
                 "recognised": right,
                 "false_identities": false,
                 "from_memory": sum(
@@ -109,7 +112,8 @@ def _last_less_first(done: Mapping[str, Any], plan: FleetPlan, cap: int) -> dict
     if len(done["robots"]) < 2:
         return None
     first, last = (
-        {m["product"]: _attempts(m, cap) for m in _objects(done["robots"][i])} for i in (0, -1)
+        {m["product"]: attempts_to_success(m, cap) for m in objects_tried(done["robots"][i])}
+        for i in (0, -1)
     )
     both = sorted(name for name in first.keys() & last.keys() if plan.is_common(name))
     return _change([last[name] - first[name] for name in both])
@@ -139,8 +143,8 @@ def sharing_gain(
     cap = int(shared["settings"]["max_attempts"])
     differences = []
     for together, apart in zip(shared["robots"][1:], alone["robots"][1:], strict=True):
-        with_others = {m["product"]: _attempts(m, cap) for m in _objects(together)}
-        without = {m["product"]: _attempts(m, cap) for m in _objects(apart)}
+        with_others = {m["product"]: attempts_to_success(m, cap) for m in objects_tried(together)}
+        without = {m["product"]: attempts_to_success(m, cap) for m in objects_tried(apart)}
         both = sorted(n for n in with_others.keys() & without.keys() if plan.is_common(n))
         differences += [with_others[name] - without[name] for name in both]
     return _change(differences)

@@ -12,6 +12,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, cast
@@ -32,32 +33,60 @@ from simulate.scoring import Judge
 from simulate.simulated_body import Conditions, SimulatedBody
 from simulate.streams import stream
 
-__all__ = ["main"]
+__all__ = ["Member", "main"]
 
 _TABLE, _LIGHT, _NOISE, _CHOICE, _BLIND = range(40, 45)
+Tell = Callable[[str, dict[str, Any]], None]
+
 _CALL_TIMEOUT_S = 60.0
 _DELIVERY_S = 60.0
 
 
-class _Member:
-    """A robot with its tables before it."""
+class Member:
+    """A robot with its tables before it.
 
-    def __init__(self, job: MemberJob, client: Client, tell: Voice, assets: Path) -> None:
+    Parameters
+    ----------
+    job
+        What it is to do.
+    client
+        Its connection to the graph.
+    tell
+        Called with the name of each event and what it is about.
+    assets
+        Folder for the meshes of its objects.
+    """
+
+    def __init__(self, job: MemberJob, client: Client, tell: Tell, assets: Path) -> None:
         self.job, self.client, self.tell, self.assets = job, client, tell, assets
         self._introduced = False
 
     def work(self, wait_for_go: SimpleQueue[str]) -> None:
         """Clear all tables, and deliver what could not be told meanwhile."""
         for number in range(len(self.job.tables)):
-            body = self._body(number)
-            try:
-                self._introduce(body)
+
+            def wait(number: int = number) -> None:
                 self.tell("ready", {"table": number})
                 wait_for_go.get()
-                self._clear(body, number)
-            finally:
-                body.close()
+
+            self.clear(number, wait)
         self._deliver()
+
+    def clear(self, number: int, wait: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
+        """Clear one table; return what was met there, scored against the truth.
+
+        Parameters
+        ----------
+        wait
+            Called when the robot stands before the table.
+        """
+        body = self._body(number)
+        try:
+            self._introduce(body)
+            wait()
+            return self._clear(body, number)
+        finally:
+            body.close()
 
     def _body(self, number: int) -> SimulatedBody:
         job, key = self.job, (self.job.index, number)
@@ -77,8 +106,7 @@ class _Member:
             self.client.call("register_robot", **body.robot.describe(self.job.name))
             self._introduced = True
 
-    def _clear(self, body: SimulatedBody, number: int) -> None:
-        """Clear one table and tell what came of it, scored against the truth."""
+    def _clear(self, body: SimulatedBody, number: int) -> list[dict[str, Any]]:
         job, judge, first_sight = self.job, Judge(body), {}
 
         def on_sight(encounter: Encounter, seen: Seen) -> None:
@@ -98,7 +126,9 @@ class _Member:
         started = time.perf_counter()
         met = agent.clear_table()
         done = {"table": number, "seconds": time.perf_counter() - started}
-        self.tell("table", {**done, "encounters": judge.score(met, first_sight, in_reach)})
+        scored = judge.score(met, first_sight, in_reach)
+        self.tell("table", {**done, "encounters": scored})
+        return scored
 
     def _deliver(self) -> None:
         """Send what waits; what nobody takes in time stays in the outbox for the next run."""
@@ -134,7 +164,7 @@ def main() -> None:
                 job.url, token=token, timeout_s=_CALL_TIMEOUT_S, outbox=Path(job.outbox)
             ) as client,
         ):
-            _Member(job, client, Voice(events), Path(assets)).work(lines)
+            Member(job, client, Voice(events), Path(assets)).work(lines)
     except RtaskError as error:
         sys.exit(f"{job.name}: {error}")
 

@@ -251,7 +251,10 @@ LEARNERS: tuple[Learner, ...] = (
 def replay(
     objects: Objects, learner: Learner, seeds: Sequence[int]
 ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Let a learner meet all objects in a random order, once a seed.
+    """Let a learner meet all objects, once a seed, in orders that come in pairs.
+
+    The second of a pair swaps the halves of the first, so that every object is met early as often
+    as late and its difficulty tells nothing about learning.
 
     Returns
     -------
@@ -261,8 +264,11 @@ def replay(
         To its first success; :data:`FAILED` where none held.
     """
     orders, counts = [], []
-    for seed in seeds:
-        order = np.random.default_rng((seed, 1)).permutation(len(objects))
+    for number, seed in enumerate(seeds):
+        if number % 2 == 0:
+            order = np.random.default_rng((seed, 1)).permutation(len(objects))
+        else:
+            order = np.roll(orders[-1], len(objects) // 2)
         orders.append(order)
         counts.append(list(learner.run([objects[i] for i in order], seed, learner.source)))
     return np.array(orders), np.array(counts)

@@ -1,8 +1,9 @@
 """What physics makes of many grasps of many objects: a table on which learners are replayed.
 
-Each object stands alone at its true pose; some grasps are proposed by geometry, as many are drawn
-blindly. Every one of them is carried out from the same start, so that whatever a learner chooses
-later, its outcome is known: learners meet the same world, and one more seed costs no physics.
+Each object stands alone at its true pose; some grasps are proposed by geometry, others are drawn
+blindly, and where none of them holds more are tried. Every one of them is carried out from the same
+start, so that whatever a learner chooses later, its outcome is known: learners meet the same world,
+and one more seed costs no physics.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ __all__ = ["outcome_trial"]
 _PRODUCT, _PLACE, _LIGHT, _NOISE, _BLIND, _PLAN = range(20, 26)
 _PRODUCTS_OF_A_KIND = 200
 _DIRECTIONS = 12
-_DRAWS = 3  # so many draws for one that can be reached
+_DRAWS = 3  # at most so many draws for each grasp wanted: some cannot be reached
 _SETTLE_S = 0.3
 
 
@@ -56,11 +57,10 @@ def outcome_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         try:
             bench = _Bench(body, placement, mix_seed(seed, _PLAN, number))
             look = _look(body, "right" if side < 0 else "left")
+            blind, most = stream(seed, _BLIND, number), int(settings["most"])
             arms = [
-                *bench.try_some("geometry", bench.proposed(), int(settings["proposed"])),
-                *bench.try_some(
-                    "blind", bench.blind(stream(seed, _BLIND, number)), int(settings["blind"])
-                ),
+                *bench.try_some("geometry", bench.proposed(), int(settings["proposed"]), most),
+                *bench.try_some("blind", bench.blind(blind), int(settings["blind"]), most),
             ]
         finally:
             body.close()
@@ -111,15 +111,22 @@ class _Bench:
             )  # fmt: skip
 
     def try_some(
-        self, source: str, grasps: Iterator[PlanarGrasp], wanted: int
+        self, source: str, grasps: Iterator[PlanarGrasp], wanted: int, most: int
     ) -> list[dict[str, Any]]:
-        """Carry out the first ``wanted`` that the arm can get to."""
+        """Carry out the first ``wanted`` that the arm can get to, and more until one of them holds.
+
+        A learner gives an object up after ``most`` attempts: fewer that failed would not tell
+        whether it ought to.
+        """
         tried: list[dict[str, Any]] = []
-        for _ in range(_DRAWS * wanted):
-            grasp = next(grasps, None)
-            if grasp is None or sum(arm["reason"] != UNREACHABLE for arm in tried) >= wanted:
+        missed = 0
+        for grasp in grasps:
+            made = len(tried) - missed
+            enough = made >= wanted and any(arm["reason"] == "ok" for arm in tried)
+            if enough or made >= most or missed > (_DRAWS - 1) * wanted:
                 break
             tried.append(self._try(source, grasp, len(tried)))
+            missed += tried[-1]["reason"] == UNREACHABLE
         return tried
 
     def _try(self, source: str, grasp: PlanarGrasp, number: int) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from grasp.learning.env import MAX_ATTEMPTS
 from simulate.study.runner import Study
 
 __all__ = ["grasping_study", "outcome_study"]
@@ -26,10 +27,19 @@ def grasping_study(
 def outcome_study(
     objects: int, seed: int, proposed: int = 3, blind: int = 6, preset: str = "faithful"
 ) -> Study:
-    """Return the outcomes of so many proposed and so many blind grasps of each object."""
+    """Return the outcomes of so many proposed and so many blind grasps of each object.
+
+    Where none of a sort holds more are tried, as many as a learner has attempts at most.
+    """
     return Study(
         "outcomes of proposed and blind grasps",
         "simulate.study.outcomes:outcome_trial",
-        {"seed": seed, "proposed": proposed, "blind": blind, "preset": preset},
+        {
+            "seed": seed,
+            "proposed": proposed,
+            "blind": blind,
+            "most": MAX_ATTEMPTS,
+            "preset": preset,
+        },
         objects,
     )

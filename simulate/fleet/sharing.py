@@ -1,0 +1,287 @@
+"""What sharing is worth, by many small fleets: the same robots with one graph, and with one each.
+
+A trial is a fleet whose robots work one after the other in this process: the first meets what
+nobody knows, the n-th what n - 1 robots have met, and half of it is new to it. Then all but the
+first, whose life is the same either way, do it again with a graph of their own. Nothing waits for a
+clock, so that a trial follows from its seed and number alone.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rtask
+from rtask.kb.knowledge_base import KnowledgeBase
+from simulate.agent_messages import mix_seed
+from simulate.fleet.figures import attempts_to_success, objects_tried, score_identities
+from simulate.fleet.member import Member
+from simulate.fleet.plan import MemberJob, plan_fleet
+from simulate.study.chart import Line, line_chart
+from simulate.study.intervals import bootstrap
+from simulate.study.runner import Study
+
+__all__ = [
+    "COLUMNS",
+    "sharing_rows",
+    "sharing_study",
+    "sharing_trial",
+    "summarise_sharing",
+    "write_sharing_report",
+]
+
+COLUMNS = (
+    "graph", "robot", "attempts, common", "first try, common", "attempts, own", "recognised",
+    "false",
+)  # fmt: skip
+
+Condition = Literal["shared", "not shared"]
+_CONDITIONS: tuple[Condition, ...] = ("shared", "not shared")
+
+
+def sharing_study(
+    fleets: int,
+    robots: int,
+    objects: int,
+    on_table: int,
+    seed: int,
+    prior: bool,
+    preset: str,
+    max_attempts: int = 6,
+) -> Study:
+    """Return so many fleets, each on products and tables of its own.
+
+    Raises
+    ------
+    UsageError
+        Naming what does not fit.
+    """
+    plan_fleet(robots, objects, on_table, seed)
+    return Study(
+        "what sharing is worth",
+        "simulate.fleet.sharing:sharing_trial",
+        {
+            "seed": seed, "robots": robots, "objects": objects, "on_table": on_table,
+            "prior": prior, "preset": preset, "max_attempts": max_attempts,
+        },
+        fleets,
+    )  # fmt: skip
+
+
+def sharing_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Let one fleet work both ways; return what each robot met, as JSON data."""
+    seed = mix_seed(int(settings["seed"]), number)
+    robots = int(settings["robots"])
+    with rtask.open(":memory:", reason=False) as kb:
+        shared = [_life(kb, settings, seed, index) for index in range(robots)]
+    alone = [shared[0]]
+    for index in range(1, robots):
+        with rtask.open(":memory:", reason=False) as kb:
+            alone.append(_life(kb, settings, seed, index))
+    plan = plan_fleet(robots, settings["objects"], settings["on_table"], seed)
+    return {
+        "common": [name for table in plan.common for name in table],
+        "shared": shared,
+        "not shared": alone,
+        "says": f"fleet {number + 1} has worked both ways",
+    }
+
+
+def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int) -> dict[str, Any]:
+    """Let one robot clear all its tables."""
+    plan = plan_fleet(int(settings["robots"]), settings["objects"], settings["on_table"], seed)
+    name = f"robot-{index + 1}"
+    job = MemberJob(
+        name, index, "", seed, plan.tables(index), int(settings["max_attempts"]),
+        bool(settings["prior"]), "", preset=str(settings["preset"]),
+    )  # fmt: skip
+    with (
+        tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
+        rtask.connect(kb, agent=name) as client,
+    ):
+        member = Member(job, client, lambda event, about: None, Path(assets))
+        tables = [member.clear(number) for number in range(len(job.tables))]
+    return {"name": name, "tables": tables}
+
+
+def summarise_sharing(results: Sequence[Mapping[str, Any]], max_attempts: int) -> dict[str, Any]:
+    """Return the figures of all fleets as JSON data.
+
+    Intervals are over products, each with all that met it: what is easy to hold is so for every
+    robot.
+    """
+    met = _meetings(results, max_attempts)
+    robots = sorted({robot for _, robot, _, _ in met})
+    rows = []
+    for condition in _CONDITIONS:
+        for robot in robots:
+            mine = {k: v for k, v in met.items() if k[:2] == (condition, robot)}
+            common = {k: v for k, v in mine.items() if k[3][1]}
+            own = {k: v for k, v in mine.items() if not k[3][1]}
+            right, false = _identities(results, condition, robot)
+            rows.append(
+                {
+                    "graph": condition,
+                    "robot": robot,
+                    "attempts_common": _over_products(common),
+                    "first_try_common": _over_products({k: v == 1 for k, v in common.items()}),
+                    "attempts_own": _over_products(own),
+                    "recognised": right,
+                    "false_identities": false,
+                }
+            )
+    return {
+        "fleets": len(results),
+        "robots": rows,
+        "shared_less_not_shared": {
+            "common": _gain(met, common=True),
+            "own": _gain(met, common=False),
+        },
+        "last_less_first": {
+            condition: _last_less_first(met, condition, robots) for condition in _CONDITIONS
+        },
+    }
+
+
+# Of a meeting: graph, number of the robot, number of the fleet, product and whether it is common.
+_Key = tuple[str, int, int, tuple[str, bool]]
+_Values = Mapping[_Key, float]
+
+
+def _meetings(results: Sequence[Mapping[str, Any]], cap: int) -> dict[_Key, float]:
+    """Return the attempts of each meeting with a product."""
+    return {
+        (condition, index + 1, fleet, (m["product"], m["product"] in result["common"])): float(
+            attempts_to_success(m, cap)
+        )
+        for fleet, result in enumerate(results)
+        for condition in _CONDITIONS
+        for index, robot in enumerate(result[condition])
+        for m in objects_tried(robot)
+    }
+
+
+def _identities(
+    results: Sequence[Mapping[str, Any]], condition: Condition, robot: int
+) -> tuple[int, int]:
+    """Return how many objects a robot of all fleets recognised rightly and wrongly."""
+    scored = [
+        score_identities({"robots": result[condition]})[f"robot-{robot}"]
+        if condition == "shared"
+        else score_identities({"robots": [result[condition][robot - 1]]})[f"robot-{robot}"]
+        for result in results
+    ]
+    return sum(right for right, _ in scored), sum(false for _, false in scored)
+
+
+def _over_products(values: _Values) -> dict[str, Any]:
+    """Return the mean over meetings with its 95 % interval over products (cluster bootstrap)."""
+    groups: dict[tuple[int, str], list[float]] = defaultdict(list)
+    for (_, _, fleet, (product, _)), value in values.items():
+        groups[fleet, product].append(float(value))
+    if not groups:
+        return {"mean": None, "n": 0, "products": 0, "interval95": None}
+    sums = np.array([sum(group) for group in groups.values()])
+    counts = np.array([len(group) for group in groups.values()])
+
+    def mean(i: NDArray[np.intp]) -> float:
+        return float(sums[i].sum() / counts[i].sum())
+
+    low, high = bootstrap(mean, len(sums), draws=4000)
+    return {
+        "mean": round(float(sums.sum() / counts.sum()), 4),
+        "n": int(counts.sum()),
+        "products": len(sums),
+        "interval95": [round(low, 4), round(high, 4)],
+    }
+
+
+def _gain(met: _Values, common: bool) -> dict[str, Any]:
+    """Return attempts and first tries with sharing less those without, the first robot left out."""
+    pairs = {
+        key: (value, met["not shared", *key[1:]])
+        for key, value in met.items()
+        if key[0] == "shared" and key[1] > 1 and key[3][1] is common
+        if ("not shared", *key[1:]) in met
+    }
+    return {
+        "attempts": _over_products({k: a - b for k, (a, b) in pairs.items()}),
+        "first_try": _over_products({k: (a == 1) - (b == 1) for k, (a, b) in pairs.items()}),
+    }
+
+
+def _last_less_first(met: _Values, condition: Condition, robots: Sequence[int]) -> dict[str, Any]:
+    """Return the last robot's attempts less the first one's, on common products."""
+    last = robots[-1] if robots else 0
+    change = {
+        (condition, last, fleet, what): value - met[condition, 1, fleet, what]
+        for (graph, robot, fleet, what), value in met.items()
+        if graph == condition and robot == last > 1 and what[1]
+        if (condition, 1, fleet, what) in met
+    }
+    return _over_products(change)
+
+
+def sharing_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the table of :data:`COLUMNS`."""
+    return [
+        (
+            str(row["graph"]),
+            str(row["robot"]),
+            *(show(row[name]) for name in ("attempts_common", "first_try_common", "attempts_own")),
+            str(row["recognised"]),
+            str(row["false_identities"]),
+        )
+        for row in summary["robots"]
+    ]
+
+
+def show(measure: Mapping[str, Any], form: str = ".2f") -> str:
+    """Return a mean with its interval in words.
+
+    >>> show({"mean": 1.5, "interval95": [1.0, 2.25]})
+    '1.50 [1.00, 2.25]'
+    """
+    if measure["mean"] is None:
+        return "-"
+    low, high = measure["interval95"]
+    return f"{measure['mean']:{form}} [{low:{form}}, {high:{form}}]"
+
+
+def write_sharing_report(
+    folder: Path, results: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write ``report.json`` and ``sharing.png``; return the figures."""
+    summary = {"settings": dict(settings), **summarise_sharing(results, settings["max_attempts"])}
+    (folder / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    lines = []
+    for what in ("common", "own"):
+        for condition in _CONDITIONS:
+            rows = [
+                r for r in summary["robots"]
+                if r["graph"] == condition and r[f"attempts_{what}"]["mean"] is not None
+            ]  # fmt: skip
+            found = [r[f"attempts_{what}"] for r in rows]
+            if found:
+                lines.append(
+                    Line(
+                        f"{what}, {condition}",
+                        [r["robot"] for r in rows],
+                        [m["mean"] for m in found],
+                        [m["interval95"][0] for m in found],
+                        [m["interval95"][1] for m in found],
+                    )
+                )
+    if lines:
+        line_chart(
+            folder / "sharing.png", f"{len(results)} fleets, 95 % intervals over products",
+            "robot", "attempts to first success", lines,
+        )  # fmt: skip
+    return summary
