@@ -9,11 +9,12 @@ from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from . import vocabulary as v
+from .asserted import Asserted
 from .checks import Inconsistency
 from .contradictions import Contradiction, describe
 from .dictionary import Dictionary, Fact, Term, Triple
+from .differences import differences
 from .digest import Digest, digest_of
-from .export import Asserted, differences
 from .maintenance import Draft, Maintainer, Settings, State
 from .proofs import GraphsOf, Proof
 from .reading import Reading

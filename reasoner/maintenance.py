@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from .asserted import Asserted
 from .bulk import Bulk
 from .checks import LISTED, Inconsistency, find_all, find_equal, find_ill_typed, find_new
 from .compile import compile_lists, compile_schema
@@ -14,7 +15,6 @@ from .deletion import CannotRetractError, Retraction, candidates
 from .delta import Derivation, TooMuchWorkError
 from .dictionary import Dictionary, Fact
 from .equality import Equality
-from .export import Asserted
 from .layer import Layer
 from .relations import Facts
 from .rules import Rule, solve

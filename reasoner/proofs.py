@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from itertools import islice, product
 from typing import Any
 
+from .asserted import Asserted
 from .dictionary import Dictionary, Fact, Triple
 from .equality import Equality
-from .export import Asserted
 from .glosses import Glossary, Shorten
 from .layer import Layer
 from .relations import Facts

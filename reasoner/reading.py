@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from . import vocabulary as v
+from .asserted import Asserted
 from .dictionary import Dictionary, Fact, Triple
 from .equality import Equality
-from .export import Asserted, is_exported
+from .export import is_exported
 from .glosses import Glossary
 from .layer import Layer
 from .proofs import GraphsOf, Proof, Prover

@@ -22,9 +22,10 @@ from endpoint.protocol.request import UpdateRequest
 from rtask.errors import ForbiddenError, RemoteUnavailableError, RtaskError, TooLargeError
 from rtask.kb.commit import Commit
 from rtask.kb.knowledge_base import KnowledgeBase
-from rtask.kb.lexer import Token, body_start, find_block_end, tokenise
+from rtask.kb.lexer import body_start, find_block_end, tokenise
 from rtask.kb.skeleton import Operation, read_update
 from rtask.kb.templates import resolve
+from rtask.kb.tokens import Token
 from rtask.kb.transaction import Transaction
 
 MAX_ROWS = 10_000

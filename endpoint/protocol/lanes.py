@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 
-from rtask.kb.lexer import Token, body_start, tokenise
+from rtask.kb.lexer import body_start, tokenise
+from rtask.kb.tokens import Token
 
 MAX_PATTERNS = 8
 _MAX_LOOKUP = 2_000

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from endpoint.exchange import RefusedError
 from rtask.errors import TooLargeError
-from rtask.kb.lexer import Token, body_start, tokenise
+from rtask.kb.lexer import body_start, tokenise
+from rtask.kb.tokens import Token
 
 QUERY_FORMS = frozenset(("SELECT", "ASK", "CONSTRUCT", "DESCRIBE"))
 _OPERATIONS = frozenset(("INSERT", "DELETE", "LOAD", "CLEAR", "CREATE", "DROP", "COPY", "MOVE"))

@@ -116,6 +116,10 @@ class Client(ABC):
         """Ask for the known grasps of a known object, the surest first."""
         return cast("answers.RecalledGrasps", self.call("recall_grasps", **request))
 
+    def plan_in_space(self, **request: Unpack[requests.PlanInSpace]) -> answers.PlannedGrasps:
+        """Ask for grasps in space of a known object to be planned and stored."""
+        return cast("answers.PlannedGrasps", self.call("plan_in_space", **request))
+
     def search_object(self, **request: Unpack[requests.SearchObject]) -> answers.SimilarObjects:
         """Ask which known objects look like this one."""
         return cast("answers.SimilarObjects", self.call("search_object", **request))

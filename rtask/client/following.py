@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rtask.client.failures import failure_of
 from rtask.client.patience import Patience
 from rtask.errors import EpochChangedError, GoneError, RemoteUnavailableError
 
@@ -157,8 +158,6 @@ def _events(
 ) -> Iterator[tuple[str, dict[str, Any], str]]:
     """Yield name, data and id of the events of one connection (HTML Standard, 9.2.6)."""
     import httpx
-
-    from rtask.client.remote import failure_of
 
     headers = {"Accept": "text/event-stream", **({"Last-Event-ID": since} if since else {})}
     timeout = httpx.Timeout(10.0, read=_SILENCE_S)

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from rtask.client.base import Client
+from rtask.client.failures import failure_of
 from rtask.client.following import FollowedChange, Pattern, follow_remote
 from rtask.client.patience import TEMPORARY, Patience
 from rtask.client.websocket import ServiceSocket
 from rtask.errors import (
-    AuthenticationError,
     CallFailedError,
-    ForbiddenError,
     RemoteUnavailableError,
     UsageError,
 )
@@ -22,7 +21,7 @@ from rtask.errors import (
 if TYPE_CHECKING:
     import httpx
 
-__all__ = ["RemoteClient", "addresses", "failure_of"]
+__all__ = ["RemoteClient", "addresses"]
 
 
 def addresses(url: str) -> tuple[str, str]:
@@ -185,20 +184,6 @@ def _patiently(
             )
             if not busy or not patience.wait():
                 return answer
-
-
-def failure_of(answer: httpx.Response) -> Exception:
-    """Return the error of an answer, with the words of its problem details (RFC 9457)."""
-    try:
-        problem = answer.json()
-        words = str(problem.get("detail") or problem.get("title"))
-    except (ValueError, AttributeError):
-        words = answer.text[:500] or answer.reason_phrase
-    if answer.status_code == 401:
-        return AuthenticationError(words)
-    if answer.status_code == 403:
-        return ForbiddenError(words)
-    return CallFailedError(words, http_status=answer.status_code)
 
 
 def _value(binding: dict[str, Any] | None) -> object:

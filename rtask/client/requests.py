@@ -16,6 +16,7 @@ __all__ = [
     "InsertObject",
     "NewObject",
     "Outcome",
+    "PlanInSpace",
     "RecallGrasps",
     "RecogniseForGrasp",
     "RegisterRobot",
@@ -95,6 +96,7 @@ class RecogniseForGrasp(_Sight, total=False):
     min_confidence: float
     max_grasps: int
     propose: bool
+    in_space: bool
     exclude: Sequence[str]
     seed: int
     neighbours: Sequence[Sequence[float]]
@@ -110,6 +112,22 @@ class RecallGrasps(TypedDict, total=False):
     object: Required[str]
     gripper_id: str
     max_grasps: int
+    in_space: bool
+
+
+class PlanInSpace(TypedDict, total=False):
+    """Grasps in space of a known object are to be planned."""
+
+    object: Required[str]
+    gripper_id: str
+    mass: float
+    friction: float
+    position_std: float
+    rotation_std: float
+    samples: int
+    min_confidence: float
+    max_grasps: int
+    seed: int
 
 
 class SearchObject(_Sight, total=False):
@@ -250,6 +268,7 @@ REQUESTS: dict[str, Any] = {
     "register_robot": RegisterRobot,
     "recognise_for_grasp": RecogniseForGrasp,
     "recall_grasps": RecallGrasps,
+    "plan_in_space": PlanInSpace,
     "search_object": SearchObject,
     "resolve_request": ResolveRequest,
     "insert_object": InsertObject,

@@ -8,12 +8,9 @@ data (VALUES, INSERT DATA, templates) is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from rtask.errors import TooLargeError
-
-if TYPE_CHECKING:
-    from rtask.kb.lexer import Token
+from rtask.kb.tokens import Token
 
 __all__ = ["LIMITS", "check_complexity", "limit"]
 

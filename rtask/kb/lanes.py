@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 from rtask.errors import RtaskError
-from rtask.kb.lexer import Token, body_start, tokenise
+from rtask.kb.lexer import body_start, tokenise
+from rtask.kb.tokens import Token
 
 __all__ = ["is_point_query"]
 

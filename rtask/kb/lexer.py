@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import NamedTuple
 
 from rtask.errors import QuerySyntaxError
 from rtask.kb.complexity import check_complexity, limit
+from rtask.kb.tokens import Token
 
 __all__ = ["Token", "find_block_end", "names_dataset", "query_form", "tokenise"]
 
@@ -44,23 +44,6 @@ _MAX_NEGATIONS = 64
 _HARMLESS = 64
 _LONG = 1_000
 _CACHED = 16_000
-
-
-class Token(NamedTuple):
-    """One token: its kind, its text and where it stands."""
-
-    kind: str
-    text: str
-    start: int
-    end: int
-
-    def is_word(self, *words: str) -> bool:
-        """Whether this is one of these keywords, in any case."""
-        return self.kind == "word" and self.text.upper() in words
-
-    def is_mark(self, mark: str) -> bool:
-        """Whether this is that punctuation."""
-        return self.kind == "mark" and self.text == mark
 
 
 def tokenise(text: str) -> list[Token]:

@@ -10,7 +10,8 @@ import re
 from dataclasses import dataclass
 
 from rtask.errors import QuerySyntaxError
-from rtask.kb.lexer import Token, find_block_end, line_and_column, tokenise
+from rtask.kb.lexer import find_block_end, line_and_column, tokenise
+from rtask.kb.tokens import Token
 
 __all__ = ["Block", "Operation", "Target", "read_update"]
 

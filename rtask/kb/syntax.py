@@ -9,8 +9,9 @@ from itertools import pairwise
 from pyoxigraph import Store
 
 from rtask.errors import QuerySyntaxError, RtaskError
-from rtask.kb.lexer import Token, guard, line_and_column, tokenise
+from rtask.kb.lexer import guard, line_and_column, tokenise
 from rtask.kb.skeleton import Update
+from rtask.kb.tokens import Token
 
 __all__ = ["check_query", "check_update", "syntax_error"]
 

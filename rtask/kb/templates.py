@@ -12,9 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, RdfFormat, Triple, parse
 
 from rtask.errors import QuerySyntaxError
-from rtask.kb.lexer import Token
 from rtask.kb.skeleton import Block, Update
 from rtask.kb.terms import Graph, Term
+from rtask.kb.tokens import Token
 
 __all__ = ["fill", "read_template", "resolve", "variables"]
 

@@ -14,10 +14,11 @@ from pyoxigraph import Literal
 
 import ontology
 from rtask.errors import QuerySyntaxError
-from rtask.kb.lexer import Token, body_start, find_block_end, line_and_column, tokenise
+from rtask.kb.lexer import body_start, find_block_end, line_and_column, tokenise
 from rtask.kb.templates import resolve
 from rtask.kb.terms import Term, written
 from rtask.kb.text import TextHit
+from rtask.kb.tokens import Token
 
 __all__ = ["ADDRESS", "with_found_texts"]
 

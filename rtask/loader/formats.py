@@ -14,7 +14,12 @@ from pyoxigraph import Quad, RdfFormat, parse
 from rtask.errors import ParseError, UsageError
 from rtask.loader.convert import to_rdf_xml
 from rtask.loader.documents import Document
-from rtask.loader.guards import check_json_depth, check_triple_term_depth, check_xml
+from rtask.loader.guards import (
+    check_json_depth,
+    check_json_iris,
+    check_triple_term_depth,
+    check_xml,
+)
 
 __all__ = ["Format", "detect", "find_format", "read_document", "statements"]
 
@@ -160,6 +165,7 @@ def _readable(document: Document, form: Format) -> IO[bytes]:
         with document.open() as stream:
             data = stream.read()
         check_json_depth(data, document.name)
+        check_json_iris(data, document.name)
         return io.BytesIO(data)
     if b"<<" in document.head() or document.size < _SCANNED_BYTES:
         with document.open() as stream:

@@ -1,10 +1,12 @@
-"""Documents that would end or exhaust the process are refused before a parser sees them.
+"""What the store's parsers cannot be trusted with is refused before they see it.
 
-The store's parsers recurse on JSON-LD and on triple terms and expand XML entities without bound.
+They recurse on JSON-LD and on triple terms, expand XML entities without bound, and leave out,
+without a word, what a JSON-LD document says about an IRI that is none.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from typing import IO
@@ -12,10 +14,14 @@ from xml.parsers import expat
 
 from rtask.errors import ParseError, TooLargeError
 
-__all__ = ["check_json_depth", "check_triple_term_depth", "check_xml"]
+__all__ = ["check_json_depth", "check_json_iris", "check_triple_term_depth", "check_xml"]
 
 MAX_DEPTH = 256
 _JSON = re.compile(rb'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.S)
+_STRING = rb'"((?:[^"\\]|\\.)*)"'
+_ALIAS = re.compile(_STRING + rb'\s*:\s*"@id"')
+_COERCED = re.compile(_STRING + rb'\s*:\s*\{[^{}]*"@type"\s*:\s*"@id"[^{}]*\}')
+_NO_IRI = re.compile(r'[\x00-\x20<>"{}|\\^`]')
 _TURTLE = re.compile(
     rb'"""(?:[^"\\]|\\.|"(?!""))*"""|"(?:[^"\\\n]|\\.)*"|<[^<>\s]*>|\#[^\n]*|<<\(?|\)?>>', re.S
 )
@@ -31,6 +37,35 @@ def check_json_depth(data: bytes, name: str) -> None:
     """
     if data.count(b"{") + data.count(b"[") > MAX_DEPTH:
         _check_depth((m[0] for m in _JSON.finditer(data)), b"{[", b"}]", name)
+
+
+def check_json_iris(data: bytes, name: str) -> None:
+    """Refuse JSON-LD that names something by a text with characters no IRI may have (RFC 3987).
+
+    Looked at are values of ``@id``, of its aliases and of terms declared ``"@type": "@id"``.
+
+    Raises
+    ------
+    ParseError
+        With the line, the column and the text.
+    """
+    keys = {b"@id", *(m[1] for pattern in (_ALIAS, _COERCED) for m in pattern.finditer(data))}
+    keys.discard(b"@type")
+    named = b"|".join(re.escape(key) for key in sorted(keys))
+    for found in re.finditer(rb'"(?:' + named + rb')"\s*:\s*' + _STRING, data):
+        try:
+            text = json.loads(b'"' + found[1] + b'"')
+        except ValueError:
+            continue  # the parser says what is wrong with it
+        if bad := _NO_IRI.search(text):
+            line = data.count(b"\n", 0, found.start(1)) + 1
+            column = found.start(1) - data.rfind(b"\n", 0, found.start(1))
+            raise ParseError(
+                f"{name}:{line}:{column}: {text!r} is no IRI: {bad[0]!r} must be written as "
+                f"%{ord(bad[0]):02X}",
+                line=line,
+                column=column,
+            )
 
 
 def check_triple_term_depth(data: bytes, name: str) -> None:

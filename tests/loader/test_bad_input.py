@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -80,6 +81,31 @@ def test_depth_that_would_end_the_process_is_refused(
     with pytest.raises(TooLargeError, match="nested deeper"):
         kb.load(text.encode(), format=form)
     assert kb.seq == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ('{"@id": "urn:a b", "urn:p": 1}', "1:10: 'urn:a b' is no IRI: ' ' must be written as %20"),
+        ('{"@context": {"id": "@id"},\n "id": "urn:a|b", "urn:p": 1}', "2:9: 'urn:a|b'"),
+        (
+            '{"@context": {"p": {"@id": "urn:p", "@type": "@id"}},\n'
+            '"@id": "urn:a", "p": "urn:x y"}',
+            "2:23: 'urn:x y'",
+        ),
+    ],
+)
+def test_json_ld_about_what_is_no_iri_is_refused_not_left_out(
+    kb: KnowledgeBase, text: str, where: str
+) -> None:
+    with pytest.raises(ParseError, match=re.escape(where)):
+        kb.load(text.encode(), format="jsonld")
+    assert kb.seq == 0
+
+
+def test_json_ld_may_say_what_it_likes_in_literals(kb: KnowledgeBase) -> None:
+    kb.load(b'{"@id": "urn:a", "urn:p": "see {here} | there", "@type": "urn:A"}', format="jsonld")
+    assert kb.query("ASK { <urn:a> a <urn:A> ; <urn:p> 'see {here} | there' }") is True
 
 
 def test_an_ontology_that_makes_everything_inconsistent_is_refused(kb: KnowledgeBase) -> None:
