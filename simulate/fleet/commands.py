@@ -160,7 +160,7 @@ def learn(
         return
     _table("Attempts to first success", COLUMNS, learning_rows(summary))
     click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
-    click.echo(f"report  {out / 'report.json'}, {out / 'geometry.png'}, {out / 'blind.png'}")
+    click.echo(f"report and charts  {out}")
 
 
 @click.command()

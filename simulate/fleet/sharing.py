@@ -220,7 +220,7 @@ def _gain(met: _Values, common: bool) -> dict[str, Any]:
 def _last_less_first(met: _Values, condition: Condition, robots: Sequence[int]) -> dict[str, Any]:
     """Return the last robot's attempts less the first one's, on common products."""
     last = robots[-1] if robots else 0
-    change = {
+    change: dict[_Key, float] = {
         (condition, last, fleet, what): value - met[condition, 1, fleet, what]
         for (graph, robot, fleet, what), value in met.items()
         if graph == condition and robot == last > 1 and what[1]

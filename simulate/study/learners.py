@@ -263,7 +263,8 @@ def replay(
     attempts : (s, n) int
         To its first success; :data:`FAILED` where none held.
     """
-    orders, counts = [], []
+    orders: list[NDArray[np.intp]] = []
+    counts = []
     for number, seed in enumerate(seeds):
         if number % 2 == 0:
             order = np.random.default_rng((seed, 1)).permutation(len(objects))

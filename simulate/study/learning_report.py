@@ -39,7 +39,8 @@ def summarise_learning(
         ]  # fmt: skip
         order, attempts = replay(objects, learner, seeds)
         figures.append({"learner": learner.name, "grasps": learner.source,
-                        "objects": len(objects), **_figures(order, attempts)})  # fmt: skip
+                        "objects": len(objects), **_figures(order, attempts),
+                        "by_kind_seen": _by_kind_seen(objects, order, attempts)})  # fmt: skip
         curves[f"{learner.source}: {learner.name}"] = attempts.mean(axis=0)
     return {"seeds": len(seeds), "learners": figures, "grasps": _base_rates(results)}, curves
 
@@ -55,22 +56,17 @@ def _base_rates(results: Results) -> dict[str, Any]:
 
 
 def _figures(order: NDArray[np.intp], attempts: NDArray[np.int64]) -> dict[str, Any]:
-    """Return means over all meetings; the change has its interval over seeds and objects."""
-    seeds, n = attempts.shape
-    late = np.broadcast_to(np.arange(n) >= n // 2, attempts.shape)
-    by_object = np.empty((seeds, n))
-    is_late = np.empty((seeds, n), bool)
-    for row in range(seeds):
-        by_object[row, order[row]] = attempts[row]
-        is_late[row, order[row]] = late[row]
+    """Return means over all meetings; the change has its interval over orders and objects."""
+    by_object, is_late = _by_object(order, attempts)
+    early, late = attempts[~_is_late_place(attempts)], attempts[_is_late_place(attempts)]
     change = _late_less_early(by_object, is_late)
-    low, high = _over_seeds_and_objects(by_object, is_late)
+    low, high = _over_orders_and_objects(by_object, is_late)
     return {
         "attempts": mean_interval(by_object.mean(axis=0)),
         "first_try": mean_interval((by_object == 1).mean(axis=0)),
         "never_held": float((attempts >= FAILED).mean()),
-        "first_half": float(attempts[~late].mean()) if n > 1 else None,
-        "second_half": float(attempts[late].mean()),
+        "first_half": float(early.mean()) if len(early) else None,
+        "second_half": float(late.mean()),
         "second_less_first": {
             "mean": None if np.isnan(change) else round(change, 4),
             "interval95": [round(low, 4), round(high, 4)],
@@ -78,25 +74,104 @@ def _figures(order: NDArray[np.intp], attempts: NDArray[np.int64]) -> dict[str, 
     }
 
 
+def _by_object(
+    order: NDArray[np.intp], attempts: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return attempts by order and object, and whether the object came in the second half."""
+    by_object = np.empty(attempts.shape)
+    is_late = np.empty(attempts.shape, bool)
+    np.put_along_axis(by_object, order, attempts, axis=1)
+    np.put_along_axis(is_late, order, _is_late_place(attempts), axis=1)
+    return by_object, is_late
+
+
+def _is_late_place(attempts: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which places of the orders, (s, n), are in the second half."""
+    n = attempts.shape[1]
+    return np.broadcast_to(np.arange(n) >= n // 2, attempts.shape)
+
+
 def _late_less_early(attempts: NDArray[np.float64], is_late: NDArray[np.bool_]) -> float:
-    """Return the mean over the second half less that over the first; NaN when one is empty."""
-    if is_late.all() or not is_late.any():
+    """Return the mean over objects of their attempts when met late less those when met early.
+
+    Compared object by object, so that a hard one that came late more often counts no other way
+    than an easy one. Objects that never came early, or never late, say nothing; NaN without any.
+    """
+    lates, n = is_late.sum(axis=0), len(is_late)
+    both = (lates > 0) & (lates < n)
+    if not both.any():
         return float("nan")
-    return float(attempts[is_late].mean() - attempts[~is_late].mean())
+    late = (attempts * is_late).sum(axis=0)[both] / lates[both]
+    early = (attempts * ~is_late).sum(axis=0)[both] / (n - lates[both])
+    return float((late - early).mean())
 
 
-def _over_seeds_and_objects(
+def _over_orders_and_objects(
     attempts: NDArray[np.float64], is_late: NDArray[np.bool_], draws: int = 1000
 ) -> tuple[float, float]:
-    """Return the 95 % interval, resampling rows and columns at once (Owen 2007: pigeonhole)."""
+    """Return the 95 % interval, resampling orders and objects at once (Owen 2007: pigeonhole).
+
+    Orders are drawn by pairs, as they were made: an object comes late in one order of a pair.
+    """
     rng = np.random.default_rng(0)
-    seeds, n = attempts.shape
+    orders, n = attempts.shape
+    pairs = [np.arange(k, min(k + 2, orders)) for k in range(0, orders, 2)]
     values = []
     for _ in range(draws):
-        picked = np.ix_(rng.integers(0, seeds, seeds), rng.integers(0, n, n))
+        drawn = np.concatenate([pairs[k] for k in rng.integers(0, len(pairs), len(pairs))])
+        picked = np.ix_(drawn, rng.integers(0, n, n))
         values.append(_late_less_early(attempts[picked], is_late[picked]))
-    low, high = np.nanpercentile(values, [2.5, 97.5]) if n > 1 else (np.nan, np.nan)
+    if np.isnan(values).all():
+        return float("nan"), float("nan")
+    low, high = np.nanpercentile(values, [2.5, 97.5])
     return float(low), float(high)
+
+
+def _by_kind_seen(
+    objects: Results, order: NDArray[np.intp], attempts: NDArray[np.int64], draws: int = 500
+) -> list[dict[str, Any]]:
+    """Return the share of first tries that held by how many of its kind had been met before.
+
+    Each object is measured against its own mean, so that whether a hard one came early in few
+    orders counts little. Intervals are over orders and objects at once, as those of the change.
+    """
+    kinds = np.unique([str(thing["kind"]) for thing in objects], return_inverse=True)[1]
+    met = kinds[order]
+    seen = np.empty(met.shape, np.intp)
+    for kind in range(kinds.max() + 1):
+        here = met == kind
+        seen[here] = (np.cumsum(here, axis=1) - 1)[here]
+    by_object, before = np.empty(met.shape), np.empty(met.shape, np.intp)
+    np.put_along_axis(by_object, order, (attempts == 1).astype(float), axis=1)
+    np.put_along_axis(before, order, seen, axis=1)
+    most = int(np.bincount(kinds).min())
+    where = np.stack([before == k for k in range(most)]).astype(float)
+    held = where * by_object
+    orders, n = met.shape
+
+    def shares(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        usual = rows @ by_object / rows.sum()
+        with np.errstate(invalid="ignore"):
+            above = ((rows @ held - (rows @ where) * usual) @ columns) / (rows @ where @ columns)
+        return np.asarray(usual @ columns / columns.sum() + above)
+
+    rng = np.random.default_rng(0)
+    drawn = [
+        shares(
+            *(np.bincount(rng.integers(0, m, m), minlength=m).astype(float) for m in (orders, n))
+        )
+        for _ in range(draws)
+    ]
+    low, high = np.nanpercentile(drawn, [2.5, 97.5], axis=0)
+    value = shares(np.ones(orders), np.ones(n))
+    return [
+        {
+            "seen": k,
+            "first_try": round(float(value[k]), 4),
+            "interval95": [round(float(low[k]), 4), round(float(high[k]), 4)],
+        }
+        for k in range(most)
+    ]
 
 
 def learning_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -123,11 +198,11 @@ def _show(mean: Mapping[str, Any]) -> str:
 
 
 def write_learning_report(folder: Path, results: Results, seed: int, seeds: int) -> dict[str, Any]:
-    """Write ``report.json`` and a chart for each kind of grasps; return the figures."""
+    """Write ``report.json`` and two charts for each kind of grasps; return the figures."""
     figures, curves = summarise_learning(results, [seed + k for k in range(seeds)])
     summary = {"seed": seed, "objects": len(results), **figures}
     (folder / "report.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    for source in ("geometry", "blind"):
+    for source, title in (("geometry", "Grasps proposed by geometry"), ("blind", "Blind grasps")):
         lines = [
             _line(name.partition(": ")[2], curve)
             for name, curve in curves.items()
@@ -135,8 +210,17 @@ def write_learning_report(folder: Path, results: Results, seed: int, seeds: int)
         ]
         if lines:
             line_chart(
-                folder / f"{source}.png", f"Grasps by {source}", "objects met",
+                folder / f"{source}.png", title, "objects met",
                 f"attempts to first success, mean of {seeds} orders", lines,
+            )  # fmt: skip
+        kinds = [
+            _kind_line(found) for found in summary["learners"]
+            if found["grasps"] == source and len(found["by_kind_seen"]) > 1
+        ]  # fmt: skip
+        if kinds:
+            line_chart(
+                folder / f"{source}-kinds.png", title,
+                "objects of the kind met before", "first tries that held", kinds,
             )  # fmt: skip
     return summary
 
@@ -144,3 +228,16 @@ def write_learning_report(folder: Path, results: Results, seed: int, seeds: int)
 def _line(name: str, curve: NDArray[np.float64]) -> Line:
     smooth = np.convolve(curve, np.ones(_WINDOW) / _WINDOW, mode="valid")
     return Line(name, (np.arange(len(smooth)) + _WINDOW).tolist(), smooth.tolist())
+
+
+def _kind_line(found: Mapping[str, Any]) -> Line:
+    """Return first tries by objects of the kind met before; with a band where it is the bandit."""
+    points = found["by_kind_seen"]
+    is_ours = str(found["learner"]).startswith("bandit")
+    return Line(
+        str(found["learner"]),
+        [p["seen"] for p in points],
+        [p["first_try"] for p in points],
+        [p["interval95"][0] for p in points] if is_ours else None,
+        [p["interval95"][1] for p in points] if is_ours else None,
+    )

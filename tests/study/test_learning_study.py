@@ -94,6 +94,25 @@ def test_the_same_seeds_give_the_same_attempts() -> None:
             assert np.array_equal(first[1], second[1]), learner
 
 
+def test_every_object_comes_late_as_often_as_early_so_a_hard_one_does_not_look_like_learning() -> (
+    None
+):
+    objects = _world(10)
+    for arm in objects[3]["arms"]:
+        arm["reason"] = "missed"
+    (learner,) = [one for one in LEARNERS if (one.name, one.source) == ("random", "blind")]
+    order, attempts = replay(objects, learner, range(4))
+    place = np.argsort(order, axis=1)
+    assert (np.sum(place >= 5, axis=0) == 2).all()
+    found, _ = summarise_learning(objects, range(4), [learner])
+    hard = attempts[order == 3]
+    assert set(hard.tolist()) == {FAILED}
+    easy = np.where(order == 3, 0.0, attempts)
+    halves = easy[:, 5:].sum() - easy[:, :5].sum()
+    change = found["learners"][0]["second_less_first"]["mean"]
+    assert change == pytest.approx(halves / 20, abs=1e-4)  # the hard one adds nothing
+
+
 def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> None:
     quick = [one for one in LEARNERS if one.name in ("bandit, graph only", "bandit, neither")]
     summary, curves = summarise_learning(_world(24), range(100, 120), quick)
@@ -103,6 +122,11 @@ def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> No
     assert low < 0 < high
     assert summary["grasps"]["blind"] == {"drawn": 144, "tried": 144, "held": 24}
     assert curves["blind: bandit, graph only"].shape == (24,)
+    # One grasp of six holds: nothing is known of the first of a kind, everything after some.
+    shares = [point["first_try"] for point in learned["by_kind_seen"]]
+    assert [point["seen"] for point in learned["by_kind_seen"]] == list(range(12))
+    assert shares[0] < 0.5 < 0.95 < min(shares[6:])
+    assert max(point["first_try"] for point in not_learned["by_kind_seen"]) < 0.5
     assert {len(row) for row in learning_rows(summary)} == {len(COLUMNS)}
 
 
@@ -113,5 +137,6 @@ def test_the_report_has_figures_and_a_chart_for_each_kind_of_grasp(
     monkeypatch.setattr(summarise_learning, "__defaults__", (quick,))
     summary = write_learning_report(tmp_path, _world(12), seed=1, seeds=2)
     assert summary["objects"] == 12
-    assert {p.name for p in tmp_path.iterdir()} == {"report.json", "geometry.png", "blind.png"}
-    assert (tmp_path / "blind.png").read_bytes().startswith(b"\x89PNG")
+    charts = {f"{name}.png" for name in ("geometry", "blind", "geometry-kinds", "blind-kinds")}
+    assert {p.name for p in tmp_path.iterdir()} == {"report.json", *charts}
+    assert (tmp_path / "blind-kinds.png").read_bytes().startswith(b"\x89PNG")
