@@ -129,23 +129,55 @@ def _two_nearest(
     count: int,
     histogram: Rows,
     short: Rows,
+    measured: Rows,
 ) -> tuple[int, int, int, int]:
     """Measure the candidates of least Hamming distance: best row and distance, rival's likewise.
 
-    ``histogram`` of the Hamming distances is used up; ``short`` is scratch of ``count`` rows.
+    ``histogram`` of the Hamming distances is used up; ``short`` and ``measured`` are scratch of
+    ``count`` rows.
     """
     limit = _distance_reached(histogram, KEPT_CANDIDATES, 128)
-    kept = _shortlist(hamming, count, min(limit + _RIVAL_REACH, 128), short)
+    kept = _shortlist(hamming, count, limit, short)
     best, nearest = -1, FAR
     for k in range(kept):
         row = candidates[short[k]]
-        if hamming[short[k]] <= limit:
-            distance = _squared_distance(query, stored[row])
-            if distance < nearest or (distance == nearest and row < best):
-                best, nearest = row, distance
+        distance = _squared_distance(query, stored[row])
+        measured[k] = distance
+        if distance < nearest or (distance == nearest and row < best):
+            best, nearest = row, distance
     if best < 0:
         return -1, FAR, -1, FAR
     own = labels[views[best]]
+    rivals, rival_row, rival = 0, -1, FAR
+    for k in range(kept):
+        row = candidates[short[k]]
+        if labels[views[row]] != own:
+            rivals += 1
+            if measured[k] < rival or (measured[k] == rival and row < rival_row):
+                rival_row, rival = row, measured[k]
+    if rivals < KEPT_RIVALS and kept < count:
+        rival_row, rival = _nearest_rival(
+            query, stored, labels, views, candidates, hamming, count, histogram, short, own, limit
+        )
+    return best, nearest, rival_row, rival
+
+
+@nb.njit(cache=True, nogil=True)
+def _nearest_rival(
+    query: UInt8Array,
+    stored: UInt8Array,
+    labels: Rows,
+    views: Rows,
+    candidates: Rows,
+    hamming: NDArray[np.int16],
+    count: int,
+    histogram: Rows,
+    short: Rows,
+    own: int,
+    limit: int,
+) -> tuple[int, int]:
+    """Look for rivals beyond the last of the ten: row of the nearest, and its distance."""
+    kept = _shortlist(hamming, count, min(limit + _RIVAL_REACH, 128), short)
     for _ in range(2):
         histogram[:] = 0
         others = 0
@@ -165,7 +197,7 @@ def _two_nearest(
             distance = _squared_distance(query, stored[row])
             if distance < rival or (distance == rival and row < rival_row):
                 rival_row, rival = row, distance
-    return best, nearest, rival_row, rival
+    return rival_row, rival
 
 
 @nb.njit(cache=True, nogil=True)
@@ -217,6 +249,7 @@ def match_tables(
     candidates = np.empty(room, np.int32)
     hamming = np.empty(room, np.int16)
     short = np.empty(room, np.int32)
+    measured = np.empty(room, np.int32)
     for i in range(n):
         count = 0
         stamp = first_stamp + i
@@ -233,6 +266,7 @@ def match_tables(
                     candidates = np.append(candidates, np.empty(count, np.int32))
                     hamming = np.append(hamming, np.empty(count, np.int16))
                     short = np.empty(room, np.int32)
+                    measured = np.empty(room, np.int32)
                 h = _hamming(query_codes, i, codes, row)
                 candidates[count] = row
                 hamming[count] = h
@@ -240,7 +274,8 @@ def match_tables(
                 count += 1
         if count:
             best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
-                query[i], stored, labels, views, candidates, hamming, count, histogram, short
+                *(query[i], stored, labels, views, candidates, hamming, count),
+                *(histogram, short, measured),
             )
     return best, nearest, rival_row, rival
 
@@ -268,6 +303,7 @@ def match_flat(
     candidates = np.arange(rows).astype(np.int32)
     hamming = np.empty(rows, np.int16)
     short = np.empty(rows, np.int32)
+    measured = np.empty(rows, np.int32)
     for i in range(n):
         histogram[:] = 0
         for row in range(rows):
@@ -278,7 +314,8 @@ def match_flat(
             else:
                 hamming[row] = _REMOVED
         best[i], nearest[i], rival_row[i], rival[i] = _two_nearest(
-            query[i], stored, labels, views, candidates, hamming, rows, histogram, short
+            *(query[i], stored, labels, views, candidates, hamming, rows),
+            *(histogram, short, measured),
         )
     return best, nearest, rival_row, rival
 
