@@ -24,6 +24,7 @@
     │   ├── InconsistentError       a contradiction, with the triples that clash
     │   ├── QueryTooExpensive       a query that its reader did not survive
     │   ├── VersionConflictError    somebody else wrote first
+    │   ├── ConflictError           what was built on it since stands in the way
     │   ├── TooLargeError           beyond a stated limit
     │   ├── FieldError              a value that a field of an object does not take
     │   └── UnknownTermError        a name or IRI that the graph does not know
@@ -51,6 +52,7 @@ __all__ = [
     "BusyError",
     "CallFailedError",
     "ClosedError",
+    "ConflictError",
     "DataError",
     "EpochChangedError",
     "FieldError",
@@ -227,6 +229,12 @@ class VersionConflictError(DataError):
     """The caller's version is not the current one."""
 
     status, slug = 412, "version-conflict"
+
+
+class ConflictError(DataError):
+    """What is there now does not allow it; the message says what stands in the way."""
+
+    status, slug = 409, "conflict"
 
 
 class TooLargeError(DataError):

@@ -1,16 +1,20 @@
-"""People put objects right: two that are one, one that is two, what shall be forgotten."""
+"""People put objects right: two that are one, one that is two, what shall be forgotten.
+
+One person at a time: what a request names is looked up when its turn has come, so that of two who
+merge the same objects, or each into the other, the second one hears what the first one did.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.edit import undo
 from rtask.engine.merging import merge_objects
 from rtask.engine.messages import Field
 from rtask.engine.redirect import present_name
 from rtask.engine.splitting import forget_object, forget_views, split_object
-from rtask.engine.vocabulary import RT
-from rtask.errors import UnknownTermError, UsageError
+from rtask.engine.undoing import undo
+from rtask.engine.vocabulary import PROV, RT
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.terms import NamedNode, iri
 
 if TYPE_CHECKING:
@@ -18,7 +22,7 @@ if TYPE_CHECKING:
     from rtask.kb.access import Access
     from rtask.kb.commit import Commit
 
-__all__ = ["CURATE_OBJECT", "curate_object"]
+__all__ = ["CURATE_OBJECT", "author_of", "curate_object", "known_object"]
 
 CURATE_OBJECT = (
     Field("operation", "string", "what the person wants", required=True,
@@ -37,15 +41,35 @@ CURATE_OBJECT = (
 
 def curate_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Carry out what a person wants; robots have no right to it."""
-    author = engine.author(access, request["operator"], "teacher")
+    author = author_of(engine, request["operator"], access)
+    with engine.writing:
+        return _curate(engine, request, author)
+
+
+def author_of(engine: Engine, operator: str | None, access: Access) -> Access:
+    """Return in whose name a person's change is made; nobody changes in another person's name.
+
+    Raises
+    ------
+    ForbiddenError
+        The token is another person's.
+    """
+    if access.role == "teacher" and access.agent and operator and operator != access.agent:
+        raise ForbiddenError(
+            f"the token belongs to {access.agent!r}: it cannot change in the name of {operator!r}"
+        )
+    return engine.author(access, operator, "teacher")
+
+
+def _curate(engine: Engine, request: dict[str, Any], author: Access) -> dict[str, Any]:
     operation = request["operation"]
     if operation == "undo":
         if not request["commit"]:
             raise UsageError("commit is missing: which one is taken back?", field="commit")
         return _answer(engine, undo(engine, request["commit"], author), "")
-    thing = _object(engine, request["object"], "object")
+    thing = known_object(engine, request["object"], "object")
     if operation == "merge":
-        kept = _object(engine, request["into"], "into")
+        kept = known_object(engine, request["into"], "into")
         return _answer(engine, merge_objects(engine, kept, thing, author), kept.value)
     if operation == "split":
         new, commit = split_object(engine, thing, request["views"], request["name"], author)
@@ -56,13 +80,24 @@ def curate_object(engine: Engine, request: dict[str, Any], access: Access) -> di
     return _answer(engine, forget_object(engine, thing, request["purge"], author), "")
 
 
-def _object(engine: Engine, name: str | None, field: str) -> NamedNode:
+def known_object(engine: Engine, name: str | None, field: str) -> NamedNode:
+    """Return the object that a field of a request names, also by a former name.
+
+    Raises
+    ------
+    UsageError
+        The field is empty.
+    UnknownTermError
+        There is no such object, or it was forgotten.
+    """
     if not name:
         raise UsageError(f"{field} is missing: IRI of the object", field=field)
     thing = iri(present_name(engine.kb, name))
-    if not engine.kb.match(thing, RT.objectId):
-        raise UnknownTermError(f"{field}: the graph knows no object {name}")
-    return thing
+    if engine.kb.match(thing, RT.objectId):
+        return thing
+    if engine.kb.match(thing, PROV.invalidatedAtTime):
+        raise UnknownTermError(f"{field}: the object {name} was forgotten", field=field)
+    raise UnknownTermError(f"{field}: the graph knows no object {name}", field=field)
 
 
 def _answer(engine: Engine, commit: Commit, thing: str) -> dict[str, Any]:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.facts import Facts
 from rtask.engine.vocabulary import RDF, RT
-from rtask.errors import ForbiddenError, UnknownTermError
 from rtask.kb.access import Access
 from rtask.kb.terms import NamedNode, Quad, Triple, object_term
 
@@ -20,10 +19,10 @@ if TYPE_CHECKING:
     from rtask.kb.commit import Commit
     from rtask.kb.knowledge_base import KnowledgeBase
 
-__all__ = ["NOTE", "Edit", "undo"]
+__all__ = ["NOTE", "Edit"]
 
 NOTE = "objects: "
-"""How the note of a commit begins that :func:`undo` may take back."""
+"""How the note of a commit begins that may be taken back."""
 
 
 class Edit:
@@ -44,6 +43,20 @@ class Edit:
     def match(self, *pattern: NamedNode | None) -> list[Quad]:
         """Return the statements of a pattern that may be changed."""
         return [q for q in self._kb.match(*pattern) if self._rights.may_write(q.graph_name)]
+
+    def after(self, *pattern: NamedNode | None) -> list[Quad]:
+        """Return the statements of a pattern that there will be, of those that may be changed."""
+        wanted = (*pattern, *(None,) * (3 - len(pattern)))
+        come = [
+            quad
+            for quad in self.added
+            if all(
+                want is None or want == part
+                for want, part in zip(wanted, tuple(quad)[:3], strict=True)
+            )
+        ]
+        stay = (q for q in self.match(*pattern) if q not in self.removed)
+        return list(dict.fromkeys([*stay, *come]))
 
     def remove(self, quads: Iterable[Quad]) -> None:
         """Withdraw statements."""
@@ -125,43 +138,3 @@ class Edit:
 def _name(quad: Quad) -> NamedNode:
     assert isinstance(quad.graph_name, NamedNode)  # only named graphs may be written
     return quad.graph_name
-
-
-def undo(engine: Engine, commit: str, author: Access) -> Commit:
-    """Take back one commit of merging, splitting or forgetting.
-
-    What was told since then stays, and what it withdrew since then stays withdrawn.
-
-    Raises
-    ------
-    UnknownTermError
-        No such commit, or one too old for a store in memory.
-    ForbiddenError
-        The commit was something else, or its bytes are gone for good.
-    """
-    number = commit.removeprefix("c-")
-    if not number.isdecimal():
-        raise UnknownTermError(f"commit: {commit!r} is no commit; c-00012 is wanted")
-    seq = int(number)
-    kb = engine.kb
-    entries = [e for e in kb.history(since=seq - 1, upto=seq) if e.seq == seq]
-    if not entries:
-        raise UnknownTermError(f"commit: no commit {commit} of objects is known")
-    (entry,) = entries
-    if not (entry.note or "").startswith(NOTE):
-        raise ForbiddenError(f"commit: {commit} merged, split or forgot nothing")
-    edit = Edit(kb)
-    edit.remove(q for q in entry.added if kb.access().may_write(q.graph_name))
-    missing = [
-        q.object
-        for q in entry.removed
-        if q.predicate == RT.hasBlob
-        and isinstance(q.object, NamedNode)
-        and not kb.blobs.has(q.object)
-    ]
-    if missing:
-        raise ForbiddenError(f"commit: the bytes of {len(missing)} features are gone for good")
-    edit.added.update(
-        dict.fromkeys(q for q in entry.removed if kb.access().may_write(q.graph_name))
-    )
-    return edit.commit(engine, f"take back {commit}", author)

@@ -17,6 +17,7 @@ from rtask.engine.facts import Facts
 from rtask.engine.messages import Field
 from rtask.engine.models import grow, old_models, state_model
 from rtask.engine.names import slug, tail
+from rtask.engine.naming import described_class, short_id_of
 from rtask.engine.objects import (
     NewObject,
     Sight,
@@ -29,7 +30,6 @@ from rtask.engine.prepared import (
     ITEM,
     Prepared,
     Repeated,
-    classes_named,
     prepare,
     stored_before,
 )
@@ -44,9 +44,9 @@ from rtask.engine.record import (
     resolve_grasp,
 )
 from rtask.engine.terms import find_function, folded
-from rtask.engine.vocabulary import RDF, RDFS, RT
+from rtask.engine.vocabulary import RT
 from rtask.errors import UnknownTermError
-from rtask.kb.terms import Literal, NamedNode, iri
+from rtask.kb.terms import NamedNode, iri
 
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
@@ -212,7 +212,7 @@ class _Writer:
         confidence: float | None = None
         class_iri: NamedNode | None = None
         if one.item["class_description"]:
-            class_iri = self._class(one.item["class_description"])
+            class_iri = described_class(engine, self.facts, one.item["class_description"])
         elif guess is not None:
             class_iri, confidence = guess
         kind = engine.classes.get((class_iri or RT.ManipulableObject).value)
@@ -231,32 +231,8 @@ class _Writer:
             ),
             one.seen,
         )  # fmt: skip
-        short_id = kind.short_id or self._short_id(class_iri or RT.ManipulableObject)
+        short_id = short_id_of(engine, self.facts, class_iri or RT.ManipulableObject)
         return thing, (class_iri or RT.ManipulableObject).value, short_id, name
-
-    def _class(self, description: str) -> NamedNode:
-        """Return the class of a description, made from the words when nobody taught it before."""
-        found = classes_named(self.engine, description)
-        if found:
-            return found[0]
-        made = self.engine.names.named("class", slug(description))
-        owl_class = iri("http://www.w3.org/2002/07/owl#Class")
-        label = Literal(" ".join(description.split()), language="en")
-        for predicate, value in (
-            (RDF.type, owl_class), (RDFS.subClassOf, RT.ManipulableObject),
-            (RDFS.label, label), (RT.taught, True),
-        ):  # fmt: skip
-            self.facts.add(made, predicate, value)
-        return made
-
-    def _short_id(self, kind: NamedNode) -> str:
-        stated = [v for s, p, v in self.facts.triples if s == kind and p == RT.shortId]
-        if stated:
-            return str(stated[0])
-        others = sum(1 for _, p, _ in self.facts.triples if p == RT.shortId)
-        short_id = str(int(self.engine.classes.next_short_id()) + others)
-        self.facts.add(kind, RT.shortId, short_id)
-        return short_id
 
 
 def _entry(

@@ -1,4 +1,4 @@
-"""Two objects that turn out to be one, one that turns out to be two, and what shall be forgotten.
+"""Two objects that turn out to be one.
 
 Views, grasps, outcomes and counts go along. Grasps and viewpoints are turned into the frame of the
 object that stays, as matched views tell; the models are made again. Each is one commit.
@@ -18,6 +18,7 @@ from rtask.engine.facts import Facts
 from rtask.engine.models import posed_views, regrown, state_model
 from rtask.engine.names import tail
 from rtask.engine.objects import body_frame
+from rtask.engine.record import home_graph
 from rtask.engine.views import view_features
 from rtask.engine.vocabulary import RDF, RDFS, RT
 from rtask.errors import UsageError
@@ -42,7 +43,7 @@ _NUMBERS = (RT.x, RT.y, RT.z, RT.theta, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
 def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
-    """Make one object of two; the other\'s IRI leads to the one that is kept.
+    """Make one object of two; the other's IRI leads to the one that is kept.
 
     Parameters
     ----------
@@ -55,7 +56,9 @@ def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Acc
         When both are the same.
     """
     if kept == other:
-        raise UsageError("into: an object cannot be merged with itself")
+        raise UsageError(
+            f"into: both names mean {kept.value}, which cannot be merged with itself", field="into"
+        )
     with engine.writing:
         kb = engine.kb
         apart = frames_apart(engine, kept, other)
@@ -72,7 +75,6 @@ def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Acc
             return quad.predicate not in _OF_ITS_OWN
 
         edit.rename(other, kept, goes_along)
-        home = kb.graphs.shared if author.agent is None else kb.graphs.agent(author.agent)
         facts = Facts()
         facts.add(other, RT.mergedInto, kept)
         for name in sorted(set(names)):
@@ -81,7 +83,7 @@ def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Acc
         model = regrown(kb, views)
         if model is not None:
             state_model(engine, facts, kept, model)
-        edit.state(facts, home)
+        edit.state(facts, home_graph(engine, author))
         return edit.commit(engine, f"merge {tail(other)} into {tail(kept)}", author)
 
 

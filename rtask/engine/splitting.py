@@ -14,6 +14,8 @@ from rtask.engine.merging import move_frame, withdraw_models
 from rtask.engine.models import posed_views, regrown, state_model
 from rtask.engine.names import slug, tail
 from rtask.engine.objects import body_frame
+from rtask.engine.record import home_graph
+from rtask.engine.statistics import judged, state, statistics_of
 from rtask.engine.vocabulary import PREFIXES, PROV, RDF, RT, SOSA
 from rtask.errors import UnknownTermError, UsageError
 from rtask.kb.terms import NamedNode, Quad, iri
@@ -53,7 +55,7 @@ def split_object(
         _state_twin(engine, edit, facts, thing, new, name, author)
         frame = body_frame(engine, new)
         events, poses = _move_views(edit, thing, new, moving)
-        poses |= _move_tries(engine, edit, facts, thing, new, events)
+        poses |= _move_tries(engine, edit, thing, new, events)
         move_frame(engine, edit, body_frame(engine, thing), frame, np.eye(4), frozenset(poses))
         withdraw_models(edit, thing)
         posed = posed_views(kb, thing)
@@ -64,16 +66,8 @@ def split_object(
             model = regrown(kb, mine)
             if model is not None:
                 state_model(engine, facts, owner, model)
-        edit.state(facts, _home(engine, author))
-        commit = edit.commit(engine, f"split {tail(new)} from {tail(thing)}", author)
-        engine.rebuild_statistics()
-        return new, commit
-
-
-def _home(engine: Engine, author: Access) -> NamedNode:
-    """Return the graph that a person writes."""
-    graphs = engine.kb.graphs
-    return graphs.shared if author.agent is None else graphs.agent(author.agent)
+        edit.state(facts, home_graph(engine, author))
+        return new, edit.commit(engine, f"split {tail(new)} from {tail(thing)}", author)
 
 
 def _views_of(engine: Engine, thing: NamedNode, views: Iterable[str]) -> set[NamedNode]:
@@ -135,9 +129,8 @@ def _objects(edit: Edit, subject: NamedNode, predicate: NamedNode) -> set[NamedN
 
 
 def _move_tries(
-    engine: Engine, edit: Edit, facts: Facts, thing: NamedNode, new: NamedNode,
-    events: set[NamedNode],
-) -> set[NamedNode]:  # fmt: skip
+    engine: Engine, edit: Edit, thing: NamedNode, new: NamedNode, events: set[NamedNode]
+) -> set[NamedNode]:
     """Move the attempts told together with observations; return the poses of grasps that move.
 
     A grasp that was also tried on what stays is stated again for the new object.
@@ -191,6 +184,28 @@ def _copy_grasp(
     for attempt in attempts:
         for quad in edit.match(attempt, RT.executesGrasp, grasp):
             edit.replace(quad, Quad(attempt, RT.executesGrasp, twin, quad.graph_name))
+    _recount(engine, edit, grasp, twin, attempts)
+
+
+def _recount(
+    engine: Engine, edit: Edit, grasp: NamedNode, twin: NamedNode, attempts: list[NamedNode]
+) -> None:
+    """Count a grasp without some attempts, and its twin with them."""
+    totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
+    every, moved = judged(engine, grasp=[grasp]), judged(engine, attempt=attempts)
+    for rows, owner, sign in ((every, grasp, 1), (moved, grasp, -1), (moved, twin, 1)):
+        for _, robot, gripper_type, held, n in rows:
+            total = totals.setdefault((owner, robot, gripper_type), [0, 0])
+            total[0] += sign * n * held
+            total[1] += sign * n
+    for link in edit.match(None, RT.statisticsOf, grasp):
+        assert isinstance(link.subject, NamedNode)
+        edit.remove(edit.match(link.subject))
+    for (owner, robot, gripper_type), (held, tried) in totals.items():
+        if tried:
+            facts, node = Facts(), statistics_of(engine, owner, robot)
+            state(facts, node, owner, gripper_type, robot, held, tried)
+            edit.state(facts, engine.kb.graphs.agent(tail(robot)))
 
 
 def forget_views(
@@ -205,7 +220,7 @@ def forget_views(
         model = regrown(kb, [v for v in posed_views(kb, thing) if iri(v[0]) not in gone])
         if model is not None:
             state_model(engine, facts, thing, model)
-        edit.state(facts, _home(engine, author))
+        edit.state(facts, home_graph(engine, author))
         commit = edit.commit(engine, f"forget {len(gone)} views of {tail(thing)}", author)
         _discard(engine, freed if purge else [])
         return commit
@@ -254,7 +269,7 @@ def forget_object(engine: Engine, thing: NamedNode, purge: bool, author: Access)
         _forget_notes(edit, thing)
         facts = Facts()
         facts.add(thing, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
-        edit.state(facts, _home(engine, author))
+        edit.state(facts, home_graph(engine, author))
         how = "forget for good" if purge else "forget"
         commit = edit.commit(engine, f"{how} {tail(thing)}", author)
         _discard(engine, freed if purge else [])

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "count",
+    "judged",
     "judged_counts",
     "lower_95",
     "over_all_robots",
@@ -117,7 +118,7 @@ def state(
 
 def over_all_robots(engine: Engine, grasp: NamedNode) -> dict[str, Any]:
     """Return the statistics of one grasp, counted from the attempts of all robots."""
-    rows = _judged(engine, [grasp])
+    rows = judged(engine, grasp=[grasp])
     held = sum(n for *_, won, n in rows if won)
     return summary(held, sum(n for *_, n in rows))
 
@@ -147,7 +148,7 @@ def rebuild(engine: Engine) -> Commit:
     """Count every grasp again from the attempts, people's verdicts included; one commit."""
     with engine.writing:
         totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
-        for grasp, robot, gripper_type, won, n in _judged(engine, None):
+        for grasp, robot, gripper_type, won, n in judged(engine):
             total = totals.setdefault((grasp, robot, gripper_type), [0, 0])
             total[0] += n if won else 0
             total[1] += n
@@ -171,12 +172,20 @@ def rebuild(engine: Engine) -> Commit:
         return tx.commit
 
 
-def _judged(
-    engine: Engine, grasps: Iterable[NamedNode] | None
+def judged(
+    engine: Engine, **only: Iterable[NamedNode]
 ) -> list[tuple[NamedNode, NamedNode, str, bool, int]]:
-    """Return (grasp, robot, gripper type, held, how often) of judged attempts."""
+    """Return (grasp, robot, gripper type, held, how often) of judged attempts.
+
+    Parameters
+    ----------
+    **only
+        These things, by variable: ``grasp``, ``attempt``.
+    """
     unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
-    chosen = "" if grasps is None else f"VALUES ?grasp {{ {' '.join(map(str, grasps))} }}"
+    chosen = " ".join(
+        f"VALUES ?{name} {{ {' '.join(map(str, things))} }}" for name, things in only.items()
+    )
     rows = engine.kb.select(f"""{PREFIXES}
 SELECT ?grasp ?robot ?gripper ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ {chosen}
   ?attempt rt:executesGrasp ?grasp ; rt:performedBy ?robot ; rt:activates/rt:gripperType ?gripper ;

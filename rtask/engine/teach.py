@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.alike import look_alikes
+from rtask.engine.curate import author_of, known_object
 from rtask.engine.feedback import give_feedback
 from rtask.engine.insert import insert_object
 from rtask.engine.messages import Field, read
+from rtask.engine.naming import name_object
 from rtask.engine.prepared import ITEM
+from rtask.engine.question import Question
+from rtask.engine.recall import recall
 from rtask.engine.recognise import SIGHT
 from rtask.engine.search import search_object
 
@@ -34,7 +39,7 @@ TEACH_OBJECT = (
     *_OPTIONAL_SIGHT,
     Field("name", "string", "what the person calls this one object"),
     Field("task_id", "string", "of the attempt that is judged; of what is taught, stored once"),
-    Field("object", "string", "IRI of the object whose last attempt is meant"),
+    Field("object", "string", "IRI of the object, in place of data; or whose last attempt counts"),
     Field("grasp", "string", "IRI of the grasp whose last attempt is meant"),
     Field("operator", "string", "who says so"),
     Field("comment", "string", "in the person's words"),
@@ -53,6 +58,9 @@ def teach_object(engine: Engine, request: dict[str, Any], access: Access) -> dic
 
 
 def _search(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    if request["data"] is None and request["object"]:
+        thing = known_object(engine, request["object"], "object")
+        return look_alikes(engine, thing, request["class_description"])
     _wanted(request, "class_description", "data")
     names = [field.name for field in SEARCH_OBJECT]
     # The values were read already; reading bytes and poses again leaves them as they are.
@@ -64,6 +72,8 @@ def _search(engine: Engine, request: dict[str, Any], access: Access) -> dict[str
 
 
 def _teach(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    if request["data"] is None and request["object"]:
+        return _name(engine, request, access)
     _wanted(request, "class_description", "data")
     item: dict[str, Any] = {field.name: field.default for field in ITEM}
     for field in (*SIGHT, *(f for f in ITEM if f.name in _SAID)):
@@ -71,6 +81,33 @@ def _teach(engine: Engine, request: dict[str, Any], access: Access) -> dict[str,
     author = engine.author(access, request["operator"], "teacher")
     stored = insert_object(engine, {"objects": [item]}, author)
     return {"similar_objects": [], "suggestions": [], **stored}
+
+
+def _name(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Say what an object is that is stored already."""
+    author = author_of(engine, request["operator"], access)
+    with engine.writing:
+        thing = known_object(engine, request["object"], "object")
+        commit = name_object(engine, thing, request["class_description"], request["name"], author)
+    known = recall(engine.kb, Question(objects=(thing.value,))).objects[thing.value]
+    entry = {
+        "object": thing.value,
+        "class": known.short_id,
+        "class_iri": known.class_iri,
+        "label": known.label,
+        "grasp": "",
+        "view": "",
+        "new": False,
+        "features": 0,
+        "commit": engine.commit_id(commit),
+    }
+    return {
+        "similar_objects": [],
+        "suggestions": [],
+        "stored": 1,
+        "commit": engine.commit_id(commit),
+        "objects": [entry],
+    }
 
 
 def _judge(engine: Engine, request: dict[str, Any], access: Access, held: bool) -> dict[str, Any]:
