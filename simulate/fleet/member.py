@@ -39,7 +39,6 @@ _TABLE, _LIGHT, _NOISE, _CHOICE, _BLIND = range(40, 45)
 Tell = Callable[[str, dict[str, Any]], None]
 
 _CALL_TIMEOUT_S = 60.0
-_DELIVERY_S = 60.0
 
 
 class Member:
@@ -103,7 +102,7 @@ class Member:
 
     def _introduce(self, body: SimulatedBody) -> None:
         if not self._introduced:
-            self.client.call("register_robot", **body.robot.describe(self.job.name))
+            self._server().register_robot(**body.robot.describe(self.job.name))
             self._introduced = True
 
     def _clear(self, body: SimulatedBody, number: int) -> list[dict[str, Any]]:
@@ -112,12 +111,9 @@ class Member:
         def on_sight(encounter: Encounter, seen: Seen) -> None:
             first_sight[encounter.number] = judge.body_under(seen)
 
-        def waited(operation: str) -> None:
-            self.tell("waiting", {"for": operation, "outbox": self.client.waiting})
-
         in_reach = judge.in_reach()
         choice = int(stream(job.seed, _CHOICE, job.index, number).integers(2**31))
-        server: Any = PatientServer(self.client, job.patience_s, waited)
+        server: Any = self._server()
         if not job.prior:
             mouth = min(arm.mouth for arm in body.robot.arms.values())
             server = BlindServer(server, stream(job.seed, _BLIND, job.index, number), mouth)
@@ -130,14 +126,20 @@ class Member:
         self.tell("table", {**done, "encounters": scored})
         return scored
 
+    def _server(self) -> PatientServer:
+        return PatientServer(self.client, self.job.patience_s, self._waited)
+
+    def _waited(self, operation: str) -> None:
+        self.tell("waiting", {"for": operation, "outbox": self.client.waiting})
+
     def _deliver(self) -> None:
         """Send what waits; what nobody takes in time stays in the outbox for the next run."""
-        deadline = time.monotonic() + _DELIVERY_S
+        deadline = time.monotonic() + self.job.patience_s
         while self.client.waiting and time.monotonic() < deadline:
             try:
                 self.client.deliver()
             except RemoteUnavailableError:
-                self.tell("waiting", {"for": "deliver", "outbox": self.client.waiting})
+                self._waited("deliver")
         self.tell("done", {"undelivered": self.client.waiting})
 
 

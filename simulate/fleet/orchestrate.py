@@ -7,6 +7,7 @@ own, so that nothing of another's reaches it: neither grasps nor views nor count
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import threading
 from collections.abc import Callable
@@ -15,12 +16,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import rtask
 from rtask.errors import RtaskError, UsageError
 from simulate.demo.processes import Endpoint, MemberProcess, run_rtask
 from simulate.fleet.plan import FleetPlan, MemberJob, plan_fleet
 from simulate.robots import ROBOTS
 
 __all__ = ["Fleet", "FleetSettings"]
+
+log = logging.getLogger(__name__)
 
 _MARK = "fleet.json"
 _RESTARTS = 3
@@ -46,6 +50,10 @@ class FleetSettings:
         A robot turns to a table when the one before it has cleared its own table of that number,
         so that each meets what the others have learned; all work at once nevertheless. Else all
         begin at once.
+    patience_s
+        How long a robot waits for an answer before it gives up.
+    silence_s
+        How long a robot may say nothing before it is given up for lost and ended.
     kinds
         Which robot each is, in turn: names of :data:`simulate.robots.ROBOTS`.
     """
@@ -60,7 +68,8 @@ class FleetSettings:
     in_line: bool = True
     max_attempts: int = 6
     preset: str = "faithful"
-    patience_s: float = 120.0
+    patience_s: float = 900.0
+    silence_s: float = 1800.0
     kinds: tuple[str, ...] = ("nao",)
 
     def __post_init__(self) -> None:
@@ -89,6 +98,7 @@ class Fleet:
         self.endpoints: list[_Supervised] = []
         self.robots: list[MemberProcess] = []
         self._tell = tell
+        self._jobs: list[tuple[MemberJob, str]] = []
         self._turn = threading.Condition()
         self._cleared = [0] * settings.robots
         self._out: set[int] = set()
@@ -158,8 +168,9 @@ class Fleet:
             preset=settings.preset,
             robot=settings.kinds[index % len(settings.kinds)],
         )
-        log = settings.folder / f"{name}.log"
-        return MemberProcess(name, job.to_json(), json.loads(answer)["token"], log)
+        token = str(json.loads(answer)["token"])
+        self._jobs.append((job, token))
+        return MemberProcess(name, job.to_json(), token, settings.folder / f"{name}.log")
 
     def _watch(self, index: int, done: list[dict[str, Any]]) -> None:
         """Follow one robot to its end; what happens to it ends nobody else."""
@@ -167,7 +178,7 @@ class Fleet:
         result: dict[str, Any] = {"name": robot.name, "tables": [], "lost": "", "undelivered": 0}
         done[index] = result
         try:
-            for event in robot.events(self.settings.patience_s + 300.0):
+            for event in robot.events(self.settings.silence_s):
                 with self._turn:
                     self._tell(robot.name, event)
                 if event["event"] == "ready":
@@ -181,13 +192,25 @@ class Fleet:
                 elif event["event"] == "done":
                     result["undelivered"] = event["undelivered"]
         except RtaskError as error:
+            robot.stop()  # one that only fell silent must not go on behind our back
             result["lost"] = str(error)
+            result["undelivered"] = self._deliver_for(index)
             with self._turn:
                 self._tell(robot.name, {"event": "lost", "why": str(error)})
         finally:
             with self._turn:
                 self._out.add(index)
                 self._turn.notify_all()
+
+    def _deliver_for(self, index: int) -> int:
+        """Send what a lost robot could not tell any more; return how much still waits."""
+        job, token = self._jobs[index]
+        with rtask.connect(job.url, token=token, outbox=Path(job.outbox)) as client:
+            try:
+                client.deliver()
+            except RtaskError:
+                log.warning("%s: its outbox cannot be delivered", job.name, exc_info=True)
+            return client.waiting
 
     def _await_turn(self, index: int, table: int) -> None:
         """Wait until the robot before this one has cleared that table, or is gone."""
@@ -212,15 +235,19 @@ class _Supervised:
         self._watcher.start()
 
     def _watch(self) -> None:
+        why = ""
         for again in range(1, _RESTARTS + 1):
             self.endpoint.process.wait()
             if self._stopping.is_set():
                 return
-            why = self.endpoint.complaint()
+            why = why or self.endpoint.complaint()
             self._tell("the endpoint", {"event": "restart", "why": why, "times": again})
             port = int(self.url.rpartition(":")[2])
             self.endpoint.stop()
-            self.endpoint = Endpoint(self.store, port, self._log)
+            try:
+                self.endpoint, why = Endpoint(self.store, port, self._log), ""
+            except RtaskError as error:  # too slow, or it ended again: the robots go on waiting
+                why = str(error)
 
     def stop(self) -> None:
         """End it for good."""

@@ -46,7 +46,7 @@ class MemberJob:
     max_attempts: int
     prior: bool
     outbox: str
-    patience_s: float = 120.0
+    patience_s: float = 900.0
     preset: str = "faithful"
     robot: str = "nao"
 

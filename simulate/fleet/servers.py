@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rtask.errors import RemoteUnavailableError
+from rtask.errors import CallFailedError, RemoteUnavailableError
 from simulate.agent import Server
 
 __all__ = ["BlindServer", "PatientServer"]
@@ -51,22 +51,33 @@ class PatientServer:
         self._patience_s = patience_s
         self._on_wait = on_wait
 
+    def register_robot(self, **request: Any) -> dict[str, Any]:
+        """Introduce the robot; see :meth:`recognise_for_grasp`."""
+        return self._asked("register_robot", request)
+
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
         """Ask, again and again until somebody answers.
 
         Raises
         ------
-        RemoteUnavailableError
-            Nobody did in time.
+        RemoteUnavailableError, CallFailedError
+            Nobody did in time, or had the time to.
         """
+        return self._asked("recognise_for_grasp", request)
+
+    def _asked(self, operation: str, request: dict[str, Any]) -> dict[str, Any]:
         deadline = time.monotonic() + self._patience_s
         while True:
             try:
-                return self._client.call("recognise_for_grasp", **request)
+                return self._client.call(operation, **request)
             except RemoteUnavailableError:
                 if time.monotonic() > deadline:
                     raise
-            self._on_wait("recognise_for_grasp")
+            except CallFailedError as error:
+                # A busy server says so (503), or that its own time for the call ran out (504).
+                if not error.details.get("may_change") or time.monotonic() > deadline:
+                    raise
+            self._on_wait(operation)
             time.sleep(_PAUSE_S)  # the client has waited already; this only bounds its retries
 
     def insert_object(self, **request: Any) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import rtask
+from rtask.client.outbox import Outbox
 from rtask.errors import UsageError
 from simulate.fleet.figures import (
     COLUMNS,
@@ -32,7 +33,10 @@ SELECT ?robot (COUNT(DISTINCT ?attempt) AS ?n) (COUNT(DISTINCT ?graph) AS ?graph
 
 @pytest.mark.timeout(600)
 def test_a_server_that_comes_back_and_a_robot_that_does_not(tmp_path: Path) -> None:
-    """Both work at once on two objects; the endpoint is killed once, then the second robot."""
+    """Both work at once on two objects; the endpoint is killed once, then the second robot.
+
+    The first is late besides: it stands still before its table until the second is gone.
+    """
     told: list[tuple[str, dict[str, Any]]] = []
     killed: list[str] = []
 
@@ -41,10 +45,18 @@ def test_a_server_that_comes_back_and_a_robot_that_does_not(tmp_path: Path) -> N
         if event["event"] == "grasping" and "endpoint" not in killed:
             killed.append("endpoint")
             os.kill(fleet.endpoints[0].endpoint.process.pid, signal.SIGKILL)
+        if robot == "robot-1" and event["event"] == "ready":
+            os.kill(fleet.robots[0].process.pid, signal.SIGSTOP)
         if robot == "robot-2" and event["event"] == "attempt" and "robot" not in killed:
             killed.append("robot")
             os.kill(fleet.robots[1].process.pid, signal.SIGKILL)
+            fleet.robots[1].process.wait()
+            late = {"task_id": "urn:late", "object": "urn:nobody", "success": True}
+            Outbox(outbox).add("report_outcome", late)
+        if robot == "robot-2" and event["event"] == "lost":
+            os.kill(fleet.robots[0].process.pid, signal.SIGCONT)
 
+    outbox = tmp_path / "fleet" / "robot-2.outbox.jsonl"
     settings = FleetSettings(
         tmp_path / "fleet", robots=2, objects=2, on_table=2, seed=8, in_line=False,
         max_attempts=2, preset="fast",
@@ -58,6 +70,9 @@ def test_a_server_that_comes_back_and_a_robot_that_does_not(tmp_path: Path) -> N
     assert (first["lost"], first["undelivered"], len(first["tables"])) == ("", 0, 1)
     assert "robot-2 disappeared while" in second["lost"]
     assert "SIGKILL" in second["lost"]
+    # What it had not told yet is told for it; the server takes none of this made-up outcome.
+    assert (second["undelivered"], Outbox(outbox).pending()) == (0, [])
+    assert "urn:late" in outbox.with_name(outbox.name + ".refused").read_text()
 
     # Everything that was reported is there once, in its robot's own graph.
     reported = {

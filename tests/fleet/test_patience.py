@@ -10,7 +10,7 @@ import pytest
 
 import rtask
 from rtask.client.base import Client
-from rtask.errors import RemoteUnavailableError
+from rtask.errors import CallFailedError, RemoteUnavailableError
 from simulate.fleet import servers
 from simulate.fleet.servers import BlindServer, PatientServer
 
@@ -21,6 +21,7 @@ class _Flaky(Client):
     def __init__(self, outbox: Path) -> None:
         super().__init__(outbox)
         self.away = 0
+        self.absence: Exception = RemoteUnavailableError("nobody answers")
         self.arrived: list[tuple[str, dict[str, Any]]] = []
 
     def _call(
@@ -28,7 +29,7 @@ class _Flaky(Client):
     ) -> dict[str, Any]:
         if self.away > 0:
             self.away -= 1
-            raise RemoteUnavailableError("nobody answers")
+            raise self.absence
         self.arrived.append((operation, args))
         return {"objects": [{"object": "o:1"}]}
 
@@ -58,6 +59,24 @@ def test_a_question_waits_and_what_is_told_meanwhile_arrives_once_and_first(
     assert client.arrived[1][1]["objects"][0]["task_id"] == "t:1"
     assert waited == ["insert_object", "recognise_for_grasp", "recognise_for_grasp"]
     assert client.waiting == 0
+
+
+@pytest.mark.parametrize("status", [503, 504])
+def test_a_busy_server_is_waited_for_like_one_that_is_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: int
+) -> None:
+    monkeypatch.setattr(servers, "_PAUSE_S", 0.0)
+    client, waited = _Flaky(tmp_path / "outbox.jsonl"), []
+    client.absence = CallFailedError("no answer in 30 s", http_status=status, may_change=True)
+    server = PatientServer(client, 60.0, waited.append)
+    client.away = 3
+    server.register_robot(name="nao")
+    assert waited == ["register_robot"] * 3
+    client.away = 1
+    assert server.report_outcome(task_id="t:1", object="o:1", success=True) == {}
+    server.recognise_for_grasp(data="y")
+    assert client.deliver() == 1
+    assert [args.get("task_id") for _, args in client.arrived] == [None, None, "t:1"]
 
 
 def test_patience_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
