@@ -10,6 +10,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
@@ -227,7 +228,8 @@ class Agent:
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
         outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
-        self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
+        if record.reason != "not_judged":  # physics broke down: the grasp has not failed
+            self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
         attempt = Attempt(
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
@@ -295,14 +297,18 @@ class Agent:
         answer: dict[str, Any],
         seconds: dict[str, float],
     ) -> _Planning:
-        """Return the first grasp in the learner's order that the robot can reach well."""
+        """Return the first grasp in the learner's order that the robot can reach well.
+
+        As it stands; only where that gives none it may take another stance.
+        """
         started = time.perf_counter()
         obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
+        grasps = distinct(answer["grasps"])[: self.config.max_plans]
         first: dict[str, Any] | None = None
         best: _Planning | None = None
         reason = "no_grasp"
-        for rank, grasp in distinct(answer["grasps"])[: self.config.max_plans]:
-            request = grasp_request(thing, grasp, view.table_height)
+        for as_it_stands, (rank, grasp) in product((True, False), grasps):
+            request = grasp_request(thing, grasp, view.table_height, as_it_stands)
             planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
             ranked = {**grasp, "rank": rank + 1}
             if not isinstance(planned, str):

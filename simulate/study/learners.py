@@ -26,7 +26,7 @@ from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.experience import Weights, gather
 from rtask.engine.policy import Policy
 from rtask.engine.recall import Remembered, Tally
-from simulate.study.reasons import UNREACHABLE
+from simulate.study.reasons import is_counted
 
 __all__ = ["FAILED", "LEARNERS", "Learner", "replay"]
 
@@ -60,7 +60,7 @@ class Learner:
 
 def _arms(thing: Mapping[str, Any], source: str) -> list[Mapping[str, Any]]:
     """Return the grasps of a source that the arm can get to."""
-    return [a for a in thing["arms"] if a["source"] == source and a["reason"] != UNREACHABLE]
+    return [a for a in thing["arms"] if a["source"] == source and is_counted(a["reason"])]
 
 
 # -- the default learner ----------------------------------------------------------------------

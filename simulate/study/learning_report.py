@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from simulate.study.chart import Line, line_chart
 from simulate.study.intervals import mean_interval
 from simulate.study.learners import FAILED, LEARNERS, Learner, replay
-from simulate.study.reasons import UNREACHABLE
+from simulate.study.reasons import is_counted
 
 __all__ = ["COLUMNS", "learning_rows", "summarise_learning", "write_learning_report"]
 
@@ -35,7 +35,7 @@ def summarise_learning(
     for learner in learners:
         objects = [
             r for r in results
-            if any(a["source"] == learner.source and a["reason"] != UNREACHABLE for a in r["arms"])
+            if any(a["source"] == learner.source and is_counted(a["reason"]) for a in r["arms"])
         ]  # fmt: skip
         order, attempts = replay(objects, learner, seeds)
         figures.append({"learner": learner.name, "grasps": learner.source,
@@ -50,7 +50,7 @@ def _base_rates(results: Results) -> dict[str, Any]:
     rates = {}
     for source in ("geometry", "blind"):
         arms = [a for r in results for a in r["arms"] if a["source"] == source]
-        tried = [a["reason"] == "ok" for a in arms if a["reason"] != UNREACHABLE]
+        tried = [a["reason"] == "ok" for a in arms if is_counted(a["reason"])]
         rates[source] = {"drawn": len(arms), "tried": len(tried), "held": sum(tried)}
     return rates
 

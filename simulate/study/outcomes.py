@@ -29,7 +29,7 @@ from simulate.perception import perceive
 from simulate.scene import Placement, arrange
 from simulate.simulated_body import Conditions, SimulatedBody
 from simulate.streams import stream
-from simulate.study.reasons import UNREACHABLE
+from simulate.study.reasons import UNREACHABLE, is_counted
 
 __all__ = ["outcome_trial"]
 
@@ -65,7 +65,7 @@ def outcome_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         finally:
             body.close()
     held = sum(arm["reason"] == "ok" for arm in arms)
-    tried = sum(arm["reason"] != UNREACHABLE for arm in arms)
+    tried = sum(is_counted(arm["reason"]) for arm in arms)
     return {
         "product": spec.name,
         "kind": kind,
@@ -126,7 +126,7 @@ class _Bench:
             if enough or made >= most or missed > (_DRAWS - 1) * wanted:
                 break
             tried.append(self._try(source, grasp, len(tried)))
-            missed += tried[-1]["reason"] == UNREACHABLE
+            missed += not is_counted(tried[-1]["reason"])
         return tried
 
     def _try(self, source: str, grasp: PlanarGrasp, number: int) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-__all__ = ["PHASES", "UNREACHABLE", "phase_of"]
+__all__ = ["PHASES", "UNREACHABLE", "is_counted", "phase_of"]
 
 UNREACHABLE = "unreachable"
 """Outcome of a grasp that the arm cannot get to; says nothing about the grasp."""
@@ -35,3 +35,14 @@ def phase_of(reason: str) -> str:
     if reason == "ok":
         return ""
     return next((phase for phase, codes in PHASES.items() if reason in codes), "other")
+
+
+def is_counted(reason: str) -> bool:
+    """Tell whether an outcome says something about the grasp.
+
+    Not when the arm could not get there or missed its path, its hand failed, or physics broke down.
+
+    >>> is_counted("missed"), is_counted("not_judged")
+    (True, False)
+    """
+    return reason not in (UNREACHABLE, "tracking", "hardware", "not_judged")

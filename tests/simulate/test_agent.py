@@ -165,6 +165,14 @@ def test_after_a_miss_the_robot_tries_again_and_says_which_object_it_is(run) -> 
     assert [r["outcome"]["attempt_number"] for r in server.inserted] == [1, 2, 3]
 
 
+def test_an_attempt_in_a_world_that_broke_down_is_not_told(run) -> None:
+    spot = (0.15, -0.1)
+    broken, server = Record("not_judged", held=False, placed=False), _Server()
+    (met,) = run(_Body([spot], [broken]), server, [spot] * 2)
+    assert [a.reason for a in met.attempts] == ["not_judged", "ok"]
+    assert [r["outcome"]["reason"] for r in server.inserted] == ["ok"]
+
+
 def test_the_robot_gives_up_after_its_last_attempt(run) -> None:
     spot = (0.15, -0.1)
     miss = Record("missed", held=False, placed=False)

@@ -75,6 +75,15 @@ def test_a_choice_of_quadrants_learns_less_than_a_choice_of_grasps() -> None:
     assert quadrants > _mean("bandit, graph only", "blind", objects, 10) + 0.3
 
 
+def test_a_world_that_broke_down_says_nothing_about_a_grasp() -> None:
+    objects = _world(6)
+    (learner,) = [one for one in LEARNERS if (one.name, one.source) == ("random", "blind")]
+    _, before = replay(objects, learner, [1])
+    for thing in objects:
+        thing["arms"] += [_arm("blind", 0.01, 0.1, 0.0, "not_judged")] * 20
+    assert np.array_equal(replay(objects, learner, [1])[1], before)
+
+
 def test_an_object_that_nothing_holds_counts_one_more_than_the_attempts() -> None:
     objects = _world(2)
     for arm in objects[0]["arms"] + objects[1]["arms"]:
