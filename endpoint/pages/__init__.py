@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from endpoint.pages import admin, feedback, home, objects, resource, robots, signin, workbench
+from endpoint.pages import (
+    admin,
+    curation,
+    feedback,
+    home,
+    objects,
+    resource,
+    robots,
+    signin,
+    teach,
+    workbench,
+)
 from endpoint.pages.render import blueprint
 
 __all__ = [
     "admin",
     "blueprint",
+    "curation",
     "feedback",
     "home",
     "objects",
     "resource",
     "robots",
     "signin",
+    "teach",
     "workbench",
 ]

@@ -14,7 +14,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.auth import Caller, require_scope
 from endpoint.exchange import RefusedError
 from endpoint.pages.render import Model, blueprint, current_request, gateway, page
-from endpoint.pages.signin import form_secret, require_form
+from endpoint.pages.signin import require_form
 from endpoint.tokens import ROLES, parse_lifetime
 from rtask.errors import AuthenticationError, UsageError
 
@@ -108,12 +108,6 @@ def stop_query(query_id: str) -> WerkzeugResponse:
 
 def _named(caller: Caller) -> str:
     return caller.token.id if caller.token else caller.name
-
-
-@blueprint.app_context_processor
-def _forms() -> dict[str, object]:
-    """Let templates put the session's secret into their forms."""
-    return {"form_secret": form_secret}
 
 
 @blueprint.after_request

@@ -34,13 +34,9 @@ def list_attempts() -> list[Model]:
 @page(_ADDRESS, "feedback.html")
 def feedback() -> Model:
     """Two queries: the attempts, and the reasons to choose from."""
-    caller = gateway().auth.identify(current_request())
-    speaks = caller.access.agent if caller.access.role == "teacher" else None
     return {
         "attempts": list_attempts(),
         "reasons": [row["code"] for row in select("reasons")],
-        "speaks_for": speaks,
-        "operator": flask.request.args.get("by", ""),
     }
 
 

@@ -5,15 +5,25 @@ from __future__ import annotations
 import flask
 
 from endpoint.exchange import RefusedError
-from endpoint.pages.render import PAGE_SIZE, Model, page, page_number, select
-from rtask.kb.terms import iri
+from endpoint.pages.choosing import by_iri
+from endpoint.pages.render import PAGE_SIZE, Model, knowledge_base, page, page_number, select
+from rtask.engine.redirect import present_name
+from rtask.engine.vocabulary import PROV, RDF, RT
+from rtask.kb.terms import iri, python_value
 
 
-def list_objects(limit: int = PAGE_SIZE, offset: int = 0) -> list[Model]:
-    """Return objects, the most tried first, with an image and how often they were held."""
-    rows = select("objects", limit=limit, offset=offset)
+def list_objects(limit: int = PAGE_SIZE, offset: int = 0, chosen: str = "") -> list[Model]:
+    """Return objects, the most tried first, with an image and how often they were held.
+
+    Parameters
+    ----------
+    chosen
+        Pattern that tells which; see :mod:`endpoint.pages.choosing`.
+    """
+    rows = select("objects", limit=limit, offset=offset, chosen=chosen)
     for row in rows:
         _count(row)
+        row["classes"] = ", ".join(sorted((row["classes"] or "").split(", ")))
     return rows
 
 
@@ -22,6 +32,28 @@ def _count(row: Model) -> None:
     for name in ("views", "grasps", "attempts", "successes"):
         row[name] = int(row.get(name) or 0)
     row["mean"] = row["successes"] / row["attempts"] if row["attempts"] else None
+
+
+def known_object(argument: str) -> str:
+    """Return the object that the address names, by its present name; without a query.
+
+    Raises
+    ------
+    RefusedError
+        400 without one, 404 where there is none, 410 where it was forgotten.
+    """
+    asked = flask.request.args.get(argument, "").strip()
+    if not asked:
+        raise RefusedError(400, "usage", f"which object? {flask.request.path}?{argument}=<IRI>")
+    kb = knowledge_base()
+    name = present_name(kb, iri(asked).value)
+    if kb.match(name, RDF.type, RT.ManipulableObject):
+        return name
+    gone = kb.match(name, PROV.invalidatedAtTime)
+    if gone:
+        when = str(python_value(gone[0].object))[:19]
+        raise RefusedError(410, "gone", f"the object {name} was forgotten at {when}; see /curation")
+    raise RefusedError(404, "not-found", f"no object {name}; see /objects")
 
 
 @page("/objects", "objects.html")
@@ -37,20 +69,17 @@ def objects() -> Model:
 @page("/object", "object.html")
 def object_() -> Model:
     """Four queries: facts, views, grasps, outcomes."""
-    name = flask.request.args.get("iri", "")
-    if not name:
-        raise RefusedError(400, "usage", "which object? /object?iri=<IRI>")
+    name = known_object("iri")
     term = iri(name)
-    facts = select("object", object=term)
-    if not facts:
-        raise RefusedError(404, "not-found", f"no object {name}; see /objects")
+    (facts,) = select("object", object=term)
     grasps = select("object_grasps", object=term)
     for row in grasps:
         _count(row)
     return {
         "iri": name,
-        **facts[0],
-        "views": select("object_views", object=term),
+        **facts,
+        "done": flask.request.args.get("done", ""),
+        "views": select("object_views", object=by_iri([name])),
         "grasps": grasps,
         "outcomes": select("object_outcomes", object=term),
     }

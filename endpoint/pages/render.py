@@ -127,7 +127,7 @@ def _query(name: str) -> str:
 
 
 def solutions(
-    name: str, *, limit: int | None = None, offset: int = 0, **terms: NamedNode
+    name: str, *, limit: int | None = None, offset: int = 0, **terms: NamedNode | str
 ) -> Solutions:
     """Run ONE of the queries beside this file.
 
@@ -138,7 +138,8 @@ def solutions(
     limit, offset
         Which rows, where the query itself leaves it open.
     **terms
-        What stands for each ``$name`` of the text, inside sub-selects too.
+        What stands for each ``$name`` of the text, inside sub-selects too: a term, or a pattern
+        made of terms by :mod:`endpoint.pages.choosing`.
     """
     text = re.sub(r"\$(\w+)", lambda match: str(terms[match.group(1)]), _query(name))
     if limit is not None:
@@ -180,6 +181,18 @@ def resource_url(iri: str) -> str:
 def object_url(iri: str) -> str:
     """Return the address of the page about an object."""
     return f"/object?{urlencode({'iri': iri})}"
+
+
+@blueprint.app_template_filter("about")
+def about(iri: str, address: str) -> str:
+    """Return the address of another page about an object."""
+    return f"{address}?{urlencode({'iri': iri})}"
+
+
+@blueprint.app_template_filter("query")
+def query(arguments: dict[str, str], address: str) -> str:
+    """Return an address with arguments; empty ones are left out."""
+    return f"{address}?{urlencode({name: value for name, value in arguments.items() if value})}"
 
 
 @blueprint.app_template_filter("blob_url")

@@ -5,9 +5,11 @@ from __future__ import annotations
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
+from endpoint.auth import SCOPES
 from endpoint.pages.render import blueprint, current_request, gateway
 from endpoint.sessions import session_name, set_cookie
 from rtask.errors import AuthenticationError, ForbiddenError
+from rtask.kb.access import Access
 
 # Addresses for people who have not signed in.
 OPEN = ("pages.login", "pages.sign_in", "static")
@@ -72,6 +74,21 @@ def form_secret() -> str:
     """Return what forms of the current page carry; empty for callers without a session."""
     session = gateway().auth.identify(current_request()).session
     return session.form_secret if session else ""
+
+
+@blueprint.app_context_processor
+def _person() -> dict[str, object]:
+    """Let templates ask who sees the page, and whether that person may teach."""
+
+    def access() -> Access:
+        return gateway().auth.identify(current_request()).access
+
+    return {
+        "form_secret": form_secret,
+        "may_teach": lambda: "teach" in SCOPES[access().role],
+        "speaks_for": lambda: access().agent if access().role == "teacher" else None,
+        "operator": flask.request.args.get("by", ""),
+    }
 
 
 def _local(path: str) -> str:

@@ -1,0 +1,136 @@
+"""People put objects right on pages: merge two, split one, forget one, and take that back."""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import urlencode
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.auth import require_scope
+from endpoint.exchange import RefusedError
+from endpoint.pages.choosing import by_iri, by_words, without
+from endpoint.pages.objects import known_object, list_objects
+from endpoint.pages.render import (
+    Model,
+    blueprint,
+    current_request,
+    gateway,
+    knowledge_base,
+    page,
+    select,
+)
+from endpoint.pages.signin import require_form
+from rtask.engine.edit import NOTE
+
+_ADDRESS = "/curation"
+_MOST_FOUND = 24
+_MOST_LISTED = 50
+_RECENT_COMMITS = 2_000
+
+
+@page("/object/merge", "merge.html")
+def merge() -> Model:
+    """Choose what an object turned out to be; with ``into``, both side by side."""
+    thing = known_object("iri")
+    into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
+    if not into:
+        chosen = f"{by_words(words)} {without(thing)}"
+        found = list_objects(_MOST_FOUND, chosen=chosen)
+        return {"iri": thing, "object": side(thing), "find": words, "found": found}
+    into = known_object("into")
+    if into == thing:
+        raise RefusedError(422, "usage", f"both names mean {thing}: there is nothing to merge")
+    return {"iri": thing, "object": side(thing), "into": side(into)}
+
+
+@page("/object/split", "split.html")
+def split() -> Model:
+    """Choose the views that show something else, or that shall be forgotten."""
+    thing = known_object("iri")
+    return {"iri": thing, "object": side(thing)}
+
+
+@page("/object/forget", "forget.html")
+def forget() -> Model:
+    """Say what would be forgotten."""
+    thing = known_object("iri")
+    return {"iri": thing, "object": side(thing)}
+
+
+def side(name: str) -> Model:
+    """Return what a person wants to see of an object before it is changed; two queries."""
+    rows = list_objects(1, chosen=by_iri([name]))
+    if not rows:
+        raise RefusedError(404, "not-found", f"no object {name}; see /objects")
+    return {**rows[0], "pictures": select("object_views", object=by_iri([name]))}
+
+
+@page(_ADDRESS, "curation.html")
+def curation() -> Model:
+    """The latest changes by people, the newest first."""
+    return {"changes": list_changes()}
+
+
+def list_changes() -> list[Model]:
+    """Return what people changed lately, and whether it was taken back since."""
+    kb = knowledge_base()
+    since = max(0, kb.seq - _RECENT_COMMITS)
+    entries = [e for e in kb.history(since=since) if (e.note or "").startswith(NOTE)]
+    told = [(entry, (entry.note or "").removeprefix(NOTE)) for entry in entries]
+    back = {note.removeprefix("take back ") for _, note in told if note.startswith("take back ")}
+    return [
+        {
+            "commit": f"c-{entry.seq:05d}",
+            "time": entry.time,
+            "by": entry.agent or "an operator",
+            "what": note,
+            "added": len(entry.added),
+            "removed": len(entry.removed),
+            "taken_back": f"c-{entry.seq:05d}" in back,
+        }
+        for entry, note in reversed(told)
+    ][:_MOST_LISTED]
+
+
+@blueprint.route("/object/curate", methods=["POST"])
+def curate() -> WerkzeugResponse:
+    """Carry out what a form says and show the object that there is now."""
+    form = flask.request.form
+    told: dict[str, Any] = {}
+    for name in ("operation", "object", "into", "name", "commit", "operator", "purge"):
+        if form.get(name, "").strip():
+            told[name] = form[name].strip()
+    if form.getlist("views"):
+        told["views"] = form.getlist("views")
+    answer = carry_out("curate_object", told)
+    shown = answer["object"]
+    arguments = {"iri": shown} if shown else {}
+    if told["operation"] != "undo":
+        arguments["done"] = answer["commit"]
+    return back_to("/object" if shown else _ADDRESS, arguments, told)
+
+
+def carry_out(operation: str, told: dict[str, Any]) -> dict[str, Any]:
+    """Do what a form of ours says, in the name of who sent it, and keep that it was done.
+
+    Raises
+    ------
+    ForbiddenError
+        The form is of another page or session, or the caller may not teach.
+    """
+    caller = gateway().auth.identify(current_request())
+    require_form()
+    require_scope(caller.access, "teach")
+    answer = gateway().engine.call(operation, told, caller.access)
+    what = {"object": told.get("object"), "commit": answer["commit"], "by": caller.name}
+    gateway().audit.event(told["operation"], **what)
+    return answer
+
+
+def back_to(address: str, arguments: dict[str, str], told: dict[str, Any]) -> WerkzeugResponse:
+    """Show a page next; a person without a token keeps the name that was typed."""
+    if "operator" in told:
+        arguments = {**arguments, "by": told["operator"]}
+    return flask.redirect(f"{address}?{urlencode(arguments)}" if arguments else address, 303)

@@ -1,0 +1,94 @@
+"""People say what the things are that robots met: the unnamed ones, candidates, a name, a kind."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.pages.choosing import by_iri, by_words, unnamed, without
+from endpoint.pages.curation import back_to, carry_out, side
+from endpoint.pages.objects import known_object, list_objects
+from endpoint.pages.render import Model, blueprint, current_request, gateway, page
+from rtask.engine.engine import Engine
+from rtask.engine.terms import folded
+from rtask.errors import UnknownTermError
+
+_ADDRESS = "/teach"
+_MOST_CANDIDATES = 12
+
+
+@page(_ADDRESS, "teach.html")
+def teach() -> Model:
+    """The objects that nobody named; with ``iri`` one of them, and what it may be."""
+    if "iri" not in flask.request.args:
+        return {"unnamed": list_objects(chosen=unnamed())}
+    thing = known_object("iri")
+    name, description = (
+        " ".join(flask.request.args.get(field, "").split()) for field in ("name", "description")
+    )
+    model: Model = {"iri": thing, "object": side(thing), "name": name, "description": description}
+    if name or description:
+        return {**model, **_candidates(thing, name, description)}
+    return {**model, "candidates": _alike(thing, "")[0]}
+
+
+def _candidates(thing: str, name: str, description: str) -> Model:
+    """Return which objects and kinds the words leave: those that look alike first."""
+    alike, suggestions = _alike(thing, description)
+    seen = {one["object"] for one in alike}
+    worded = [
+        one
+        for words in (name, description)
+        if words
+        for one in list_objects(_MOST_CANDIDATES, chosen=f"{by_words(words)} {without(thing)}")
+    ]
+    for one in worded:
+        if one["object"] not in seen:
+            seen.add(one["object"])
+            alike.append(one)
+    kinds = _engine().classes.find(description) if description else []
+    wanted = folded(description)
+    return {
+        "candidates": alike[:_MOST_CANDIDATES],
+        "suggestions": suggestions,
+        "kinds": [kind.label for kind in kinds],
+        "is_known_kind": any(wanted in map(folded, kind.names) for kind in kinds),
+    }
+
+
+def _alike(thing: str, description: str) -> tuple[list[Model], list[str]]:
+    """Return the objects that look like one, of the kinds that the words mean; and other words."""
+    caller = gateway().auth.identify(current_request())
+    wanted: dict[str, Any] = {"operation": "search", "object": thing}
+    if description:
+        wanted["class_description"] = description
+    try:
+        answer = gateway().engine.call("teach_object", wanted, caller.access)
+    except UnknownTermError:  # nothing was seen of it that can be compared
+        return [], []
+    sure = {one["object"]: one["confidence"] for one in answer["similar_objects"]}
+    rows = list_objects(len(sure), chosen=by_iri(sure)) if sure else []
+    found = [{**row, "confidence": sure[row["object"]]} for row in rows]
+    return sorted(found, key=lambda one: -one["confidence"]), answer["suggestions"]
+
+
+def _engine() -> Engine:
+    engine = gateway().engine
+    assert isinstance(engine, Engine)  # another has no objects to name
+    return engine
+
+
+@blueprint.route(_ADDRESS, methods=["POST"])
+def name_it() -> WerkzeugResponse:
+    """Store a name and a kind, and show what is unnamed still."""
+    form = flask.request.form
+    told: dict[str, Any] = {"operation": "teach", "object": form.get("object", "")}
+    for field, given in (
+        ("name", "name"), ("class_description", "description"), ("operator", "operator"),
+    ):  # fmt: skip
+        if form.get(given, "").strip():
+            told[field] = form[given].strip()
+    answer = carry_out("teach_object", told)
+    return back_to("/object", {"iri": told["object"], "done": answer["commit"]}, told)
