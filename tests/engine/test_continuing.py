@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -15,6 +16,7 @@ import rtask
 from grasp.learning.agents import QLearning
 from grasp.learning.bandit import Policy as Bandit
 from grasp.learning.environments.discretise import Bins
+from rtask.client.outbox import Outbox
 from rtask.engine import Engine, Policy
 from rtask.engine.learners import experience, keep_learner, resume_learner
 from rtask.kb.access import Access
@@ -29,6 +31,26 @@ with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
     answer = engine.call("recognise_for_grasp", request, Access("nao-2", "robot"))
 told = [(g["id"], g["alpha"], g["beta"], g["explanation"]["score"]) for g in answer["grasps"]]
 print(json.dumps(told))
+"""
+
+
+KILLED = """
+import json, os, signal, sys
+import rtask
+folder, outbox, when = sys.argv[1:]
+request, report = json.loads(sys.stdin.read())
+
+def die(*args):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+kb = rtask.open(folder, reason=False)
+robot = rtask.connect(kb, agent="nao-2", outbox=outbox)
+answer = robot.call("recognise_for_grasp", **request)
+if when == "before it is told":
+    die()
+robot._call = die  # what is told is on the disk by then
+item = {**report, "grasp": answer["grasps"][0], "task_id": answer["task_id"]}
+robot.call("insert_object", objects=[item])
 """
 
 
@@ -76,6 +98,56 @@ def test_another_process_makes_the_identical_choice(bench, folder):
         capture_output=True, text=True, timeout=300, check=True,
     )  # fmt: skip
     assert json.loads(done.stdout) == here
+
+
+def test_a_learner_killed_between_an_attempt_and_its_report_goes_on_as_if_it_had_not_been(
+    bench, folder, tmp_path
+):
+    """Killed outright, with nothing told and with the report on the disk but not sent."""
+    seen, outbox = bench.sight(bench.BOX), tmp_path / "outbox.jsonl"
+    report = {**seen, "gripper_id": "left_hand", "outcome": bench.missed()}
+
+    def killed(when):
+        done = subprocess.run(
+            [sys.executable, "-c", KILLED, str(folder), str(outbox), when],
+            input=json.dumps([request(bench), report]), capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        assert done.returncode == -signal.SIGKILL, done.stderr
+
+    def choices(robot):
+        grasps = robot.call("recognise_for_grasp", **request(bench))["grasps"]
+        return [(g["id"], g["alpha"], g["beta"], g["explanation"]) for g in grasps]
+
+    shutil.copytree(folder, tmp_path / "never killed")
+    with (
+        rtask.open(tmp_path / "never killed", reason=False) as kb,
+        rtask.connect(kb, agent="nao-2") as robot,
+    ):
+        before = choices(robot)
+        answer = robot.call("recognise_for_grasp", **request(bench))
+        item = {**report, "grasp": answer["grasps"][0], "task_id": answer["task_id"]}
+        robot.call("insert_object", objects=[item])
+        after = choices(robot)
+    assert before != after
+
+    killed("before it is told")
+    with (
+        rtask.open(folder, reason=False) as kb,
+        rtask.connect(kb, agent="nao-2", outbox=outbox) as robot,
+    ):
+        assert choices(robot) == before
+    killed("before it is sent")
+    assert len(Outbox(outbox).pending()) == 1
+    with (
+        rtask.open(folder, reason=False) as kb,
+        rtask.connect(kb, agent="nao-2", outbox=outbox) as robot,
+    ):
+        assert choices(robot) == after  # connecting delivered it
+    with (
+        rtask.open(folder, reason=False) as kb,
+        rtask.connect(kb, agent="nao-2", outbox=outbox) as robot,
+    ):
+        assert choices(robot) == after  # once
 
 
 def test_a_belief_of_other_rules_is_computed_anew_and_says_so(folder):
