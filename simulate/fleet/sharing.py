@@ -194,7 +194,7 @@ def _over_products(values: _Values) -> dict[str, Any]:
     def mean(i: NDArray[np.intp]) -> float:
         return float(sums[i].sum() / counts[i].sum())
 
-    low, high = bootstrap(mean, len(sums), draws=4000)
+    low, high = bootstrap(mean, len(sums))
     return {
         "mean": round(float(sums.sum() / counts.sum()), 4),
         "n": int(counts.sum()),

@@ -1,0 +1,110 @@
+"""What sharing is worth: who shares a graph with whom, and what is compared with what."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rtask.errors import UsageError
+from simulate.fleet import sharing
+from simulate.fleet.sharing import (
+    COLUMNS,
+    sharing_rows,
+    sharing_study,
+    sharing_trial,
+    summarise_sharing,
+    write_sharing_report,
+)
+
+NOTE = "INSERT DATA { GRAPH <%s> { <urn:%s> a <urn:Robot> } }"
+NOTED = "SELECT DISTINCT ?robot { GRAPH ?g { ?robot a <urn:Robot> } } ORDER BY ?robot"
+
+
+def _met(product: str, tries: int | None, recognised: str = "") -> dict[str, Any]:
+    return {
+        "product": product, "in_reach": True, "tries": tries or 6, "tries_to_success": tries,
+        "held": tries is not None, "placed": True, "right": None, "recognised": recognised,
+        "object_iri": f"o:{product}", "attempts": [],
+    }  # fmt: skip
+
+
+class _Notes:
+    """A robot that writes its name into the graph instead of grasping, and reads who was there."""
+
+    met: list[tuple[str, int, list[str]]] = []  # noqa: RUF012 - emptied by the test
+
+    def __init__(self, job: Any, client: Any, tell: Any, assets: Path) -> None:
+        self.job, self.client = job, client
+
+    def clear(self, number: int) -> list[dict[str, Any]]:
+        there = [row["robot"].removeprefix("urn:") for row in self.client.query(NOTED)]
+        self.met.append((self.job.name, number, there))
+        graph = self.client.engine.kb.graphs.agent(self.job.name).value
+        self.client.update(NOTE % (graph, self.job.name))
+        return [_met(name, 1) for name in self.job.tables[number]]
+
+
+def test_one_after_the_other_in_one_graph_then_each_in_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sharing, "Member", _Notes)
+    monkeypatch.setattr(_Notes, "met", [])
+    study = sharing_study(1, 3, 4, 2, seed=5, prior=False, preset="fast")
+    result = sharing_trial(study.settings, 0)
+    first, second, third = "robot-1", "robot-2", "robot-3"
+    assert _Notes.met == [
+        (first, 0, []), (first, 1, [first]),
+        (second, 0, [first]), (second, 1, [first, second]),
+        (third, 0, [first, second]), (third, 1, [first, second, third]),
+        (second, 0, []), (second, 1, [second]),
+        (third, 0, []), (third, 1, [third]),
+    ]  # fmt: skip
+    assert result["shared"] == result["not shared"]  # the same products on the same tables
+    assert len(result["common"]) == 2
+    assert json.dumps(result) == json.dumps(sharing_trial(study.settings, 0))
+    assert result["common"] != sharing_trial(study.settings, 1)["common"]
+
+
+def test_a_fleet_that_does_not_fit_is_refused_before_it_begins() -> None:
+    with pytest.raises(UsageError, match="--objects"):
+        sharing_study(1, 3, 5, 2, seed=5, prior=False, preset="fast")
+
+
+def _fleet(shared: int, alone: int) -> dict[str, Any]:
+    """One common and one own product a robot; the others take so many tries at the common one."""
+
+    def robot(number: int, tries: int, recognised: str = "") -> dict[str, Any]:
+        met = [_met("can-1", tries, recognised), _met(f"pen-{number}", 2)]
+        return {"name": f"robot-{number}", "tables": [met]}
+
+    first = robot(1, 4)
+    return {
+        "common": ["can-1"],
+        "shared": [first, robot(2, shared, "o:can-1"), robot(3, shared, "o:pen-1")],
+        "not shared": [first, robot(2, alone), robot(3, alone)],
+    }
+
+
+def test_shared_is_compared_with_not_shared_robot_by_robot_and_product_by_product(
+    tmp_path: Path,
+) -> None:
+    results = [_fleet(1, 3), _fleet(2, 2), _fleet(1, 2)]
+    summary = summarise_sharing(results, max_attempts=6)
+    gain = summary["shared_less_not_shared"]
+    assert gain["common"]["attempts"]["mean"] == pytest.approx(-1.0)
+    assert gain["common"]["attempts"]["n"] == 6  # two robots of three fleets
+    assert gain["common"]["attempts"]["products"] == 3
+    assert gain["common"]["first_try"]["mean"] == pytest.approx(2 / 3, abs=1e-4)
+    assert gain["own"]["attempts"]["interval95"] == [0.0, 0.0]
+    assert summary["last_less_first"]["shared"]["mean"] == pytest.approx(-8 / 3, abs=1e-4)
+    assert summary["last_less_first"]["not shared"]["mean"] == pytest.approx(-5 / 3, abs=1e-4)
+    row = summary["robots"][1]
+    assert (row["graph"], row["robot"], row["recognised"]) == ("shared", 2, 3)
+    assert summary["robots"][2]["false_identities"] == 3  # it took a can for a pen
+    assert {len(row) for row in sharing_rows(summary)} == {len(COLUMNS)}
+    written = write_sharing_report(tmp_path, results, {"max_attempts": 6})
+    assert json.loads((tmp_path / "report.json").read_text()) == json.loads(json.dumps(written))
+    assert (tmp_path / "sharing.png").read_bytes().startswith(b"\x89PNG")
