@@ -139,6 +139,7 @@ def grasp_message(
         "grasp_quality": grasp.quality,
         "pre_grasp_approach": translation((0.0, 0.0, -1.0), 0.055, 0.033, frame_id),
         "post_grasp_retreat": translation((0.0, 0.0, 1.0), 0.06, 0.035, frame_id),
+        "post_place_retreat": translation((0.0, 0.0, 1.0), 0.06, 0.035, frame_id),
         "max_contact_force": 0.0,
         "allowed_touch_objects": [],
     }
@@ -153,6 +154,7 @@ def empty_grasp_message(frame_id: str) -> dict[str, Any]:
         "grasp_quality": 0.0,
         "pre_grasp_approach": translation((0.0, 0.0, 0.0), 0.0, 0.0, frame_id),
         "post_grasp_retreat": translation((0.0, 0.0, 0.0), 0.0, 0.0, frame_id),
+        "post_place_retreat": translation((0.0, 0.0, 0.0), 0.0, 0.0, frame_id),
         "max_contact_force": 0.0,
         "allowed_touch_objects": [],
     }

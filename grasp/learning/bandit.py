@@ -24,9 +24,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Arm", "BetaThompson", "Choice", "Policy", "Trial", "choose", "kernel"]
+__all__ = ["Arm", "Axes", "BetaThompson", "Choice", "Policy", "Trial", "choose", "kernel",
+           "kernel_in_space"]  # fmt: skip
 
 Selection = Literal["auto", "thompson", "mean"]
+Axes = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,9 @@ class Arm:
         Weighted counts from the graph (A and B).
     opening
         m; tells arms apart that differ in nothing else.
+    axes
+        Closing and approach direction, unit vectors, of a grasp in space; None = from above,
+        closing along theta.
     """
 
     position: tuple[float, float, float]
@@ -95,6 +100,7 @@ class Arm:
     successes: float = 0.0
     failures: float = 0.0
     opening: float = 0.0
+    axes: Axes | None = None
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,7 @@ class Trial:
     position: tuple[float, float, float]
     theta: float
     success: bool
+    axes: Axes | None = None
 
 
 @dataclass(frozen=True)
@@ -171,6 +178,47 @@ def kernel(
     a, b = features(positions, thetas), features(other_positions, other_thetas)
     squared = np.sum((a[:, None, :] - b[None, :, :]) ** 2, axis=2)
     return np.asarray(np.exp(-squared / (2 * bandwidth**2)))
+
+
+def kernel_in_space(
+    positions: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    other_positions: NDArray[np.float64],
+    other_axes: NDArray[np.float64],
+    size_m: float,
+    bandwidth: float = 0.2,
+) -> NDArray[np.float64]:
+    """Return :func:`kernel` of grasps from any direction, (n, m): among those from above the same.
+
+    Parameters
+    ----------
+    positions, other_positions : (n, 3), (m, 3), m
+    axes, other_axes : (n, 2, 3), (m, 2, 3)
+        Closing direction, whose sign does not matter, and approach, unit vectors. One rad of either
+        is a unit.
+
+    Examples
+    --------
+    >>> here, above, side = np.zeros((1, 3)), [[[1, 0, 0], [0, 0, -1]]], [[[1, 0, 0], [0, 1, 0]]]
+    >>> round(float(kernel_in_space(here, np.array(above), here, np.array(side), 0.1)[0, 0]), 2)
+    0.0
+    """
+    if size_m <= 0:
+        raise ValueError(f"size_m must be positive, got {size_m}")
+
+    def features(p: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np.float64]:
+        line = np.einsum("ni,nj->nij", a[:, 0], a[:, 0]).reshape(-1, 9) / np.sqrt(2)
+        return np.concatenate([p.reshape(-1, 3) / (size_m / 4), line, a[:, 1]], axis=1)
+
+    a, b = features(positions, axes), features(other_positions, other_axes)
+    squared = np.sum((a[:, None, :] - b[None, :, :]) ** 2, axis=2)
+    return np.asarray(np.exp(-squared / (2 * bandwidth**2)))
+
+
+def _axes(one: Arm | Trial) -> Axes:
+    if one.axes is not None:
+        return one.axes
+    return (float(np.cos(one.theta)), float(np.sin(one.theta)), 0.0), (0.0, 0.0, -1.0)
 
 
 class BetaThompson:
@@ -265,19 +313,24 @@ class BetaThompson:
         """Return what this episode adds to alpha and beta, (n, 2)."""
         if not trials or not arms:
             return np.zeros((len(arms), 2))
-        k = kernel(
-            np.array([arm.position for arm in arms]),
-            np.array([arm.theta for arm in arms]),
-            np.array([trial.position for trial in trials]),
-            np.array([trial.theta for trial in trials]),
-            self.size_m,
-            self.policy.bandwidth,
-            self.period,
-        )
+        k = self._kernel(arms, trials)
         # Two sums in a canonical order would be exact; rounding makes any order give one result.
         won = np.array([trial.success for trial in trials], dtype=np.float64)
         sums = np.stack([k @ won, self.policy.rho * (k @ (1 - won))], axis=1)
         return np.asarray(np.round(sums, 9))
+
+    def _kernel(self, arms: Sequence[Arm], trials: Sequence[Trial]) -> NDArray[np.float64]:
+        here = np.array([arm.position for arm in arms])
+        there = np.array([trial.position for trial in trials])
+        size_m, bandwidth = self.size_m, self.policy.bandwidth
+        flat = all(arm.axes is None for arm in arms)
+        if flat and all(trial.axes is None for trial in trials):
+            thetas = np.array([arm.theta for arm in arms])
+            tried = np.array([trial.theta for trial in trials])
+            return kernel(here, thetas, there, tried, size_m, bandwidth, self.period)
+        turns = np.array([_axes(arm) for arm in arms])
+        tried = np.array([_axes(trial) for trial in trials])
+        return kernel_in_space(here, turns, there, tried, size_m, bandwidth)
 
     def _scores(
         self,
@@ -349,7 +402,8 @@ def choose(
 def _geometry(arm: Arm) -> tuple[float, ...]:
     """Return what tells an arm from others whatever the order or name under which it comes."""
     quality = -1.0 if arm.quality is None else arm.quality
-    numbers = (*arm.position, arm.theta, arm.opening, quality, arm.successes, arm.failures)
+    numbers = [*arm.position, arm.theta, arm.opening, quality, arm.successes, arm.failures]
+    numbers += [v for axis in arm.axes or () for v in axis]
     return tuple(round(v, 7) for v in numbers)
 
 

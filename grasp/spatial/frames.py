@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 __all__ = [
     "FloatArray",
     "angle_between_axes",
+    "closing_turn",
     "matrix_from_pose",
     "planar_from_pose",
     "pose_from_matrix",
@@ -95,6 +96,16 @@ def planar_from_pose(
     x, y, z = (float(v) for v in frame_from_gripper[:3, 3])
     closing = frame_from_gripper[:2, 0]
     return x, y, z, wrap_turn(float(np.arctan2(closing[1], closing[0])))
+
+
+def closing_turn(frame_from_gripper: FloatArray) -> float:
+    """Return the closing direction about z of any pose (4, 4), in [0, 2 pi), rad; 0 if vertical.
+
+    >>> closing_turn(pose_from_planar(0.1, 0.2, 0.0, 0.5)).__round__(6)
+    0.5
+    """
+    x, y = (float(v) for v in frame_from_gripper[:2, 0])
+    return wrap_turn(float(np.arctan2(y, x))) if np.hypot(x, y) > 1e-6 else 0.0
 
 
 def surface_from_object(x: float, y: float, z: float, yaw: float) -> FloatArray:

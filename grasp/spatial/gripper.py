@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,22 @@ class ParallelGripper:
     def thickness(self) -> float:
         """Of a finger along the closing direction, m."""
         return self.finger_width if self.finger_thickness is None else self.finger_thickness
+
+    def modelled(self) -> ParallelGripper:
+        """Return the gripper with the whole shape of its type, where that is known here.
+
+        What a robot says about its own hand stays: openings, payload, name.
+
+        >>> ParallelGripper("hand", "panda_hand", 0.0, 0.07).modelled().palm
+        (0.205, 0.063, 0.066)
+        """
+        known = {"nao_hand": nao_hand, "panda_hand": panda_hand}.get(self.gripper_type)
+        if known is None:
+            return self
+        return replace(
+            known(self.name), min_opening=self.min_opening, max_opening=self.max_opening,
+            max_payload=self.max_payload, symmetric=self.symmetric,
+        )  # fmt: skip
 
     def fits(self, width_m: float, margin_m: float = 0.002) -> bool:
         """Tell whether a width between contacts can be held, with ``margin_m`` to spare."""

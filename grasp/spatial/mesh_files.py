@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from grasp.spatial.mesh import Mesh, as_mesh
 
-__all__ = ["MESH_ENDINGS", "has_faces", "read_mesh"]
+__all__ = ["MESH_ENDINGS", "has_faces", "mesh_from_ply", "read_mesh"]
 
 MESH_ENDINGS = (".stl", ".obj", ".ply")
 
@@ -52,6 +52,14 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     except (IndexError, KeyError, UnicodeDecodeError, ValueError) as error:
         raise ValueError(f"{path.name} is no {ending[1:].upper()} mesh: {error}") from error
     return as_mesh(vertices, faces, scale)
+
+
+def mesh_from_ply(data: bytes) -> Mesh:
+    """Return the cleaned mesh of a PLY file's bytes, in metres; ValueError where it is none."""
+    try:
+        return as_mesh(*_ply(data))
+    except (IndexError, KeyError, UnicodeDecodeError, ValueError) as error:
+        raise ValueError(f"these bytes are no PLY mesh: {error}") from error
 
 
 def has_faces(path: Path) -> bool:

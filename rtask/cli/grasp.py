@@ -184,7 +184,7 @@ def _outline(source: str, data: Path, store: bool) -> tuple[Any, str]:
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.options import open_to_read
     from rtask.engine.engine import Engine
-    from rtask.engine.planned import object_cloud
+    from rtask.engine.shapes import object_cloud
 
     with open_to_read(data) as kb, Engine(kb) as engine:
         thing, points = object_cloud(engine, source)

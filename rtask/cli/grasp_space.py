@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from grasp.spatial.classifier import GraspClassifier
     from grasp.spatial.gripper import ParallelGripper
     from grasp.spatial.mesh import Mesh
+    from rtask.engine.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
 
@@ -44,11 +45,13 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
         from dataclasses import replace
 
         gripper = replace(gripper, friction=options["friction"])
-    shape, note, thing = _shape(source, data, options)
+    shape, note, known = _shape(source, data, options)
     start = time.perf_counter()
-    found = _planned(shape, gripper, options)
+    found = _planned(shape, known, gripper, options)
     seconds = time.perf_counter() - start
-    stored = _store(data, thing, found, gripper, options) if options["store"] else None
+    stored = None
+    if options["store"] and known is not None:
+        stored = _store(data, known, found, gripper, options)
     drawings = _draw(found, gripper, shape, options) if options["plots"] else []
     notes = [note, *found.notes]
     if as_json:
@@ -61,8 +64,10 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
         click.echo(f"wrote {drawing}")
 
 
-def _shape(source: str, data: Path, options: dict[str, Any]) -> tuple[Shape, str, str]:
-    """Return a mesh or points (n, 3), a note about it and, for an object of the graph, its IRI."""
+def _shape(
+    source: str, data: Path, options: dict[str, Any]
+) -> tuple[Shape, str, ObjectShape | None]:
+    """Return a mesh or points (n, 3), a note and, of an object of the graph, what is known."""
     from grasp.push.sources import read_cloud
     from grasp.spatial.mesh_files import read_mesh
     from rtask.errors import UsageError
@@ -74,21 +79,23 @@ def _shape(source: str, data: Path, options: dict[str, Any]) -> tuple[Shape, str
         if is_mesh(path):
             mesh = read_mesh(path, options["scale"])
             x, y, z = (1000 * mesh.extent).tolist()
-            return mesh, f"{len(mesh.faces)} faces, {x:.0f} x {y:.0f} x {z:.0f} mm", ""
+            return mesh, f"{len(mesh.faces)} faces, {x:.0f} x {y:.0f} x {z:.0f} mm", None
         points = options["scale"] * read_cloud(path)
-        return points, f"{len(points)} points", ""
+        return points, f"{len(points)} points", None
     if not data.exists():
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.options import open_to_read
     from rtask.engine.engine import Engine
-    from rtask.engine.planned import object_cloud
+    from rtask.engine.shapes import object_shape
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        thing, points = object_cloud(engine, source)
-    return points, f"{thing}: {len(points)} points", thing
+        known = object_shape(engine, source)
+    return known.points if known.mesh is None else known.mesh, known.note, known
 
 
-def _planned(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
+def _planned(
+    shape: Shape, known: ObjectShape | None, gripper: ParallelGripper, options: dict[str, Any]
+) -> Proposals:
     import numpy as np
 
     from grasp.spatial.collision import Support, Surroundings
@@ -100,6 +107,8 @@ def _planned(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) ->
         seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
+    if known is not None:
+        return known.plan(gripper, wanted, _classifier(options), options["floating"])
     points = shape.vertices if isinstance(shape, Mesh) else shape
     finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
     support = None
@@ -134,28 +143,24 @@ def _noise(options: dict[str, Any]) -> Any:
 
 
 def _store(
-    data: Path, thing: str, found: Proposals, gripper: ParallelGripper, options: dict[str, Any]
-) -> dict[str, Any]:
+    data: Path, known: ObjectShape, found: Proposals, gripper: ParallelGripper,
+    options: dict[str, Any],
+) -> dict[str, Any]:  # fmt: skip
     import rtask
     from rtask.engine.engine import Engine
-    from rtask.engine.planned import PlannedSpatialGrasp, store_planned_in_space
+    from rtask.engine.planned import as_planned, store_planned_in_space
     from rtask.errors import UsageError
 
-    noise = _noise(options)
-    planned = [
-        PlannedSpatialGrasp(
-            c.frame_from_gripper, c.width, c.width if c.opening is None else c.opening,
-            c.scores["confidence"], c.scores["lower_95"], c.scores.get("epsilon", 0.0),
-            options["samples"], noise.position_std, noise.rotation_std,
-        )
-        for c in found.candidates[: options["top"]]
-        if c.scores["confidence"] >= options["min_confidence"]
-    ]  # fmt: skip
-    if not planned:
+    least = options["min_confidence"]
+    sure = [c for c in found if c.scores["confidence"] >= least][: options["top"]]
+    if not sure:
         raise UsageError(f"nothing stored: {_verdict(found, options) or found.reason}")
     kind = options["gripper_type"] or gripper.gripper_type
     with rtask.open(data) as kb, Engine(kb) as engine:
-        return store_planned_in_space(engine, thing, planned, kind)
+        planned = as_planned(sure, _noise(options), options["samples"])
+        return store_planned_in_space(
+            engine, known.thing, planned, kind, derived_from=known.sources
+        )
 
 
 def _draw(

@@ -19,6 +19,7 @@ __all__ = [
     "InsertedObject",
     "OfferedGrasp",
     "OfferedObject",
+    "PlannedGrasps",
     "Reason",
     "RecalledGrasp",
     "RecalledGrasps",
@@ -81,6 +82,7 @@ class OfferedGrasp(TypedDict):
     """One grasp to try: a moveit_msgs/Grasp, and why it stands where it stands."""
 
     id: str
+    kind: str
     source: str
     x: float
     y: float
@@ -101,6 +103,7 @@ class OfferedGrasp(TypedDict):
     grasp_quality: float
     pre_grasp_approach: Message
     post_grasp_retreat: Message
+    post_place_retreat: Message
     max_contact_force: float
     allowed_touch_objects: list[str]
 
@@ -122,6 +125,7 @@ Recognition = TypedDict(
         "grasp_quality": float,
         "pre_grasp_approach": Message,
         "post_grasp_retreat": Message,
+        "post_place_retreat": Message,
         "max_contact_force": float,
         "allowed_touch_objects": list[str],
         "grasps": list[OfferedGrasp],
@@ -149,16 +153,26 @@ class GraspConfidence(TypedDict):
 
 
 class RecalledGrasp(TypedDict):
-    """One known grasp, in the frame of its object."""
+    """One known grasp as moveit_msgs/Grasp, in the frame of its object."""
 
     id: str
+    kind: str
     gripper_type: str
     x: float
     y: float
     z: float
     theta: float
+    width: float | None
     opening: float | None
+    pre_grasp_posture: Message
+    grasp_posture: Message
+    grasp_pose: Message
     grasp_quality: float | None
+    pre_grasp_approach: Message
+    post_grasp_retreat: Message
+    post_place_retreat: Message
+    max_contact_force: float
+    allowed_touch_objects: list[str]
     statistics: GraspStatistics
     confidence: GraspConfidence
 
@@ -169,6 +183,17 @@ class RecalledGrasps(TypedDict):
     object: str
     class_iri: str
     label: str
+    grasps: list[RecalledGrasp]
+
+
+class PlannedGrasps(TypedDict):
+    """What `plan_in_space` answers: the grasps, best first, or why there is none."""
+
+    object: str
+    shape: str
+    reason: str
+    commit: str
+    tried: dict[str, int]
     grasps: list[RecalledGrasp]
 
 
@@ -304,6 +329,7 @@ ANSWERS: dict[str, Any] = {
     "register_robot": RegisteredRobot,
     "recognise_for_grasp": Recognition,
     "recall_grasps": RecalledGrasps,
+    "plan_in_space": PlannedGrasps,
     "search_object": SimilarObjects,
     "resolve_request": ResolvedRequest,
     "insert_object": Inserted,

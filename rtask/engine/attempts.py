@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasp.spatial.frames import angle_between_axes, wrap_turn
+from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_turn
 from rtask.engine.facts import Facts, stamp
 from rtask.engine.images import check_picture
 from rtask.engine.objects import body_frame
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Try", "Verdict", "find_grasp", "state_grasp", "state_try", "state_verdict"]
 
-_GENERATOR = "rtask planar outline 1"
+_GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
 
 
 @dataclass(frozen=True)
@@ -84,14 +84,17 @@ def find_grasp(
     """Return the grasp of an object that is the same as the given one, if the graph has it."""
     if grasp.in_object is None:
         return None
+    turn = "rt:theta ?theta"
+    if grasp.turn is not None:
+        turn = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
     rows = engine.kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?grasp ?x ?y ?z ?theta ?opening WHERE {{
+SELECT DISTINCT * WHERE {{
   {thing} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
-  ?pose rt:inFrame {body_frame(engine, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta
+  ?pose rt:inFrame {body_frame(engine, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn}
   OPTIONAL {{ ?grasp rt:jawOpening ?opening }}
   FILTER(?type = {literal(gripper_type)}) }} ORDER BY ?grasp""")
-    x, y, z, theta = grasp.in_object
-    near, turn = engine.policy.same_pose_m, engine.policy.same_pose_rad
+    x, y, z, _ = grasp.in_object
+    near = engine.policy.same_pose_m
     for row in rows:
         there: dict[str, Any] = row.to_dict()
         apart = max(abs(there["x"] - x), abs(there["y"] - y), abs(there["z"] - z))
@@ -99,11 +102,22 @@ SELECT DISTINCT ?grasp ?x ?y ?z ?theta ?opening WHERE {{
         wider = abs(opening - grasp.opening) if opening and grasp.opening else 0.0
         if (
             max(apart, wider) <= near
-            and angle_between_axes(there["theta"], theta) <= turn
+            and _turned(grasp, there) <= engine.policy.same_pose_rad
             and isinstance(row["grasp"], NamedNode)
         ):
             return row["grasp"]
     return None
+
+
+def _turned(grasp: Received, there: Mapping[str, Any]) -> float:
+    """Return the angle between a received and a stored grasp, rad."""
+    from scipy.spatial.transform import Rotation
+
+    if grasp.turn is None:
+        assert grasp.in_object is not None
+        return angle_between_axes(there["theta"], grasp.in_object[3])
+    stored = Rotation.from_quat([float(there["q" + axis]) for axis in "xyzw"])
+    return float((stored.inv() * Rotation.from_quat(grasp.turn)).magnitude())
 
 
 def state_grasp(
@@ -119,17 +133,21 @@ def state_grasp(
     facts.add(thing, RT.hasGrasp, node)
     facts.node(
         node,
-        [RT.PlanarGrasp, RT.GraspCandidate],
+        [RT.PlanarGrasp if grasp.turn is None else RT.SpatialGrasp, RT.GraspCandidate],
         {
             RT.gripperType: gripper_type,
             RT.graspPose: pose,
             RT.jawOpening: grasp.opening,
             RT.contactWidth: grasp.width,
             RT.graspQuality: grasp.quality,
-            RT.generator: _GENERATOR,
+            RT.generator: _GENERATOR if grasp.turn is None else _IN_SPACE,
             PROV.wasDerivedFrom: derived_from,
         },
     )
+    if grasp.turn is not None:
+        at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.turn))
+        facts.pose(pose, body_frame(engine, thing), np.asarray(at, dtype=np.float64))
+        return node
     facts.node(
         pose,
         [RT.PlanarPose],
@@ -139,6 +157,10 @@ def state_grasp(
     turned = round(wrap_turn(theta), 6)
     facts.add(pose, RT.theta, 0.0 if turned >= 2 * np.pi else turned)
     return node
+
+
+def _kind(grasp: Received) -> str:
+    return "planar outline" if grasp.turn is None else "pose perturbation"
 
 
 def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
@@ -173,7 +195,7 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
             RT.candidateCount: fields.get("candidate_count"),
             RT.candidateRank: fields.get("candidate_rank"),
             RT.analyticQuality: one.received.quality,
-            RT.qualityKind: None if one.received.quality is None else "planar outline",
+            RT.qualityKind: None if one.received.quality is None else _kind(one.received),
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
             RT.policyVersion: engine.policy.version if belief else None,

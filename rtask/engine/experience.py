@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.bandit import kernel
+from grasp.learning.bandit import kernel, kernel_in_space
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.policy import Policy
 from rtask.engine.recall import Memory, Remembered, Tally
@@ -115,6 +115,7 @@ def gather(
     remembered: Sequence[Remembered],
     weights: Weights,
     bandwidth: float,
+    axes: NDArray[np.float64] | None = None,
 ) -> Evidence:
     """Return what the graph says about each arm.
 
@@ -124,6 +125,8 @@ def gather(
     thetas : (n,), rad, frame of the present object
     remembered
         Without the present episode; see :func:`without_trials`.
+    axes : (n, 2, 3) or None
+        Closing direction and approach of each arm; None = all come from above.
     """
     told = [g for g in remembered if g.tallies]
     n = len(positions)
@@ -131,7 +134,12 @@ def gather(
         return Evidence(np.zeros(n), np.zeros(n), ((),) * n)
     there = np.array([_scaled(g, weights.size) for g in told])
     angles = np.array([g.theta for g in told])
-    near = kernel(positions, thetas, there, angles, max(weights.size), bandwidth)
+    size = max(weights.size)
+    if axes is None:
+        near = kernel(positions, thetas, there, angles, size, bandwidth)
+    else:
+        turns = np.stack([g.object_from_gripper[:3, [0, 2]].T for g in told])
+        near = kernel_in_space(positions, axes, there, turns, size, bandwidth)
     won = np.array([_weight(g, weights, held=True) for g in told])
     lost = np.array([_weight(g, weights, held=False) for g in told])
     # Rounded, so that the order of the rows leaves no trace in the last bit.

@@ -19,7 +19,7 @@ from rtask.engine.names import tail
 from rtask.engine.observation import Observation
 from rtask.engine.placement import Placement, classify_shape
 from rtask.engine.vocabulary import PROV, RDF, RT, SOSA
-from rtask.kb.terms import NamedNode, iri
+from rtask.kb.terms import NamedNode, iri, object_term, python_value
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
@@ -29,6 +29,7 @@ __all__ = [
     "NewObject",
     "Sight",
     "body_frame",
+    "frame_id_of",
     "guess_class",
     "state_frame",
     "state_object",
@@ -90,6 +91,13 @@ def body_frame(engine: Engine, thing: NamedNode) -> NamedNode:
         if isinstance(quad.object, NamedNode):
             return quad.object
     return engine.names.named("frame", f"object-{tail(thing)}")
+
+
+def frame_id_of(engine: Engine, thing: str) -> str:
+    """Return the name of an object's frame in messages."""
+    for quad in engine.kb.match(body_frame(engine, iri(thing)), RT.frameId):
+        return str(python_value(object_term(quad.object)))
+    return f"object/{tail(iri(thing))}"
 
 
 def state_frame(engine: Engine, facts: Facts, thing: NamedNode) -> None:

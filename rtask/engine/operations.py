@@ -12,6 +12,7 @@ from rtask.engine.grasps import RECALL_GRASPS, recall_grasps
 from rtask.engine.insert import INSERT_OBJECT, insert_object, wrapped
 from rtask.engine.messages import Field
 from rtask.engine.outcome import REPORT_OUTCOME, report_outcome
+from rtask.engine.planned import PLAN_IN_SPACE, plan_in_space
 from rtask.engine.recognise import RECOGNISE_FOR_GRASP, recognise_for_grasp
 from rtask.engine.resolve import RESOLVE_REQUEST, resolve_request
 from rtask.engine.robots import REGISTER_ROBOT, register_robot
@@ -78,6 +79,10 @@ OPERATIONS: Mapping[str, Operation] = {
         Operation(
             "recall_grasps", "read", "list the known grasps of a known object",
             recall_grasps, RECALL_GRASPS,
+        ),
+        Operation(
+            "plan_in_space", "write", "plan grasps in space of a known object and store them",
+            plan_in_space, PLAN_IN_SPACE,
         ),
         Operation(
             "search_object", "read", "list known objects that look like this one",

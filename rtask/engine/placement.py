@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from rtask.engine.observation import Observation
     from rtask.engine.poses import ObjectPose
 
-__all__ = ["Placement", "classify_shape", "footprint_of", "place", "posed"]
+__all__ = ["MOST_TILT", "Placement", "classify_shape", "footprint_of", "place", "posed"]
 
-_MOST_TILT = np.deg2rad(20)
+MOST_TILT = np.deg2rad(20)
+"""Off the vertical, rad: what leans less stands."""
+
 _MOST_SHIFT_M = 0.02
 _SNAP = np.deg2rad(15)
 _LEAST_M = 0.002
@@ -96,7 +98,7 @@ def place(
     if query_from_view is not None and object_from_view is not None:
         matched = observation.frame_from_camera @ query_from_view @ np.linalg.inv(object_from_view)
         shift = float(np.linalg.norm(matched[:2, 3] - centre))
-        if tilt(matched) < _MOST_TILT and shift < _MOST_SHIFT_M:
+        if tilt(matched) < MOST_TILT and shift < _MOST_SHIFT_M:
             yaw = _snapped(yaw_of(matched), float(shape.yaw))
             return Placement(_turned(upright, yaw), is_round=False, is_verified=True)
     is_first = is_round is None
@@ -113,7 +115,7 @@ def posed(placement: Placement | None, pose: ObjectPose | None) -> Placement | N
         return placement
     matched = pose.frame_from_object
     shift = float(np.linalg.norm(matched[:2, 3] - placement.frame_from_object[:2, 3]))
-    if tilt(matched) >= _MOST_TILT or shift >= _MOST_SHIFT_M:
+    if tilt(matched) >= MOST_TILT or shift >= _MOST_SHIFT_M:
         return placement
     yaw = _snapped(yaw_of(matched), placement.yaw)
     return Placement(_turned(placement.frame_from_object, yaw), is_round=False, is_verified=True)

@@ -1,37 +1,66 @@
-"""Grasps planned on an object's shape: its clouds out of the graph, the plan into it."""
+"""Grasps planned on an object's shape, into the graph: recalled and offered like any other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.engine.attempts import state_grasp
+from grasp.spatial.frames import tilt
+from rtask.engine.attempts import find_grasp, state_grasp
 from rtask.engine.facts import Facts
-from rtask.engine.objects import body_frame, state_frame
-from rtask.engine.received import Received
-from rtask.engine.vocabulary import PREFIXES, RT
-from rtask.errors import DataError, MissingBlobError, UsageError
+from rtask.engine.grasps import as_messages
+from rtask.engine.messages import Field
+from rtask.engine.objects import state_frame
+from rtask.engine.placement import MOST_TILT
+from rtask.engine.question import Question
+from rtask.engine.recall import recall
+from rtask.engine.received import Received, in_object
+from rtask.engine.shapes import ObjectShape, object_shape
+from rtask.engine.vocabulary import PROV, RT
+from rtask.errors import UsageError
 from rtask.kb.access import Access
-from rtask.kb.terms import NamedNode, iri
+from rtask.kb.terms import NamedNode, iri, object_term, python_value
 
 if TYPE_CHECKING:
+    from grasp.spatial.candidate import GraspCandidate
+    from grasp.spatial.confidence import PoseNoise
     from rtask.engine.engine import Engine
 
 __all__ = [
+    "PLAN_IN_SPACE",
     "PlannedGrasp",
     "PlannedSpatialGrasp",
-    "object_cloud",
+    "as_planned",
+    "plan_in_space",
     "store_planned",
     "store_planned_in_space",
 ]
 
 _PLANNER = "planner"
+_UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+_TRIES, _MOST_SAMPLES = 1500, 1000
+
+PLAN_IN_SPACE = (
+    Field("object", "string", "IRI, objectId or name of the object", required=True),
+    Field("gripper_id", "string", "name or IRI of the end effector; default: the robot's only one"),
+    Field("mass", "number", "of the object, kg, whose weight must be held; default: as stored",
+          low=0.001, high=1000.0),
+    Field("friction", "number", "between pads and object", low=0.01, high=2.0),
+    Field("position_std", "number", "of the object's position, m", default=0.004, low=0.0,
+          high=0.1),
+    Field("rotation_std", "number", "of its rotation, rad", default=0.1, low=0.0, high=1.0),
+    Field("samples", "integer", "perturbed poses of each grasp", default=100, low=1,
+          high=_MOST_SAMPLES),
+    Field("min_confidence", "number", "c_G: grasps below it are not stored", default=0.3,
+          low=0.0, high=1.0),
+    Field("max_grasps", "integer", "how many are stored at most", default=10, low=1, high=50),
+    Field("seed", "integer", "of the draws", default=0, low=0),
+)  # fmt: skip
 Planned = TypeVar("Planned")
-_IN_SPACE = "rtask antipodal 1"
 
 
 @dataclass(frozen=True)
@@ -88,56 +117,68 @@ class PlannedSpatialGrasp:
     orientation_sigma: float
 
 
-def object_cloud(engine: Engine, name: str) -> tuple[str, NDArray[np.float64]]:
-    """Return the IRI of an object and the points (n, 3) of all its views in its own frame, m.
+def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Plan grasps in space on the best stored shape of an object, store them and return them.
 
-    Parameters
-    ----------
-    name
-        IRI, objectId or name.
-
-    Raises
-    ------
-    UnknownTermError
-        When the graph knows no such object.
-    DataError
-        When no view of it has a cloud whose place is known.
+    Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
     """
-    thing = str(engine.call("recall_grasps", {"object": name})["object"])
-    rows = engine.kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
-  {iri(thing)} rt:hasView ?view . ?view rt:viewContent ?content ; rt:viewpoint ?pose .
-  ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob .
-  ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
-}} ORDER BY ?view""")
-    clouds = []
-    for row in rows:
-        at: dict[str, Any] = row.to_dict()
-        pose = [float(at[k]) for k in ("x", "y", "z", "qx", "qy", "qz", "qw")]
-        try:
-            clouds.append(_points(engine.kb.blobs.read(str(row.value("blob"))), pose))
-        except (MissingBlobError, ValueError):
-            continue
-    if not clouds:
-        raise DataError(f"no view of {thing} has a cloud whose place is known: insert one first")
-    return thing, np.vstack(clouds)
+    from grasp.spatial.confidence import PoseNoise
+    from grasp.spatial.plan import SpatialOptions
+
+    hand = engine.grippers.find(request["gripper_id"], access.agent).gripper.modelled()
+    if request["friction"] is not None:
+        hand = replace(hand, friction=request["friction"])
+    shape = object_shape(engine, request["object"])
+    noise = PoseNoise(request["position_std"], request["rotation_std"])
+    found = shape.plan(
+        hand,
+        SpatialOptions(
+            noise=noise, samples=request["samples"], mass=request["mass"] or _mass(engine, shape),
+            tries=_TRIES, seed=request["seed"],
+        ),
+    )  # fmt: skip
+    sure = [c for c in found if c.scores["confidence"] >= request["min_confidence"]]
+    reason = found.reason
+    if found and not sure:
+        best = max(c.scores["confidence"] for c in found)
+        reason = f"the best confidence is {best:.2f} < {request['min_confidence']:g}"
+    stored: dict[str, Any] = {"grasps": [], "commit": ""}
+    if sure:
+        planned = as_planned(sure[: request["max_grasps"]], noise, request["samples"])
+        stored = store_planned_in_space(
+            engine, shape.thing, planned, hand.gripper_type, access, shape.sources
+        )
+    memory = recall(engine.kb, Question(objects=(shape.thing,), in_space=True))
+    known = {one.grasp: one for one in memory.of(shape.thing)}
+    return {
+        "object": shape.thing,
+        "shape": shape.kind,
+        "reason": reason,
+        "commit": stored["commit"],
+        "tried": dict(found.counts),
+        "grasps": as_messages(engine, [known[name] for name in dict.fromkeys(stored["grasps"])]),
+    }
 
 
-def _points(data: bytes, pose: Sequence[float]) -> NDArray[np.float64]:
-    from features.codec import decode
-    from features.geometry import Frame
-    from grasp.spatial.frames import matrix_from_pose
-    from rtask.engine.images import frame_of_cloud
+def _mass(engine: Engine, shape: ObjectShape) -> float | None:
+    for quad in engine.kb.match(iri(shape.thing), RT.mass):
+        mass = float(str(python_value(object_term(quad.object))))
+        return mass if mass > 0 else None
+    return None
 
-    decoded = decode(data)
-    if isinstance(decoded, Frame):
-        frame = decoded
-    else:
-        frame, _ = frame_of_cloud(decoded.points(), decoded.colours)
-    points = frame.points()[frame.object_mask()].astype(np.float64)
-    object_from_camera = matrix_from_pose(np.array(pose[:3]), np.array(pose[3:]))
-    moved = points @ object_from_camera[:3, :3].T + object_from_camera[:3, 3]
-    return np.asarray(moved[np.isfinite(moved).all(axis=1)])
+
+def as_planned(
+    candidates: Sequence[GraspCandidate], noise: PoseNoise, samples: int
+) -> list[PlannedSpatialGrasp]:
+    """Return candidates with confidences, in an object's frame, as they are stored."""
+    return [
+        PlannedSpatialGrasp(
+            c.frame_from_gripper, c.width, c.width if c.opening is None else c.opening,
+            c.scores["confidence"], c.scores["lower_95"], c.scores.get("epsilon", 0.0),
+            samples, noise.position_std, noise.rotation_std,
+        )
+        for c in candidates
+    ]  # fmt: skip
 
 
 def store_planned(
@@ -154,14 +195,13 @@ def store_planned(
     ``object``, ``grasps`` (IRIs in the given order), ``commit``.
     """
 
-    def state(facts: Facts, target: NamedNode, planned: PlannedGrasp) -> NamedNode:
-        received = Received(
+    def as_received(planned: PlannedGrasp) -> Received:
+        return Received(
             in_object=(planned.x, planned.y, planned.z, planned.theta),
             width=planned.width,
             opening=planned.opening,
             quality=planned.quality,
         )
-        return state_grasp(engine, facts, target, gripper_type, received)
 
     def evaluation(planned: PlannedGrasp) -> dict[NamedNode, Any]:
         return {
@@ -171,7 +211,7 @@ def store_planned(
             RT.vertexSigma: planned.vertex_sigma,
         }
 
-    return _store(engine, thing, grasps, state, evaluation, access)
+    return _store(engine, thing, grasps, gripper_type, as_received, evaluation, access)
 
 
 def store_planned_in_space(
@@ -180,30 +220,33 @@ def store_planned_in_space(
     grasps: Sequence[PlannedSpatialGrasp],
     gripper_type: str,
     access: Access | None = None,
+    derived_from: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write grasps in space of an object with their evaluations.
 
-    Those that come within 20 degrees from above are planar grasps as well: they are stored as such
-    and recalled like any other. The others are stored with their full pose.
+    Those that come within 20 degrees from above are planar grasps as well and are stored as such,
+    the others with their full pose.
+
+    Parameters
+    ----------
+    derived_from
+        IRIs of the mesh, model or views that they were planned on.
 
     Returns
     -------
     ``object``, ``grasps`` (IRIs in the given order), ``commit``.
     """
-    from grasp.spatial.frames import planar_from_pose
 
-    def state(facts: Facts, target: NamedNode, planned: PlannedSpatialGrasp) -> NamedNode:
-        try:
-            at = planar_from_pose(planned.object_from_gripper)
-        except ValueError:
-            return _state_spatial(engine, facts, target, gripper_type, planned)
-        received = Received(
+    def as_received(planned: PlannedSpatialGrasp) -> Received:
+        at, turn = in_object(planned.object_from_gripper)
+        is_planar = tilt(planned.object_from_gripper @ _UPSIDE_DOWN) < MOST_TILT
+        return Received(
             in_object=at,
+            turn=None if is_planar else turn,
             width=planned.width,
             opening=planned.opening,
             quality=planned.confidence,
         )
-        return state_grasp(engine, facts, target, gripper_type, received)
 
     def evaluation(planned: PlannedSpatialGrasp) -> dict[NamedNode, Any]:
         return {
@@ -215,59 +258,49 @@ def store_planned_in_space(
             RT.orientationSigma: planned.orientation_sigma,
         }
 
-    return _store(engine, thing, grasps, state, evaluation, access)
-
-
-def _state_spatial(
-    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, planned: PlannedSpatialGrasp
-) -> NamedNode:
-    """State a new grasp with a full pose, and return its IRI."""
-    node = engine.names.counted("grasp")
-    pose = iri(node.value + "/pose")
-    facts.add(thing, RT.hasGrasp, node)
-    facts.node(
-        node,
-        [RT.SpatialGrasp, RT.GraspCandidate],
-        {
-            RT.gripperType: gripper_type,
-            RT.graspPose: pose,
-            RT.jawOpening: planned.opening,
-            RT.contactWidth: planned.width,
-            RT.graspQuality: planned.confidence,
-            RT.generator: _IN_SPACE,
-        },
+    return _store(
+        engine, thing, grasps, gripper_type, as_received, evaluation, access, derived_from
     )
-    facts.pose(pose, body_frame(engine, thing), planned.object_from_gripper)
-    return node
 
 
 def _store(
     engine: Engine,
     thing: str,
     grasps: Sequence[Planned],
-    state: Callable[[Facts, NamedNode, Planned], NamedNode],
+    gripper_type: str,
+    as_received: Callable[[Planned], Received],
     evaluation: Callable[[Planned], dict[NamedNode, Any]],
     access: Access | None,
+    derived_from: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Commit grasps, each with its evaluation, and return what a caller learns of it."""
+    """Commit grasps, each with its evaluation, and return what a caller learns of it.
+
+    A grasp that the object has already keeps the evaluation with which its belief began.
+    """
     if not grasps:
         raise UsageError("there are no grasps to store")
     target = iri(thing)
-    stored: list[NamedNode] = []
+    named: list[NamedNode] = []
     with engine.writing:
         facts = Facts()
-        state_frame(engine, facts, target)
         for planned in grasps:
-            node = state(facts, target, planned)
+            received = as_received(planned)
+            node = find_grasp(engine, target, gripper_type, received)
+            if node is None:
+                node = state_grasp(engine, facts, target, gripper_type, received)
+            named.append(node)
+            if engine.kb.match(node, RT.hasEvaluation):
+                continue
             judged = iri(node.value + "/evaluation")
             facts.add(node, RT.hasEvaluation, judged)
             facts.node(judged, [RT.GraspEvaluation], evaluation(planned))
-            stored.append(node)
-        author = engine.author(access or Access(), _PLANNER)
-        with engine.kb.transaction(access=author, note="planned grasps") as tx:
-            facts.write(tx)
-        return {
-            "object": thing,
-            "grasps": [node.value for node in stored],
-            "commit": engine.commit_id(tx.commit),
-        }
+            for source in derived_from:
+                facts.add(judged, PROV.wasDerivedFrom, iri(source))
+        commit = ""
+        if facts.triples:
+            state_frame(engine, facts, target)
+            author = engine.author(access or Access(), _PLANNER)
+            with engine.kb.transaction(access=author, note="planned grasps") as tx:
+                facts.write(tx)
+            commit = engine.commit_id(tx.commit)
+    return {"object": thing, "grasps": [node.value for node in named], "commit": commit}

@@ -54,6 +54,8 @@ class Question:
         Stored views whose viewpoints are needed.
     only
         Classes to one of which an object must belong; empty = any.
+    in_space
+        Grasps with a full pose are wanted as well as those from above.
     """
 
     objects: tuple[str, ...] = ()
@@ -65,6 +67,7 @@ class Question:
     views: tuple[str, ...] = ()
     only: tuple[str, ...] = ()
     doubtful: tuple[str, ...] = ()
+    in_space: bool = False
 
 
 def query_text(question: Question) -> str:
@@ -78,13 +81,15 @@ def query_text(question: Question) -> str:
     of = [(f"VALUES ?object {{ {values(question.objects)} }}", "false")]
     if question.classes and question.size is not None:
         of.append((_members(question), "true"))
+    turns = (_ABOUT_Z, _IN_SPACE) if question.in_space else (_ABOUT_Z,)
     parts = [
         _object_part(question),
-        *(_grasp_part(which, of_class) for which, of_class in of),
+        *(_grasp_part(which, of_class, turn) for which, of_class in of for turn in turns),
         *(_tally_part(which, of_class, fast) for which, of_class in of for fast in (False, True)),
-        *([_trial_part(question.tracked, question.robot)] if question.tracked else []),
+        *(_trial_part(question.tracked, question.robot, turn)
+          for turn in turns if question.tracked),
         _view_part(question.views),
-    ]
+    ]  # fmt: skip
     union = "\n  UNION\n".join(f"  {{ {part} }}" for part in parts)
     return f"{PREFIXES}\nSELECT * WHERE {{\n{union}\n}}"
 
@@ -123,14 +128,19 @@ def _members(question: Question) -> str:
     FILTER({bounds} && ?object NOT IN ({known}))"""
 
 
-def _grasp_part(which: str, of_class: str) -> str:
-    """Return the pattern of the grasps of some objects."""
+_ABOUT_Z = "rt:theta ?theta"
+_IN_SPACE = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
+
+
+def _grasp_part(which: str, of_class: str, turn: str) -> str:
+    """Return the pattern of the grasps of some objects whose pose states its turn in one way."""
     return f"""{which}
     ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
-    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
+    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
     ?owner rt:bodyFrame ?frame
     OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
     OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
+    OPTIONAL {{ ?grasp rt:contactWidth ?contact }}
     BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
 
 
@@ -144,11 +154,11 @@ def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
     GROUP BY ?object ?grasp ?held"""
 
 
-def _trial_part(tracked: str, robot: str | None) -> str:
+def _trial_part(tracked: str, robot: str | None, turn: str) -> str:
     """Return the pattern of one robot's attempts on one object."""
     return f"""VALUES ?object {{ {values([tracked])} }}
     ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
-    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:theta ?theta .
+    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
     ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
     {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
     BIND("trial" AS ?part)"""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.spatial.frames import matrix_from_pose
+from grasp.spatial.frames import closing_turn, matrix_from_pose, pose_from_planar
 from rtask.engine.question import Question, query_text
 from rtask.engine.vocabulary import RT, local_name
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial", "recall"]
 
-_NUMBERS = ("x", "y", "z", "theta", "opening", "quality", "length", "width", "height")
+_NUMBERS = ("x", "y", "z", "opening", "quality")
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,10 @@ class Remembered:
         (length, width, height) of its object, m.
     prior
         Quality as computed before any attempt, 0..1; None where nobody computed it.
+    quaternion : (x, y, z, w) or None
+        Of a grasp in space; ``theta`` is then the direction of its closing axis seen from above.
+    width
+        Between the contacts, m, where it is known.
     """
 
     grasp: str
@@ -66,6 +70,13 @@ class Remembered:
     size: tuple[float, float, float] | None
     tallies: tuple[Tally, ...] = ()
     prior: float | None = None
+    quaternion: tuple[float, float, float, float] | None = None
+    width: float | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
+        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
 
     @property
     def attempts(self) -> int:
@@ -91,6 +102,12 @@ class Trial:
     number: int
     ended: str
     is_fast: bool = False
+    quaternion: tuple[float, float, float, float] | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
+        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
 
 
 @dataclass(frozen=True)
@@ -149,6 +166,22 @@ def _text(row: Row, name: str) -> str:
 def _number(row: Row, name: str, default: float = 0.0) -> float:
     value: Any = row.value(name)
     return default if value is None else float(value)
+
+
+def _gripper_pose(
+    x: float, y: float, z: float, theta: float, quaternion: tuple[float, ...] | None
+) -> NDArray[np.float64]:
+    if quaternion is None:
+        return np.asarray(pose_from_planar(x, y, z, theta), dtype=np.float64)
+    return np.asarray(matrix_from_pose(np.array([x, y, z]), np.array(quaternion)), np.float64)
+
+
+def _turn(row: Row) -> tuple[float, tuple[float, float, float, float] | None]:
+    """Return the closing direction about z and, of a grasp in space, the quaternion."""
+    if row["qw"] is None:
+        return _number(row, "theta"), None
+    x, y, z, w = (_number(row, "q" + name) for name in "xyzw")
+    return closing_turn(matrix_from_pose(np.zeros(3), np.array([x, y, z, w]))), (x, y, z, w)
 
 
 def _size(row: Row) -> tuple[float, float, float] | None:
@@ -228,12 +261,14 @@ def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Re
 
 def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
     iri, grasp, of_class = key
-    x, y, z, theta, opening, quality = (_number(row, name) for name in _NUMBERS[:6])
+    x, y, z, opening, quality = (_number(row, name) for name in _NUMBERS)
+    theta, quaternion = _turn(row)
     order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count))
     return Remembered(
         grasp, iri, of_class, x, y, z, theta, opening, quality,
         _text(row, "gripper"), _size(row), tuple(order),
         None if row["quality"] is None else min(max(quality, 0.0), 1.0),
+        quaternion, None if row["contact"] is None else _number(row, "contact"),
     )  # fmt: skip
 
 
@@ -245,8 +280,8 @@ def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
     trials = {
         _text(row, "attempt"): Trial(
             _text(row, "grasp"), _number(row, "x"), _number(row, "y"), _number(row, "z"),
-            _number(row, "theta"), bool(row.value("held")), int(_number(row, "number")),
-            _text(row, "ended"), bool(row.value("is_fast")),
+            _turn(row)[0], bool(row.value("held")), int(_number(row, "number")),
+            _text(row, "ended"), bool(row.value("is_fast")), _turn(row)[1],
         )
         for row in rows
     }  # fmt: skip

@@ -7,7 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from grasp.messages import planar_from_message
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.messages import matrix_from_message, planar_from_message
+from grasp.spatial.frames import FloatArray, closing_turn, matrix_from_pose, pose_from_matrix
 from rtask.engine.messages import Field, read
 from rtask.engine.placement import Placement
 from rtask.engine.vocabulary import RT
@@ -17,9 +21,11 @@ from rtask.kb.terms import NamedNode, iri
 if TYPE_CHECKING:
     from rtask.engine.tasks import Decision
 
-__all__ = ["CANDIDATE", "OUTCOME", "TIMES", "Outcome", "Received", "received"]
+__all__ = ["CANDIDATE", "OUTCOME", "TIMES", "Outcome", "Received", "in_object", "received"]
 
 log = logging.getLogger(__name__)
+
+Quaternion = tuple[float, float, float, float]
 
 CANDIDATE = "candidate:"
 """How the ids of proposed grasps begin."""
@@ -86,6 +92,10 @@ class Received:
         (x, y, z, theta) in the object's frame, or None.
     in_frame
         (x, y, z, theta) in the robot's frame, z absolute, or None.
+    turn
+        Quaternion (x, y, z, w) in the object's frame of a grasp in space, or None.
+    frame_from_gripper : (4, 4) or None, m
+        Pose in the robot's frame of a grasp in space.
     belief
         alpha and beta before the attempt, or None.
     """
@@ -94,6 +104,8 @@ class Received:
     iri: NamedNode | None = None
     in_object: tuple[float, float, float, float] | None = None
     in_frame: tuple[float, float, float, float] | None = None
+    turn: Quaternion | None = None
+    frame_from_gripper: NDArray[np.float64] | None = field(default=None, compare=False)
     width: float | None = None
     opening: float | None = None
     quality: float | None = None
@@ -107,15 +119,22 @@ class Received:
         return replace(
             self,
             in_object=self.in_object or option.in_object,
+            turn=self.turn or option.quaternion,
             width=option.grasp.width if self.width is None else self.width,
-            opening=option.grasp.opening if self.opening is None else self.opening,
-            quality=option.grasp.quality if self.quality is None else self.quality,
+            opening=option.opening if self.opening is None else self.opening,
+            quality=option.quality if self.quality is None else self.quality,
             belief=self.belief or (option.choice.alpha, option.choice.beta),
         )
 
     def placed(self, placement: Placement | None) -> Received:
         """Return the grasp with its pose in the object's frame, if that can be known."""
-        if self.in_frame is None or placement is None:
+        if placement is None:
+            return self
+        if self.frame_from_gripper is not None:
+            pose = np.linalg.inv(placement.frame_from_object) @ self.frame_from_gripper
+            at, turn = in_object(pose)
+            return replace(self, in_object=at, turn=turn)
+        if self.in_frame is None:
             return self
         x, y, z, theta = self.in_frame
         x, y, theta = placement.to_object(x, y, theta)
@@ -125,7 +144,11 @@ class Received:
 
 _NUMBER = ("x", "y", "z", "theta", "width", "opening", "grasp_quality", "alpha", "beta")
 _GRASP = tuple(Field(name, "number", name) for name in _NUMBER)
-_IN_OBJECT = tuple(Field(n, "number", n, required=True) for n in ("x", "y", "z", "theta"))
+_TURN = ("qx", "qy", "qz", "qw")
+_IN_OBJECT = (
+    *(Field(n, "number", n, required=True) for n in ("x", "y", "z", "theta")),
+    *(Field(n, "number", n) for n in _TURN),
+)
 
 
 def received(value: str | Mapping[str, Any], path: str) -> Received:
@@ -141,33 +164,64 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
     if isinstance(value, str):
         return Received(name, known)
     numbers = read(_GRASP, {k: value.get(k) for k in _NUMBER}, path + ".")
-    in_frame = None
-    if all(numbers[k] is not None for k in ("x", "y", "z", "theta")):
+    in_frame, in_space = None, _pose_in_space(value, path)
+    if in_space is None and all(numbers[k] is not None for k in ("x", "y", "z", "theta")):
         in_frame = (numbers["x"], numbers["y"], numbers["z"], numbers["theta"])
-    elif "grasp_pose" in value:
+    elif in_space is None and "grasp_pose" in value:
         try:
             planar = planar_from_message(dict(value))
         except ValueError as error:
             raise UsageError(f"{path}: {error}", field=path) from error
         in_frame = (planar.x, planar.y, planar.z, planar.theta)
         numbers.update(width=planar.width, opening=planar.opening, grasp_quality=planar.quality)
-    in_object = None
+    at_object, turn = None, None
     if value.get("in_object") is not None:
         at = read(_IN_OBJECT, value["in_object"], path + ".in_object.")
-        in_object = (at["x"], at["y"], at["z"], at["theta"])
-    if not name and in_frame is None and in_object is None:
+        at_object = (at["x"], at["y"], at["z"], at["theta"])
+        turn = _turn(at, path)
+    if not name and in_frame is None and at_object is None and in_space is None:
         raise UsageError(f"{path}: neither an id nor a pose", field=path)
     alpha, beta = numbers["alpha"], numbers["beta"]
     return Received(
         id=name,
         iri=known,
-        in_object=in_object,
+        in_object=at_object,
         in_frame=in_frame,
+        turn=turn,
+        frame_from_gripper=in_space,
         width=numbers["width"],
         opening=numbers["opening"],
         quality=numbers["grasp_quality"],
         belief=None if alpha is None or beta is None else (alpha, beta),
     )
+
+
+def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] | None:
+    """Return the pose (4, 4) of a grasp that says of itself that it is one in space."""
+    if value.get("kind") != "spatial" or "grasp_pose" not in value:
+        return None
+    try:
+        return np.asarray(matrix_from_message(value["grasp_pose"]["pose"]), dtype=np.float64)
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{path}.grasp_pose: {error}", field=f"{path}.grasp_pose") from error
+
+
+def _turn(at: Mapping[str, Any], path: str) -> Quaternion | None:
+    given = [at[name] for name in _TURN]
+    if all(one is None for one in given):
+        return None
+    try:
+        pose = matrix_from_pose(np.zeros(3), np.array(given, dtype=np.float64))
+    except (ValueError, TypeError) as error:
+        said = f"{path}.in_object: qx, qy, qz, qw are no unit quaternion: {given}"
+        raise UsageError(said, field=f"{path}.in_object") from error
+    return in_object(pose)[1]
+
+
+def in_object(pose: FloatArray) -> tuple[tuple[float, float, float, float], Quaternion]:
+    """Return (x, y, z, theta) and the quaternion of a pose (4, 4)."""
+    (x, y, z), (qx, qy, qz, qw) = (part.tolist() for part in pose_from_matrix(pose))
+    return (x, y, z, closing_turn(pose)), (qx, qy, qz, qw)
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from grasp.messages import empty_grasp_message, grasp_message
+from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.frames import closing_turn, tilt
 from rtask.engine.choose import Option, Scene, choose, options
 from rtask.engine.identity import recognise, settle
 from rtask.engine.messages import Field
 from rtask.engine.objects import guess_class
 from rtask.engine.observation import Observation
-from rtask.engine.placement import Placement, footprint_of, place, posed
+from rtask.engine.placement import MOST_TILT, Placement, footprint_of, place, posed
 from rtask.engine.policy import Policy
 from rtask.engine.poses import ObjectPose, find_pose, pose_fields
 from rtask.engine.question import Question
@@ -66,6 +69,12 @@ RECOGNISE_FOR_GRASP = (
     Field("min_confidence", "number", "for the object to count as recognised", low=0.0, high=1.0),
     Field("max_grasps", "integer", "length of the answer's list", default=10, low=1, high=50),
     Field("propose", "boolean", "propose grasps where none is known", default=False),
+    Field(
+        "in_space",
+        "boolean",
+        "offer known grasps from any direction too, for arms that can",
+        default=False,
+    ),
     Field("exclude", "strings", "ids of grasps not to offer again", default=[], high=1000),
     Field("seed", "integer", "of the choice", default=0, low=0),
     Field("neighbours", "points", "points of what stands around, m, frame_id"),
@@ -124,6 +133,7 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     recognition = recognise(engine.recogniser, seen, engine.policy, _MOST_MATCHES, least)
     clock.lap("matching_s")
     question = question_for(engine, seen, recognition, request["object"], gripper)
+    question = replace(question, in_space=request["in_space"])
     memory = recall(engine.kb, question)
     recognition = settle(recognition, memory, seen, engine.policy)
     clock.lap("query_s")
@@ -239,7 +249,7 @@ def _choose(
         neighbours = neighbours - np.array([0.0, 0.0, seen.shape.support_height])
     scene = Scene(
         footprint_of(seen.shape, placement), placement, situation.gripper.gripper,
-        neighbours, request["seed"],
+        neighbours, request["seed"], _pose_in_space(placement, situation.pose),
     )  # fmt: skip
     object_iri = situation.known.iri if situation.known else None
     found = options(scene, situation.memory, object_iri, request["propose"], _MOST_CANDIDATES)
@@ -252,6 +262,17 @@ def _choose(
     chosen = choose(found, scene, situation.memory, confidence, engine.policy)
     clock.lap("choice_s")
     return chosen
+
+
+def _pose_in_space(placement: Placement, pose: ObjectPose | None) -> NDArray[np.float64] | None:
+    """Return the pose (4, 4) in which grasps in space hold, None where it is not known.
+
+    The measured sides are the more exact as long as the object stands; an accepted pose tells how
+    it lies.
+    """
+    if pose is not None and pose.accepted and tilt(pose.frame_from_object) >= MOST_TILT:
+        return pose.frame_from_object
+    return placement.frame_from_object if placement.is_verified else None
 
 
 def _decided(
@@ -328,21 +349,29 @@ def _grasp(option: Option, situation: Situation) -> dict[str, Any]:
     grasp, choice, known = option.grasp, option.choice, option.remembered
     support = float(situation.observation.shape.support_height)
     frame_id = situation.observation.frame_id or "base"
+    hand = situation.gripper.gripper
+    if isinstance(grasp, GraspCandidate):
+        kind, at = "spatial", (*grasp.centre.tolist(), closing_turn(grasp.frame_from_gripper))
+        message = spatial_grasp_message(grasp, hand, frame_id)
+    else:
+        kind, at = "planar", (grasp.x, grasp.y, support + grasp.z, grasp.theta)
+        message = grasp_message(grasp, hand, frame_id, support)
+    in_object = dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True))
+    if option.quaternion is not None:
+        in_object.update(zip(("qx", "qy", "qz", "qw"), option.quaternion, strict=True))
     return {
+        **message,
         "id": option.id,
+        "kind": kind,
         "source": "memory" if known is not None else "candidate",
-        "x": grasp.x,
-        "y": grasp.y,
-        "z": support + grasp.z,
-        "theta": grasp.theta,
+        **dict(zip(("x", "y", "z", "theta"), at, strict=True)),
         "width": grasp.width,
-        "opening": grasp.opening,
+        "opening": option.opening,
         "mean": choice.mean,
         "interval90": list(choice.interval90),
         "alpha": choice.alpha,
         "beta": choice.beta,
         "statistics": summary(known.successes, known.attempts) if known else summary(0, 0),
         "explanation": option.explanation,
-        "in_object": dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True)),
-        **grasp_message(grasp, situation.gripper.gripper, frame_id, support),
+        "in_object": in_object,
     }
