@@ -4,6 +4,10 @@ Box2D is a dynamic engine. Quasi-static motion comes from setting the part's vel
 every step, so that a step moves it by what the contacts alone ask for, and from the ratio of its
 moment of inertia to its mass, which stands for c^2 of the limit surface.
 
+Parts are scaled up and positions corrected once a step: Box2D's skin and slop (.01 and .005) have
+fixed sizes, and its corrections move bodies out of one another without friction, so that a jam on
+inclined edges would slip open.
+
 Only this file imports Box2D, which is optional: ``pip install box2d``.
 """
 
@@ -22,7 +26,8 @@ from grasp.push.quasistatic import CLOSED, LOST, NOT_HELD
 
 __all__ = ["is_available", "simulate_in_box2d"]
 
-_SIZE = 6.0
+_SIZE = 30.0
+_VELOCITY_ROUNDS, _POSITION_ROUNDS = 20, 1
 _STEP_S = 1.0 / 60.0
 _STILL, _JAMMED, _FREE = 8, 40, 60
 _EDGE = 0.02
@@ -115,6 +120,7 @@ class _World:
     ) -> None:
         self.b2 = _box2d()
         self.local, self.friction, self.lo, self.w = local - mass, friction, lo, w
+        self.lever = math.sqrt(c2)
         self.world = self.b2.b2World(gravity=(0, 0), doSleep=False)
         self.world.warmStarting = False
         self.world.continuousPhysics = False
@@ -142,7 +148,7 @@ class _World:
     def _step(self) -> None:
         self.part.linearVelocity = (0.0, 0.0)
         self.part.angularVelocity = 0.0
-        self.world.Step(_STEP_S, 20, 2)
+        self.world.Step(_STEP_S, _VELOCITY_ROUNDS, _POSITION_ROUNDS)
 
     def run(self, face: float, h: float, most: float) -> int:
         """Push until nothing moves, close, and test."""
@@ -156,7 +162,8 @@ class _World:
             missed = 0 if self._contacts(first) else missed + 1
             if travel > 4 * h + 0.05 and missed > 4:
                 return LOST
-            moved = abs(self.part.position[0] - before[0]) + abs(self.part.angle - before[1])
+            turned = abs(self.part.angle - before[1]) * self.lever
+            moved = abs(self.part.position[0] - before[0]) + turned
             still = still + 1 if moved < 2e-3 * h and not missed else 0
         first.linearVelocity = (0.0, 0.0)
         x, y = self._outline()

@@ -32,64 +32,92 @@ _POINT_ROUNDS = 12
 
 
 @njit(cache=True, nogil=True)
-def _inside(px, py, n, x, y):  # type: ignore[no-untyped-def]
-    """Return whether a point is inside a polygon."""
-    inside = False
-    j = n - 1
+def _corner_edge(px, py, n, x, y, up, near):  # type: ignore[no-untyped-def]
+    """Return the edge that a jaw's corner meets and the corner's depth behind it.
+
+    The jaw moves along y, so the edge is the one that the corner's vertical path crosses: the next
+    one ahead of a corner outside, the last one behind a corner that entered within ``near``. A
+    corner deeper inside was met from the side; there the nearest edge counts.
+
+    Returns
+    -------
+    Index of the edge or -1, and the depth, negative outside.
+    """
+    behind, ahead = np.inf, np.inf
+    entered, next_one, passed = -1, -1, 0
     for i in range(n):
-        if (py[i] > y) != (py[j] > y) and x < px[i] + (px[j] - px[i]) * (y - py[i]) / (
-            py[j] - py[i]
-        ):
-            inside = not inside
-        j = i
-    return inside
+        j = i + 1 if i + 1 < n else 0
+        if (px[i] < x) == (px[j] < x):
+            continue
+        gap = (py[i] + (x - px[i]) / (px[j] - px[i]) * (py[j] - py[i]) - y) * up
+        if gap > 0.0:
+            if gap < ahead:
+                ahead, next_one = gap, i
+        else:
+            passed += 1
+            if -gap < behind:
+                behind, entered = -gap, i
+    at = next_one
+    if passed % 2:
+        at = entered if behind <= near else _nearest_edge(px, py, n, x, y, up)
+    if at < 0:
+        return -1, 0.0
+    j = at + 1 if at + 1 < n else 0
+    ex, ey = px[j] - px[at], py[j] - py[at]
+    return at, ((y - py[at]) * ex - (x - px[at]) * ey) / math.hypot(ex, ey)
 
 
 @njit(cache=True, nogil=True)
-def _jaw_contacts(px, py, n, lo, hi, face, up, skin, c, m):  # type: ignore[no-untyped-def]
+def _nearest_edge(px, py, n, x, y, up):  # type: ignore[no-untyped-def]
+    """Return the nearest edge with a foot of (x, y) if it faces the jaw, else -1."""
+    nearest, at = np.inf, -1
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        ex, ey = px[j] - px[i], py[j] - py[i]
+        t = ((x - px[i]) * ex + (y - py[i]) * ey) / (ex * ex + ey * ey)
+        if 0.0 < t < 1.0:
+            gap = math.hypot(x - px[i] - t * ex, y - py[i] - t * ey)
+            if gap < nearest:
+                nearest, at = gap, i
+    if at < 0:
+        return -1
+    return at if (px[at + 1 if at + 1 < n else 0] - px[at]) * up > 0.0 else -1
+
+
+@njit(cache=True, nogil=True)
+def _jaw_contacts(px, py, n, lo, hi, face, up, speed, skin, c, m):  # type: ignore[no-untyped-def]
     """Append the contacts of one jaw to ``c``; return how many there are now.
 
     Parameters
     ----------
     face, up
         Height of the jaw's face; +1 = it moves up.
+    speed
+        How far the face moved in this step; levers are those from before it did.
     c : (_MOST, 6)
         Rows: x, y, inward normal x, y, penetration, jaw (``up``).
     """
     w = hi - lo
+    near = 3.0 * skin
     for i in range(n):
         if lo < px[i] < hi:
             gap = (py[i] - face) * up
             # Deep inside the jaw's end its corner, not its face, is the contact.
-            near = min(px[i] - lo, hi - px[i])
-            if -0.6 * w < gap < skin and (gap >= 0.0 or near >= -0.5 * gap) and m < _MOST:
+            inside = min(px[i] - lo, hi - px[i])
+            if -0.6 * w < gap < skin and (gap >= -near or inside >= -0.5 * gap) and m < _MOST:
                 c[m, 0], c[m, 1], c[m, 2], c[m, 3] = px[i], py[i], 0.0, up
                 c[m, 4], c[m, 5] = -gap, up
                 m += 1
     for k in range(2):
         x = lo if k == 0 else hi
-        nearest, at, share = 0.25 * w * w, -1, 0.0
-        for i in range(n):
-            j = i + 1 if i + 1 < n else 0
-            ex, ey = px[j] - px[i], py[j] - py[i]
-            t = ((x - px[i]) * ex + (face - py[i]) * ey) / (ex * ex + ey * ey)
-            if 0.0 < t < 1.0:
-                gx, gy = x - px[i] - t * ex, face - py[i] - t * ey
-                if gx * gx + gy * gy < nearest:
-                    nearest, at, share = gx * gx + gy * gy, i, t
-        if at < 0:
+        at, depth = _corner_edge(px, py, n, x, face, up, near)
+        if at < 0 or not -skin < depth < 0.5 * w or m >= _MOST:
             continue
         j = at + 1 if at + 1 < n else 0
         ex, ey = px[j] - px[at], py[j] - py[at]
         length = math.hypot(ex, ey)
-        nx, ny = -ey / length, ex / length
-        qx, qy = px[at] + share * ex, py[at] + share * ey
-        depth = (x - qx) * nx + (face - qy) * ny
-        if depth <= -skin or ny * up <= 1e-6 or m >= _MOST:
-            continue
-        if depth > 0.0 and not _inside(px, py, n, x, face):
-            continue
-        c[m, 0], c[m, 1], c[m, 2], c[m, 3], c[m, 4], c[m, 5] = qx, qy, nx, ny, depth, up
+        c[m, 0], c[m, 1], c[m, 2], c[m, 3] = x, face - speed, -ey / length, ex / length
+        c[m, 4], c[m, 5] = depth, up
         m += 1
     return m
 
@@ -176,23 +204,33 @@ def _point_matrix(points, c, s, d, floor, w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _held(c, m, mu):  # type: ignore[no-untyped-def]
-    """Return whether two contacts across the jaws pass Nguyen's planar test (Nguyen 1988)."""
+def _held(c, lam, m, mu):  # type: ignore[no-untyped-def]
+    """Return whether two loaded contacts across the jaws pass Nguyen's planar test (Nguyen 1988).
+
+    Where a jaw is flush with an edge, the point of it opposite the other contact is one, too.
+    """
     cone = 1.0 / math.sqrt(1.0 + mu * mu) - 1e-6
     for p in range(m):
-        if c[p, 5] < 0.0:
+        if lam[p] <= 0.0:
             continue
+        left = right = c[p, 0]
+        for k in range(m):
+            # Contacts of one face with vertices have its normal; what is between them is flush.
+            if lam[k] > 0.0 and c[k, 5] == c[p, 5] and c[k, 2] == 0.0 and c[p, 2] == 0.0:
+                left, right = min(left, c[k, 0]), max(right, c[k, 0])
         for q in range(m):
-            if c[q, 5] > 0.0:
+            if lam[q] <= 0.0 or c[q, 5] == c[p, 5]:
                 continue
-            lx, ly = c[q, 0] - c[p, 0], c[q, 1] - c[p, 1]
-            length = math.hypot(lx, ly)
-            if length < 1e-12:
-                continue
-            first = (lx * c[p, 2] + ly * c[p, 3]) / length
-            second = -(lx * c[q, 2] + ly * c[q, 3]) / length
-            if first >= cone and second >= cone:
-                return True
+            for place in range(2):
+                x = c[p, 0] if place == 0 else min(max(c[q, 0], left), right)
+                lx, ly = c[q, 0] - x, c[q, 1] - c[p, 1]
+                length = math.hypot(lx, ly)
+                if length < 1e-12:
+                    continue
+                first = (lx * c[p, 2] + ly * c[p, 3]) / length
+                second = -(lx * c[q, 2] + ly * c[q, 3]) / length
+                if first >= cone and second >= cone:
+                    return True
     return False
 
 
@@ -247,14 +285,14 @@ def simulate_one(vx, vy, mx0, my0, grasp, w, mu, c2, diameter, step, points, bod
         c, s = math.cos(turn), math.sin(turn)
         for i in range(n):
             px[i], py[i] = c * bx[i] - s * by[i] + mx, s * bx[i] + c * by[i] + my
-        m = _jaw_contacts(px, py, n, lo, hi, face, 1.0, skin, contacts, 0)
+        up, down = (0.0, -step) if closing else (step, 0.0)
+        m = _jaw_contacts(px, py, n, lo, hi, face, 1.0, up, skin, contacts, 0)
         if closing:
-            m = _jaw_contacts(px, py, n, lo, hi, other, -1.0, skin, contacts, m)
+            m = _jaw_contacts(px, py, n, lo, hi, other, -1.0, down, skin, contacts, m)
         if m == 0:
             if closing or travel > 4.0 * step:
                 return LOST
             continue
-        up, down = (0.0, -step) if closing else (step, 0.0)
         for around in range(_POINT_ROUNDS if feet else 1):
             if feet:
                 _point_matrix(local, c, s, d, 1e-3 * step, mass)
@@ -289,10 +327,11 @@ def simulate_one(vx, vy, mx0, my0, grasp, w, mu, c2, diameter, step, points, bod
             continue
         if other <= face + step:
             return NOT_HELD
-        if first and second and deepest > 3.0 * step:
-            jammed += 1
-            if _held(contacts, m, mu):
+        if first and second:
+            # A part in force closure moves no more, so the first such contact decides.
+            if _held(contacts, lam, m, mu):
                 return CLOSED
+            jammed += deepest > 3.0 * step
             if jammed > _JAMMED_STEPS:
                 return NOT_HELD
     return NOT_HELD

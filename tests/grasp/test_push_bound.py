@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from grasp.push import PushTest, Tolerance, as_part, sample_grasps
+from grasp.push import PushTest, Tolerance, as_part, make_grasps, sample_grasps
 from grasp.push.parts import stand_in
 from grasp.push.quasistatic import NO_POINTS, simulate_on_points
 from grasp.push.trials import Trials
@@ -76,23 +78,22 @@ def accepted() -> dict[str, Pairs]:
     return {name: _accepted(name, 160) for name in NAMES}
 
 
+@pytest.mark.parametrize("step", [0.004, 0.002])
 def test_what_the_bound_accepts_closes_on_an_ellipsoidal_limit_surface(
-    accepted: dict[str, Pairs],
+    accepted: dict[str, Pairs], step: float
 ) -> None:
-    """At a step of .002 diameters .3 % may differ: contacts within a step of a jaw's end."""
-    total, missed, plain = 0, 0, 0
+    """.1 % may differ: parts that hardly turn either way, which a finer step decides."""
+    total, missed = 0, 0
     for pairs in accepted.values():
-        closed = _simulated(pairs, 0.002)
+        closed = _simulated(pairs, step)
         total += len(closed)
         missed += int((~closed).sum())
         for i in np.flatnonzero(~closed):
-            code = int(pairs[3][i])
             one = (pairs[0], pairs[1][i : i + 1], pairs[2][i : i + 1], pairs[3][i : i + 1])
             # A true counterexample would survive a finer simulation.
-            plain += code % 10 != 3 and code < 20 and not _simulated(one, 0.00025)[0]
+            assert _simulated(one, 0.00025)[0]
     assert total > 1000
-    assert missed <= 0.003 * total
-    assert plain == 0
+    assert missed <= 0.001 * total
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -106,7 +107,7 @@ def test_it_closes_on_every_support_of_three_points(accepted: dict[str, Pairs], 
         total += len(closed)
         missed += int((~closed).sum())
     assert total > 400
-    assert missed <= 0.005 * total
+    assert missed <= 0.003 * total
 
 
 def test_the_simulator_closes_more_than_the_bound_accepts() -> None:
@@ -126,3 +127,13 @@ def test_a_wrong_bound_would_be_found_out(accepted: dict[str, Pairs]) -> None:
     g, k = np.nonzero(codes < 0)
     pairs = (trials, g[:300], k[:300], codes[g, k][:300])
     assert (~_simulated(pairs, 0.004)).mean() > 0.3
+
+
+def test_a_flat_part_is_held_between_a_flush_jaw_and_its_tip() -> None:
+    """No end of the flush contact lies within the tip's friction cone; what is between does."""
+    part = as_part([(-3.0, 0.0), (3.0, 0.0), (0.1, 1.0)])
+    grasp = make_grasps([(-2.0, 0.0)], [(0.0, 1.0)], [0.0])
+    grasp = replace(grasp, left=np.array([True]))
+    for method in ("bound", "simulation"):
+        test = PushTest(4.0, method=method)  # type: ignore[arg-type]
+        assert Trials.of(part, grasp, test, Tolerance(0.0), 0)(0, 1)[0, 0] > 0
