@@ -59,19 +59,23 @@ def _figures(order: NDArray[np.intp], attempts: NDArray[np.int64]) -> dict[str, 
     """Return means over all meetings; the change has its interval over orders and objects."""
     by_object, is_late = _by_object(order, attempts)
     early, late = attempts[~_is_late_place(attempts)], attempts[_is_late_place(attempts)]
-    change = _late_less_early(by_object, is_late)
-    low, high = _over_orders_and_objects(by_object, is_late)
     return {
         "attempts": mean_interval(by_object.mean(axis=0)),
         "first_try": mean_interval((by_object == 1).mean(axis=0)),
         "never_held": float((attempts >= FAILED).mean()),
         "first_half": float(early.mean()) if len(early) else None,
         "second_half": float(late.mean()),
-        "second_less_first": {
-            "mean": None if np.isnan(change) else round(change, 4),
-            "interval95": [round(low, 4), round(high, 4)],
-        },
+        "second_less_first": _change(by_object, is_late),
     }
+
+
+def _change(attempts: NDArray[np.float64], is_late: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return how many attempts more objects take when they come late; None where none did both."""
+    change = _late_less_early(attempts, is_late)
+    if np.isnan(change):
+        return {"mean": None, "interval95": None}
+    low, high = _over_orders_and_objects(attempts, is_late)
+    return {"mean": round(change, 4), "interval95": [round(low, 4), round(high, 4)]}
 
 
 def _by_object(
@@ -121,8 +125,6 @@ def _over_orders_and_objects(
         drawn = np.concatenate([pairs[k] for k in rng.integers(0, len(pairs), len(pairs))])
         picked = np.ix_(drawn, rng.integers(0, n, n))
         values.append(_late_less_early(attempts[picked], is_late[picked]))
-    if np.isnan(values).all():
-        return float("nan"), float("nan")
     low, high = np.nanpercentile(values, [2.5, 97.5])
     return float(low), float(high)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,9 @@ def test_every_object_comes_late_as_often_as_early_so_a_hard_one_does_not_look_l
     halves = easy[:, 5:].sum() - easy[:, :5].sum()
     change = found["learners"][0]["second_less_first"]["mean"]
     assert change == pytest.approx(halves / 20, abs=1e-4)  # the hard one adds nothing
+    (once,) = summarise_learning(objects, [0], [learner])[0]["learners"]
+    assert once["second_less_first"] == {"mean": None, "interval95": None}
+    assert json.dumps(once, allow_nan=False)
 
 
 def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> None:
