@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from features.geometry import FloatArray
+from features.pose.nearest import nearest_grid
 from features.pose.symmetry import find_symmetries
 
 __all__ = ["PoseModel", "build_pose_model", "sample_mesh"]
@@ -95,7 +96,7 @@ class PoseModel:
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 cells, diameter = arrays["numbers"].tolist()
                 samples = arrays["samples"].astype(np.float32)
-                grid, corner, cell = _nearest_grid(samples[:, :3], diameter, int(cells))
+                grid, corner, cell = nearest_grid(samples[:, :3], _PAD * diameter, int(cells))
                 return cls(
                     arrays["centre"].astype(np.float64), samples, grid, corner, cell, diameter,
                     arrays["symmetries"].astype(np.float64),
@@ -163,7 +164,7 @@ def build_pose_model(
     order = rng.permutation(len(surface))
     chosen = surface[np.sort(order[:samples])].astype(np.float32)
     rest = surface[order[-800:], :3]
-    cells, corner, cell = _nearest_grid(chosen[:, :3], diameter, grid)
+    cells, corner, cell = nearest_grid(chosen[:, :3], _PAD * diameter, grid)
     turns, axes = find_symmetries(chosen[:, :3], rest, diameter)
     return PoseModel(centre, chosen, cells, corner, cell, diameter, turns, axes)
 
@@ -211,17 +212,3 @@ def _is_outside(surface: NDArray[np.float64]) -> NDArray[np.bool_]:
         seen += (nearness > nearest[number] - 1.2 * cell) & (normals @ towards > 0.5)
     # Once may be a gap between the samples of the wall in front.
     return seen > 1
-
-
-def _nearest_grid(
-    places: NDArray[np.float32], diameter: float, cells: int
-) -> tuple[NDArray[np.int16], NDArray[np.float64], float]:
-    """Return the number of the nearest sample for each cell of the padded box."""
-    low = places.min(axis=0).astype(np.float64) - _PAD * diameter
-    high = places.max(axis=0).astype(np.float64) + _PAD * diameter
-    cell = float((high - low).max()) / cells
-    shape = np.maximum(np.ceil((high - low) / cell - 1e-9).astype(int), 1)
-    axes = [low[i] + (np.arange(shape[i]) + 0.5) * cell for i in range(3)]
-    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    _, nearest = cKDTree(places).query(centres)
-    return nearest.reshape(shape).astype(np.int16), low, cell

@@ -17,6 +17,7 @@ _TURNS_DEG = (60, 72, 90, 120, 144, 180, 216, 240, 270, 288, 300)
 # A turn by 5 degrees of anything smooth passes; small angles are therefore never tested.
 _CONTINUOUS_DEG = tuple(range(30, 331, 15))
 _STEP_DEG = 5
+_FEW, _FAR_OFF = 100, 1.5
 _SLACK = 1.1
 _TOLERANCE = 0.002
 
@@ -41,6 +42,10 @@ def find_symmetries(
     bound = _SLACK * float(tree.query(probes)[0].mean()) + _TOLERANCE * diameter
 
     def holds(turn: NDArray[np.float64]) -> bool:
+        # Most turns are far off, which a few probes tell.
+        few = probes[:: max(len(probes) // _FEW, 1)]
+        if float(tree.query(few @ turn.T)[0].mean()) > _FAR_OFF * bound:
+            return False
         return float(tree.query(probes @ turn.T)[0].mean()) < bound
 
     turns = [np.eye(3)]

@@ -119,7 +119,7 @@ class GrownModels(Models):
             off[:3, :3] = rotation_about(axis / np.linalg.norm(axis), np.deg2rad(rng.normal()))
             off[:3, 3] = rng.normal(0, 0.002 / np.sqrt(3), 3)
             told = pose if model.is_empty else pose @ off
-            model, found = model.add(frame, object_from_camera=told, is_exact=True)
+            model, found = model.add(frame, object_from_camera=told, is_measured=True)
             joined += found is not None
         self.joined.append(joined / self._count)
         return model

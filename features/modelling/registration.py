@@ -1,0 +1,177 @@
+"""How a view comes to lie on what is known of its object.
+
+Points slide along a smooth surface, and a view of a round thing turns freely on its model: what the
+data leave open, the movement as it was told decides (a Gaussian prior on it, Thrun et al. 2005, 3).
+Without it the errors of views add up to several degrees; with it they stay those of the telling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from features.geometry import Frame
+from features.modelling.fusion import smoothed
+from features.pose.visibility import check_free_space
+
+__all__ = ["Registration", "Surface", "registered"]
+
+_MOST_SAMPLES, _MOST_LAID = 3000, 1500
+_CUTS_M = np.geomspace(0.008, 0.003, 10)
+_LEAST_FACING = 0.5
+_ESTIMATED = 1 / np.array([np.deg2rad(2.0)] * 3 + [0.010] * 3) ** 2
+_MEASURED = 1 / np.array([np.deg2rad(1.5)] * 3 + [0.003] * 3) ** 2
+"""Prior weights: of an estimate, about the object's middle; of a measurement, about the camera."""
+_NOISE_M, _INDEPENDENT = 0.002, 200
+"""Of depth; and how many of a view's points err independently: neighbours share their error."""
+_OVERLAP_M, _LEAST_OVERLAP = 0.004, 0.35
+_MOST_DRIFT_M, _MOST_DRIFT_RAD = 0.015, np.deg2rad(12.0)
+_MOST_VIOLATION, _LEAST_JUDGED = 0.12, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """How a view came to the model.
+
+    Parameters
+    ----------
+    object_from_camera : (4, 4) float64, m
+    how
+        ``first``, ``given``, ``keypoints`` or ``shape``.
+    overlap
+        Share of the view's points that lay on the model already.
+    violation
+        Share of the model's visible side that the view contradicts.
+    """
+
+    object_from_camera: NDArray[np.float64]
+    how: str
+    overlap: float
+    violation: float = 0.0
+
+
+class Surface:
+    """What views are laid on: the smoothed middle of a cloud (n, 6), at most 3,000 places of it."""
+
+    def __init__(self, cloud: NDArray[np.float32], weights: NDArray[np.float32]) -> None:
+        rows = smoothed(cloud, weights, _MOST_SAMPLES)
+        self.places, self.normals = rows[:, :3], rows[:, 3:]
+        self.tree = cKDTree(self.places)
+        self.centre = (self.places.min(axis=0) + self.places.max(axis=0)) / 2
+        nearest = self.tree.query(self.places[::5], k=2)[0][:, 1]
+        # Of points strewn at random, the nearest is half the square root of the area of each away.
+        self.spacing_m = float(2 * nearest.mean())
+
+
+def registered(
+    surface: Surface,
+    frame: Frame,
+    oriented: NDArray[np.float64],
+    object_from_camera: NDArray[np.float64],
+    how: str,
+    is_measured: bool = False,
+) -> Registration | None:
+    """Improve a movement, and refuse it when it drifts off or view and model contradict.
+
+    Parameters
+    ----------
+    frame
+        Depth outside its mask says where the object is not.
+    oriented : (n, 6) float64
+        The view's places (m, camera) and normals.
+    object_from_camera : (4, 4) float64
+        As it is known so far.
+    how
+        From where.
+    is_measured
+        It holds within about 1.5 degrees and 3 mm whatever the view shows: it need not show
+        anything known, and what hides known surface is taken for a side not seen before.
+    """
+    rng = np.random.default_rng(0)
+    few = oriented[np.sort(rng.permutation(len(oriented))[:_MOST_LAID])]
+    told = np.asarray(object_from_camera, np.float64)
+    pivot, prior = (told[:3, 3], _MEASURED) if is_measured else (surface.centre, _ESTIMATED)
+    pose = _laid_on(surface, few, told, pivot, prior)
+    turned, moved = np.split(_drift(pose, told, surface.centre), 2)
+    away, _ = surface.tree.query(few[:, :3] @ pose[:3, :3].T + pose[:3, 3])
+    overlap = float((away < _OVERLAP_M + surface.spacing_m).mean())
+    if (
+        (overlap < _LEAST_OVERLAP and not is_measured)
+        or float(np.linalg.norm(moved)) > _MOST_DRIFT_M
+        or float(np.linalg.norm(turned)) > _MOST_DRIFT_RAD
+    ):
+        return None
+    violation = _violation(surface, frame, pose, not is_measured)
+    return None if violation > _MOST_VIOLATION else Registration(pose, how, overlap, violation)
+
+
+def _laid_on(
+    surface: Surface,
+    few: NDArray[np.float64],
+    told: NDArray[np.float64],
+    pivot: NDArray[np.float64],
+    prior: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the most probable movement (4, 4), given the points and what was told.
+
+    Point-to-plane ICP, the allowed distance falling; a step turns about the pivot and shifts it,
+    and ``prior`` (6,) weighs turns and shifts away from what was told.
+    """
+    pose = told
+    trust = _INDEPENDENT / len(few) / _NOISE_M**2
+    for cut in _CUTS_M.tolist():
+        places = few[:, :3] @ pose[:3, :3].T + pose[:3, 3]
+        away, rows = surface.tree.query(places)
+        normals = surface.normals[rows]
+        facing = np.einsum("ni,ni->n", few[:, 3:] @ pose[:3, :3].T, normals)
+        weight = trust * np.where(facing > _LEAST_FACING, facing, 0) / (1 + (away / cut) ** 2) ** 2
+        across = np.einsum("ni,ni->n", places - surface.places[rows], normals)
+        lever = np.hstack([np.cross(places - pivot, normals), normals])
+        weighted = (lever * weight[:, None]).T
+        step = np.linalg.solve(
+            weighted @ lever + np.diag(prior),
+            -weighted @ across - prior * _drift(pose, told, pivot),
+        )
+        change = np.eye(4)
+        change[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix()
+        change[:3, 3] = pivot + step[3:] - change[:3, :3] @ pivot
+        pose = change @ pose
+    return pose
+
+
+def _drift(
+    pose: NDArray[np.float64], told: NDArray[np.float64], pivot: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return turn (rotation vector) and shift of the pivot from one movement to the other, (6,)."""
+    drift = pose @ np.linalg.inv(told)
+    turn = Rotation.from_matrix(drift[:3, :3]).as_rotvec()
+    return np.concatenate([turn, drift[:3, :3] @ pivot + drift[:3, 3] - pivot])
+
+
+def _violation(
+    surface: Surface, frame: Frame, object_from_camera: NDArray[np.float64], counts_hidden: bool
+) -> float:
+    """Return the share of the model's visible side that a view contradicts.
+
+    It looked through it or, where ``counts_hidden``, the object's own surface lies in front. Of a
+    shell seen from behind only a ragged rim shows, which says little: the share is one of a
+    quarter of the surface at least.
+    """
+    pose = np.linalg.inv(object_from_camera)
+    lens = frame.intrinsics
+    own = frame.object_mask() & (frame.depth_m > 0) & counts_hidden
+    sight = check_free_space(
+        np.hstack([surface.places - surface.centre, surface.normals]).astype(np.float32),
+        np.ascontiguousarray(pose[None, :3, :3]),
+        (pose[:3, :3] @ surface.centre + pose[:3, 3])[None],
+        np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32),
+        own,
+        (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0),
+        surface.spacing_m,
+    )
+    judged = max(float(sight.agreeing[0] + sight.violating[0]), _LEAST_JUDGED * len(surface.places))
+    return float(sight.violating[0]) / judged
