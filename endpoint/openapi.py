@@ -141,7 +141,7 @@ def _operation(name: str, operation: Any, schemas: JsonObject) -> JsonObject:
             **_problems(_OPERATION_PROBLEMS),
         },
     }
-    if operation.scope == "write" or name == "teach_object":
+    if operation.scope == "write" or name in ("teach_object", "curate_object"):
         described["parameters"] = [_IDEMPOTENCY_KEY]
     return described
 

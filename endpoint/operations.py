@@ -47,7 +47,9 @@ def plan_operation(
     args = keys.read(request, name, caller.name, _json_object(request))
 
     def run() -> Response:
-        answer = engine.call(name, args, caller.access)
+        answer = keys.once(
+            request, name, caller.name, lambda: engine.call(name, args, caller.access)
+        )
         return Response(200, json.dumps(answer, allow_nan=False).encode(), JSON_TYPE)
 
     return Plan(run)

@@ -91,4 +91,5 @@ def name_it() -> WerkzeugResponse:
         if form.get(given, "").strip():
             told[field] = form[given].strip()
     answer = carry_out("teach_object", told)
-    return back_to("/object", {"iri": told["object"], "done": answer["commit"]}, told)
+    done = {"done": answer["commit"]} if answer["commit"] else {}
+    return back_to("/object", {"iri": told["object"], **done}, told)

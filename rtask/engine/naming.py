@@ -85,8 +85,7 @@ def _withdraw_kinds(engine: Engine, edit: Edit, thing: NamedNode) -> None:
     """Withdraw the kinds that an object is said to be of, with what is said about that."""
     kinds = {q.object for q in edit.match(thing, RDF.type)} - {RT.ManipulableObject}
     kinds = {k for k in kinds if isinstance(k, NamedNode) and k.value in engine.classes.all()}
-    for kind in kinds:
-        edit.remove(edit.match(thing, RDF.type, kind))
+    edit.remove(quad for quad in edit.match(thing, RDF.type) if quad.object in kinds)
     for quad in edit.match(None, RDF.reifies, None):
         said = quad.object
         if isinstance(said, Triple) and said.subject == thing and said.object in kinds:

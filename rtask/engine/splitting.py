@@ -201,10 +201,10 @@ def _recount(
     for link in edit.match(None, RT.statisticsOf, grasp):
         assert isinstance(link.subject, NamedNode)
         edit.remove(edit.match(link.subject))
-    for (owner, robot, gripper_type), (held, tried) in totals.items():
-        if tried:
+    for (owner, robot, gripper_type), (successes, tries) in totals.items():
+        if tries:
             facts, node = Facts(), statistics_of(engine, owner, robot)
-            state(facts, node, owner, gripper_type, robot, held, tried)
+            state(facts, node, owner, gripper_type, robot, successes, tries)
             edit.state(facts, engine.kb.graphs.agent(tail(robot)))
 
 

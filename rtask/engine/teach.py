@@ -88,7 +88,8 @@ def _name(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, 
     author = author_of(engine, request["operator"], access)
     with engine.writing:
         thing = known_object(engine, request["object"], "object")
-        commit = name_object(engine, thing, request["class_description"], request["name"], author)
+        done = name_object(engine, thing, request["class_description"], request["name"], author)
+    commit = engine.commit_id(done) if done.added or done.removed else ""
     known = recall(engine.kb, Question(objects=(thing.value,))).objects[thing.value]
     entry = {
         "object": thing.value,
@@ -99,13 +100,13 @@ def _name(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, 
         "view": "",
         "new": False,
         "features": 0,
-        "commit": engine.commit_id(commit),
+        "commit": commit,
     }
     return {
         "similar_objects": [],
         "suggestions": [],
-        "stored": 1,
-        "commit": engine.commit_id(commit),
+        "stored": int(bool(commit)),
+        "commit": commit,
         "objects": [entry],
     }
 

@@ -118,10 +118,10 @@ def _refuse_moved_on(engine: Engine, edit: Edit, seq: int) -> None:
 
 def _in_the_way(engine: Engine, thing: NamedNode, seq: int) -> ConflictError:
     """Return the error that names the last commit about a thing since then."""
+    history = engine.kb.history
     since = [
         entry
-        for about in ({"subject": thing}, {"value": thing})
-        for entry in engine.kb.history(since=seq, **about)
+        for entry in (*history(thing, since=seq), *history(value=thing, since=seq))
         if (entry.note or "").startswith(NOTE)
     ]
     last = max(since, key=lambda entry: entry.seq, default=None)
@@ -163,11 +163,12 @@ def _tries_go_along(engine: Engine, edit: Edit) -> None:
 SELECT DISTINCT ?task ?grasp WHERE {{ VALUES ?grasp {{ {values(grasps)} }}
   ?attempt rt:executesGrasp ?grasp . ?task rt:through ?attempt }}""")
     for row in rows:
-        task, thing = row["task"], owner[row["grasp"]]
+        task, grasp = row["task"], row["grasp"]
         assert isinstance(task, NamedNode)
+        assert isinstance(grasp, NamedNode)
         for quad in edit.match(task, RT.handles):
             if quad not in edit.removed:
-                edit.replace(quad, Quad(task, RT.handles, thing, quad.graph_name))
+                edit.replace(quad, Quad(task, RT.handles, owner[grasp], quad.graph_name))
 
 
 def _grown_since(edit: Edit) -> set[NamedNode]:
@@ -203,5 +204,6 @@ def _posed_after(edit: Edit, thing: NamedNode) -> list[tuple[str, NDArray[np.flo
             said = {q.predicate: q.object for q in edit.after(link.object)}
             if all(number in said for number in _NUMBERS):
                 seven = np.array([float(str(python_value(said[p]))) for p in _NUMBERS])
-                found.append((view.value, matrix_from_pose(seven[:3], seven[3:])))
+                pose = matrix_from_pose(seven[:3], seven[3:])
+                found.append((view.value, np.asarray(pose, dtype=np.float64)))
     return found
