@@ -118,7 +118,7 @@ def _last(kb: KnowledgeBase) -> int:
     return max(numbers, default=0)
 
 
-def _die_at(call: int) -> None:
+def die_at(call: int) -> None:
     """Kill this process before (even) or behind (odd) a certain operation on a file or store."""
     lock, done = threading.Lock(), 0
 
@@ -154,7 +154,7 @@ def _obey(order: dict[str, Any]) -> None:
         try:
             writer = Writer(Path(order["folder"]), acks)
             if order["at"] == "call":
-                _die_at(int(order["calls"]))
+                die_at(int(order["calls"]))
             writer.run(order["work"])
         finally:
             os._exit(1)
