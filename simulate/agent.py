@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ __all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
 log = logging.getLogger(__name__)
 
 _CONFIDENT = 0.9
+_STANCES: tuple[Literal["own", "other"], ...] = ("own", "other")
 
 
 @dataclass(frozen=True)
@@ -307,8 +308,8 @@ class Agent:
         first: dict[str, Any] | None = None
         best: _Planning | None = None
         reason = "no_grasp"
-        for as_it_stands, (rank, grasp) in product((True, False), grasps):
-            request = grasp_request(thing, grasp, view.table_height, as_it_stands)
+        for stances, (rank, grasp) in product(_STANCES, grasps):
+            request = grasp_request(thing, grasp, view.table_height, stances)
             planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
             ranked = {**grasp, "rank": rank + 1}
             if not isinstance(planned, str):

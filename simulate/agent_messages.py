@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,9 @@ def neighbour_points(thing: Thing, view: Perceived) -> list[list[float]]:
     return [[round(float(x), 4) for x in point] for point in near[::step]]
 
 
-def grasp_request(thing: Thing, grasp: dict[str, Any], table: float) -> GraspRequest:
+def grasp_request(
+    thing: Thing, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
+) -> GraspRequest:
     shape = thing.seen.shape
     return GraspRequest(
         x=float(grasp["x"]),
@@ -57,6 +59,7 @@ def grasp_request(thing: Thing, grasp: dict[str, Any], table: float) -> GraspReq
         table_height=table,
         arm="auto",
         round=shape.is_round,
+        stances=stances,
     )
 
 

@@ -18,6 +18,7 @@ from simulate.arm_space import SPEED
 from simulate.grasp_record import GraspRecord
 from simulate.grasp_rules import PlannedGrasp
 from simulate.placing import PlacePlan, PlaceSpot, plan_place
+from simulate.stance import UPRIGHT
 from simulate.success import MIN_LINKS, ObjectState, held_reason, is_placed, lies_at
 from simulate.trajectory import Trajectory, time_path
 
@@ -92,6 +93,7 @@ class Execution:
             does not open as planned: then the arm is at home.
         """
         self._start_at_home()
+        self.robot.take_stance(self.plan.stance)
         self.robot.move_fingers(self.arm, self.plan.opening, self._hand.open_effort)
         arrived = self._follow(self.plan.free)
         opens = abs(self.robot.finger_opening(self.arm) - self.plan.opening) < _OFF_OPENING
@@ -175,7 +177,7 @@ class Execution:
         self, spot: PlaceSpot, is_there: Callable[[ObjectState], bool], wanted: Floats
     ) -> str:
         start = self.plan.lift.positions[-1]
-        way = plan_place(self.executor.space, self.plan, start, spot)
+        way = plan_place(self.executor.space_of(self.plan.stance), self.plan, start, spot)
         if isinstance(way, str):
             self.put_back()
             self.place_reason = way
@@ -198,6 +200,7 @@ class Execution:
         self._end("place")
         self._follow(way.retreat)
         self.robot.rest_hand(self.arm)
+        self.robot.take_stance(UPRIGHT)
         self._steps(_REST_S - (self.world.time - self._phase_started))
 
     # -- ways back -------------------------------------------------------------------------
@@ -206,6 +209,7 @@ class Execution:
         self._follow(_reverse(self.plan.free, 1.0))
         self._start_at_home()
         self.robot.rest_hand(self.arm)
+        self.robot.take_stance(UPRIGHT)
         self._end("home")
 
     def _start_at_home(self) -> None:

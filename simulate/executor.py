@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +16,7 @@ from simulate.execution import Execution
 from simulate.grasp_planning import GraspPlanner
 from simulate.grasp_record import GraspRecord
 from simulate.grasp_rules import GraspRequest, PlannedGrasp
+from simulate.stance import UPRIGHT, standing
 
 if TYPE_CHECKING:
     from simulate.robot_body import RobotBody
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp"]
 
 Floats = NDArray[np.float64]
+
+_ANY_STANCE = frozenset({"too_heavy", "too_wide"})
 
 
 class Executor:
@@ -46,8 +51,10 @@ class Executor:
             for box in world.place_boxes.values()
             for centre, size in box.walls()
         ]
+        self._furniture = walls
         self.space = ArmSpace(robot.description, walls)
         self.planner = GraspPlanner(self.space)
+        self._planners = {UPRIGHT: self.planner}
         self._placed_before = dict.fromkeys(world.place_boxes, 0)
 
     def plan(
@@ -56,7 +63,7 @@ class Executor:
         obstacles: Sequence[Obstacle | Floats] = (),
         seed: int = 0,
     ) -> PlannedGrasp | str:
-        """Plan a grasp.
+        """Plan a grasp as the robot stands, else in one of its other stances.
 
         Parameters
         ----------
@@ -73,13 +80,33 @@ class Executor:
         PlannedGrasp or str
             The plan, or the reason code why there is none.
         """
+        started = time.process_time()
         boxes = []
         for thing in obstacles:
             if isinstance(thing, Obstacle):
                 boxes.append(thing)
             elif len(thing):
                 boxes.append(Obstacle.around("neighbour", thing, request.table_height))
-        return self.planner.plan(request, boxes, seed)
+        planned: PlannedGrasp | str = "ik"
+        if request.stances != "other":
+            planned = self.planner.plan(request, boxes, seed)
+        if not isinstance(planned, str) or request.stances == "own" or planned in _ANY_STANCE:
+            return planned
+        for stance in self.robot.described.stances:
+            leaning = self._planner(stance).plan(request, boxes, seed)
+            if not isinstance(leaning, str):
+                return replace(leaning, planning_s=time.process_time() - started)
+        return planned
+
+    def space_of(self, stance: str) -> ArmSpace:
+        """Return where the arms can go in a stance."""
+        return self._planner(stance).space
+
+    def _planner(self, stance: str) -> GraspPlanner:
+        if stance not in self._planners:
+            space = ArmSpace(standing(self.robot.described, stance), self._furniture)
+            self._planners[stance] = GraspPlanner(space, stance)
+        return self._planners[stance]
 
     def execute(
         self,

@@ -21,6 +21,7 @@ from simulate.grasp_candidates import (
 from simulate.grasp_rules import GraspRequest, PlannedGrasp
 from simulate.hand_rules import rules_for
 from simulate.kinematics import Chain, follow_line
+from simulate.stance import UPRIGHT, balance_margin
 from simulate.trajectory import CARRYING_ACCELERATION, time_path
 
 __all__ = ["REASONS", "GraspPlanner"]
@@ -74,20 +75,26 @@ _LIFTING: Mapping[tuple[str, str], float] = {
     ("target", "finger"): np.inf,
     ("target", "palm"): np.inf,
 }
+_BALANCED_M = 0.010
+"""Of the centre of mass inside the edge of the feet: the hand goes on moving by some cm."""
 
 
 class GraspPlanner:
-    """Plans grasps of one robot from its arms' homes.
+    """Plans grasps of one robot in one stance, from its arms' homes.
 
     Parameters
     ----------
     space
         Where its arms can go.
+    stance
+        Name of it. One that is not the robot's own must leave all arms free at home, and the
+        robot on its feet, wherever the arm goes.
     """
 
-    def __init__(self, space: ArmSpace) -> None:
+    def __init__(self, space: ArmSpace, stance: str = UPRIGHT) -> None:
         self.space = space
         self.robot = space.robot
+        self.stance = stance
 
     def plan(
         self, request: GraspRequest, obstacles: Sequence[Obstacle], seed: int
@@ -122,11 +129,15 @@ class GraspPlanner:
             return "too_heavy"
         if request.width > parts.mouth:
             return "too_wide"
+        if self.stance and not self._is_home_free(request, obstacles):
+            return "rrt_start"
         around = self.space.surroundings(arm, request.table_height, obstacles)
         with_target = around.with_obstacles([target_obstacle(request)])
         candidates = find_candidates(self.space, arm, request, with_target, seed)
         rules = rules_for(parts)
         steep = [c for c in candidates if c.tilt <= rules.largest_tilt(request)]
+        if self.stance:
+            steep = [c for c in steep if self._balances(arm, request, c)]
         best = most_promising([c for c in steep if not c.collides], request, rules)
         reason = "grasp_collision" if steep else "tilt" if candidates else "ik"
         for retreats in (_BACKWARDS, _SIDEWAYS, _SWEEPING):
@@ -136,6 +147,30 @@ class GraspPlanner:
                     return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
                 reason = max(reason, planned, key=REASONS.index)
         return reason
+
+    def _is_home_free(self, request: GraspRequest, obstacles: tuple[Obstacle, ...]) -> bool:
+        """Tell whether every arm can be at home in this stance."""
+        everything = (*obstacles, target_obstacle(request))
+        for name, parts in self.robot.arms.items():
+            around = self.space.surroundings(name, request.table_height, everything)
+            spheres = self.space.spheres(name, 1.0)
+            home = np.array(parts.home)[None]
+            if spheres.clearances(home, around, spheres.slack(around, ALLOWED))[0] < 0:
+                return False
+        return True
+
+    def _balances(self, arm: str, request: GraspRequest, candidate: Candidate) -> bool:
+        """Tell whether the robot stays on its feet in a posture at the object."""
+        homes = {
+            joint: value
+            for parts in self.robot.arms.values()
+            for joint, value in zip(parts.joints, parts.home, strict=True)
+        }
+        chain = self.space.chains[arm]
+        values = {**homes, **dict(zip(chain.names, candidate.posture, strict=True))}
+        _, tool = chain.tool_poses(candidate.posture[None])
+        margin = balance_margin(self.robot, values, request.mass or 0.0, tool[0])
+        return margin >= _BALANCED_M
 
     def _complete(
         self,
@@ -177,6 +212,7 @@ class GraspPlanner:
             ik_solutions=0,
             planning_s=0.0,
             seed=seed,
+            stance=self.stance,
         )
 
     def _approach(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,8 @@ class GraspRequest:
         Of the tool at the grasp, m.
     only_theta
         Close along theta and no other direction, even where another would do.
+    stances
+        ``own``: as the robot stands; ``other``: in another stance; ``any``: that where it must.
     """
 
     x: float
@@ -77,6 +80,7 @@ class GraspRequest:
     mass: float | None = None
     position_tolerance: float = 0.0015
     only_theta: bool = False
+    stances: Literal["any", "own", "other"] = "any"
 
     @property
     def is_tall(self) -> bool:
@@ -139,6 +143,8 @@ class PlannedGrasp:
         CPU seconds.
     seed
         Of the planner; carried into transport.
+    stance
+        That the robot takes for it; empty = as it stands.
     """
 
     request: GraspRequest
@@ -155,6 +161,7 @@ class PlannedGrasp:
     ik_solutions: int
     planning_s: float
     seed: int
+    stance: str = ""
 
     @property
     def is_doubtful(self) -> bool:

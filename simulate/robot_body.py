@@ -16,7 +16,15 @@ from features.geometry import Intrinsics
 from rtask.errors import RobotError
 from simulate.collision import link_poses
 from simulate.kinematics import Chain
-from simulate.robots.description import Arm, CameraMount, RobotDescription, transform_from
+from simulate.robots.description import (
+    Arm,
+    CameraMount,
+    Pose,
+    RobotDescription,
+    Stance,
+    transform_from,
+)
+from simulate.stance import UPRIGHT, on_moving_legs, stance_of, standing
 
 if TYPE_CHECKING:
     from simulate.world import World
@@ -28,6 +36,9 @@ Floats = NDArray[np.float64]
 _ARM_GAINS = (0.5, 1.0)
 _FINGER_GAINS = (0.3, 1.0)
 _HEAD_FORCE = 2.0
+_LEG_FORCE = 100.0
+"""N m: the feet stand on nothing in this world, so the hips only have to keep the legs in place."""
+_STANCE_TICK_S = 0.02
 REST_OPENING = 0.95
 """Of an idle hand: eight fingers that lean on their limits cost a quarter of the physics."""
 _REST_EFFORT = 0.7
@@ -63,17 +74,22 @@ class RobotBody:
         self, world: World, description: RobotDescription, world_from_base: Floats | None = None
     ) -> None:
         self.world = world
-        self.description = description
+        self.described = self.description = description
+        self.stance = UPRIGHT
         self.base_frame = description.base_frame
         self.world_from_base = np.eye(4) if world_from_base is None else world_from_base
         self.arms: Mapping[str, Arm] = description.arms
         self.chains = {name: Chain.of(description, name) for name in description.arms}
         self._client: Any = world.client
-        self.body = world.load_urdf(description.welded(), self.world_from_base)
+        self._head = self._head_joints()
+        self._legs: RobotDescription | None = None
+        self._load(description)
+        self._set_up()
+
+    def _load(self, description: RobotDescription) -> None:
+        self.body = self.world.load_urdf(description.welded(), self.world_from_base)
         self.joint_index, self.link_index = self._indices()
         self.hand_links = {name: self._hand_links(arm) for name, arm in self.arms.items()}
-        self._head = self._head_joints()
-        self._set_up()
 
     def _indices(self) -> tuple[dict[str, int], dict[str, int]]:
         joints, links = {}, {}
@@ -106,6 +122,58 @@ class RobotBody:
                 self._client.resetJointState(self.body, index, REST_OPENING * arm.finger_range)
             self.rest_hand(arm.name)
         self.set_head(np.zeros(len(self._head)))
+
+    # -- stance -----------------------------------------------------------------------------
+
+    def take_stance(self, name: str, seconds: float = 1.0) -> None:
+        """Lean, or stand as described; hands should be empty and arms at home.
+
+        The legs follow without physics: the feet stay where they are, and nothing else hangs on
+        them. They are welded until the first stance is taken, since joints cost time.
+        """
+        if name == self.stance:
+            return
+        if self._legs is None:
+            self._let_legs_move()
+        before, after = stance_of(self.described, self.stance), stance_of(self.described, name)
+        ticks = max(round(seconds / _STANCE_TICK_S), 1)
+        for tick in range(1, ticks + 1):
+            share = 0.5 - 0.5 * np.cos(np.pi * tick / ticks)
+            self._stand_between(before, after, float(share))
+            self.world.step(seconds / ticks)
+        self.stance = name
+        self.description = standing(self.described, name)
+        self.chains = {arm: Chain.of(self.description, arm) for arm in self.arms}
+
+    def _let_legs_move(self) -> None:
+        """Load the robot anew with legs that move, as it is now."""
+        arms = {name: self.arm_joints(name) for name in self.arms}
+        self._legs = on_moving_legs(self.described)
+        self._client.removeBody(self.body)
+        self._load(self._legs)
+        self._set_up()
+        for name, q in arms.items():
+            self.reset_arm(name, q)
+
+    def _stand_between(self, before: Stance, after: Stance, share: float) -> None:
+        """Put the root and the joints of the legs on the way from one stance to another."""
+        poses = [np.array([s.base_from_root.xyz, s.base_from_root.rpy]) for s in (before, after)]
+        xyz, rpy = (1 - share) * poses[0] + share * poses[1]
+        root = self.world_from_base @ transform_from(tuple(xyz), tuple(rpy))
+        pose = Pose.of(root)
+        client = self._client
+        inertial = client.getDynamicsInfo(self.body, -1)
+        at, turn = client.multiplyTransforms(
+            pose.xyz, client.getQuaternionFromEuler(pose.rpy), inertial[3], inertial[4]
+        )
+        client.resetBasePositionAndOrientation(self.body, at, turn)
+        for joint in {**before.joints, **after.joints}:
+            value = (1 - share) * before.joints.get(joint, 0.0) + share * after.joints.get(joint, 0)
+            index = self.joint_index[joint]
+            client.resetJointState(self.body, index, value)
+            client.setJointMotorControl2(
+                self.body, index, client.POSITION_CONTROL, targetPosition=value, force=_LEG_FORCE
+            )
 
     # -- arms -------------------------------------------------------------------------------
 

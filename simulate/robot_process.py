@@ -15,11 +15,12 @@ import tempfile
 import threading
 import time
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import rtask
-from rtask.errors import RtaskError
-from simulate.agent import Agent, AgentConfig, Server
+from rtask.client import Client
+from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
+from simulate.agent import Agent, AgentConfig
 from simulate.camera import Lighting
 from simulate.encounter import Encounter
 from simulate.job import Job
@@ -31,10 +32,11 @@ from simulate.scoring import Judge
 from simulate.simulated_body import Conditions, SimulatedBody
 from simulate.streams import stream
 
-__all__ = ["body_of", "main"]
+__all__ = ["Persistent", "Voice", "body_of", "main"]
 
 # Streams of random numbers, one a purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
+_FIRST_CALL_S, _CALL_S, _PATIENCE_S = 30.0, 120.0, 900.0
 
 
 def body_of(job: Job, assets: Path) -> SimulatedBody:
@@ -64,6 +66,58 @@ class Voice:
         self._stream.flush()
 
 
+class Persistent:
+    """A server that is asked until it answers; what it is told is stored once all the same.
+
+    Every time it does not answer, ``waiting`` is said: whoever listens knows whether the server
+    is gone or slow.
+
+    Parameters
+    ----------
+    client
+        With an outbox.
+    tell
+        Told what is waited for.
+    patience_s
+        Of one question, before its error is raised.
+    """
+
+    def __init__(self, client: Client, tell: Voice, patience_s: float = _PATIENCE_S) -> None:
+        self._client, self._tell, self._patience_s = client, tell, patience_s
+
+    def register_robot(self, **request: Any) -> dict[str, Any]:
+        """Introduce the robot."""
+        return self._told("register_robot", request)
+
+    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
+        """Ask which object this is and which grasps to try."""
+        return self._told("recognise_for_grasp", request)
+
+    def insert_object(self, **request: Any) -> dict[str, Any]:
+        """Tell what was seen, and what came of grasping it."""
+        return self._told("insert_object", request)
+
+    def report_outcome(self, **request: Any) -> dict[str, Any]:
+        """Tell what came of a grasp."""
+        return self._told("report_outcome", request)
+
+    def _told(self, operation: str, request: dict[str, Any]) -> dict[str, Any]:
+        deadline = time.monotonic() + self._patience_s
+        call_s = _FIRST_CALL_S
+        while True:
+            try:
+                if call_s > _FIRST_CALL_S:
+                    self._client.deliver()  # what was told in vain goes first, from the outbox
+                return self._client.call(operation, call_s, **request)
+            except (RemoteUnavailableError, CallFailedError) as error:
+                # A busy server says so (503), or that its own time for the call ran out (504).
+                away = isinstance(error, RemoteUnavailableError) or error.details.get("may_change")
+                if not away or time.monotonic() > deadline:
+                    raise
+            call_s = _CALL_S
+            self._tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
+
+
 def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
     """Connect, introduce the robot, clear the table, tell what came of it."""
     judge = Judge(body)
@@ -73,8 +127,9 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
         first_sight[encounter.number] = judge.body_under(seen)
 
     token = os.environ.get("RTASK_TOKEN")
-    with rtask.connect(job.url, token=token, outbox=Path(job.outbox)) as client:
-        client.call("register_robot", **body.robot.describe(job.name))
+    with rtask.connect(job.url, token=token, timeout_s=_CALL_S, outbox=Path(job.outbox)) as client:
+        server = Persistent(client, tell)
+        server.register_robot(**body.robot.describe(job.name))
         in_reach = judge.in_reach()
         tell("ready", {"objects": len(body.laid), "in_reach": sum(in_reach.values())})
         if sys.stdin.readline().strip() != "go":
@@ -82,7 +137,7 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
         threading.Thread(target=_end_with_parent, daemon=True).start()
         started = time.perf_counter()
         config = AgentConfig(max_attempts=job.max_attempts, seed=_mixed(job))
-        agent = Agent(body, cast(Server, client), config, on_event=tell, on_sight=on_sight)
+        agent = Agent(body, server, config, on_event=tell, on_sight=on_sight)
         met = agent.clear_table()
         seconds = time.perf_counter() - started
     tell(

@@ -74,4 +74,6 @@ def _sentence(event: dict[str, Any]) -> str:
         result = "held" + (" and placed" if event["placed"] else ", not placed")
         said = result if event["held"] else f"failed: {event['reason']}"
         return f"object {event['object']}, attempt {event['number']} ({event['source']}): {said}"
+    if name == "waiting":
+        return "no answer yet; asking again"
     return ""

@@ -94,7 +94,7 @@ class Demo:
             stack.callback(endpoint.stop)
             self.console.step(f"endpoint at {endpoint.url}; starting {self.settings.robots} robots")
             robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
-            done = [self._watch(robot) for robot in robots]
+            done = [self._watch(robot, endpoint) for robot in robots]
             answers = [ask(endpoint.url, question) for question in QUESTIONS]
             table = rows(done)
             result = summary(
@@ -169,7 +169,7 @@ class Demo:
         stack.callback(robot.stop)
         return robot
 
-    def _watch(self, robot: Robot) -> dict[str, Any]:
+    def _watch(self, robot: Robot, endpoint: Endpoint) -> dict[str, Any]:
         """Let one robot clear its table and return what it did, scored."""
         for event in robot.events():
             if event["event"] == "ready":
@@ -182,6 +182,12 @@ class Demo:
                 scored = self._score(event)
                 self._remember(self.settings.data)
                 return scored
+            elif event["event"] == "waiting" and endpoint.process.poll() is not None:
+                raise RtaskError(
+                    f"{robot.name} waits for an endpoint that went away "
+                    f"({endpoint.complaint()}); what it had to tell is kept in "
+                    f"{self.settings.data / _OUTBOX} and goes out with the next run with --keep"
+                )
             else:
                 self.console.event(robot.name, event)
         raise RtaskError(f"{robot.name} ended without a result")

@@ -26,7 +26,8 @@ from rtask.errors import RobotError, RtaskError
 __all__ = ["Endpoint", "MemberProcess", "Robot", "run_rtask"]
 
 _PR_SET_PDEATHSIG = 1
-_READY_TIMEOUT_S = 120.0
+_READY_TIMEOUT_S = 600.0
+_SILENCE_S = 600.0
 _STOP_TIMEOUT_S = 20.0
 
 
@@ -168,7 +169,7 @@ class _Worker(_Child):
             self.process.stdin.write("go\n")
             self.process.stdin.flush()
 
-    def events(self, timeout_s: float = 180.0) -> Iterator[dict[str, Any]]:
+    def events(self, timeout_s: float = _SILENCE_S) -> Iterator[dict[str, Any]]:
         """Yield the robot's events up to and including ``done``.
 
         Raises

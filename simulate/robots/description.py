@@ -281,10 +281,20 @@ class Workplace:
 
 
 @dataclass(frozen=True)
+class Stance:
+    """Another way to stand: where the root link is then, and the joints (rad) that make it so."""
+
+    base_from_root: Pose
+    joints: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """A robot: a tree of links, with arms and cameras named on it.
 
     ``base_from_root`` is where the root link is when the robot stands on z = 0 of its base frame.
+    ``support`` holds the corners (x, y) m of what its feet cover, counter-clockwise; empty for one
+    that is bolted down. ``stances`` are other ways to stand, the nearest to this one first.
     """
 
     name: str
@@ -298,6 +308,8 @@ class RobotDescription:
     model: str = ""
     base_frame: str = "base_footprint"
     workplace: Workplace = Workplace()
+    stances: Mapping[str, Stance] = field(default_factory=dict)
+    support: tuple[tuple[float, float], ...] = ()
 
     def joint(self, name: str) -> Joint:
         """Return the joint of a name."""

@@ -24,6 +24,7 @@ from simulate.robots.description import (
     Pose,
     RobotDescription,
     Shape,
+    Stance,
     Workplace,
 )
 
@@ -41,6 +42,8 @@ PHALANX_MASS = 0.002
 """kg; the published 2 mg against a hand of 185 g is a ratio that no iterative solver likes."""
 LEAN = 0.2
 """rad, of a Nao that leans over its table: its hands reach a fifth more of it."""
+LEANS = (0.2, 0.4)
+"""rad, that an upright one takes for what it cannot reach otherwise."""
 CAMERA_MASS = 0.05
 CAMERA_TILT = 0.70
 """rad; HeadPitch alone ends at 29.5 deg and would leave the table below the image."""
@@ -108,6 +111,8 @@ def describe_nao(
         workplace=_within_reach(lean),
         frames=_frames(),
         model="Aldebaran NAO H25 V5",
+        stances={} if lean or legs != "fixed" else _stances(),
+        support=_feet(),
     )
 
 
@@ -146,6 +151,21 @@ def _leaning(lean: float) -> Pose:
     hips = facts.LEG_JOINTS["HipYawPitch"][2][2]
     x, z = -hips * math.sin(lean), facts.TORSO_HEIGHT + hips - hips * math.cos(lean)
     return Pose((x, 0.0, z), (0.0, lean, 0.0))
+
+
+def _stances() -> dict[str, Stance]:
+    """Return the postures that lean forward on flat feet."""
+    hips = ("LHipPitch", "RHipPitch")
+    return {f"lean {a:g}": Stance(_leaning(a), dict.fromkeys(hips, -a)) for a in LEANS}
+
+
+def _feet() -> tuple[tuple[float, float], ...]:
+    """Return what the force sensors of both soles enclose: the feet stand below the hips."""
+    apart = facts.LEG_JOINTS["HipYawPitch"][2][1]
+    front = min(facts.FORCE_SENSORS_LEFT_FOOT[name][0] for name in ("FsrFL", "FsrFR"))
+    rear = max(facts.FORCE_SENSORS_LEFT_FOOT[name][0] for name in ("FsrRL", "FsrRR"))
+    aside = apart + facts.FORCE_SENSORS_LEFT_FOOT["FsrFL"][1]
+    return ((front, aside), (rear, aside), (rear, -aside), (front, -aside))
 
 
 _CAMERA_POSE = Pose((0.028, 0.0, 0.142), (0.0, CAMERA_TILT, 0.0))

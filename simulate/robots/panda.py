@@ -2,8 +2,8 @@
 
 Its URDF and meshes (Apache-2.0) are read where the package installed them and copied nowhere. The
 camera is ours: it stands opposite the robot and looks steeply down, as somebody does who leans over
-the table. So it sees of an object what others see: of 18 products that a Nao had shown once it named
-18, of 15 when it stood 14 cm further back.
+the table. So it sees of an object what others see: of 18 products that a Nao had shown it named 18,
+and 15 when it stood 14 cm further back.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ class _Body:
     planned: list[Any] = field(default_factory=list)
     executed: list[Any] = field(default_factory=list)
     doubted: tuple[float, ...] = ()
+    only_leaning: tuple[float, ...] = ()
     base_frame = "base_footprint"
     ignored = ()
 
@@ -38,6 +39,8 @@ class _Body:
 
     def plan(self, request, obstacles, seed):
         if self.unreachable or len(self.table) > self.blocked.get((request.x, request.y), 99):
+            return "ik"
+        if request.theta in self.only_leaning and request.stances == "own":
             return "ik"
         self.planned.append(request)
         return Plan(request, is_doubtful=request.theta in self.doubted)
@@ -264,3 +267,13 @@ def test_a_doubtful_grasp_is_better_than_none(run) -> None:
     body = _Body([(0.15, -0.05)], doubted=(0.1, 0.2))
     run(body, _Server(angles=(0.1, 0.2)), [(0.15, -0.05)])
     assert [request.theta for request in body.executed] == [0.1]
+
+
+def test_it_leans_only_for_what_no_grasp_reaches_as_it_stands(run) -> None:
+    spot = (0.15, -0.05)
+    body = _Body([spot], only_leaning=(0.1,))
+    run(body, _Server(angles=(0.1, 0.2)), [spot])
+    assert [(r.theta, r.stances) for r in body.executed] == [(0.2, "own")]
+    body = _Body([spot], only_leaning=(0.1, 0.2))
+    run(body, _Server(angles=(0.1, 0.2)), [spot])
+    assert [(r.theta, r.stances) for r in body.executed] == [(0.1, "other")]
