@@ -35,7 +35,7 @@ _PROGRAMS = (
     "/engine/<path:rest>",
     "/openapi",
     "/openapi.json",
-    "/api/blobs/<path:rest>",
+    "/api/<path:rest>",
     "/health",
     "/health/<path:rest>",
 )

@@ -11,56 +11,32 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
-from endpoint import graph_store
+from endpoint.addresses import Addresses, serves
 from endpoint.audit import Audit
-from endpoint.auth import Authenticator, Caller, cors_headers, preflight_headers
+from endpoint.auth import Authenticator, Caller, cors_headers
 from endpoint.compression import compressed, unpacked
 from endpoint.config import Config
 from endpoint.exchange import RefusedError, Request, Response
 from endpoint.health import Health
-from endpoint.idempotency import IdempotencyKeys
 from endpoint.log import LineWriter
 from endpoint.metrics import Metrics
-from endpoint.openapi import ADDRESSES as DESCRIPTIONS
-from endpoint.openapi import plan_openapi
-from endpoint.operations import plan_operation
-from endpoint.operators import Operators
 from endpoint.problems import problem, slug_of
 from endpoint.protocol import run as protocol
 from endpoint.protocol.answers import Answers, SlowerThanItLooksError
-from endpoint.protocol.lookups import Lookups
 from endpoint.protocol.plan import Plan
-from endpoint.protocol.request import (
-    METHODS,
-    QUERY,
-    UPDATE,
-    DescriptionRequest,
-    UpdateRequest,
-    parse_operation,
-)
 from endpoint.queries import RunningQueries
 from endpoint.rate import Limiter
 from endpoint.report import Report
-from endpoint.resources.blobs import plan_blob
 from endpoint.rosbridge.services import Engine
 from endpoint.tokens import TokenStore
 from endpoint.versions import Versions
 from rtask.errors import AccessError, RtaskError, TooLargeError
 from rtask.kb.knowledge_base import KnowledgeBase
 
-_PROTOCOL = {
-    "/sparql": (QUERY, UPDATE),
-    "/query": (QUERY,),
-    "/update": (UPDATE,),
-}
 THREADS = 32
 POINT_THREADS = 8
 MAX_WHOLE_BYTES = 64 << 20
 MAX_ABANDONED = 16
-_OPERATORS = ("/metrics", "/queries", "/api/history", "/backup")
-_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS, *DESCRIPTIONS))
-PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/blobs/", "/health/", "/queries/")
-_SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 
 
 @dataclass
@@ -124,23 +100,19 @@ class Gateway:
         self._report = Report(self.metrics, self.audit, config, kb, writer)
         self._limiter = Limiter(config.rate, config.write_rate, config.max_in_flight)
         answers = Answers(kb, config)
-        self._store = graph_store.GraphStore(kb, self.auth, config, self.versions, answers)
-        self._operators = Operators(self)
-        self._keys = IdempotencyKeys()
+        self._addresses = Addresses(self, answers)
         # What runs long has threads of its own, so that a write or a health check never waits
         # behind queries.
         self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
         self.query_pool = ThreadPoolExecutor(config.max_queries, thread_name_prefix="query")
         self.point_pool = ThreadPoolExecutor(POINT_THREADS, thread_name_prefix="point")
-        self._asked = protocol.Asked(answers, Lookups(kb), self.versions)
         self._abandoned: set[Future[Response]] = set()
         self.more_gauges: dict[str, Callable[[], float]] = {}
         self._stop_listening = kb.on_commit(self._report.commit)
 
     def serves(self, path: str) -> bool:
         """Tell whether an address is one of programs; the others are pages."""
-        exact = path.rstrip("/") or "/"
-        return exact in _EXACT or path.startswith(PREFIXES)
+        return serves(path)
 
     def handle(self, request: Request) -> Response:
         """Answer a request in the calling thread; queries are given up at their time-out."""
@@ -326,7 +298,7 @@ class Gateway:
         request = job.request
         address = request.raw_path.rstrip("/") or "/"
         if request.method == "OPTIONS":
-            job.plan = self._options(request, address)
+            job.plan = self._addresses.options(request, address)
             return
         if address == "/health" or request.raw_path.startswith("/health/"):
             job.plan = self.health.plan(address)
@@ -341,29 +313,34 @@ class Gateway:
             allowed = self.config.max_upload_bytes
             request = replace(request, body=unpacked(request.body, encoding, allowed))
         self._admit(job, caller)
-        if address in _PROTOCOL:
-            self._protocol(job, caller, _PROTOCOL[address])
-            return
-        if request.method not in _SAFE_METHODS:
-            self._admit_write(caller)
-        if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
-            job.plan = self._store.plan(request, caller)
-            self._list(job)
-        elif address.startswith("/engine/"):
-            job.plan = plan_operation(self.engine, self.auth, request, caller, self._keys)
-        elif address in DESCRIPTIONS:
-            job.plan = plan_openapi(self.engine, request)
-        elif address.startswith(_OPERATORS):
-            job.plan = self._operators.plan(request, caller, address)
-        else:
-            job.plan = plan_blob(self.kb, request, request.path.removeprefix("/api/blobs/"))
+        job.plan = self._addresses.plan(request, caller, address)
+        if job.plan.running is not None:
+            # Listed, so that it can be seen and stopped.
+            job.leave.append(self.queries.begin(job.plan.running))
+
+    def check_room(self) -> None:
+        """Refuse a query while too many that took too long still run.
+
+        Raises
+        ------
+        RefusedError
+            503, with the time to wait.
+        """
+        if len(self._abandoned) >= MAX_ABANDONED:
+            raise RefusedError(
+                503,
+                "busy",
+                f"{MAX_ABANDONED} queries that took too long still run; try again later",
+                headers=(("Retry-After", "30"),),
+            )
 
     def _admit(self, job: Job, caller: Caller) -> None:
         """Count a request in; this machine is not limited while nobody needs a token."""
         if caller.access.role != "anonymous":
             job.leave.append(self._limiter.admit(caller.key))
 
-    def _admit_write(self, caller: Caller) -> None:
+    def admit_write(self, caller: Caller) -> None:
+        """Count a change; the same callers are free."""
         if caller.access.role != "anonymous":
             self._limiter.admit_write(caller.key)
 
@@ -375,43 +352,3 @@ class Gateway:
     def count_stranger(self, request: Request) -> None:
         """Slow down who guesses: a caller without rights has its address's allowance."""
         self._limiter.admit(f"stranger {request.client}")()
-
-    def _options(self, request: Request, address: str) -> Plan:
-        if address in _PROTOCOL:
-            methods = METHODS[_PROTOCOL[address]]
-        elif address.startswith("/engine/"):
-            methods = ("POST", "OPTIONS")
-        elif address.startswith(graph_store.ADDRESS):
-            methods = graph_store.METHODS
-        else:
-            methods = ("GET", "HEAD", "OPTIONS")
-        allow = ("Allow", ", ".join(methods))
-        headers = (allow, *preflight_headers(request, self.config))
-        return Plan.ready(Response(204, headers=headers))
-
-    def _protocol(self, job: Job, caller: Caller, kinds: tuple[str, ...]) -> None:
-        request = job.request
-        operation = parse_operation(request, kinds)
-        if isinstance(operation, DescriptionRequest):
-            job.plan = protocol.plan_description(
-                self.kb, request, self.config, updates=UPDATE in kinds
-            )
-        elif isinstance(operation, UpdateRequest):
-            self.auth.require_write(request, caller)
-            self._admit_write(caller)
-            job.plan = protocol.plan_update(self.kb, operation, request, caller, self.config)
-        else:
-            if len(self._abandoned) >= MAX_ABANDONED:
-                raise RefusedError(
-                    503,
-                    "busy",
-                    f"{MAX_ABANDONED} queries that took too long still run; try again later",
-                    headers=(("Retry-After", "30"),),
-                )
-            job.plan = protocol.plan_query(operation, request, caller, self.config, self._asked)
-            self._list(job)
-
-    def _list(self, job: Job) -> None:
-        """List what may run long, so that it can be seen and stopped."""
-        if job.plan.running is not None:
-            job.leave.append(self.queries.begin(job.plan.running))

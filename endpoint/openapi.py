@@ -7,6 +7,7 @@ from typing import Any
 
 from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
 from endpoint.openapi_page import page
+from endpoint.openapi_resources import resource_paths
 from endpoint.openapi_schema import answer_schema, request_schema
 from endpoint.problems import PROBLEM_TYPE
 from endpoint.protocol.plan import Plan
@@ -38,7 +39,7 @@ _PROBLEMS = {
     503: "too busy; see Retry-After",
     504: "no answer in time",
 }
-_OPERATION_PROBLEMS = (400, 401, 403, 404, 405, 413, 415, 422, 429, 501, 503)
+_OPERATION_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 501, 503)
 _READ_PROBLEMS = (400, 401, 403, 404, 405, 406, 410, 416, 429, 503, 504)
 
 
@@ -201,6 +202,7 @@ def _fixed_paths() -> JsonObject:
     query = _parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
     return {
         "/sparql": {"get": _get("Ask in SPARQL 1.1", results, [query])},
+        **resource_paths(_get, _parameter),
         "/api/blobs/{sha256}": {
             "get": _get(
                 "Read an image, a cloud or descriptors",
