@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from grasp.learning.env import quadrant
 from grasp.learning.state import GrowingComponents, pooled
 from grasp.learning.transition import Transition
+from grasp.spatial.frames import closing_turn, matrix_from_pose
 from rtask.engine.facts import Facts, stamp
 from rtask.engine.names import slug
 from rtask.engine.question import JUDGED
@@ -70,17 +71,30 @@ def experience(engine: Engine) -> list[Transition]:
     """
     states = _states(engine)
     rows = engine.kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?attempt ?ended ?object ?theta ?held WHERE {{
-  ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose/rt:theta ?theta . {JUDGED}
+SELECT DISTINCT ?attempt ?ended ?object ?theta ?held ?qx ?qy ?qz ?qw WHERE {{
+  ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose . {JUDGED}
+  OPTIONAL {{ ?pose rt:theta ?theta }}
+  OPTIONAL {{ ?pose rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw }}
 }} ORDER BY ?ended ?attempt ?object""")
     steps = []
     for row in rows:
         at: dict[str, Any] = row.to_dict()
         state = states.get(str(at["object"]))
-        if state is not None:
+        theta = _closing_turn(at)
+        if state is not None and theta is not None:
             reward = 1.0 if at["held"] else -1.0
-            steps.append(Transition(state, quadrant(float(at["theta"])), reward, state, True))
+            steps.append(Transition(state, quadrant(theta), reward, state, True))
     return steps
+
+
+def _closing_turn(at: dict[str, Any]) -> float | None:
+    """Return the closing direction about z of a grasp, rad; None where its pose is not whole."""
+    if at["theta"] is not None:
+        return float(at["theta"])
+    if at["qw"] is None:
+        return None
+    turn = np.array([float(at["q" + axis]) for axis in "xyzw"])
+    return closing_turn(matrix_from_pose(np.zeros(3), turn))
 
 
 def _states(engine: Engine) -> dict[str, NDArray[np.float64]]:

@@ -94,7 +94,7 @@ def objects(args: argparse.Namespace) -> Iterator[Lying]:
     """Yield products of the families and YCB models, each alone on the table."""
     friction = Friction(lateral=HAND.friction, rolling=0.0004)
     for kind in KINDS:
-        for number in range(0, args.products * args.every, args.every):
+        for number in range(args.first, args.first + args.products * args.every, args.every):
             spec = product(kind, number)
             with tempfile.TemporaryDirectory() as folder, World() as world:
                 mesh = read_mesh(write_assets(spec, Path(folder)).obj_path)
@@ -103,7 +103,7 @@ def objects(args: argparse.Namespace) -> Iterator[Lying]:
                 world.client.changeDynamics(body, -1, lateralFriction=HAND.friction)
                 yield Lying(spec.name, mesh, world, body, settle(world, body), spec.mass)
     models = sorted(Path(args.ycb).glob("*/textured.obj")) if args.ycb else []
-    for path in models[:: args.every]:
+    for path in models[args.first :: args.every]:
         parts = sorted(path.parent.glob("*coacd*.stl"))
         mesh = read_mesh(path) if args.scan else together([read_mesh(part) for part in parts])
         text = path.parent.with_suffix(".urdf").read_text("utf-8")
@@ -181,7 +181,7 @@ def ranking(args: argparse.Namespace) -> None:
         candidates = thing.scored()
         if not candidates:
             continue
-        errors = NOISE.transforms(args.trials, seed=12345)
+        errors = NOISE.transforms(args.trials, seed=12345 + args.seed)
         drawn = thing.scored(screen=False)
         pool = {name: drawn if name == "nominal" and drawn else candidates for name in RULES}
         chosen = [candidates[0], *(max(pool[name], key=RULES[name]) for name in list(RULES)[1:])]
@@ -214,7 +214,7 @@ def correlation(args: argparse.Namespace) -> None:
         if len(candidates) < args.candidates:
             continue
         spread = np.linspace(0, len(candidates) - 1, args.candidates).astype(int)
-        errors = NOISE.transforms(args.trials, seed=999)
+        errors = NOISE.transforms(args.trials, seed=999 + args.seed)
         for candidate in (candidates[i] for i in spread):
             success.append(float(np.mean([thing.hold(candidate, e) for e in errors])))
             group.append(number)
@@ -310,6 +310,8 @@ def main() -> None:
     parser.add_argument("--products", type=int, default=10, help="of each of our five families")
     parser.add_argument("--trials", type=int, default=10, help="noisy poses for each grasp")
     parser.add_argument("--every", type=int, default=1, help="take each so manieth object")
+    parser.add_argument("--first", type=int, default=0, help="of the objects that are taken")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument("--candidates", type=int, default=6, help="grasps of each object")
     parser.add_argument("--repeats", type=int, default=5, help="of each timing")
     args = parser.parse_args()

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grasp.learning.env import quadrant
 from grasp.messages import matrix_from_message
 from grasp.spatial.frames import angle_between_axes
 from grasp.spatial.shapes import box_mesh
+from rtask.engine.learners import experience
 from rtask.engine.shapes import object_shape
 from rtask.errors import UnknownTermError, UsageError
 
@@ -105,7 +107,7 @@ def test_who_asks_for_it_is_offered_grasps_in_space_where_the_object_is_now(
 
 
 def test_outcomes_of_a_grasp_in_space_move_its_statistics_its_belief_and_the_order(
-    known: Known, bench: Any, box: Any
+    known: Known, bench: Any, box: Any, engine: Any
 ) -> None:
     robot, thing, _ = known
     seen = bench.sight(box)
@@ -128,6 +130,10 @@ def test_outcomes_of_a_grasp_in_space_move_its_statistics_its_belief_and_the_ord
     recalled = robot.call("recall_grasps", object=thing, max_grasps=50)["grasps"]
     (mine,) = [grasp for grasp in recalled if grasp["id"] == best["id"]]
     assert mine["confidence"]["mean"] < mine["confidence"]["prior"]
+    steps = experience(engine)
+    assert [(step.action, step.reward) for step in steps] == [
+        (quadrant(best["in_object"]["theta"]), -1.0)
+    ] * 2
     assert mine["grasp_pose"]["header"]["frame_id"].startswith("object/")
 
 
@@ -187,7 +193,7 @@ def store_mesh(engine: Any, thing: str, mesh: Any, faces: Any) -> None:
     facts, node = Facts(), iri(thing + "/cad")
     kept = mesh.faces[list(faces)]
     grey = np.full((len(mesh.vertices), 3), 90, np.uint8)
-    data = mesh_to_ply(mesh.vertices + [0, 0, 0.04], kept, grey)
+    data = mesh_to_ply(mesh.vertices + np.array([0, 0, 0.04]), kept, grey)
     blob = engine.kb.blobs.put(data, "model/ply")
     facts.add(iri(thing), RT.hasFeature, node)
     facts.node(node, [RT.TriangleMesh], {RT.hasBlob: facts.blob(blob)})
