@@ -68,7 +68,7 @@ def test_a_grasp_in_space_goes_from_views_to_physics_and_back(
         client.register_robot(name="panda-7", model="panda", end_effectors=[HAND])
         told = client.insert_object(objects=[{**look(world, body, 0.4), "name": "soup can"}])
         thing = told["objects"][0]["object"]
-        mine = {"object": thing, "gripper_id": "panda_hand"}
+        mine: dict[str, Any] = {"object": thing, "gripper_id": "panda_hand"}
         plan = client.plan_in_space(**mine, mass=spec.mass, samples=50)
         assert (plan["shape"], plan["reason"]) == ("mesh", "")
 
@@ -78,7 +78,7 @@ def test_a_grasp_in_space_goes_from_views_to_physics_and_back(
         )
         assert answer["decision"]["answer"] == "grasp"
         best = next(grasp for grasp in answer["grasps"] if grasp["kind"] == "spatial")
-        pose = matrix_from_message(best["grasp_pose"]["pose"])
+        pose = matrix_from_message(best["grasp_pose"]["pose"]).astype(np.float64)
         done = execute(world, body, panda_hand(), pose, best["opening"], rest)
         assert done.held
 
