@@ -29,6 +29,7 @@ __all__ = ["ObjectModel", "Registration", "warm_up"]
 
 _LEAST_FIT = 0.45
 _MODEL_GRID, _MODEL_POINTS = 48, 6000
+_NOISE_M = 0.0005
 _MOST_CELLS = 160
 
 
@@ -143,7 +144,9 @@ class ObjectModel:
     @cached_property
     def _pose_model(self) -> PoseModel:
         cloud = smoothed(self.cloud, self.weights, _MODEL_POINTS)
-        return build_pose_model(cloud[:, :3], normals=cloud[:, 3:], grid=_MODEL_GRID)
+        return build_pose_model(
+            cloud[:, :3], normals=cloud[:, 3:], grid=_MODEL_GRID, noise_m=_NOISE_M
+        )
 
     @cached_property
     def _round_pose_model(self) -> PoseModel:

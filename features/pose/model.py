@@ -112,6 +112,7 @@ def build_pose_model(
     normals: FloatArray | None = None,
     samples: int = 3000,
     grid: int = 56,
+    noise_m: float = 0.0,
 ) -> PoseModel:
     """Make the model of a mesh, or of an oriented cloud.
 
@@ -124,6 +125,8 @@ def build_pose_model(
         Outward; needed without faces, and then the vertices are the surface.
     samples, grid
         Number of samples (at most 32,767) and of cells along the longest side.
+    noise_m
+        Error of the places: what is less apart does not break a symmetry.
 
     Raises
     ------
@@ -165,7 +168,7 @@ def build_pose_model(
     chosen = surface[np.sort(order[:samples])].astype(np.float32)
     rest = surface[order[-800:], :3]
     cells, corner, cell = nearest_grid(chosen[:, :3], _PAD * diameter, grid)
-    turns, axes = find_symmetries(chosen[:, :3], rest, diameter)
+    turns, axes = find_symmetries(chosen[:, :3], rest, diameter, noise_m)
     return PoseModel(centre, chosen, cells, corner, cell, diameter, turns, axes)
 
 

@@ -23,7 +23,7 @@ _TOLERANCE = 0.002
 
 
 def find_symmetries(
-    surface: FloatArray, probes: FloatArray, diameter: float
+    surface: FloatArray, probes: FloatArray, diameter: float, noise_m: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the turns (k, 3, 3) about the origin, and the axes (j, 3) of all turns.
 
@@ -37,9 +37,12 @@ def find_symmetries(
         Other samples of the same surface.
     diameter
         Of the box, m.
+    noise_m
+        By so much places may be off: a turn that changes less on average is one.
     """
     tree = cKDTree(surface)
-    bound = _SLACK * float(tree.query(probes)[0].mean()) + _TOLERANCE * diameter
+    bound = _SLACK * float(tree.query(probes)[0].mean())
+    bound += _TOLERANCE * diameter + noise_m
 
     def holds(turn: NDArray[np.float64]) -> bool:
         # Most turns are far off, which a few probes tell.

@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_pose.py                      # 8 scenes, true and predicted masks
     python tests/benchmarks/bench_pose.py --scenes 100:130     # more of them
     python tests/benchmarks/bench_pose.py --starts 72          # a faster search
-    python tests/benchmarks/bench_pose.py --views 4 8 12       # against models grown from views
+    python tests/benchmarks/bench_pose.py --views 1 2 4 8      # against models that grow
     python tests/benchmarks/bench_pose.py --fit                # refit the confidence
 
 Tables of ``tabletop_scenes.py``, kind ``normal``: occluding, mostly strongly concave objects, of
@@ -11,8 +11,9 @@ which at least 400 px are visible; identity and model known. A pose is right wit
 degrees, modulo symmetry. Predicted masks are what the segmenter gives, the segment of best overlap
 standing for its object; an object that it misses counts as a failure. The peer is multi-start ICP
 without free space, merging and collected points; with ``--views`` it is the mesh. Those views are
-spread over the sphere around the object, at half a metre, with the noise of the same camera; how
-the camera stood is known within 2 mm and 1 degree, as on a turntable.
+spread over the sphere around the object, in random order, at half a metre, with the noise of the
+same camera; how the camera stood is known with errors of 2 mm and 1 degree, as on a turntable.
+``--save-plot`` draws how poses get better with every view.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 from tabletop_scenes import TableScene, Thing, kinect_noise, make_scene
 
 from features.geometry import Frame, Intrinsics
@@ -38,6 +40,7 @@ from features.pose import (
 )
 from features.pose.rotations import rotation_about
 from features.segmentation import SegmentParams, segment_scene
+from simulate.study.chart import Line, line_chart
 
 LEAST_PX = 400
 CONCAVE = SegmentParams(tolerance_deg=35, bad_sanity=0.10, min_points=60)
@@ -90,27 +93,38 @@ class Models:
 
 TURNTABLE = Intrinsics(320, 240, 430.0, 430.0, 159.5, 119.5)
 DISTANCE_M = 0.5
+KNOWN_M = 0.003
 
 
 class GrownModels(Models):
-    """Models that grew from ``count`` views of each geometry."""
+    """Models that grew from the first so many views of each geometry.
 
-    def __init__(self, count: int) -> None:
+    ``count`` says which of them are looked up; ``joined`` is the share of the views that a model
+    took in, ``known`` by count the share of each surface within 3 mm of its model.
+    """
+
+    def __init__(self, counts: list[int]) -> None:
         super().__init__()
-        self._count = count
-        self._grown: dict[str, PoseModel] = {}
+        self.counts = counts
+        self.count = counts[0]
+        self._grown: dict[str, dict[int, PoseModel]] = {}
         self.joined: list[float] = []
+        self.known: dict[int, list[float]] = {count: [] for count in counts}
 
     def stored(self, thing: Thing) -> PoseModel:
         """Return what poses are estimated against."""
         if thing.key not in self._grown:
-            self._grown[thing.key] = self._grow(*thing.load()).pose_model()
-        return self._grown[thing.key]
+            self._grown[thing.key] = self._grow(thing)
+        return self._grown[thing.key][self.count]
 
-    def _grow(self, vertices: np.ndarray, faces: np.ndarray) -> ObjectModel:
-        rng = np.random.default_rng(self._count)
-        model, joined = ObjectModel(), 0
-        for pose in around(vertices, self._count):
+    def _grow(self, thing: Thing) -> dict[int, PoseModel]:
+        vertices, faces = thing.load()
+        most, exact = max(self.counts), self.of(thing)
+        rng = np.random.default_rng(most)
+        model, joined, grown = ObjectModel(), 0, {}
+        poses = around(vertices, most)
+        for k, which in enumerate(rng.permutation(most).tolist(), start=1):
+            pose = poses[which]
             frame = Frame(
                 kinect_noise(depth_of(vertices, faces, pose), TURNTABLE.fx, rng), TURNTABLE
             )
@@ -121,8 +135,12 @@ class GrownModels(Models):
             told = pose if model.is_empty else pose @ off
             model, found = model.add(frame, object_from_camera=told, is_measured=True)
             joined += found is not None
-        self.joined.append(joined / self._count)
-        return model
+            if k in self.counts:
+                grown[k] = model.pose_model()
+                away, _ = cKDTree(model.cloud[:, :3]).query(exact.samples[:, :3] + exact.centre)
+                self.known[k].append(float((away < KNOWN_M).mean()))
+        self.joined.append(joined / most)
+        return grown
 
 
 def around(vertices: np.ndarray, count: int) -> list[np.ndarray]:
@@ -232,6 +250,21 @@ def report(title: str, trials: list[Trial], threshold: float) -> None:
     )
 
 
+def draw(curves: dict[str, dict[int, list[Trial]]], known: dict[int, float], path: Path) -> None:
+    """Draw what gets better with every view, with 95 % intervals (Wilson 1927)."""
+    lines = []
+    for masks, by_count in curves.items():
+        share = np.array([np.mean([t.is_right for t in seen]) for seen in by_count.values()])
+        n = np.array([len(seen) for seen in by_count.values()])
+        middle = (share + 1.92 / n) / (1 + 3.84 / n)
+        reach = 1.96 / (1 + 3.84 / n) * np.sqrt(share * (1 - share) / n + 0.96 / n**2)
+        name = f"poses right, {masks} masks"
+        low, high = (middle - reach).tolist(), (middle + reach).tolist()
+        lines.append(Line(name, list(by_count), share.tolist(), low, high))
+    lines.append(Line("surface known", list(known), list(known.values())))
+    line_chart(path, "An object's model after so many views", "views", "share", lines)
+
+
 def refit(trials: list[Trial]) -> None:
     """Print logistic weights of fit and violation, fitted by Newton's method."""
     rows = [(t.estimate.fit, t.estimate.violation, 1.0) for t in trials if t.estimate]
@@ -258,6 +291,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, help="keep the scenes here")
     parser.add_argument("--fit", action="store_true")
     parser.add_argument("--failures", action="store_true", help="list them")
+    parser.add_argument("--save-plot", type=Path, help="PNG, with --views")
     parser.add_argument("--no-peer", action="store_true")
     args = parser.parse_args()
     first, last = map(int, args.scenes.split(":"))
@@ -266,15 +300,18 @@ def main() -> None:
     run(scenes[:1], models, params, "true")  # compile
     bare = replace(params, merge=False, recollected=0, penalty=0.0, most_violation=1.0)
     everything = []
+    grown = GrownModels(args.views) if args.views else None
+    curves: dict[str, dict[int, list[Trial]]] = {}
     for masks in ("true", "predicted") if args.masks == "both" else (args.masks,):
         trials = run(scenes, models, params, masks)
         everything += trials
         report(f"{masks} masks", trials, params.confidence.threshold)
         for count in args.views:
-            grown = GrownModels(count)
+            assert grown is not None
+            grown.count = count
             seen = run(scenes, grown, params, masks)
+            curves.setdefault(masks, {})[count] = seen
             report(f"{masks} masks, {count} views", seen, params.confidence.threshold)
-            print(f"   of the views {np.mean(grown.joined):.2f} joined their model", flush=True)
             everything += seen
             trials += seen
         if not args.no_peer and not args.views:
@@ -289,6 +326,12 @@ def main() -> None:
                         f"fit {e.fit if e else 0:.2f} vio {e.violation if e else 0:.2f} "
                         f"amb {e.ambiguous if e else 0}"
                     )
+    if grown is not None:
+        known = {count: float(np.mean(shares)) for count, shares in grown.known.items()}
+        shares = ", ".join(f"{share:.2f} after {count}" for count, share in known.items())
+        print(f"of the views {np.mean(grown.joined):.3f} joined; surface known: {shares}")
+        if args.save_plot:
+            draw(curves, known, args.save_plot)
     if args.fit:
         refit(everything)
 
