@@ -146,9 +146,11 @@ def test_features_are_dimensionless_and_in_order() -> None:
     assert ten[[3, 4, 5, 6, 11, 12]] == pytest.approx(seen[[3, 4, 5, 6, 11, 12]])
 
 
-def test_a_drawing_shows_every_gripper() -> None:
+def test_a_drawing_shows_every_gripper_in_a_panel_of_its_own() -> None:
     svg = candidates_svg([_at(), _at(x=0.01)], HAND, box_mesh((0.04, 0.06, 0.1)))
-    assert svg.count("<polyline") == 2
-    assert svg.count("<polygon") == 6  # three sides look towards the eye, two faces each
+    assert svg.count("<polyline") == 2  # the bar between the fingers
+    assert svg.count(": s_G ") == 2
+    # Three sides of the box look towards the eye, two faces each, and three of each finger.
+    assert svg.count("<polygon") == 2 * (6 + 2 * 3)
     cloud = candidates_svg([], HAND, np.random.default_rng(0).normal(size=(50, 3)))
     assert cloud.count("<circle") == 50
