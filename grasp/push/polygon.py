@@ -6,6 +6,7 @@ a plane (Kehoe 2014, 3.3).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ __all__ = [
     "as_polygon",
     "crossing",
     "filter_polygon",
+    "plate_centroid",
     "simplify",
 ]
 
@@ -137,6 +139,18 @@ def centroid(ring: FloatArray) -> FloatArray:
     q = np.roll(p, -1, axis=0)
     cross = p[:, 0] * q[:, 1] - q[:, 0] * p[:, 1]
     return np.asarray(origin + ((p + q) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
+
+
+def plate_centroid(ring: FloatArray, holes: Sequence[FloatArray]) -> FloatArray:
+    """Return the centre of mass (2,) of a plate of even thickness with holes.
+
+    >>> square = np.array([(0.0, 0), (4, 0), (4, 4), (0, 4)])
+    >>> plate_centroid(square, [square / 4 + (2, 1.5)]).round(3).tolist()
+    [1.967, 2.0]
+    """
+    areas = np.array([abs(_area(ring)), *(-abs(_area(hole)) for hole in holes)])
+    middles = np.array([centroid(ring), *(centroid(hole) for hole in holes)])
+    return np.asarray(areas @ middles / areas.sum())
 
 
 def simplify(points: ArrayLike, max_vertices: int = 64, tolerance: float = 0.0) -> FloatArray:

@@ -15,26 +15,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.push.dxf import outline_from_dxf
-from grasp.push.polygon import FloatArray, as_polygon, simplify
-from grasp.push.svg import outline_from_svg
+from grasp.push.dxf import rings_from_dxf
+from grasp.push.polygon import FloatArray, as_polygon, plate_centroid, simplify
+from grasp.push.rings import outline_and_holes
+from grasp.push.svg import rings_from_svg
 
 __all__ = [
     "CLOUD_ENDINGS",
     "Outline",
     "outline_from_cloud",
-    "outline_from_dxf",
-    "outline_from_image",
     "outline_from_json",
-    "outline_from_svg",
     "read_cloud",
     "read_outline",
+    "rings_from_image",
 ]
 
 CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
 _IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_BYTES = 64 * 1024 * 1024
 _PLANNED_VERTICES = 64
+_LEAST_HOLE = 1e-3
+"""Of an object in an image: smaller ones are glare."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,17 @@ class Outline:
     polygon : (n, 2)
         Checked, counter-clockwise.
     com : (2,) or None
-        Where the file gives a centre of mass.
+        The file's, or that of a plate of even thickness with holes; None for the centroid.
     read
         How many vertices the file had.
     note
         What was done to them, for people.
     height
         Of a cloud over its support, in its unit; 0 for other files.
+    holes
+        Each (m, 2), counter-clockwise. Jaws do not reach into them; they move the centre of mass.
+    unit
+        Of every length, where the file states it.
     """
 
     polygon: FloatArray
@@ -60,6 +65,8 @@ class Outline:
     read: int = 0
     note: str = ""
     height: float = 0.0
+    holes: tuple[FloatArray, ...] = ()
+    unit: str = ""
 
 
 def read_outline(path: Path, max_vertices: int = _PLANNED_VERTICES) -> Outline:
@@ -73,30 +80,43 @@ def read_outline(path: Path, max_vertices: int = _PLANNED_VERTICES) -> Outline:
     ending = path.suffix.lower()
     if path.stat().st_size > _MAX_BYTES:
         raise ValueError(f"{path.name} is larger than {_MAX_BYTES // 2**20} MB")
-    com, height = None, 0.0
+    com: FloatArray | None = None
+    holes: tuple[FloatArray, ...] = ()
+    height, unit = 0.0, ""
     if ending == ".json":
-        ring, com = outline_from_json(path.read_text("utf-8"))
+        ring, com, holes = outline_from_json(path.read_text("utf-8"))
     elif ending == ".svg":
-        ring = outline_from_svg(path.read_text("utf-8"))
+        rings, unit = rings_from_svg(path.read_text("utf-8"))
+        ring, holes = outline_and_holes(rings, "SVG")
     elif ending == ".dxf":
-        ring = outline_from_dxf(path.read_text("utf-8", errors="replace"))
+        rings, unit = rings_from_dxf(path.read_text("utf-8", errors="replace"))
+        ring, holes = outline_and_holes(rings, "DXF")
     elif ending in _IMAGE_ENDINGS:
-        ring = outline_from_image(path.read_bytes())
+        ring, holes = outline_and_holes(rings_from_image(path.read_bytes()), "image")
+        unit = "px"
     elif ending in CLOUD_ENDINGS:
         ring, height = outline_from_cloud(read_cloud(path))
     else:
         known = (".json", ".svg", ".dxf", *_IMAGE_ENDINGS, *CLOUD_ENDINGS)
         raise ValueError(f"no outline can be read from {path.name}; known: {' '.join(known)}")
-    read = len(ring)
-    if read <= max_vertices:
-        return Outline(as_polygon(ring), com, read, "", height)
-    polygon = simplify(ring, max_vertices)
-    note = f"simplified from {read} to {len(polygon)} vertices"
-    return Outline(polygon, com, read, note, height)
+    dense = len(ring) > max_vertices
+    polygon = simplify(ring, max_vertices) if dense else as_polygon(ring)
+    if holes and com is None:
+        com = plate_centroid(polygon, holes)
+    said = [f"simplified from {len(ring)} to {len(polygon)} vertices"] if dense else []
+    if holes:
+        said.append(f"{len(holes)} hole{'s'[: len(holes) > 1]}: they move the centre of mass only")
+    if unit:
+        said.append(f"lengths in {unit}")
+    return Outline(polygon, com, len(ring), "; ".join(said), height, holes, unit)
 
 
-def outline_from_json(text: str) -> tuple[FloatArray, FloatArray | None]:
-    """Return outline and centre of mass of ``[[x, y], ..]`` or ``{"polygon": .., "com": ..}``.
+def outline_from_json(
+    text: str,
+) -> tuple[FloatArray, FloatArray | None, tuple[FloatArray, ...]]:
+    """Return outline, centre of mass and holes of a part in JSON.
+
+    ``[[x, y], ..]`` or ``{"polygon": [[x, y], ..], "com": [x, y], "holes": [[[x, y], ..], ..]}``.
 
     >>> outline_from_json('{"polygon": [[0, 0], [1, 0], [0, 1]], "com": [0.3, 0.3]}')[1].tolist()
     [0.3, 0.3]
@@ -105,9 +125,10 @@ def outline_from_json(text: str) -> tuple[FloatArray, FloatArray | None]:
         data: Any = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"no JSON: {error}") from error
-    com = None
+    com: Any = None
+    given: Any = []
     if isinstance(data, dict):
-        com = data.get("com")
+        com, given = data.get("com"), data.get("holes") or []
         data = data.get("polygon", data.get("vertices"))
         if data is None:
             raise ValueError('a part in JSON is [[x, y], ..] or {"polygon": [[x, y], ..]}')
@@ -116,14 +137,23 @@ def outline_from_json(text: str) -> tuple[FloatArray, FloatArray | None]:
         mass = None if com is None else np.array(com, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError("vertices and centre of mass are pairs of numbers") from error
-    return ring, mass
+    if not isinstance(given, list):
+        raise ValueError("holes are a list of polygons")
+    if not given:
+        return ring, mass, ()
+    wanted = [as_polygon(hole) for hole in given]
+    outline, holes = outline_and_holes([as_polygon(ring), *wanted], "JSON")
+    if len(holes) < len(wanted):
+        raise ValueError("holes lie inside the outline and apart from one another")
+    return outline, mass, holes
 
 
-def outline_from_image(data: bytes | NDArray[np.uint8]) -> FloatArray:
-    """Return the contour of the one object before a plain background, pixels, y upwards.
+def rings_from_image(data: bytes | NDArray[np.uint8]) -> list[FloatArray]:
+    """Return the contours of the one object before a plain background, pixels, y upwards.
 
     Kehoe 2014, 3.7: the part is imaged on a board and contoured. The object is what differs from
-    the border of the image.
+    the border of the image; its outline comes first, then the holes through which the background
+    is seen.
 
     Parameters
     ----------
@@ -149,11 +179,16 @@ def outline_from_image(data: bytes | NDArray[np.uint8]) -> FloatArray:
     if apart.max() < 16:
         raise ValueError("nothing stands out from the image's border")
     mask = np.pad(np.asarray(mask), 1)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    ring = max(contours, key=cv2.contourArea)[:, 0, :].astype(np.float64) - 1.0
-    if len(ring) < 8:
+    found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    outer = max((k for k in range(len(found)) if tree[0][k][3] < 0),
+                key=lambda k: cv2.contourArea(found[k]))  # fmt: skip
+    area = cv2.contourArea(found[outer])
+    if len(found[outer]) < 8:
         raise ValueError("nothing large enough stands out from the image's border")
-    return np.asarray(ring * (1.0, -1.0))
+    inner = [k for k in range(len(found)) if tree[0][k][3] == outer
+             and cv2.contourArea(found[k]) >= _LEAST_HOLE * area]  # fmt: skip
+    rings = [found[k][:, 0, :].astype(np.float64) - 1.0 for k in (outer, *inner)]
+    return [np.asarray(ring * (1.0, -1.0)) for ring in rings]
 
 
 def read_cloud(path: Path) -> FloatArray:
