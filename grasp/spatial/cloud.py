@@ -153,7 +153,10 @@ def prepare_cloud(
     height = own @ plane[:3] + plane[3] if plane is not None else np.full(len(own), np.inf)
     above = height > _TABLE_VOXELS * voxel
     if not above.any():
-        return _nothing(cameras, plane, voxel, notes, "nothing stands on the table")
+        # A place or a line tells more than that the table, if there is one, is as high.
+        little = _shapeless(own, voxel)
+        said = little if "plane" not in little else ""
+        return _nothing(cameras, plane, voxel, notes, said or "nothing stands on the table")
     reason = _shapeless(own[above], voxel)
     if reason:
         return _nothing(cameras, plane, voxel, notes, reason)

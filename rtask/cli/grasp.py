@@ -56,6 +56,13 @@ grasp.add_command(train)
     show_default=True,
     help="What counts as force closure.",
 )
+@click.option(
+    "--sampling",
+    type=click.Choice(["random", "sobol"]),
+    default="random",
+    show_default=True,
+    help="Perturbed parts: independent, or evenly spread.",
+)
 @click.option("--max-opening", type=float, help="Stroke of the gripper.")
 @click.option("--seed", default=0, show_default=True, help="Of the perturbations.")
 @click.option(
@@ -111,6 +118,10 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
     from rtask.cli.grasp_space import is_mesh, plan_in_space
     from rtask.errors import RtaskError, UsageError
 
+    if options["top"] < 1:
+        raise UsageError(f"--top {options['top']}: at least 1 is wanted")
+    if not 0 <= options["min_confidence"] <= 1:
+        raise UsageError(f"--min-confidence {options['min_confidence']}: 0 to 1 is wanted")
     mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
     try:
         if mode == "space":
@@ -166,7 +177,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> No
 
 _PLANNED = (
     "friction", "vertex_std", "com_std", "filter_distance", "density", "angles", "samples",
-    "method", "closure", "max_opening", "seed",
+    "method", "closure", "sampling", "max_opening", "seed",
 )  # fmt: skip
 
 

@@ -76,12 +76,65 @@ def test_no_grasp_is_an_answer(tmp_path: Path) -> None:
         (["--store"], "object of the graph"),
         (["--samples", "0"], "perturbation"),
         (["--position-std", "-1"], "deviations"),
+        (["--rotation-std-deg", "inf"], "deviations"),
+        (["--mass", "nan"], "mass"),
+        (["--friction", "nan"], "friction"),
+        (["--gripper", "jaw:nan"], "stroke"),
+        (["--top", "-1"], "at least 1"),
+        (["--min-confidence", "nan"], "0 to 1"),
+        (["--min-confidence", "1.5"], "0 to 1"),
     ],
 )
 def test_bad_calls_are_one_line(tmp_path: Path, args: list[str], words: str) -> None:
     done = _run(str(_box(tmp_path / "box.obj", (0.04, 0.12, 0.08))), *args)
     assert done.exit_code != 0
     assert words in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        (np.zeros((1, 3)), "all points lie in one place"),
+        (np.full((40, 3), np.nan), "no finite point"),
+        (np.outer(np.linspace(0, 0.1, 300), [1, 0, 0]), "all points lie on one line"),
+        (np.outer(np.linspace(0, 0.1, 300), [0, 0, 1]), "all points lie on one line"),
+        (np.random.default_rng(0).uniform(0, 0.1, (3000, 3)) * (1, 1, 0), "stands on the table"),
+        (np.random.default_rng(0).uniform(0, 0.1, (3000, 3)) * (1, 0, 1), "in one plane"),
+    ],
+    ids=["point", "nan", "line", "post", "floor", "wall"],
+)
+def test_a_cloud_without_a_shape_is_told_why(
+    tmp_path: Path, points: np.ndarray, words: str
+) -> None:
+    np.save(tmp_path / "cloud.npy", points)
+    done = _run(str(tmp_path / "cloud.npy"), "--mode", "space", "--samples", "5")
+    assert done.exit_code == 0, done.exception
+    assert "no grasp found: " in done.output
+    assert words in done.output
+
+
+@pytest.mark.parametrize("which", ["flipped", "mixed", "holed"])
+def test_flipped_normals_and_holes_change_nothing_where_two_sides_are_left(
+    tmp_path: Path, which: str
+) -> None:
+    from grasp.spatial.shapes import box_mesh
+
+    whole = _box(tmp_path / "box.obj", (0.04, 0.12, 0.1))
+    mesh = box_mesh((0.04, 0.12, 0.1))
+    faces = mesh.faces.copy()
+    if which != "holed":
+        rows = slice(None) if which == "flipped" else slice(None, None, 2)
+        faces[rows] = faces[rows, ::-1]
+    else:
+        faces = faces[np.abs(mesh.normals[:, 0]) > 0.5]  # both sides that the jaws touch
+    lines = ["v {:.6f} {:.6f} {:.6f}".format(*p) for p in mesh.vertices]
+    lines += ["f {} {} {}".format(*(f + 1)) for f in faces]
+    (tmp_path / "odd.obj").write_text("\n".join(lines))
+    asked = ("--samples", "20", "--floating", "--json")
+    plain, odd = (json.loads(_run(str(p), *asked).output) for p in (whole, tmp_path / "odd.obj"))
+    assert odd["grasps"]
+    assert odd["grasps"][0]["width"] == pytest.approx(0.04, abs=0.004)
+    assert odd["grasps"][0]["confidence"] >= plain["grasps"][0]["confidence"] - 0.1
 
 
 def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
