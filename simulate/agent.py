@@ -150,6 +150,7 @@ class Agent:
         self._tell = on_event
         self._on_sight = on_sight
         self._tracker = Tracker()
+        self._runs = 0
 
     def clear_table(self) -> list[Encounter]:
         """Handle every object on both sides; return what happened, in order."""
@@ -231,10 +232,12 @@ class Agent:
         outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
         if record.reason != "not_judged":  # physics broke down: the grasp has not failed
             self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
+        self._runs += 1
+        held, lost = grasp.get("explanation", {}).get("graph", (0.0, 0.0))
         attempt = Attempt(
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
-            record.place_reason,
+            record.place_reason, (float(held), float(lost)), self._runs,
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts

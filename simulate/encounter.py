@@ -21,6 +21,11 @@ class Attempt:
         False = nothing was moved, because no grasp could be planned.
     place_reason
         ``ok`` = placed; else why not; empty when it was not held.
+    told
+        What the graph said of this grasp before, by itself and its neighbours, over all robots:
+        held and lost, weighted.
+    run
+        Number of the physical attempt among all of this robot, from 1; 0 = nothing was moved.
     """
 
     number: int
@@ -34,6 +39,8 @@ class Attempt:
     seconds: Mapping[str, float]
     pictures: tuple[str, ...] = ()
     place_reason: str = ""
+    told: tuple[float, float] = (0.0, 0.0)
+    run: int = 0
 
 
 @dataclass

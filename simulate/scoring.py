@@ -55,7 +55,6 @@ class Judge:
                 height=height,
                 length=max(along_x, along_y),
                 table_height=world.table_height,
-                arm="right" if pose.y < 0 else "left",
                 round=spec.kind in _UPRIGHT_AND_ROUND,
             )
             if not isinstance(executor.plan(request, obstacles=[], seed=0), str):

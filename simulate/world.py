@@ -194,8 +194,13 @@ class World:
 
     def close(self) -> None:
         """Disconnect; a second call does nothing."""
-        if self.client is not None and self.client.isConnected():
+        if self.is_open:
             self.client.disconnect()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether physics still runs: it ends with its window when somebody closes that."""
+        return self.client is not None and bool(self.client.isConnected())
 
     @property
     def time(self) -> float:

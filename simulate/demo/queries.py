@@ -36,11 +36,13 @@ QUESTIONS = (
     Question(
         "Which objects are known, and who grasped them how?",
         """
-SELECT ?id ?robot ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts) (COUNT(DISTINCT ?won) AS ?held) {
+SELECT ?id ?robot ?hand ?grasp (COUNT(DISTINCT ?attempt) AS ?attempts)
+       (COUNT(DISTINCT ?won) AS ?held) {
   ?object a rt:ManipulableObject ; rt:objectId ?id ; rt:hasGrasp ?grasp .
-  ?attempt rt:executesGrasp ?grasp ; rt:performedBy/rt:name ?robot ; rt:hasOutcome ?outcome .
+  ?attempt rt:executesGrasp ?grasp ; rt:performedBy/rt:name ?robot ; rt:hasOutcome ?outcome ;
+           rt:activates/rt:gripperType ?hand .
   OPTIONAL { ?outcome rt:judgedSuccess true BIND(?outcome AS ?won) }
-} GROUP BY ?id ?robot ?grasp ORDER BY ?id ?robot ?grasp""",
+} GROUP BY ?id ?robot ?hand ?grasp ORDER BY ?id ?robot ?grasp""",
     ),
     Question(
         "How often does each class of object stay in the hand, by where the grasp came from?",

@@ -12,7 +12,7 @@ from simulate.demo.queries import Answer, with_prefixes
 __all__ = ["COLUMNS", "mean_attempts", "robot_totals", "rows", "summary", "write_report"]
 
 COLUMNS = (
-    "robot", "object", "recognised as", "conf.", "right", "grasp from", "attempts", "held",
+    "robot", "object", "recognised as", "conf.", "right", "grasp from", "told", "attempts", "held",
     "placed", "reason", "look s", "ask s", "plan s", "move s",
 )  # fmt: skip
 
@@ -30,6 +30,7 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
                     f"{met['confidence']:.2f}",
                     {True: "yes", False: "NO", None: "-"}[met["right"]],
                     _first_source(met),
+                    _told(met),
                     str(met["tries"]),
                     "yes" if met["held"] else "no",
                     "yes" if met["placed"] else "no",
@@ -43,6 +44,12 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
 def _first_source(met: Mapping[str, Any]) -> str:
     """Return where the first grasp came from; ``-`` when the object went before one was tried."""
     return str(met["attempts"][0]["source"]) if met["attempts"] else "-"
+
+
+def _told(met: Mapping[str, Any]) -> str:
+    """Return what the graph said of the first grasp, held and lost; ``-`` where it said nothing."""
+    held, lost = met["attempts"][0].get("told", (0.0, 0.0)) if met["attempts"] else (0.0, 0.0)
+    return f"{held:.1f} : {lost:.1f}" if max(held, lost) >= 0.05 else "-"
 
 
 def _total(met: Mapping[str, Any], key: str) -> float:
@@ -133,11 +140,32 @@ def write_report(
         lines += ["", f"## {answer.question.words}", "", "```sparql"]
         lines += [with_prefixes(answer.question.sparql).rstrip(), "```", ""]
         lines += _markdown(answer.columns, answer.rows)
-    pictures = sorted(folder.glob("*/*.png"))
-    if pictures:
-        lines += ["", "## Pictures", ""]
-        lines += [f"![{p.stem}]({p.parent.name}/{p.name})" for p in pictures]
+    lines += _pictures(folder, result)
     (folder / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
+    """Return the pictures of each attempt side by side, under what it was and what came of it."""
+    lines: list[str] = []
+    for met in result.get("objects", ()):
+        for attempt in met["attempts"]:
+            run = attempt.get("run", 0)
+            found = sorted((folder / met["robot"]).glob(f"{run:02d}-*.png")) if run else []
+            if not found:
+                continue
+            known = f"known as {met['label'] or 'an object'}" if met["recognised"] else "new"
+            came = attempt["place_reason"] if attempt["held"] else attempt["reason"]
+            said = "held and placed" if attempt["placed"] else f"not {_missing(attempt)}: {came}"
+            lines += ["", f"### {met['robot']}: {met['product']}, {known}; {said}", ""]
+            lines += _markdown(
+                [path.stem.split("-")[-1].replace("_", " ") for path in found],
+                [[f"![{path.stem}]({path.parent.name}/{path.name})" for path in found]],
+            )
+    return ["", "## Pictures", *lines] if lines else []
+
+
+def _missing(attempt: Mapping[str, Any]) -> str:
+    return "placed" if attempt["held"] else "held"
 
 
 def _show(value: object) -> str:

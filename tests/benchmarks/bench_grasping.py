@@ -2,6 +2,7 @@
 
     python tests/benchmarks/bench_grasping.py single -n 100
     python tests/benchmarks/bench_grasping.py single -n 100 --robot panda
+    python tests/benchmarks/bench_grasping.py single -n 60 --far 0.10
     python tests/benchmarks/bench_grasping.py table -n 8 --objects 7 --sigma 0.003
 
 ``single`` puts one object on the table at a time, alternating between the arms and the kinds;
@@ -12,6 +13,7 @@ one of at most three grasps held it. Prints a table with Wilson 95 % intervals.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from collections import Counter
@@ -41,6 +43,8 @@ class Tally:
     kind: str
     side: str
     arm: str = ""
+    as_it_stands: bool = False
+    stance: str = ""
     attempts: int = 0
     planned: bool = False
     held: bool = False
@@ -125,12 +129,14 @@ def attempt(
         offset = (grasp.x - seen.centre[0], grasp.y - seen.centre[1], grasp.theta)
         if all(np.linalg.norm(np.subtract(offset, k[1])) > 1e-6 for k in kept):
             kept.append((grasp, offset))
-    for grasp, offset in kept[:MAX_PLANS]:
+    stances = ("own",) if tally.as_it_stands else ("own", "other")
+    for stance, (grasp, offset) in itertools.product(stances, kept[:MAX_PLANS]):
         if any(np.abs(np.subtract(offset, t)).max() < 0.01 for t in tried):
             continue
         request = GraspRequest(
             grasp.x, grasp.y, grasp.theta, world.table_height + grasp.z, grasp.width, seen.height,
             seen.length, grasp.opening, world.table_height, "auto", seen.kind == "round",
+            stances=stance,
         )  # fmt: skip
         before = time.process_time()
         plan = executor.plan(request, others, seed=int(rng.integers(1 << 30)))
@@ -146,7 +152,7 @@ def attempt(
     if best is None:
         return None
     tried.append(aim)
-    tally.planned, tally.arm = True, best.arm
+    tally.planned, tally.arm, tally.stance = True, best.arm, best.stance or "upright"
     started = time.process_time()
     record = executor.execute(best)
     tally.execute_s += time.process_time() - started
@@ -175,6 +181,7 @@ def clear(
     for body in bodies:
         pose = world.object_pose(body)
         tally = Tally(world.objects[body].kind, "right" if pose.y < 0 else "left")
+        tally.as_it_stands = args.as_it_stands
         found.append(tally)
         tried: list[tuple[float, float, float]] = []
         for number in range(MAX_GRASPS):
@@ -214,7 +221,7 @@ def run_single(args: argparse.Namespace) -> list[Tally]:
         rng = np.random.default_rng((args.seed, trial))
         spec = product(kinds[trial % len(kinds)], int(rng.integers(200))).scaled(args.scale)
         side = -1 if (trial // len(kinds)) % 2 == 0 else 1
-        x, y, yaw = place(spec, side, rng, world.workplace)
+        x, y, yaw = place(spec, side, rng, world.workplace, args.far)
         body = world.spawn(spec, (x, y), yaw)
         world.step(0.3)
         tally = clear(executor, [body], args, args.seed * 1000 + trial)[0]
@@ -253,14 +260,14 @@ def run_table(args: argparse.Namespace) -> list[Tally]:
 
 
 def place(
-    spec: ObjectSpec, side: int, rng: np.random.Generator, on: Workplace
+    spec: ObjectSpec, side: int, rng: np.random.Generator, on: Workplace, far: float = 0.0
 ) -> tuple[float, float, float]:
     """Draw x, y, yaw with the whole outline on the table, on one side and clear of the boxes."""
     half = np.array(spec.extent[:2]) / 2
     (x0, x1), (y0, y1) = on.area_x, on.area_abs_y
     outside = on.box_centre[1] - on.box_inner / 2 - 0.008
     while True:
-        x = rng.uniform(x0 - AREA_BEYOND, x1 + AREA_BEYOND)
+        x = rng.uniform(x0 - AREA_BEYOND, x1 + AREA_BEYOND + far)
         y = side * rng.uniform(y0 - AREA_BEYOND, y1 + AREA_BEYOND)
         yaw = rng.uniform(0, 2 * np.pi)
         cos, sin = abs(np.cos(yaw)), abs(np.sin(yaw))
@@ -286,6 +293,8 @@ def report(tallies: list[Tally]) -> None:
         groups[f"{side} side"] = [t for t in tallies if t.side == side]
     for arm in sorted({t.arm for t in tallies if t.arm}):
         groups[arm] = [t for t in tallies if t.arm == arm]
+    for stance in sorted({t.stance for t in tallies if t.stance}):
+        groups[stance] = [t for t in tallies if t.stance == stance]
     groups["all"] = tallies
     print(f"{'group':14}{'planned':>22}{'held':>22}{'held at first':>22}{'placed of held':>22}")
     for name, group in groups.items():
@@ -323,6 +332,8 @@ def main() -> None:
     parser.add_argument("--sigma", type=float, default=0.0, help="noise of the pose, m")
     parser.add_argument("--robot", default="nao")
     parser.add_argument("--scale", type=float, default=1.0, help="of the objects (single)")
+    parser.add_argument("--far", type=float, default=0.0, help="m that the area goes on (single)")
+    parser.add_argument("--as-it-stands", action="store_true", help="never lean")
     parser.add_argument("--preset", default="faithful")
     parser.add_argument("--json", type=Path)
     parser.add_argument("-v", "--verbose", action="store_true")

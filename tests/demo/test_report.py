@@ -123,6 +123,38 @@ def test_the_report_holds_the_table_the_answers_and_the_result(tmp_path: Path) -
     assert "PREFIX rt:" in text
 
 
+def test_pictures_stand_under_the_object_and_what_came_of_the_attempt(tmp_path: Path) -> None:
+    attempt = {"number": 1, "source": "memory", "seconds": {}, "place_reason": "", "placed": False}
+    failed = {**attempt, "reason": "missed", "held": False, "run": 1}
+    held = {**attempt, "reason": "ok", "held": True, "placed": True, "place_reason": "ok", "run": 2}
+    never = {**attempt, "reason": "ik", "held": False, "run": 0}
+    robot = _robot(_met(attempts=[failed, held], recognised="o:1", label="can 17"),
+                   _met(attempts=[never]))  # fmt: skip
+    for name in ("01-1-pre_grasp", "01-2-closed", "02-1-pre_grasp"):
+        (tmp_path / "nao-1").mkdir(exist_ok=True)
+        (tmp_path / "nao-1" / f"{name}.png").write_bytes(b"png")
+    result = {
+        "robots": [robot_totals(robot, 4)],
+        "objects": [{"robot": "nao-1", **met} for met in robot["encounters"]],
+    }
+    write_report(tmp_path, result, rows([robot]), [])
+    pictures = (tmp_path / "report.md").read_text(encoding="utf-8").split("## Pictures")[1]
+    first, second = pictures.split("### ")[1:]
+    assert first.startswith("nao-1: can-1, known as can 17; not held: missed\n")
+    assert "| pre grasp | closed |" in first
+    assert "![01-2-closed](nao-1/01-2-closed.png)" in first
+    assert second.startswith("nao-1: can-1, known as can 17; held and placed\n")
+    assert pictures.count("![") == 3
+
+
+def test_the_table_says_what_the_graph_had_to_say_of_the_first_grasp() -> None:
+    known = _met(attempts=[{"source": "candidate", "reason": "ok", "seconds": {},
+                            "told": [0.5, 0.04]}])  # fmt: skip
+    first, second = rows([_robot(known, _met())])
+    column = COLUMNS.index("told")
+    assert (first[column], second[column]) == ("0.5 : 0.0", "-")
+
+
 def test_an_object_that_was_lost_and_met_again_counts_once() -> None:
     lost = _met(product="pen-3", tries=2, tries_to_success=None, held=False, placed=False)
     again = _met(product="pen-3", tries=1, tries_to_success=1)

@@ -79,6 +79,23 @@ def test_a_wrong_name_comes_back_as_the_failure_it_is(ros):
         call(ros, "act", action_tipe="reach")
 
 
+@pytest.mark.parametrize(
+    ("x", "z", "reason"),
+    [(2.0, 0.235, "ik"), (0.47, 0.15, "grasp_collision"), (0.05, 0.235, "ik")],
+)
+def test_a_goal_nobody_can_reach_has_its_reason_and_moves_nothing(ros, x, z, reason):
+    goal = {"position": {"x": x, "y": 0.1, "z": z}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    answer = call(ros, "act", action_type="grasp", attempts_max_in=2, goal_pose=goal)
+    assert (answer["success"], answer["held"], answer["reason"]) == (0, False, reason)
+    assert answer["distance_error_m"] is None
+
+
+def test_a_goal_that_is_no_number_is_refused(ros):
+    goal = {"position": {"x": "far", "y": 0.1, "z": 0.2}, "orientation": {"w": 1}}
+    with pytest.raises(roslibpy.core.ServiceException, match="position"):
+        call(ros, "act", action_type="reach", goal_pose=goal)
+
+
 def test_the_test_interface_is_there_as_services(ros):
     tested = call(ros, "act/reach_test", n=1, seed=2)
     assert (tested["n"], tested["reached"], tested["reasons"]) == (1, 1, {"ok": 1})

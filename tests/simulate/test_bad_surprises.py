@@ -7,10 +7,14 @@ import math
 import numpy as np
 import pytest
 
+import rtask
 from rtask.errors import RobotError
 from simulate.act.service import ActService
+from simulate.agent import Agent, AgentConfig
 from simulate.executor import GraspRequest
 from simulate.objects import product
+from simulate.scene import Placement
+from simulate.simulated_body import Conditions, SimulatedBody
 from simulate.workcell import Workcell
 
 CAN = product("can", 3)
@@ -121,6 +125,34 @@ def test_a_world_that_breaks_down_names_the_joint(cell, can, monkeypatch):
     with pytest.raises(RobotError, match="panda_joint4 of panda is not a number") as caught:
         run(cell, "pregrasp", lambda: broken.append(True))
     assert caught.value.details["reason"] == "not_judged"
+
+
+def test_an_object_taken_away_between_look_and_grasp_is_missed_once_and_told(tmp_path):
+    """Camera, engine, planner and physics as they are; only somebody's hand is quicker."""
+    body = SimulatedBody(
+        [Placement(CAN, *AT, 0.0)], tmp_path, Conditions(robot="panda", preset="fast")
+    )
+    real = body.execute
+
+    def too_late(plan):
+        for left in list(body.world.objects):
+            body.world.remove(left)
+        return real(plan)
+
+    body.execute = too_late
+    try:
+        with rtask.open(":memory:") as kb, rtask.connect(kb, agent="panda-1") as client:
+            client.call("register_robot", **body.robot.describe("panda-1"))
+            (met,) = Agent(body, client, AgentConfig()).clear_table()
+            told = kb.select(
+                "PREFIX rt: <https://w3id.org/rtask-kg/ns#> SELECT ?code { "
+                "?attempt rt:hasOutcome ?outcome . ?outcome rt:hasReason/rt:code ?code }"
+            )
+            codes = [str(row.value("code")) for row in told]
+    finally:
+        body.close()
+    assert [(a.reason, a.held) for a in met.attempts] == [("missed", False)]
+    assert codes == ["missed"]
 
 
 def test_the_act_service_passes_a_breakdown_on(cell, can, monkeypatch):
