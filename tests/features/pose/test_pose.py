@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from features.geometry import Frame, Intrinsics
 from features.pose import (
@@ -16,6 +17,7 @@ from features.pose import (
     estimate_pose,
     pose_error,
 )
+from features.pose.model import sample_mesh
 from features.pose.rotations import angle_between, rotation_about, super_fibonacci
 from features.pose.visibility import check_free_space
 
@@ -240,3 +242,20 @@ def test_a_time_limit_ends_the_search_and_is_reported(model: PoseModel) -> None:
     found = estimate_pose(model, Frame(depth, CAMERA), labels, 1, hurried)
     assert found is not None
     assert not found.is_complete
+
+
+def test_the_grid_knows_the_nearest_sample(model) -> None:
+    places, cell = model.samples[:, :3], model.cell_m
+    cells = np.argwhere(model.grid >= 0)
+    centres = model.corner + (cells + 0.5) * cell
+    exact, _ = cKDTree(places).query(centres)
+    away = np.linalg.norm(centres - places[model.grid.ravel()], axis=1)
+    near = exact < 2 * cell
+    np.testing.assert_allclose(away[near], exact[near], atol=1e-6)
+    assert (away - exact).max() < 0.5 * cell
+
+
+def test_noise_does_not_break_a_symmetry_that_it_may_break() -> None:
+    vertices, faces = box((0.03, 0.0284, 0.03), (0.0, 0.0, 0.0))  # a cube, but for 1.6 mm a side
+    assert len(build_pose_model(vertices, faces).symmetries) == 8
+    assert len(build_pose_model(vertices, faces, noise_m=0.0007).symmetries) == 24
