@@ -29,6 +29,8 @@ from endpoint.resources.blobs import plan_blob
 from endpoint.resources.collections import COLLECTIONS
 from endpoint.resources.listing import ADDRESS as API
 from endpoint.resources.listing import is_listing, plan_listing
+from endpoint.resources.tickets import ADDRESS as TICKET
+from endpoint.resources.tickets import plan_ticket
 
 if TYPE_CHECKING:
     from endpoint.gateway import Gateway
@@ -39,7 +41,7 @@ _PROTOCOL = {
     "/update": (UPDATE,),
 }
 _OPERATORS = ("/metrics", "/queries", "/api/history", "/backup")
-_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS, *DESCRIPTIONS))
+_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS, *DESCRIPTIONS, TICKET))
 _PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/")
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
@@ -86,6 +88,8 @@ class Addresses:
         gateway = self._gateway
         if address in _PROTOCOL:
             return self._protocol(request, caller, _PROTOCOL[address])
+        if address == TICKET:
+            return plan_ticket(gateway.auth, request, caller)
         if request.method not in _SAFE_METHODS:
             gateway.admit_write(caller)
         if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
@@ -109,7 +113,7 @@ class Addresses:
         """Return which methods an address takes, and what a page of another origin may send."""
         if address in _PROTOCOL:
             methods = METHODS[_PROTOCOL[address]]
-        elif address.startswith("/engine/"):
+        elif address.startswith("/engine/") or address == TICKET:
             methods = ("POST", "OPTIONS")
         elif address.startswith(graph_store.ADDRESS):
             methods = graph_store.METHODS

@@ -34,6 +34,7 @@ _PROGRAMS = (
     "/store/<path:rest>",
     "/engine/<path:rest>",
     "/openapi",
+    "/tokens/ticket",
     "/openapi.json",
     "/api/<path:rest>",
     "/health",

@@ -14,6 +14,8 @@ from urllib.parse import urlsplit
 from endpoint.config import Config, is_loopback
 from endpoint.exchange import Request
 from endpoint.sessions import Sessions, SignedIn, session_name
+from endpoint.tickets import PREFIX as TICKET
+from endpoint.tickets import Tickets
 from endpoint.tokens import Token, TokenStore
 from rtask.errors import AuthenticationError, ForbiddenError
 from rtask.kb.access import Access
@@ -72,6 +74,7 @@ class Authenticator:
         self._tokens = tokens
         self._config = config
         self.sessions = Sessions()
+        self.tickets = Tickets()
 
     def identify(self, request: Request, *, token_in_url: bool = False) -> Caller:
         """Return the caller of a request.
@@ -84,7 +87,7 @@ class Authenticator:
         request
             What came in.
         token_in_url
-            Whether ``?token=`` counts: browsers cannot set headers on a websocket.
+            Whether ``?token=`` counts, a ticket too: browsers cannot set headers on a websocket.
 
         Raises
         ------
@@ -96,7 +99,8 @@ class Authenticator:
         self.check_host(request)
         text = self._token_text(request, token_in_url)
         if text is not None:
-            token = self._tokens.authenticate(text)
+            is_ticket = token_in_url and text.startswith(TICKET)
+            token = self._of_ticket(text) if is_ticket else self._tokens.authenticate(text)
             return Caller(token.access, token, address=request.client)
         signed_in = self._signed_in(request)
         if signed_in is not None:
@@ -106,6 +110,16 @@ class Authenticator:
         if self._config.plain or not self._tokens.ever_issued():
             return Caller(_ANONYMOUS, address=request.client)
         return Caller(_READER, address=request.client)
+
+    def _of_ticket(self, ticket: str) -> Token:
+        """Return the token that a ticket stands for; the ticket is used up."""
+        token_id = self.tickets.redeem(ticket)
+        token = self._tokens.get(token_id) if token_id else None
+        if token is None:
+            raise AuthenticationError(
+                "the ticket was used, or is too old; ask for another", token_sent=True
+            )
+        return token
 
     def _signed_in(self, request: Request) -> Caller | None:
         """Return the caller whose cookie stands for a token that is still good."""

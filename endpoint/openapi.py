@@ -211,10 +211,26 @@ def _fixed_paths() -> JsonObject:
             )
         },
         "/changes": {"get": _changes(text)},
+        "/tokens/ticket": {"post": _ticket()},
         "/health": {"get": _health("Is the server well?")},
         "/health/live": {"get": _get("Is the server alive?", (JSON_TYPE,))},
         "/health/ready": {"get": _health("May it be asked?")},
         "/openapi.json": {"get": _get("This description", (JSON_TYPE,))},
+    }
+
+
+def _ticket() -> JsonObject:
+    body = {
+        "type": "object",
+        "properties": {"ticket": {"type": "string"}, "expires_in": {"type": "integer"}},
+        "required": ["ticket", "expires_in"],
+    }
+    return {
+        "summary": "Get a value for the ?token= of one websocket; expires_in is in s",
+        "responses": {
+            "201": {"description": "made", "content": {JSON_TYPE: {"schema": body}}},
+            **_problems((400, 401, 403, 405, 413, 415, 429, 503)),
+        },
     }
 
 

@@ -40,7 +40,8 @@ def _operation(path: str, method: str, described: JsonObject, schemas: JsonObjec
     if body:
         schema = _resolved(next(iter(body["content"].values()))["schema"], schemas)
         parts.append(_fields(schema, schemas))
-    answers: JsonObject = next(iter(described["responses"]["200"]["content"].values()), {})
+    done = next(one for status, one in described["responses"].items() if status[0] == "2")
+    answers: JsonObject = next(iter(done["content"].values()), {})
     answer = answers.get("schema")
     if answer:
         parts += ["<h3>Answer</h3>", _fields(_resolved(answer, schemas), schemas)]

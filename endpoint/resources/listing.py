@@ -26,7 +26,7 @@ from endpoint.resources.collections import COLLECTIONS, Collection, Kind, Member
 from endpoint.versions import Versions, is_known
 from rtask.engine.redirect import present_name
 from rtask.engine.vocabulary import PREFIXES, PROV
-from rtask.errors import UsageError
+from rtask.errors import DataError, UsageError
 from rtask.kb.knowledge_base import KnowledgeBase
 from rtask.kb.terms import iri, literal
 
@@ -111,7 +111,7 @@ def plan_listing(kb: KnowledgeBase, versions: Versions, request: Request, timeou
             arguments["cursor"] = _cursor(rows[wanted.limit - 1], wanted)
             body["next"] = f"{ADDRESS}{name}?{urlencode(arguments)}"
         if wanted.counts:
-            body["total"] = int(kb.select(_count_text(wanted)).to_dicts()[0]["total"])
+            body["total"] = int(str(kb.select(_count_text(wanted))[0].value("total")))
         return answer.of(body)
 
     return Plan(run, timeout_s=timeout_s, lane="query")
@@ -150,9 +150,11 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
         for name, one in filters.items()
         if name in given
     ]
-    exact = single or given.get("iri", "")
-    if exact:
-        patterns.append(f"VALUES ?iri {{ {iri(exact)} }}")
+    patterns += [
+        f"VALUES ?iri {{ {_term('iri', name, 'iri')} }}"
+        for name in (single, given.get("iri", ""))
+        if name
+    ]
     limit = given.get("limit", str(LIMIT))
     if not limit.isdecimal() or not 1 <= int(limit) <= MOST:
         raise UsageError(f"limit: a whole number from 1 to {MOST} is wanted", field="limit")
@@ -178,7 +180,10 @@ def _members(collection: Collection, fields: str) -> tuple[Member, ...]:
 def _term(kind: Kind, value: str, name: str) -> str:
     """Return a parameter as a term of SPARQL."""
     if kind == "iri":
-        return str(iri(value))
+        try:
+            return str(iri(value))
+        except DataError as error:
+            raise UsageError(f"{name}: {error}", field=name) from None
     if kind == "boolean":
         if value not in ("true", "false"):
             raise UsageError(f"{name}: true or false is wanted", field=name)

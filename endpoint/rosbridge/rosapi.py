@@ -17,7 +17,13 @@ from endpoint.rosbridge.parameters import Parameters
 from endpoint.rosbridge.providers import Peer, Providers
 from endpoint.rosbridge.services import Engine, Service, ServiceTable
 from endpoint.rosbridge.topics import Topics
-from endpoint.rosbridge.typedefs import full_text, request_typedefs
+from endpoint.rosbridge.typedefs import (
+    full_text,
+    message_typedefs,
+    request_typedefs,
+    response_typedefs,
+)
+from rtask.engine.answers import ANSWERS
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.access import Access
 
@@ -86,7 +92,8 @@ def _listings(graph: Graph) -> dict[str, Answer]:
 
     def raw(args: JsonObject) -> JsonObject:
         listed = topics(args)
-        return {**listed, "typedefs_full_text": ["" for _ in listed["topics"]]}
+        texts = [[full_text(one) for one in message_typedefs(name)] for name in listed["types"]]
+        return {**listed, "typedefs_full_text": [text[0] if text else "" for text in texts]}
 
     return {
         "get_time": _get_time,
@@ -155,20 +162,32 @@ def _nodes(graph: Graph) -> dict[str, Answer]:
 
 
 def _types(graph: Graph) -> dict[str, Answer]:
+    def operation_of(type_: str) -> str:
+        names = (s.name for s in graph.table if s.type == type_ and s.name.startswith("/rtask/"))
+        return next(names, "").removeprefix("/rtask/")
+
+    def message_details(args: JsonObject) -> JsonObject:
+        wanted = _text(args, "type")
+        return {"typedefs": message_typedefs(wanted) or [_empty(wanted)]}
+
     def request_details(args: JsonObject) -> JsonObject:
         wanted = _text(args, "type")
-        for service in graph.table:
-            if service.type == wanted and service.name.startswith("/rtask/"):
-                operation = graph.engine.operations[service.name.removeprefix("/rtask/")]
-                return {"typedefs": request_typedefs(wanted, getattr(operation, "fields", ()))}
-        return {"typedefs": [_empty(f"{wanted}Request")]}
+        operation = graph.engine.operations.get(operation_of(wanted))
+        if operation is None:
+            return {"typedefs": [_empty(f"{wanted}Request")]}
+        return {"typedefs": request_typedefs(wanted, getattr(operation, "fields", ()))}
+
+    def response_details(args: JsonObject) -> JsonObject:
+        wanted = _text(args, "type")
+        declared = ANSWERS.get(operation_of(wanted))
+        if declared is None:
+            return {"typedefs": [_empty(f"{wanted}Response")]}
+        return {"typedefs": response_typedefs(wanted, declared)}
 
     return {
-        "message_details": lambda args: {"typedefs": [_empty(_text(args, "type"))]},
+        "message_details": message_details,
         "service_request_details": request_details,
-        "service_response_details": lambda args: {
-            "typedefs": [_empty(f"{_text(args, 'type')}Response")]
-        },
+        "service_response_details": response_details,
         "service_request_text": lambda args: {
             "text": full_text(request_details(args)["typedefs"][0])
         },

@@ -202,6 +202,30 @@ def test_a_token_in_the_url_or_the_header_names_the_robot(
             assert json.loads(robot.recv(timeout=20))["result"] is False
 
 
+def test_a_ticket_opens_one_websocket_and_no_second(
+    guarded: RunningServer, make_token: Any
+) -> None:
+    token = make_token("--robot", "ws-ticket")
+    bearer = {"Authorization": f"Bearer {token}"}
+    answer = httpx.post(f"{guarded.url}/tokens/ticket", headers=bearer)
+    assert (answer.status_code, answer.headers["Cache-Control"]) == (201, "no-store")
+    ticket = answer.json()["ticket"]
+    assert token not in ticket
+    with connect(f"{guarded.websocket}?token={ticket}") as robot:
+        register = {"op": "call_service", "service": "/rtask/register_robot",
+                    "args": {"name": "ws-ticket", **ROBOT}}  # fmt: skip
+        robot.send(json.dumps(register))
+        assert json.loads(robot.recv(timeout=20))["result"] is True
+    assert status_of_handshake(f"{guarded.websocket}?token={ticket}") == 401
+    another = httpx.post(f"{guarded.url}/tokens/ticket", headers=bearer).json()["ticket"]
+    # In a header it is no token: only websockets take it.
+    header = {"Authorization": f"Bearer {another}"}
+    assert httpx.get(f"{guarded.url}/sparql", headers=header).status_code == 401
+    assert status_of_handshake(f"{guarded.websocket}?token={another}") == 101
+    assert httpx.post(f"{guarded.url}/tokens/ticket").status_code == 401
+    assert httpx.get(f"{guarded.url}/tokens/ticket", headers=bearer).status_code == 405
+
+
 def test_one_token_holds_a_bounded_number_of_connections(
     guarded: RunningServer, make_token: Any
 ) -> None:

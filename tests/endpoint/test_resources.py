@@ -206,7 +206,7 @@ def test_a_list_is_one_query(
         ("/api/outcomes?success=yes", 400, "true or false"),
         ("/api/outcomes?since=yesterday", 400, "2026-01-31"),
         ("/api/outcomes?cursor=abc", 400, "`next`"),
-        ("/api/objects?class=a%20b", 422, "IRI"),
+        ("/api/objects?class=a%20b", 400, "class: not an absolute IRI"),
         ("/api/objects/99", 404, "see /api/objects"),
         ("/api/objects?text=%22%20%7D%20%23", 200, "items"),
     ],

@@ -142,6 +142,25 @@ def test_rosapi_lists_services_and_topics_with_their_types(connect: Connect) -> 
     assert unknown["result"] is True
 
 
+def test_rosapi_describes_messages_and_answers_with_the_types_in_them(connect: Connect) -> None:
+    robot = connect()
+    change = robot.ask(call("/rosapi/message_details", args={"type": "rtask/Change"}))
+    (typedef,) = change["values"]["typedefs"]
+    assert dict(zip(typedef["fieldnames"], typedef["fieldtypes"], strict=True))["graphs"] == (
+        "string"
+    )
+    pose = robot.ask(call("/rosapi/message_details", args={"type": "geometry_msgs/Pose"}))
+    held = [one["type"] for one in pose["values"]["typedefs"]]
+    assert held == ["geometry_msgs/Pose", "geometry_msgs/Point", "geometry_msgs/Quaternion"]
+    details = call("/rosapi/service_response_details", args={"type": "rtask/SearchObject"})
+    answer, similar = robot.ask(details)["values"]["typedefs"]
+    assert answer["type"] == "rtask/SearchObjectResponse"
+    assert answer["fieldarraylen"][answer["fieldtypes"].index(similar["type"])] == 0
+    assert "confidence" in similar["fieldnames"]
+    unknown = robot.ask(call("/rosapi/message_details", args={"type": "nao/Walk"}))
+    assert unknown["values"]["typedefs"][0]["fieldnames"] == []
+
+
 @pytest.mark.parametrize(
     ("text", "part"),
     [
