@@ -94,6 +94,7 @@ def plan_push_grasps(
     method: Literal["bound", "simulation"] = "bound",
     closure: Literal["strict", "nguyen"] = "strict",
     weighting: Literal["mean", "density"] = "mean",
+    sampling: Literal["random", "sobol"] = "random",
     max_opening: float | None = None,
     seed: int = 0,
     executor: Executor | None = None,
@@ -116,7 +117,7 @@ def plan_push_grasps(
         Of the candidates (`sample_grasps`).
     samples, elimination, stop, weighting
         Of the analysis (`analyse`).
-    method, closure, friction
+    method, closure, friction, sampling
         Of the test of one grasp on one part (`PushTest`).
     max_opening
         Stroke of the gripper: candidates that need more are left out.
@@ -140,7 +141,7 @@ def plan_push_grasps(
             f"the part has {len(part.vertices)} vertices, planning takes {MAX_VERTICES}; "
             "simplify it first (grasp.push.simplify)"
         )
-    test = PushTest(jaw_width, friction, method, closure)
+    test = PushTest(jaw_width, friction, method, closure, sampling=sampling)
     tolerance = tolerance_of(part, vertex_std, com_std, pose_std)
     grasps = sample_grasps(
         part, filter_distance=filter_distance, density=density, angles=angles,

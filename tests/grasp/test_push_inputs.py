@@ -97,6 +97,7 @@ def test_a_part_of_ten_thousand_vertices_is_simplified_or_refused() -> None:
         ({"max_opening": -1.0}, "max_opening must be positive"),
         ({"method": "guess"}, "method is bound or simulation"),
         ({"closure": "any"}, "closure is strict or nguyen"),
+        ({"sampling": "even"}, "sampling is random or sobol"),
         ({"stop": True, "elimination": Elimination((5, 5), 0.5)}, "exclude each other"),
     ],
 )
