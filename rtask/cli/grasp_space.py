@@ -59,7 +59,9 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
         return
     _print(found, gripper, notes, seconds, options)
     if stored is not None:
-        click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
+        many = f"{len(stored['grasps'])} grasps"
+        said = f"stored {many} as {stored['commit']}"
+        click.echo(said if stored["commit"] else f"the object has these {many} already")
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
 
