@@ -21,8 +21,8 @@ _NEIGHBOUR_M = 0.005
 
 def fpfh(voxels: VoxelGrid) -> NDArray[np.float64]:
     """Return the histogram of each voxel (v, 33), summing to 1; zeros without neighbours."""
-    simple = _simple(voxels.centroids, voxels.normals, voxels.neighbours, voxels.degrees)
-    return np.asarray(_spread(simple, voxels.centroids, voxels.neighbours, voxels.degrees))
+    simple = _simple(voxels.centroids, voxels.normals, voxels.starts, voxels.neighbours)
+    return np.asarray(_spread(simple, voxels.centroids, voxels.starts, voxels.neighbours))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -32,13 +32,14 @@ def _bin(value, low, high):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _simple(centroids, normals, neighbours, degrees):  # type: ignore[no-untyped-def]
+def _simple(centroids, normals, starts, neighbours):  # type: ignore[no-untyped-def]
     """Return the histogram of the angles to direct neighbours (v, 33)."""
     out = np.zeros((centroids.shape[0], BINS))
     for i in range(centroids.shape[0]):
         u = normals[i]
-        for k in range(degrees[i]):
-            j = neighbours[i, k]
+        degree = starts[i + 1] - starts[i]
+        for k in range(starts[i], starts[i + 1]):
+            j = neighbours[k]
             d = centroids[j] - centroids[i]
             distance = np.sqrt((d * d).sum())
             if distance < 1e-12:
@@ -53,7 +54,7 @@ def _simple(centroids, normals, neighbours, degrees):  # type: ignore[no-untyped
             n = normals[j]
             alpha, phi = (v * n).sum(), (u * d).sum()
             theta = np.arctan2((w * n).sum(), (u * n).sum())
-            share = 1.0 / degrees[i]
+            share = 1.0 / degree
             out[i, _bin(alpha, -1.0, 1.0)] += share
             out[i, _PER_ANGLE + _bin(phi, -1.0, 1.0)] += share
             out[i, 2 * _PER_ANGLE + _bin(theta, -np.pi, np.pi)] += share
@@ -61,15 +62,16 @@ def _simple(centroids, normals, neighbours, degrees):  # type: ignore[no-untyped
 
 
 @numba.njit(cache=True, nogil=True)
-def _spread(simple, centroids, neighbours, degrees):  # type: ignore[no-untyped-def]
+def _spread(simple, centroids, starts, neighbours):  # type: ignore[no-untyped-def]
     """Add the neighbours' histograms, near ones more, and bring each sum to 1."""
     out = simple.copy()
     for i in range(simple.shape[0]):
-        for k in range(degrees[i]):
-            j = neighbours[i, k]
+        degree = starts[i + 1] - starts[i]
+        for k in range(starts[i], starts[i + 1]):
+            j = neighbours[k]
             d = centroids[j] - centroids[i]
             distance = max(np.sqrt((d * d).sum()), 1e-6)
-            out[i] += simple[j] * (_NEIGHBOUR_M / (distance * degrees[i]))
+            out[i] += simple[j] * (_NEIGHBOUR_M / (distance * degree))
         total = out[i].sum()
         if total > 0:
             out[i] /= total

@@ -161,26 +161,29 @@ def segment_cloud(
     if mask is not None:
         use &= mask.ravel()
     chosen = np.flatnonzero(use)
-    labels, patches = np.zeros(len(flat), np.int32), np.full(len(flat), -1, np.int32)
     clock = Clock()
-    if len(chosen) >= 1:
-        tint = None if colours is None else colours.reshape(-1, 3).take(chosen, axis=0)
-        voxels = build_voxels(flat.take(chosen, axis=0), tint, params.voxel_m)
-        clock.lap("voxels")
-        of_voxel, patch_of_voxel = _objects_of_voxels(voxels, params, clock)
-        _hand_down(chosen, voxels.of_point, of_voxel, patch_of_voxel, labels, patches)
-    labels, counts = number_by_size(labels, params.min_points)
+    if not len(chosen):
+        none = np.zeros(shape, np.int32)
+        return Segmentation(none, none - 1, np.zeros(0, np.int64), clock.laps)
+    tint = None if colours is None else colours.reshape(-1, 3)
+    voxels = build_voxels(flat, tint, params.voxel_m, chosen)
+    clock.lap("voxels")
+    of_voxel, patches = _objects_of_voxels(voxels, params, clock)
+    sizes = np.bincount(of_voxel, weights=voxels.counts).astype(np.int64)
+    new, counts = _ranks(sizes, params.min_points)
+    labels, patch_labels = _hand_down(chosen, voxels.of_point, new[of_voxel], patches, len(flat))
     clock.lap("labels")
-    return Segmentation(labels.reshape(shape), patches.reshape(shape), counts, clock.laps)
+    return Segmentation(labels.reshape(shape), patch_labels.reshape(shape), counts, clock.laps)
 
 
 @numba.njit(cache=True, nogil=True)
-def _hand_down(chosen, of_point, of_voxel, patch_of_voxel, labels, patches):  # type: ignore[no-untyped-def]
-    """Write the object, from 1, and the supervoxel of each chosen point."""
+def _hand_down(chosen, of_point, of_voxel, patches, number):  # type: ignore[no-untyped-def]
+    """Return the object and the supervoxel of each of ``number`` points."""
+    labels, patch_labels = np.zeros(number, np.int32), np.full(number, -1, np.int32)
     for i in range(chosen.shape[0]):
-        voxel = of_point[i]
-        labels[chosen[i]] = of_voxel[voxel] + 1
-        patches[chosen[i]] = patch_of_voxel[voxel]
+        labels[chosen[i]] = of_voxel[of_point[i]]
+        patch_labels[chosen[i]] = patches[of_point[i]]
+    return labels, patch_labels
 
 
 def _objects_of_voxels(
@@ -188,8 +191,8 @@ def _objects_of_voxels(
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return the object and the supervoxel (v,) of each voxel."""
     if params.method == "euclidean":
-        parts = np.asarray(components(voxels.neighbours, voxels.degrees))
-        return parts, parts.astype(np.int32)
+        parts = np.asarray(components(voxels.starts, voxels.neighbours))
+        return parts.astype(np.int64), parts
     patches = grow_supervoxels(
         voxels, params.voxel_m, params.seed_m, params.weights, params.features
     )
@@ -270,13 +273,19 @@ def number_by_size(
     labels: NDArray[np.int32], min_points: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Number the labels by falling size and drop the small ones."""
-    counts = np.bincount(labels, minlength=1)
-    counts[0] = 0
-    order = np.lexsort((np.arange(len(counts)), -counts))
-    order = order[counts[order] >= max(min_points, 1)]
-    new = np.zeros(len(counts), np.int32)
-    new[order] = np.arange(1, len(order) + 1)
-    return new[labels], counts[order].astype(np.int64)
+    sizes = np.bincount(labels, minlength=1).astype(np.int64)
+    sizes[0] = 0
+    new, counts = _ranks(sizes, min_points)
+    return new[labels], counts
+
+
+def _ranks(sizes: NDArray[np.int64], fewest: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the rank (k,) of each size, from 1, 0 = too small, and the sizes by rank."""
+    order = np.argsort(-sizes, kind="stable")
+    order = order[sizes[order] >= max(fewest, 1)]
+    ranks = np.zeros(len(sizes), np.int32)
+    ranks[order] = np.arange(1, len(order) + 1)
+    return ranks, sizes[order]
 
 
 class Clock:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.segmentation.fpfh import fpfh
-from features.segmentation.voxels import VoxelGrid, find_cell
+from features.segmentation.voxels import VoxelGrid, cell_key, empty_table, find_slot, number_cells
 
 __all__ = ["Supervoxels", "components", "grow_supervoxels"]
 
@@ -67,23 +67,26 @@ def grow_supervoxels(
     features
         ``normals``, or ``39d``: position, CIELab and FPFH with fixed weights (Gatto 2016, 2.5.1).
     """
-    seeds = _seeds(voxels, seed_m)
-    plain = np.hstack([voxels.centroids, voxels.normals, voxels.colours])
     rich = features == "39d"
-    of_voxel = _grow(
-        np.hstack([voxels.centroids, _lab(voxels.colours), fpfh(voxels)]) if rich else plain,
-        voxels.counts,
-        voxels.neighbours,
-        voxels.degrees,
-        seeds,
-        seed_m,
-        np.array(weights),
-        int(_ROUNDS_PER_CELL * seed_m / voxel_m),
-        rich,
+    if rich:
+        parts = [voxels.centroids, _lab(voxels.colours), fpfh(voxels)]
+    else:
+        parts = [voxels.centroids, voxels.normals] + [voxels.colours] * (weights[2] > 0)
+    return Supervoxels(
+        *_partition(
+            voxels.centroids,
+            voxels.normals,
+            voxels.colours,
+            np.hstack(parts),
+            voxels.counts,
+            voxels.starts,
+            voxels.neighbours,
+            seed_m,
+            weights,
+            int(_ROUNDS_PER_CELL * seed_m / voxel_m),
+            rich,
+        )
     )
-    means = _means(plain, voxels.counts, of_voxel, len(seeds))
-    _unit_normals(means)
-    return Supervoxels(of_voxel, means[:, :3], means[:, 3:6], means[:, 6:9])
 
 
 def _lab(colours: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -92,46 +95,82 @@ def _lab(colours: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(lab[0], dtype=np.float64)
 
 
-def _seeds(voxels: VoxelGrid, seed_m: float) -> NDArray[np.int64]:
+@numba.njit(cache=True, nogil=True)
+def _partition(  # type: ignore[no-untyped-def]
+    centroids, normals, colours, features, counts, starts, neighbours, seed_m, weights, rounds, rich
+):
+    """Return the patch of each voxel (v,), the patches' centroids, normals and colours (s, 3)."""
+    seeds = _seeds(centroids, counts, starts, neighbours, seed_m)
+    of_voxel = _grow(features, counts, starts, neighbours, seeds, seed_m, weights, rounds, rich)
+    shape = (seeds.shape[0], 3)
+    places, directions, tints = np.empty(shape), np.empty(shape), np.empty(shape)
+    _means(centroids, counts, of_voxel, places)
+    _means(normals, counts, of_voxel, directions)
+    _means(colours, counts, of_voxel, tints)
+    _make_unit(directions)
+    return of_voxel, places, directions, tints
+
+
+@numba.njit(cache=True, nogil=True)
+def _seeds(centroids, counts, starts, neighbours, size_m):  # type: ignore[no-untyped-def]
     """Return seed voxels: the one nearest to the centre of each cell, and one per lonely part.
 
     Every connected part keeps a seed: dropping lonely seeds is how small objects get lost.
     """
-    if not len(voxels):
-        return np.zeros(0, np.int64)
-    kept = _apart(voxels.centroids, _central(voxels.centroids, seed_m), _SEED_SPACING * seed_m)
-    parts = components(voxels.neighbours, voxels.degrees)
-    extra = _lonely(parts, voxels.counts, kept)
-    return np.concatenate([kept, extra])
+    kept = _apart(centroids, _central(centroids, size_m), size_m)
+    return np.concatenate((kept, _lonely(components(starts, neighbours), counts, kept)))
 
 
 @numba.njit(cache=True, nogil=True)
 def _central(centroids, size_m):  # type: ignore[no-untyped-def]
     """Return, in rising order, the voxel of each seed cell that is nearest to its centre."""
     n = centroids.shape[0]
-    cells = np.floor(centroids / size_m).astype(np.int64)
-    size = 16
-    while size < 2 * n:
-        size *= 2
-    table = np.full(size, -1, np.int32)
-    keys = np.empty((n, 3), np.int64)
-    nearest = np.empty(n, np.int64)
-    distance = np.empty(n)
-    count = 0
+    keys, cells = number_cells(centroids, np.arange(n), np.zeros(3), size_m)
+    nearest = np.empty(keys.shape[0], np.int64)
+    distance = np.full(keys.shape[0], np.inf)
     for voxel in range(n):
         d2 = 0.0
         for axis in range(3):
-            d2 += (centroids[voxel, axis] - (cells[voxel, axis] + 0.5) * size_m) ** 2
-        cell, slot = find_cell(table, keys, cells[voxel, 0], cells[voxel, 1], cells[voxel, 2])
-        if cell < 0:
-            cell = count
-            table[slot] = cell
-            keys[cell] = cells[voxel]
-            distance[cell] = np.inf
+            at = centroids[voxel, axis]
+            d2 += (at - (np.floor(at / size_m) + 0.5) * size_m) ** 2
+        if d2 < distance[cells[voxel]]:
+            nearest[cells[voxel]], distance[cells[voxel]] = voxel, d2
+    return np.sort(nearest)
+
+
+@numba.njit(cache=True, nogil=True)
+def _apart(centroids, candidates, size_m):  # type: ignore[no-untyped-def]
+    """Keep candidates, one a cell, in order, that lie half a cell or more from those kept before.
+
+    What lies nearer than that is in one of the eight cells at the nearest corner of its own.
+    """
+    table = empty_table(candidates.shape[0])
+    owners = np.empty(table.shape[0], np.int64)
+    kept = np.empty(candidates.shape[0], np.int64)
+    count = 0
+    for candidate in candidates:
+        x, y, z = centroids[candidate, 0], centroids[candidate, 1], centroids[candidate, 2]
+        x, y, z = x / size_m, y / size_m, z / size_m
+        a, b, c = np.floor(x), np.floor(y), np.floor(z)
+        da = 1 if x - a >= 0.5 else -1
+        db = 1 if y - b >= 0.5 else -1
+        dc = 1 if z - c >= 0.5 else -1
+        free = True
+        for corner in range(1, 8):
+            i, j, k = da * (corner & 1), db * (corner >> 1 & 1), dc * (corner >> 2)
+            key = cell_key(a + i, b + j, c + k)
+            slot = find_slot(table, key)
+            if table[slot] == key:
+                d2 = 0.0
+                for axis in range(3):
+                    d2 += (centroids[candidate, axis] - centroids[owners[slot], axis]) ** 2
+                free &= d2 >= (_SEED_SPACING * size_m) ** 2
+        if free:
+            key = cell_key(a, b, c)
+            slot = find_slot(table, key)
+            table[slot], owners[slot], kept[count] = key, candidate, candidate
             count += 1
-        if d2 < distance[cell]:
-            nearest[cell], distance[cell] = voxel, d2
-    return np.sort(nearest[:count])
+    return kept[:count]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -149,30 +188,11 @@ def _lonely(parts, counts, kept):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _apart(centroids, candidates, spacing):  # type: ignore[no-untyped-def]
-    """Keep candidates in order that lie no closer than ``spacing`` to one kept before."""
-    kept = np.empty(candidates.shape[0], np.int64)
-    count = 0
-    for candidate in candidates:
-        free = True
-        for k in range(count):
-            d2 = 0.0
-            for axis in range(3):
-                d2 += (centroids[candidate, axis] - centroids[kept[k], axis]) ** 2
-            if d2 < spacing * spacing:
-                free = False
-                break
-        if free:
-            kept[count] = candidate
-            count += 1
-    return kept[:count]
-
-
-@numba.njit(cache=True, nogil=True)
-def components(neighbours, degrees):  # type: ignore[no-untyped-def]
-    n = degrees.shape[0]
-    part = np.full(n, -1, np.int64)
-    stack = np.empty(n, np.int64)
+def components(starts, neighbours):  # type: ignore[no-untyped-def]
+    """Return the connected part (v,) of each voxel, numbered as they come up."""
+    n = starts.shape[0] - 1
+    part = np.full(n, -1, np.int32)
+    stack = np.empty(n + 1, np.int32)
     count = 0
     for start in range(n):
         if part[start] >= 0:
@@ -182,117 +202,137 @@ def components(neighbours, degrees):  # type: ignore[no-untyped-def]
         while top > 0:
             top -= 1
             voxel = stack[top]
-            for k in range(degrees[voxel]):
-                other = neighbours[voxel, k]
-                if part[other] < 0:
-                    part[other] = count
-                    stack[top] = other
-                    top += 1
+            for k in range(starts[voxel], starts[voxel + 1]):
+                other = neighbours[k]
+                stack[top] = other
+                top += part[other] < 0
+                part[other] = count
         count += 1
     return part
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _distance(a, b, by_space, by_normal, by_colour):  # type: ignore[no-untyped-def]
-    """Return the weighted distance of a voxel's and a supervoxel's position, normal and colour.
+@numba.njit(cache=True, nogil=True)
+def _distances(features, near, mean, weights, seed_m, out):  # type: ignore[no-untyped-def]
+    """Write how far voxels are from a supervoxel in position, normal and colour, weighted.
 
     The supervoxel's normal has unit length or is zero.
     """
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    dot = a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-    red, green, blue = a[6] - b[6], a[7] - b[7], a[8] - b[8]
-    return (
-        by_space * np.sqrt(x * x + y * y + z * z)
-        + by_normal * (1 - abs(dot))
-        + by_colour * np.sqrt(red * red + green * green + blue * blue)
-    )
+    by_space, by_normal, by_colour = weights[0] / seed_m, weights[1], weights[2]
+    x0, y0, z0, a0, b0, c0 = mean[0], mean[1], mean[2], mean[3], mean[4], mean[5]
+    for k in range(near.shape[0]):
+        voxel = near[k]
+        x, y, z = features[voxel, 0] - x0, features[voxel, 1] - y0, features[voxel, 2] - z0
+        cosine = features[voxel, 3] * a0 + features[voxel, 4] * b0 + features[voxel, 5] * c0
+        out[k] = by_space * np.sqrt(x * x + y * y + z * z) + by_normal * (1 - abs(cosine))
+    if by_colour > 0:
+        for k in range(near.shape[0]):
+            tint = 0.0
+            for c in range(6, 9):
+                tint += (features[near[k], c] - mean[c]) ** 2
+            out[k] += by_colour * np.sqrt(tint)
 
 
 @numba.njit(cache=True, nogil=True)
-def _unit_normals(means):  # type: ignore[no-untyped-def]
-    """Make the normals of supervoxels unit vectors, in place: means of unit vectors are shorter."""
-    for label in range(means.shape[0]):
+def _make_unit(directions):  # type: ignore[no-untyped-def]
+    """Bring vectors (s, 3) to unit length in place: means of unit vectors are shorter."""
+    for label in range(directions.shape[0]):
         length = 0.0
-        for k in range(3, 6):
-            length += means[label, k] ** 2
+        for k in range(3):
+            length += directions[label, k] ** 2
         scale = 1 / np.sqrt(length) if length > _NO_DIRECTION**2 else 0.0
-        for k in range(3, 6):
-            means[label, k] *= scale
+        for k in range(3):
+            directions[label, k] *= scale
 
 
 @numba.njit(cache=True, nogil=True)
-def _distance_39(a, b, seed_m):  # type: ignore[no-untyped-def]
-    """Return the distance of position, CIELab and histogram (Gatto 2016, 2.5.1)."""
-    space = tint = 0.0
-    for k in range(3):
-        space += (a[k] - b[k]) ** 2
-        tint += (a[3 + k] - b[3 + k]) ** 2
-    common = 0.0
-    for k in range(6, a.shape[0]):
-        common += min(a[k], b[k])
-    return np.sqrt(
-        _OF_COLOUR * tint / _COLOUR_SCALE**2
-        + _OF_SPACE * space / (3 * seed_m * seed_m)
-        + _OF_SHAPE * (1 - common) ** 2
-    )
+def _distances_39(features, near, mean, seed_m, out):  # type: ignore[no-untyped-def]
+    """Write how far voxels are from a supervoxel in position, CIELab and histogram.
+
+    Gatto 2016, 2.5.1.
+    """
+    for voxel in range(near.shape[0]):
+        own = features[near[voxel]]
+        space = tint = common = 0.0
+        for k in range(3):
+            space += (own[k] - mean[k]) ** 2
+            tint += (own[3 + k] - mean[3 + k]) ** 2
+        for k in range(6, own.shape[0]):
+            common += min(own[k], mean[k])
+        out[voxel] = np.sqrt(
+            _OF_COLOUR * tint / _COLOUR_SCALE**2
+            + _OF_SPACE * space / (3 * seed_m * seed_m)
+            + _OF_SHAPE * (1 - common) ** 2
+        )
 
 
 @numba.njit(cache=True, nogil=True)
-def _means(features, counts, labels, number):  # type: ignore[no-untyped-def]
-    """Return the mean features (s, k) of each supervoxel, weighted by points."""
-    width = features.shape[1]
-    sums = np.zeros((number, width))
-    weight = np.zeros(number)
+def _means(features, counts, labels, means):  # type: ignore[no-untyped-def]
+    """Write the mean features (s, k) of each supervoxel, weighted by points."""
+    means[:] = 0.0
+    weight = np.zeros(means.shape[0])
     for voxel in range(labels.shape[0]):
         label = labels[voxel]
         if label >= 0:
             weight[label] += counts[voxel]
-            for k in range(width):
-                sums[label, k] += counts[voxel] * features[voxel, k]
-    for label in range(number):
-        for k in range(width):
-            sums[label, k] /= max(weight[label], 1e-12)
-    return sums
+            for k in range(features.shape[1]):
+                means[label, k] += counts[voxel] * features[voxel, k]
+    for label in range(means.shape[0]):
+        for k in range(features.shape[1]):
+            means[label, k] /= max(weight[label], 1e-12)
 
 
 @numba.njit(cache=True, nogil=True)
 def _grow(  # type: ignore[no-untyped-def]
-    features, counts, neighbours, degrees, seeds, seed_m, weights, rounds, rich
+    features, counts, starts, neighbours, seeds, seed_m, weights, rounds, rich
 ):
     """Relabel voxels along adjacency until nothing changes; distances are never forgotten."""
     n = features.shape[0]
-    by_space = weights[0] / seed_m
-    labels = np.full(n, -1, np.int32)
-    best = np.full(n, np.inf)
+    labels, best = np.full(n, -1, np.int32), np.full(n, np.inf)
     means = np.empty((seeds.shape[0], features.shape[1]))
     for label in range(seeds.shape[0]):
-        labels[seeds[label]] = label
-        best[seeds[label]] = 0.0
+        labels[seeds[label]], best[seeds[label]] = label, 0.0
         means[label] = features[seeds[label]]
     if not rich:
-        _unit_normals(means)
+        _make_unit(means[:, 3:6])
+    without = n - seeds.shape[0]
+    near, distances, tried = np.empty(26, np.uint32), np.empty(26), np.empty(n, np.int32)
+    moved, moving = np.ones(seeds.shape[0], np.bool_), np.zeros(seeds.shape[0], np.bool_)
     # The last sweeps only carry labels to voxels that nobody reached within the rounds.
     for sweep in range(rounds + n):
-        changed = False
+        if sweep >= rounds and without == 0:
+            break
+        # What a supervoxel says to a voxel is the same throughout a sweep, and the same as in the
+        # sweep before if it has neither won nor lost a voxel since: once is enough.
+        tried[:] = -1
         for voxel in range(n):
             label = labels[voxel]
-            if label < 0:
+            if label < 0 or not moved[label]:
                 continue
-            for k in range(degrees[voxel]):
-                other = neighbours[voxel, k]
-                if labels[other] == label or (sweep >= rounds and labels[other] >= 0):
-                    continue
-                if rich:
-                    d = _distance_39(features[other], means[label], seed_m)
-                else:
-                    d = _distance(features[other], means[label], by_space, weights[1], weights[2])
-                if d < best[other]:
-                    best[other] = d
-                    labels[other] = label
-                    changed = True
-        if not changed:
+            count = np.int64(0)
+            for k in range(starts[voxel], starts[voxel + 1]):
+                other = np.uint32(neighbours[k])
+                near[count] = other
+                count += np.int64(labels[other] != label) & np.int64(tried[other] != label)
+            if rich:
+                _distances_39(features, near[:count], means[label], seed_m, distances)
+            else:
+                _distances(features, near[:count], means[label], weights, seed_m, distances)
+            for k in range(count):
+                other = near[k]
+                tried[other] = label
+                if distances[k] < best[other] and (sweep < rounds or labels[other] < 0):
+                    if labels[other] < 0:
+                        without -= 1
+                    else:
+                        moved[labels[other]] = moving[labels[other]] = True
+                    best[other], labels[other] = distances[k], label
+                    moving[label] = True
+        if not moving.any():
             break
-        means = _means(features, counts, labels, seeds.shape[0])
+        if sweep > 0:
+            moved[:] = moving
+        moving[:] = False
+        _means(features, counts, labels, means)
         if not rich:
-            _unit_normals(means)
+            _make_unit(means[:, 3:6])
     return labels

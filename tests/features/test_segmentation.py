@@ -19,6 +19,7 @@ from features.segmentation import (
 )
 from features.segmentation.convexity import patch_graph
 from features.segmentation.fpfh import fpfh
+from features.segmentation.merge import contract
 from features.segmentation.supervoxels import Supervoxels, grow_supervoxels
 from features.segmentation.voxels import VoxelGrid, build_voxels
 
@@ -317,6 +318,48 @@ def test_what_stands_beside_the_table_is_not_on_it() -> None:
     assert not prism.mask[11_000:].any()
 
 
+def test_voxels_know_those_around_them_wherever_they_lie() -> None:
+    """Compared with a search among all pairs; one point lies a light year off."""
+    points = np.random.default_rng(2).uniform(-0.02, 0.02, (400, 3)) + np.array([0, 0, 0.5])
+    far = np.concatenate([points, [[1e16, -1e16, 0.5], [0.3, -0.2, 0.9]]])
+    for cloud in (points, far[400:], points[:1]):
+        voxels = build_voxels(cloud, None, 0.005)
+        cells = np.floor((cloud - cloud.mean(axis=0)) / 0.005)
+        _, first = np.unique(voxels.of_point, return_index=True)
+        assert len(np.unique(cells, axis=0)) == len(voxels)
+        apart = np.abs(cells[first][:, None] - cells[first][None]).max(axis=-1)
+        for k in range(len(voxels)):
+            found = voxels.neighbours[voxels.starts[k] : voxels.starts[k + 1]]
+            assert sorted(found) == np.flatnonzero(apart[k] == 1).tolist()
+
+
+def test_contraction_is_greedy_edge_by_edge() -> None:
+    """Against the rule spelled out on a matrix, with ties."""
+    rng = np.random.default_rng(5)
+    for number in (2, 9, 40):
+        i, j = np.triu_indices(number, 1)
+        some = rng.random(len(i)) < 0.3
+        pairs = np.stack([i[some], j[some]], axis=1)
+        weights = rng.integers(-4, 5, len(pairs)).astype(float)
+        matrix = np.zeros((number, number))
+        matrix[pairs[:, 0], pairs[:, 1]] = matrix[pairs[:, 1], pairs[:, 0]] = weights
+        linked = np.zeros((number, number), bool)
+        linked[pairs[:, 0], pairs[:, 1]] = linked[pairs[:, 1], pairs[:, 0]] = True
+        groups = np.arange(number)
+        while (np.where(linked, matrix, 0.0) > 0).any():
+            a, b = np.unravel_index(np.where(linked, matrix, -np.inf).argmax(), matrix.shape)
+            if (linked[a].sum(), -a) < (linked[b].sum(), -b):
+                a, b = b, a
+            for table in (matrix, linked):
+                table[a] += table[b]
+                table[:, a] = table[a]
+                table[b] = table[:, b] = table[a, a] = 0
+            groups[groups == b] = a
+        same = groups[:, None] == groups[None]
+        found = contract(pairs, weights, number)
+        np.testing.assert_array_equal(found[:, None] == found[None], same)
+
+
 def test_every_part_keeps_a_patch_however_near_the_next_one_is() -> None:
     """Seeds 6 mm apart are thinned out, but not to the loss of a part that touches nothing."""
     grid = np.stack(np.meshgrid([0.0, 0.002], [0.0, 0.002], [0.5]), -1).reshape(-1, 3)
@@ -338,8 +381,8 @@ def test_patches_side_by_side_along_their_crease_say_nothing_about_convexity(
     centroids = np.array([apart, (0.0, 0.0, 0.0)])
     voxels = VoxelGrid(
         of_point=np.array([0, 1], np.int32),
-        neighbours=np.array([[1] + [-1] * 25, [0] + [-1] * 25], np.int32),
-        degrees=np.ones(2, np.int32),
+        starts=np.array([0, 1, 2], np.int32),
+        neighbours=np.array([1, 0], np.int32),
         centroids=centroids,
         colours=np.zeros((2, 3)),
         counts=np.ones(2),
