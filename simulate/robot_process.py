@@ -19,7 +19,7 @@ from typing import Any
 
 import rtask
 from rtask.client import Client
-from rtask.errors import CallFailedError, RemoteUnavailableError, RobotError, RtaskError
+from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
 from simulate.agent import Agent, AgentConfig
 from simulate.camera import Lighting
 from simulate.encounter import Encounter
@@ -175,10 +175,6 @@ def main() -> None:
             body = body_of(job, Path(assets))
             try:
                 _run(job, body, tell)
-            except Exception as error:
-                if job.gui and not body.world.is_open:
-                    raise RobotError("the simulation's window was closed") from error
-                raise
             finally:
                 body.close()
     except RtaskError as error:

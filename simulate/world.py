@@ -194,13 +194,8 @@ class World:
 
     def close(self) -> None:
         """Disconnect; a second call does nothing."""
-        if self.is_open:
+        if self.client is not None and self.client.isConnected():
             self.client.disconnect()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether physics still runs: it ends with its window when somebody closes that."""
-        return self.client is not None and bool(self.client.isConnected())
 
     @property
     def time(self) -> float:

@@ -29,6 +29,8 @@ _PR_SET_PDEATHSIG = 1
 _READY_TIMEOUT_S = 600.0
 _SILENCE_S = 600.0
 _STOP_TIMEOUT_S = 20.0
+_WINDOW_GONE = "X connection to"
+"""Xlib's last words: it ends the whole process, and no library above it is asked."""
 
 
 def _end_with_parent() -> None:
@@ -107,6 +109,8 @@ class _Child:
         code = self.process.wait()
         self._log.flush()
         said = _last_line(self._log_path.read_text(encoding="utf-8", errors="replace"))
+        if said.startswith(_WINDOW_GONE):
+            return "its window was closed"
         if code < 0:
             return f"killed by signal {-code} ({signal.Signals(-code).name})"
         return said or f"exit code {code}"
