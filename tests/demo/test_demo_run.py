@@ -17,12 +17,12 @@ from typing import Any
 import httpx
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 _DEMO = [sys.executable, "-m", "rtask", "demo"]
 
 
-def _run(*arguments: str, timeout: float = 500) -> subprocess.CompletedProcess[str]:
+def _run(*arguments: str, timeout: float = 1500) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*_DEMO, *arguments], capture_output=True, text=True, timeout=timeout, check=False
     )
