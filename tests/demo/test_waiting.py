@@ -32,7 +32,7 @@ def test_a_slow_endpoint_is_waited_for(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_an_endpoint_that_is_gone_is_not(tmp_path: Path) -> None:
-    with pytest.raises(RtaskError, match=r"nao-1 waits for .* SIGKILL.*outbox .*--keep"):
+    with pytest.raises(RtaskError, match=r"nao-1 waits for .*SIGKILL.*outbox .*--keep"):
         watch(tmp_path, ended=-9)
 
 
