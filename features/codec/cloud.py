@@ -57,7 +57,9 @@ def encode_cloud(
     """
     kept, rgb = checked_cloud(points, colours, step_m)
     origin = kept.min(axis=0) if len(kept) else np.zeros(3)
-    steps = np.round((kept - origin) / step_m)
+    steps = np.subtract(kept, origin)
+    steps /= step_m
+    np.rint(steps, out=steps)
     if steps.size and steps.max() >= _MAX_EXTENT_STEPS:
         raise ValueError(f"the cloud spans {steps.max():.0f} steps of {step_m} m; use a larger one")
     grid = steps.astype(np.int64)
@@ -70,19 +72,23 @@ def encode_cloud(
     if len(grid):
         sections[SECTION_POSITIONS] = _position_section(grid)
         if rgb is not None:
-            delta = np.diff(rgb, axis=0, prepend=np.zeros((1, 3), np.uint8))
-            sections[SECTION_COLOURS] = compress(delta.T.tobytes())
+            planes = np.ascontiguousarray(rgb.T)
+            planes[:, 1:] -= planes[:, :-1].copy()
+            sections[SECTION_COLOURS] = compress(planes.tobytes())
     header = cloud_header(len(grid), step_m, origin, frame_id, stamp_s)
     flags = (FLAG_COLOUR if SECTION_COLOURS in sections else 0) | (FLAG_ORDER if keep_order else 0)
     return pack(KIND_CLOUD, flags, header, sections)
 
 
 def _position_section(grid: NDArray[np.int64]) -> Section:
-    delta = np.diff(grid, axis=0, prepend=np.zeros((1, 3), np.int64))
-    zigzag = ((delta << 1) ^ (delta >> 63)).astype(np.uint64)
+    """Return the differences of lattice points (n, 3), their bytes apart by significance."""
+    axes = grid.T.copy()
+    axes[:, 1:] -= grid.T[:, :-1]
+    zigzag = (axes << 1) ^ (axes >> 63)
     width = 2 if zigzag.max() < 2**16 else 8
-    packed = zigzag.astype(f"<u{width}")
-    planes = packed.T.copy().view(np.uint8).reshape(3, -1, width).transpose(0, 2, 1)
+    planes = np.empty((3, width, len(grid)), np.uint8)
+    for k in range(width):
+        planes[:, k] = zigzag >> 8 * k
     return compress(planes.tobytes())
 
 
@@ -102,7 +108,10 @@ def read_cloud(container: Container, limits: Limits) -> Cloud:
     width, rest = divmod(len(raw), 3 * count)
     if rest or width not in (2, 8):
         raise CloudFormatError(f"positions: {len(raw)} bytes are not {count} points")
-    planes = np.frombuffer(raw, np.uint8).reshape(3, width, count).transpose(0, 2, 1)
-    packed = np.ascontiguousarray(planes).view(f"<u{width}").reshape(3, count).T.astype(np.uint64)
-    delta = (packed >> np.uint64(1)).astype(np.int64) ^ -(packed & np.uint64(1)).astype(np.int64)
-    return lattice.cloud(np.cumsum(delta, axis=0), lattice.colours(container, limits))
+    planes = np.frombuffer(raw, np.uint8).reshape(3, width, count)
+    zigzag = planes[:, 0].astype(np.uint64)
+    for k in range(1, width):
+        zigzag |= planes[:, k].astype(np.uint64) << np.uint64(8 * k)
+    delta = (zigzag >> np.uint64(1)).astype(np.int64)
+    delta ^= -(zigzag & np.uint64(1)).astype(np.int64)
+    return lattice.cloud(np.cumsum(delta, axis=1).T, lattice.colours(container, limits))

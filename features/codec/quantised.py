@@ -39,8 +39,11 @@ def checked_cloud(
         )
     if not (np.isfinite(step_m) and step_m > 0):
         raise ValueError(f"the step must be positive, got {step_m} m")
-    finite = np.isfinite(points).all(axis=1)
-    return points[finite].astype(np.float64), None if colours is None else colours[finite]
+    finite = np.isfinite(points[:, 0]) & np.isfinite(points[:, 1]) & np.isfinite(points[:, 2])
+    if not finite.all():
+        points, colours = points[finite], None if colours is None else colours[finite]
+    # Axis by axis in memory, as all that follows goes along one axis at a time.
+    return np.asarray(points, np.float64, order="F"), colours
 
 
 def cloud_header(
@@ -83,15 +86,21 @@ class Lattice:
         raw = expand(container.sections[SECTION_COLOURS], "colours", limits)
         if len(raw) != 3 * self.count:
             raise CloudFormatError(f"colours: {len(raw)} bytes are not {self.count} colours")
-        changes = np.frombuffer(raw, np.uint8).reshape(3, self.count).T
-        return np.cumsum(changes, axis=0, dtype=np.uint64).astype(np.uint8)
+        colours = np.empty((self.count, 3), np.uint8)
+        for axis, changes in enumerate(np.frombuffer(raw, np.uint8).reshape(3, self.count)):
+            colours[:, axis] = np.cumsum(changes, dtype=np.uint8)
+        return colours
 
     def cloud(self, cells: NDArray[Any], colours: UInt8Array | None) -> Cloud:
         """Return the cloud of cells (count, 3), which need not be whole numbers."""
-        positions = cells * self.step_m + self.origin
-        if not np.isfinite(positions).all() or np.abs(positions).max(initial=0) > _MAX_COORDINATE_M:
-            raise CloudFormatError(f"positions: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
-        return Cloud(positions.astype(np.float32), colours, self.frame_id, self.stamp_s)
+        positions = np.empty((len(cells), 3), np.float32)
+        for axis in range(3):
+            places = cells[:, axis] * self.step_m + self.origin[axis]
+            most = max(places.max(initial=0), -places.min(initial=0))
+            if not most <= _MAX_COORDINATE_M:  # true of NaN too
+                raise CloudFormatError(f"positions: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
+            positions[:, axis] = places
+        return Cloud(positions, colours, self.frame_id, self.stamp_s)
 
 
 def read_lattice(container: Container, limits: Limits) -> Lattice:
