@@ -25,6 +25,7 @@ _EDGES = ((0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5)
           (6, 7))  # fmt: skip
 _AXIS_COLOURS = ((230, 60, 50), (60, 190, 70), (60, 100, 240))
 _MOST_DOTS = 300
+_MOST_LINES = 40
 _GREEN, _GREY = (70, 220, 90), (150, 150, 150)
 
 
@@ -81,7 +82,9 @@ def draw_matches(
     agreed: NDArray[np.bool_],
     title: str = "",
 ) -> UInt8Array:
-    """Put two views side by side and join matched places; those that agree are green.
+    """Put two views side by side and mark matched places; those that agree are green.
+
+    Of each sort so many are joined by a line, spread over the object, that it stays visible.
 
     Parameters
     ----------
@@ -94,7 +97,7 @@ def draw_matches(
     """
     scale = [max(1.0, 360 / max(side.shape[0], 1)) for side in (left, right)]
     sides = [
-        cv2.resize(side, None, fx=s, fy=s, interpolation=cv2.INTER_NEAREST)
+        cv2.resize(side, None, fx=s, fy=s, interpolation=cv2.INTER_CUBIC)
         for side, s in zip((left, right), scale, strict=True)
     ]
     height = max(side.shape[0] for side in sides) + 24
@@ -106,11 +109,13 @@ def draw_matches(
         np.rint(np.asarray(p)[:, :2] * s + (x, 24)).astype(int)
         for p, s, x in zip(places, scale, offsets, strict=True)
     )
-    for k in np.argsort(agreed, kind="stable").tolist():
-        colour = _GREEN if agreed[k] else _GREY
-        cv2.line(shown, here[k].tolist(), there[k].tolist(), colour, 1, cv2.LINE_AA)
-        for end in (here[k], there[k]):
-            cv2.circle(shown, end.tolist(), 3, colour, 1, cv2.LINE_AA)
+    for colour, chosen in ((_GREY, ~agreed), (_GREEN, agreed)):
+        rows = np.flatnonzero(chosen)
+        rows = rows[np.argsort(here[rows, 1], kind="stable")]
+        for k in rows[:: -(-len(rows) // _MOST_LINES) or 1].tolist():
+            cv2.line(shown, here[k].tolist(), there[k].tolist(), colour, 1, cv2.LINE_AA)
+        for place in (*here[rows], *there[rows]):
+            cv2.circle(shown, place.tolist(), 2, colour, -1, cv2.LINE_AA)
     _write(shown, title, 4, 16)
     return shown
 
@@ -268,6 +273,10 @@ def _segment(
 
 
 def _write(image: UInt8Array, text: str, x: int, y: int) -> None:
-    place = (max(int(x), 2), max(int(y), 12))
-    for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA)
+    x, y = max(int(x), 2), max(int(y), 12)
+    # The outline is the text itself, moved: bolder letters would be wider.
+    around = [(u, v) for u in (-1, 0, 1) for v in (-1, 0, 1) if u or v]
+    for (u, v), colour in [*((step, (0, 0, 0)) for step in around), ((0, 0), (255, 255, 255))]:
+        cv2.putText(
+            image, text, (x + u, y + v), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA
+        )
