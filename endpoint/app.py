@@ -6,6 +6,7 @@ a program sends may as well arrive here, and gets the same answer.
 
 from __future__ import annotations
 
+import difflib
 from urllib.parse import urlencode
 
 import flask
@@ -133,12 +134,20 @@ def _on_error(error: Exception) -> flask.Response:
         code = error.code or 500
         detail = error.description or error.name
         if code == 404:
-            detail = f"there is nothing at {flask.request.path}"
+            detail = f"there is nothing at {flask.request.path}{_nearest_page()}"
         error = RefusedError(code, "not-found" if code == 404 else "usage", detail)
     response = problem(error)
     if prefers_html(flask.request.headers.get("Accept", "")) and not _is_data_address():
         return problem_page(error if isinstance(error, RtaskError) else None, response)
     return to_flask(response)
+
+
+def _nearest_page() -> str:
+    """Return the words that name a page whose address is near to the one asked for."""
+    rules = flask.current_app.url_map.iter_rules()
+    pages = {rule.rule for rule in rules if "GET" in (rule.methods or ()) and not rule.arguments}
+    near = difflib.get_close_matches(flask.request.path, sorted(pages), n=1, cutoff=0.7)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _is_data_address() -> bool:

@@ -24,6 +24,7 @@ from endpoint.protocol.negotiation import prefers_html
 from endpoint.protocol.plan import Plan
 from endpoint.rosbridge.session import Bridge
 from endpoint.sending import SEND_IDLE_S, Wire, send
+from endpoint.spool import Spool
 from endpoint.websocket import Connections, Message, Receive, Transmit
 from rtask.errors import RtaskError
 
@@ -217,20 +218,24 @@ class Front:
         Raises
         ------
         RefusedError
-            413 beyond the limit, 408 when nothing comes, 503 when too much is held already.
+            413 beyond the limit, 408 when nothing comes, 503 when too much is on its way already.
+        StorageFullError
+            There is no room for a large one.
         """
         if scope["method"] in ("GET", "HEAD") and not _announces_body(scope):
             return b""
         allowed = self._gateway.config.max_upload_bytes
-        pieces, size = [], 0
+        size = 0
+        spool = Spool()
         try:
             while True:
                 message = await _next_message(receive)
                 if message["type"] == "http.disconnect":
                     return None
-                pieces.append(message.get("body", b""))
-                size += len(pieces[-1])
-                self._held += len(pieces[-1])
+                piece = message.get("body", b"")
+                spool.write(piece)
+                size += len(piece)
+                self._held += len(piece)
                 if size > allowed:
                     raise RefusedError(413, "too-large", f"the body is above {allowed} bytes")
                 if self._held > MAX_HELD_BYTES:
@@ -241,9 +246,10 @@ class Front:
                         headers=(("Retry-After", "5"),),
                     )
                 if not message.get("more_body"):
-                    return b"".join(pieces)
+                    return await spool.read()
         finally:
             self._held -= size
+            spool.close()
 
     def _request(self, scope: Message, body: bytes) -> Request:
         headers: dict[str, str] = {}

@@ -11,7 +11,7 @@ from endpoint.exchange import JSON_TYPE, RefusedError, Request, Response
 from endpoint.idempotency import IdempotencyKeys
 from endpoint.protocol.plan import Plan
 from endpoint.rosbridge.services import Engine
-from rtask.errors import UsageError
+from rtask.errors import AuthenticationError, UsageError
 
 ADDRESS = "/engine/"
 
@@ -29,6 +29,8 @@ def plan_operation(
     ------
     RefusedError
         404 with the nearest name, 405, 415.
+    AuthenticationError
+        It needs a token, and none came.
     ForbiddenError
         The caller's role does not include the operation.
     """
@@ -43,6 +45,8 @@ def plan_operation(
             405, "method-not-allowed", "operations take POST", headers=(("Allow", "POST"),)
         )
     auth.check_origin(request, caller)
+    if caller.token is None and caller.access.role == "reader" and operation.scope != "read":
+        raise AuthenticationError(f"{name} needs a token; send Authorization: Bearer <token>")
     require_scope(caller.access, operation.scope)
     args = keys.read(request, name, caller.name, _json_object(request))
 

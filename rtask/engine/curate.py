@@ -9,26 +9,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.merging import merge_objects
-from rtask.engine.messages import Field
+from rtask.engine.messages import Field, nearest
 from rtask.engine.redirect import present_name
 from rtask.engine.splitting import forget_object, forget_views, split_object
 from rtask.engine.undoing import undo
-from rtask.engine.vocabulary import PROV, RT
+from rtask.engine.vocabulary import PREFIXES
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
-from rtask.kb.terms import NamedNode, iri
+from rtask.kb.terms import NamedNode, literal
 
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
     from rtask.kb.access import Access
     from rtask.kb.commit import Commit
 
-__all__ = ["CURATE_OBJECT", "author_of", "curate_object", "known_object"]
+__all__ = ["CURATE_OBJECT", "author_of", "curate_object", "object_meant"]
 
 CURATE_OBJECT = (
     Field("operation", "string", "what the person wants", required=True,
           choices=("merge", "split", "forget", "undo")),
-    Field("object", "string", "IRI of the object"),
-    Field("into", "string", "merge: IRI of the object that it turned out to be"),
+    Field("object", "string", "IRI of the object, or its name"),
+    Field("into", "string", "merge: IRI or name of the object that it turned out to be"),
     Field("views", "strings", "split: IRIs of the views that show another object; "
           "forget: only these views", default=[], high=1000),
     Field("name", "string", "split: what people call the new object"),
@@ -67,9 +67,9 @@ def _curate(engine: Engine, request: dict[str, Any], author: Access) -> dict[str
         if not request["commit"]:
             raise UsageError("commit is missing: which one is taken back?", field="commit")
         return _answer(engine, undo(engine, request["commit"], author), "")
-    thing = known_object(engine, request["object"], "object")
+    thing = object_meant(engine, request["object"], "object")
     if operation == "merge":
-        kept = known_object(engine, request["into"], "into")
+        kept = object_meant(engine, request["into"], "into")
         return _answer(engine, merge_objects(engine, kept, thing, author), kept.value)
     if operation == "split":
         new, commit = split_object(engine, thing, request["views"], request["name"], author)
@@ -80,24 +80,34 @@ def _curate(engine: Engine, request: dict[str, Any], author: Access) -> dict[str
     return _answer(engine, forget_object(engine, thing, request["purge"], author), "")
 
 
-def known_object(engine: Engine, name: str | None, field: str) -> NamedNode:
-    """Return the object that a field of a request names, also by a former name.
+def object_meant(engine: Engine, name: str | None, field: str) -> NamedNode:
+    """Return the object that a field of a request means: by IRI, former IRI, objectId or name.
 
     Raises
     ------
     UsageError
-        The field is empty.
+        The field is empty, or several objects are called so.
     UnknownTermError
         There is no such object, or it was forgotten.
     """
     if not name:
         raise UsageError(f"{field} is missing: IRI of the object", field=field)
-    thing = iri(present_name(engine.kb, name))
-    if engine.kb.match(thing, RT.objectId):
-        return thing
-    if engine.kb.match(thing, PROV.invalidatedAtTime):
+    kb = engine.kb
+    text = literal(present_name(kb, name))
+    rows = kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:name ?name }}
+  FILTER(STR(?object) = {text} || STR(?id) = {text} || STR(?name) = {text}) }} LIMIT 2""")
+    things = [row["object"] for row in rows]
+    if len(things) > 1:
+        raise UsageError(f"{field}: several objects are called {name!r}; give the IRI", field=field)
+    if things:
+        assert isinstance(things[0], NamedNode)
+        return things[0]
+    if kb.select(f"{PREFIXES}SELECT * {{ ?o prov:invalidatedAtTime ?t FILTER(STR(?o) = {text}) }}"):
         raise UnknownTermError(f"{field}: the object {name} was forgotten", field=field)
-    raise UnknownTermError(f"{field}: the graph knows no object {name}", field=field)
+    known = kb.select(f"{PREFIXES}SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }}")
+    hint = nearest(name, [str(row.value("n")) for row in known])
+    raise UnknownTermError(f"{field}: the graph knows no object {name}{hint}", field=field)
 
 
 def _answer(engine: Engine, commit: Commit, thing: str) -> dict[str, Any]:

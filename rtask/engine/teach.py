@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.alike import look_alikes
-from rtask.engine.curate import author_of, known_object
+from rtask.engine.curate import author_of, object_meant
 from rtask.engine.feedback import give_feedback
 from rtask.engine.insert import insert_object
 from rtask.engine.messages import Field, read
@@ -59,7 +59,7 @@ def teach_object(engine: Engine, request: dict[str, Any], access: Access) -> dic
 
 def _search(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
     if request["data"] is None and request["object"]:
-        thing = known_object(engine, request["object"], "object")
+        thing = object_meant(engine, request["object"], "object")
         return look_alikes(engine, thing, request["class_description"])
     _wanted(request, "class_description", "data")
     names = [field.name for field in SEARCH_OBJECT]
@@ -87,7 +87,7 @@ def _name(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, 
     """Say what an object is that is stored already."""
     author = author_of(engine, request["operator"], access)
     with engine.writing:
-        thing = known_object(engine, request["object"], "object")
+        thing = object_meant(engine, request["object"], "object")
         done = name_object(engine, thing, request["class_description"], request["name"], author)
     commit = engine.commit_id(done) if done.added or done.removed else ""
     known = recall(engine.kb, Question(objects=(thing.value,))).objects[thing.value]

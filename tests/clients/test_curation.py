@@ -100,6 +100,8 @@ def test_robots_may_not_and_people_may_over_http(lab: Lab) -> None:
     assert refused.status_code == 403
     assert "needs scope teach" in refused.json()["detail"]
     assert lab.curate("ann", "merge", object=one["object"], into=one["object"]).status_code == 400
+    nobody = httpx.post(f"{lab.server.url}/engine/curate_object", json={"operation": "forget"})
+    assert (nobody.status_code, "WWW-Authenticate" in nobody.headers) == (401, True)
     unknown = lab.curate("ann", "merge", object="urn:lab/object/999", into=one["object"])
     assert (unknown.status_code, unknown.json()["field"]) == (422, "object")
     # The same key carries out the same once, however often and at once it is sent.

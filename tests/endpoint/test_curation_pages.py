@@ -199,6 +199,7 @@ def test_neither_robots_nor_foreign_pages_nor_strangers_change_objects(site: Sit
         ("/object/merge?iri=urn:lab/object/1&into=urn:lab/object/1", 422),
         ("/object/split?iri=not an iri", 422),
         ("/teach?iri=", 400),
+        ("/objcts", 404),
     ],
 )
 def test_a_wrong_address_says_what_is_wrong(site: Site, address: str, status: int) -> None:

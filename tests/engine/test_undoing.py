@@ -174,6 +174,19 @@ def test_look_alikes_of_a_stored_object_are_narrowed_by_words(engine, boxes):
     assert robot.call("teach_object", **search, class_description="tni")["suggestions"] == ["tin"]
 
 
+def test_an_object_is_meant_by_its_name_unless_two_have_it(engine, boxes):
+    _, a, b, c = boxes
+    teach = {"operation": "teach", "name": "tin"}
+    engine.call("teach_object", {**teach, "object": a["object"]}, ANN)
+    with pytest.raises(UnknownTermError, match="did you mean 'tin'"):
+        curate(engine, "merge", object="tim", into=b["object"])
+    assert curate(engine, "merge", object="tin", into=b["object"])["object"] == b["object"]
+    for thing in (b, c):
+        engine.call("teach_object", {**teach, "object": thing["object"]}, ANN)
+    with pytest.raises(UsageError, match="several objects"):
+        curate(engine, "forget", object="tin")
+
+
 def test_what_is_forgotten_is_called_so(engine, boxes):
     _, a, _, c = boxes
     gone = curate(engine, "forget", object=a["object"])
