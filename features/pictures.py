@@ -273,7 +273,8 @@ def _segment(
 
 
 def _write(image: UInt8Array, text: str, x: int, y: int) -> None:
-    x, y = max(int(x), 2), max(int(y), 12)
+    width = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
+    x, y = max(min(int(x), image.shape[1] - width - 2), 2), max(int(y), 12)
     # The outline is the text itself, moved: bolder letters would be wider.
     around = [(u, v) for u in (-1, 0, 1) for v in (-1, 0, 1) if u or v]
     for (u, v), colour in [*((step, (0, 0, 0)) for step in around), ((0, 0), (255, 255, 255))]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["recognise"]
 
-_MOST_PLOTTED = 4
+_MOST_PLOTTED, _LEAST_ROWS = 6, 360
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,10 @@ class Seen:
 
     @property
     def name(self) -> str:
-        """Short name of what it is, or a question mark."""
+        """Short name of what it is, of the two that it may be, or a question mark."""
+        if self.answer.outcome == "multiple" and not self.answer.accepted:
+            first, second = (_short(match.object_iri) for match in self.answer.matches[:2])
+            return f"{self.label}: {first} or {second}?"
         if not self.answer.accepted:
             return f"{self.label}: ?"
         first = self.answer.matches[0]
@@ -226,25 +229,49 @@ def _picture(models: Models, frame: Frame, seen: list[Seen]) -> NDArray[np.uint8
 
     from features.pictures import draw_labels
 
-    assert frame.rgb is not None
     labels = np.zeros(frame.depth_m.shape, np.int32)
     for one in seen:
         top, left = one.crop.y0 - frame.y0, one.crop.x0 - frame.x0
         height, width = one.crop.depth_m.shape
         labels[top : top + height, left : left + width][one.crop.object_mask()] = one.label
+    times = max(1, _LEAST_ROWS // len(labels))
+    frame, labels = _magnified(frame, times), np.kron(labels, np.ones((times, times), np.int32))
+    assert frame.rgb is not None
     overlay = draw_labels(frame.rgb, labels, {one.label: one.name for one in seen})
     pictures = []
     for one in seen:
-        if not one.answer.matches:
-            continue
-        match = one.answer.matches[0]
-        stored = _stored_view(models.kb, match.view_iri)
-        if one.answer.accepted:
-            overlay = _with_pose(overlay, frame, models, one, stored)
-        if stored is None:
-            continue
-        pictures.append(_matches(one, match, *stored))
+        for rank, match in enumerate(one.answer.matches[: _shown(one.answer)]):
+            stored = _stored_view(models.kb, match.view_iri)
+            if rank == 0 and one.answer.accepted:
+                overlay = _with_pose(overlay, frame, models, one, stored)
+            if stored is not None:
+                pictures.append(_matches(one, match, *stored))
     return _stack([overlay, *pictures[:_MOST_PLOTTED]])
+
+
+def _shown(answer: Answer) -> int:
+    """Return how many matches are drawn: two that compete, else the first if anything agrees."""
+    if answer.outcome == "multiple":
+        return 2
+    return int(answer.accepted or any(match.inliers for match in answer.matches[:1]))
+
+
+def _magnified(frame: Frame, times: int) -> Frame:
+    """Return a frame with so many times the rows: lines and names need room on a small crop."""
+    lens, middle = frame.intrinsics, (times - 1) / 2
+    lens = replace(
+        lens, width=times * lens.width, height=times * lens.height, fx=times * lens.fx,
+        fy=times * lens.fy, cx=times * lens.cx + middle, cy=times * lens.cy + middle,
+    )  # fmt: skip
+
+    def larger(pixels: NDArray[Any]) -> NDArray[Any]:
+        return pixels.repeat(times, axis=0).repeat(times, axis=1)
+
+    assert frame.rgb is not None
+    return replace(
+        frame, depth_m=larger(frame.depth_m), intrinsics=lens, rgb=larger(frame.rgb),
+        mask=None, x0=times * frame.x0, y0=times * frame.y0,
+    )  # fmt: skip
 
 
 def _stored_view(kb: KnowledgeBase, view: str) -> tuple[Frame, ViewFeatures] | None:
