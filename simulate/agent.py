@@ -133,6 +133,8 @@ class Agent:
     on_sight
         Called with the frame and an object's pixels when it is first recognised or not; scoring
         hangs on here and returns nothing to the agent.
+    on_frame
+        Called with every frame taken, for those who watch.
     """
 
     def __init__(
@@ -142,6 +144,7 @@ class Agent:
         config: AgentConfig,
         on_event: Callable[[str, dict[str, Any]], None] = lambda name, data: None,
         on_sight: Callable[[Encounter, Seen], None] = lambda encounter, seen: None,
+        on_frame: Callable[[Frame], None] = lambda frame: None,
     ) -> None:
         self.body = body
         self.server = server
@@ -149,6 +152,7 @@ class Agent:
         self.encounters: dict[int, Encounter] = {}
         self._tell = on_event
         self._on_sight = on_sight
+        self._on_frame = on_frame
         self._tracker = Tracker()
         self._runs = 0
 
@@ -166,6 +170,7 @@ class Agent:
             frame, base_from_camera = self.body.look(side)
             view = perceive(frame, base_from_camera, self.body.ignored)
             looked_s = time.perf_counter() - started
+            self._on_frame(frame)
             mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
             things = self._tracker.update(mine, handled, sign)
             self._tell("look", {"side": side, "status": view.status, "objects": len(mine)})

@@ -23,6 +23,7 @@ from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
 from simulate.agent import Agent, AgentConfig
 from simulate.camera import Lighting
 from simulate.encounter import Encounter
+from simulate.frame_topic import FramePublisher
 from simulate.job import Job
 from simulate.objects import sample_objects
 from simulate.perception import Seen
@@ -127,7 +128,10 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
         first_sight[encounter.number] = judge.body_under(seen)
 
     token = os.environ.get("RTASK_TOKEN")
-    with rtask.connect(job.url, token=token, timeout_s=_CALL_S, outbox=Path(job.outbox)) as client:
+    with (
+        rtask.connect(job.url, token=token, timeout_s=_CALL_S, outbox=Path(job.outbox)) as client,
+        FramePublisher(job.url, job.name, token) as spectators,
+    ):
         server = Persistent(client, tell)
         server.register_robot(**body.robot.describe(job.name))
         in_reach = judge.in_reach()
@@ -137,7 +141,9 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
         threading.Thread(target=_end_with_parent, daemon=True).start()
         started = time.perf_counter()
         config = AgentConfig(max_attempts=job.max_attempts, seed=_mixed(job))
-        agent = Agent(body, server, config, on_event=tell, on_sight=on_sight)
+        agent = Agent(
+            body, server, config, on_event=tell, on_sight=on_sight, on_frame=spectators.watch
+        )
         met = agent.clear_table()
         seconds = time.perf_counter() - started
     tell(
