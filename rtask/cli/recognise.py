@@ -43,8 +43,8 @@ class Seen:
     def name(self) -> str:
         """Short name of what it is, of the two that it may be, or a question mark."""
         if self.answer.outcome == "multiple" and not self.answer.accepted:
-            first, second = (_short(match.object_iri) for match in self.answer.matches[:2])
-            return f"{self.label}: {first} or {second}?"
+            both = " or ".join(_short(match.object_iri) for match in self.answer.matches[:2])
+            return f"{self.label}: {both}?"
         if not self.answer.accepted:
             return f"{self.label}: ?"
         first = self.answer.matches[0]

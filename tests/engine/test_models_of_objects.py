@@ -235,6 +235,31 @@ def test_an_object_that_the_border_cuts_is_placed_or_left_open(bench, engine, ro
         assert np.linalg.norm(pose[:2, 3] - bench.BOX.position) < 0.01
 
 
+def test_holes_in_the_depth_do_not_hide_the_pose(bench, robot):
+    told_thrice(bench, robot, bench.BOX)
+
+    def torn(crop):
+        depth = crop.depth_m.copy()
+        depth[::2], depth[1::4] = np.nan, np.inf
+        return Frame(depth, crop.intrinsics, crop.rgb, crop.mask, crop.x0, crop.y0)
+
+    recognition = robot.recognise(changed(bench, bench.BOX, torn))["recognition"]
+    json.dumps(recognition, allow_nan=False)
+    assert recognition["pose_accepted"]
+
+
+def test_a_million_points_without_a_picture_have_grasps_and_no_pose(bench, robot):
+    told_thrice(bench, robot, bench.BOX)
+    frame = bench.look(bench.BOX, bench.Eye(target=(*bench.BOX.position, bench.TABLE)))
+    points = frame.points()[frame.mask]
+    many = points[np.arange(1_000_000) % len(points)]
+    many = many + np.random.default_rng(0).normal(0, 2e-4, many.shape)
+    dense = {**bench.sight(bench.BOX), "data": to_wire(encode_cloud(many.astype(np.float32)))}
+    answer = robot.recognise(dense)
+    assert answer["grasps"]
+    assert answer["recognition"]["pose"] is None
+
+
 def test_two_identical_objects_in_one_scene_have_each_its_pose(bench, robot):
     name = told_thrice(bench, robot, bench.BOX)
     places = ((0.12, -0.06), (0.22, 0.02))
