@@ -20,7 +20,7 @@ from grasp.push.perturb import Tolerance
 from grasp.push.plan import PushPlan, analyse_push_grasps, plan_push_grasps
 from grasp.push.polygon import Part, as_part, as_polygon, simplify
 from grasp.push.shards import open_executor
-from grasp.push.sources import Outline, outline_from_cloud, read_outline
+from grasp.push.sources import Outline, outline_from_cloud, read_outline, without_details
 from grasp.push.trials import PushTest
 
 __all__ = [
@@ -48,6 +48,7 @@ __all__ = [
     "simplify",
     "stop_at",
     "warm_up",
+    "without_details",
 ]
 
 

@@ -17,28 +17,30 @@ __all__ = ["album", "candidates_3d_svg", "pose_svg", "tolerance_svg"]
 _FACTORS = np.linspace(0.0, 3.0, 13)
 
 
-def album(plan: PushPlan, height: float = 0.0, seed: int = 0) -> dict[str, str]:
+def album(plan: PushPlan, height: float = 0.0, seed: int = 0, unit: str = "") -> dict[str, str]:
     """Return SVG documents by name.
 
     Parameters
     ----------
     height
         Of the part over its support; drawn in space when it is known.
+    unit
+        Of the part's lengths, where it is known.
     """
     drawings = {
-        "whiskers": whisker_svg(plan, seed),
-        "best": best_grasp_svg(plan),
-        "tolerance": tolerance_svg(plan, seed=seed),
-        "pose": pose_svg(plan, seed=seed),
+        "whiskers": whisker_svg(plan, seed, unit),
+        "best": best_grasp_svg(plan, unit=unit),
+        "tolerance": tolerance_svg(plan, seed=seed, unit=unit),
+        "pose": pose_svg(plan, seed=seed, unit=unit),
     }
     if np.any(plan.analysis.eliminated_after):
-        drawings["eliminated"] = eliminated_svg(plan)
+        drawings["eliminated"] = eliminated_svg(plan, unit)
     if height > 0:
         drawings["candidates_3d"] = candidates_3d_svg(plan, height)
     return drawings
 
 
-def tolerance_svg(plan: PushPlan, samples: int = 400, seed: int = 0) -> str:
+def tolerance_svg(plan: PushPlan, samples: int = 400, seed: int = 0, unit: str = "") -> str:
     """Return the best grasp's quality as either group of tolerances is raised, with 95 % bands."""
     near = near_vertices(plan.part, plan.grasps, plan.best, plan.test.jaw_width)
     base = np.broadcast_to(np.asarray(plan.tolerance.vertex_std), near.shape)
@@ -56,11 +58,12 @@ def tolerance_svg(plan: PushPlan, samples: int = 400, seed: int = 0) -> str:
         ]
         curves[name] = np.array([q[0] for q, _ in values])
         curves[f"{name}, lower 95 %*"] = np.array([low[0] for _, low in values])
-    title = f"quality of the best grasp; base deviation {base.mean():.3g}"
-    return chart(_FACTORS, curves, title, "deviation over its base", (0.0, 1.0))
+    title = f"best grasp under looser tolerances, {samples} perturbed parts"
+    label = f"standard deviation of vertices, times {base.mean():.3g} {unit}".rstrip()
+    return chart(_FACTORS, curves, title, label, (0.0, 1.0), "quality")
 
 
-def pose_svg(plan: PushPlan, samples: int = 60, seed: int = 0) -> str:
+def pose_svg(plan: PushPlan, samples: int = 60, seed: int = 0, unit: str = "") -> str:
     """Return the best grasp's simulated quality over uncertain position and rotation."""
     positions = np.linspace(0.02, 0.3, 8) * plan.part.diameter
     rotations = np.deg2rad(np.linspace(2.0, 40.0, 8))
@@ -68,8 +71,9 @@ def pose_svg(plan: PushPlan, samples: int = 60, seed: int = 0) -> str:
     table = pose_map(plan.part, grasp, plan.test, positions, rotations, samples=samples, seed=seed)
     return heat_map(
         table.quality, np.rad2deg(rotations).tolist(), positions.tolist(),
-        "best grasp, simulated, under uncertain pose",
-        ("rotation, standard deviation, deg", "position, standard deviation"),
+        f"quality of the best grasp, {samples} simulations a square",
+        ("standard deviation of rotation, deg",
+         f"standard deviation of position{f', {unit}' if unit else ''}"),
     )  # fmt: skip
 
 

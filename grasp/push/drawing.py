@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 
@@ -84,10 +85,35 @@ class Canvas:
             f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{size:.1f}" fill="none" stroke="{stroke}"/>'
         )
 
-    def text(self, point: ArrayLike, words: str, anchor: str = "middle", size: int = 11) -> None:
+    def text(self, point: ArrayLike, words: str, anchor: str = "middle", size: int = 11,
+             fill: str = "#222") -> None:  # fmt: skip
         """Add words at a point."""
         (x, y) = self._px(point)[0]
-        self._parts.append(_text(x, y, words, anchor, size))
+        self._parts.append(_text(x, y, words, anchor, size, fill))
+
+    def upright(self, words: str) -> None:
+        """Add words that name the vertical axis, beside the left margin."""
+        x, y = 0.3 * self._margin, self._size[1] / 2
+        turned = f'<g transform="rotate(-90 {x:.1f} {y:.1f})">'
+        self._parts.append(turned + _text(x, y, words, "middle", 11) + "</g>")
+
+    def key(self, entries: Mapping[str, str], unit: str = "") -> None:
+        """Explain colours below the drawing, after a bar of a round length in the data's unit."""
+        length = _round_length(0.25 * self._size[0] / float(self._scale[0]))
+        bar = length * float(self._scale[0])
+        x, y = self._margin, self._size[1] + 4
+        self._parts.append(
+            f'<path d="M{x},{y - 4}v8M{x},{y}h{bar:.1f}m0,-4v8" stroke="#222" fill="none"/>'
+        )
+        words = f"{length:g} {unit}" if unit else f"{length:g}, unit of the part"
+        self._parts.append(_text(x + bar + 6, y + 4, words, "start", 11))
+        for k, (words, colour) in enumerate(entries.items()):
+            below = y + 18 * (k + 1)
+            self._parts.append(
+                f'<rect x="{x}" y="{below - 5}" width="14" height="10" fill="{colour}"/>'
+            )
+            self._parts.append(_text(x + 20, below + 4, words, "start", 11))
+        self._size = (self._size[0], y + 18 * len(entries) + 20)
 
     def svg(self) -> str:
         """Return the document."""
@@ -101,10 +127,20 @@ class Canvas:
         )
 
 
-def _text(x: float, y: float, words: str, anchor: str, size: int) -> str:
+def _round_length(about: float) -> float:
+    """Return 1, 2 or 5 times a power of ten, at most ``about``.
+
+    >>> _round_length(0.37), _round_length(6.0)
+    (0.2, 5.0)
+    """
+    ten = 10.0 ** math.floor(math.log10(about))
+    return next(step * ten for step in (5.0, 2.0, 1.0) if step * ten <= about * (1 + 1e-9))
+
+
+def _text(x: float, y: float, words: str, anchor: str, size: int, fill: str = "#222") -> str:
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" font-family="sans-serif" font-size="{size}" '
-        f'text-anchor="{anchor}">{escape(words)}</text>'
+        f'text-anchor="{anchor}" fill="{fill}">{escape(words)}</text>'
     )
 
 
@@ -114,6 +150,7 @@ def chart(
     title: str,
     x_label: str,
     y_range: tuple[float, float],
+    y_label: str = "",
 ) -> str:
     """Return curves over a common x as an SVG document."""
     at = np.asarray(x, dtype=np.float64)
@@ -127,14 +164,35 @@ def chart(
         canvas.line([(low, level), (high, level)], "#ddd", 1)
         canvas.text((low, level), f"{level:.2f} ", "end")
         canvas.text((place, y_range[0] - 0.06 * (y_range[1] - y_range[0])), f"{place:.3g}")
-    canvas.text(((low + high) / 2, y_range[0] - 0.12 * (y_range[1] - y_range[0])), x_label)
+    tall = y_range[1] - y_range[0]
+    canvas.text(((low + high) / 2, y_range[0] - 0.12 * tall), x_label)
+    if y_label:
+        canvas.upright(y_label)
+    ends = {name: float(np.asarray(values)[-1]) for name, values in curves.items()}
+    places = _apart(ends, 0.036 * tall, y_range[1])
     for k, (name, values) in enumerate(curves.items()):
         colour = COLOURS[k % len(COLOURS)]
         ys = np.asarray(values, dtype=np.float64)
         dash = "5,4" if name.endswith("*") else ""
         canvas.line(np.column_stack([at, ys]), colour, 1.8, dash)
-        canvas.text((high, ys[-1]), f" {name.rstrip('*')}", "start", 10)
+        beside = high + 0.02 * (high - low)
+        canvas.line([(high, ys[-1]), (beside, places[name])], colour, 0.8)
+        canvas.text((beside, places[name] - 0.01 * tall), name.rstrip("*"), "start", 10)
     return canvas.svg()
+
+
+def _apart(ends: Mapping[str, float], least: float, most: float) -> dict[str, float]:
+    """Return heights of names near the ends of their curves, no two closer than ``least``.
+
+    >>> {k: round(v, 2) for k, v in _apart({"a": 1.0, "b": 0.99, "c": 0.5}, 0.1, 1.0).items()}
+    {'a': 1.0, 'b': 0.9, 'c': 0.5}
+    """
+    out: dict[str, float] = {}
+    free = most
+    for name, height in sorted(ends.items(), key=lambda item: -item[1]):
+        out[name] = min(height, free)
+        free = out[name] - least
+    return out
 
 
 def heat_map(
@@ -150,7 +208,8 @@ def heat_map(
             grey = round(255 * (1 - float(np.clip(table[r, c], 0, 1))))
             square = [(c, r), (c + 0.96, r), (c + 0.96, r + 0.96), (c, r + 0.96)]
             canvas.polygon(square, "#bbb", f"rgb({grey},{grey},{grey})", 0.5)
-            canvas.text((c + 0.48, r + 0.4), f"{table[r, c]:.2f}", "middle", 10)
+            ink = "#fff" if grey < 128 else "#222"
+            canvas.text((c + 0.48, r + 0.4), f"{table[r, c]:.2f}", "middle", 10, ink)
     for c in range(columns):
         canvas.text((c + 0.48, -0.4), f"{x[c]:.3g}")
     canvas.text((columns / 2, -1.1), labels[0])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.push.dxf import rings_from_dxf
-from grasp.push.polygon import FloatArray, as_polygon, plate_centroid, simplify
+from grasp.push.perturb import Tolerance
+from grasp.push.polygon import FloatArray, as_part, as_polygon, plate_centroid, simplify
 from grasp.push.rings import outline_and_holes
 from grasp.push.svg import rings_from_svg
 
@@ -28,6 +29,7 @@ __all__ = [
     "read_cloud",
     "read_outline",
     "rings_from_image",
+    "without_details",
 ]
 
 CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
@@ -109,6 +111,29 @@ def read_outline(path: Path, max_vertices: int = _PLANNED_VERTICES) -> Outline:
     if unit:
         said.append(f"lengths in {unit}")
     return Outline(polygon, com, len(ring), "; ".join(said), height, holes, unit)
+
+
+def without_details(outline: Outline, vertex_std: float | None = None) -> Outline:
+    """Return an outline without details that the deviation of its vertices hides.
+
+    A rounded corner drawn by many vertices that each deviate by more than their distance crosses
+    itself in every perturbation. The centre of mass stays that of the whole outline.
+
+    Parameters
+    ----------
+    vertex_std
+        Standard deviation of a vertex; by default that of `Tolerance`.
+    """
+    part = as_part(outline.polygon, outline.com)
+    spread = Tolerance.default(part).vertex_std if vertex_std is None else vertex_std
+    extent = float(np.ptp(part.vertices, axis=0).max())
+    polygon = simplify(part.vertices, len(part.vertices), 0.5 * float(spread) / extent)
+    if len(polygon) == len(part.vertices):
+        return outline
+    count = f"simplified from {outline.read} to {len(polygon)} vertices"
+    said = f"{count}, none of the rest off by more than half a deviation of {spread:.3g}"
+    kept = [words for words in outline.note.split("; ") if words and "simplified" not in words]
+    return replace(outline, polygon=polygon, com=part.com, note="; ".join([said, *kept]))
 
 
 def outline_from_json(

@@ -33,7 +33,7 @@ def _canvas(plan: PushPlan, title: str) -> Canvas:
     return Canvas(ring.min(axis=0) - reach, ring.max(axis=0) + reach, title=title)
 
 
-def whisker_svg(plan: PushPlan, seed: int = 0) -> str:
+def whisker_svg(plan: PushPlan, seed: int = 0, unit: str = "") -> str:
     """Return the whisker diagram with perturbed outlines and tolerance circles of 2 sigma."""
     canvas = _canvas(plan, f"whiskers, best quality {plan.quality:.3f}")
     _perturbed(canvas, plan, seed)
@@ -45,11 +45,22 @@ def whisker_svg(plan: PushPlan, seed: int = 0) -> str:
         else:
             canvas.dot(segment[0], "#d62728", 1.5)
     canvas.line(whisker_segments(plan)[plan.best], "#d62728", 2.5)
-    canvas.text(whisker_segments(plan)[plan.best][1], f"{plan.quality:.2f}", size=13)
+    start, end = whisker_segments(plan)[plan.best]
+    canvas.text(end + 0.08 * (end - start), f"{plan.quality:.2f}", size=13)
+    canvas.key(
+        {
+            "whisker from a contact against the approach, as long as its quality": "#1f77b4",
+            "best grasp; dots: no perturbed part closes; circles: two deviations of a vertex":
+                "#d62728",
+            "two deviations of the centre of mass": "#2ca02c",
+            f"{_OUTLINES} perturbed outlines": "#bbb",
+        },
+        unit,
+    )  # fmt: skip
     return canvas.svg()
 
 
-def best_grasp_svg(plan: PushPlan, rank: int = 0) -> str:
+def best_grasp_svg(plan: PushPlan, rank: int = 0, unit: str = "") -> str:
     """Return a grasp with both jaws, before the push (dashed) and at the nominal contact."""
     index = int(plan.analysis.order[rank])
     quality = plan.analysis.quality[index]
@@ -65,10 +76,18 @@ def best_grasp_svg(plan: PushPlan, rank: int = 0) -> str:
     canvas.line(far + away, "#d62728", 4, "6,4")
     canvas.line(far, "#d62728", 5)
     canvas.line(np.stack([plan.grasps.contacts[index], plan.grasps.contacts[index] - away]), "#888")
+    canvas.key(
+        {
+            "jaw that pushes; dashed: before": "#2ca02c",
+            "jaw that closes; dashed: before": "#d62728",
+            "nominal part, its centre of mass and the path of the jaw's corner": "#888",
+        },
+        unit,
+    )
     return canvas.svg()
 
 
-def eliminated_svg(plan: PushPlan) -> str:
+def eliminated_svg(plan: PushPlan, unit: str = "") -> str:
     """Return the whiskers with the eliminated candidates in red (Fig. 3.14)."""
     gone = plan.analysis.eliminated_after > 0
     canvas = _canvas(plan, f"{int(gone.sum())} of {len(gone)} candidates eliminated")
@@ -76,6 +95,7 @@ def eliminated_svg(plan: PushPlan) -> str:
     for g, segment in enumerate(whisker_segments(plan)):
         canvas.line(segment, "#d62728" if gone[g] else "#1f77b4", 1)
         canvas.dot(segment[0], "#d62728" if gone[g] else "#1f77b4", 1.5)
+    canvas.key({"eliminated, by its estimate then": "#d62728", "kept to the end": "#1f77b4"}, unit)
     return canvas.svg()
 
 

@@ -11,7 +11,7 @@ from rtask.cli.grasp_train import train
 from rtask.cli.options import data_option, json_option, print_json
 
 if TYPE_CHECKING:
-    from grasp.push import PushPlan
+    from grasp.push import Outline, PushPlan
 
 
 @click.group()
@@ -146,7 +146,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> No
 
     from grasp.push import Elimination, as_part, open_executor, plan_push_grasps
 
-    outline, thing = _outline(source, data, options["store"])
+    outline, thing = _outline(source, data, options["store"], options["vertex_std"])
     part = as_part(outline.polygon, outline.com)
     elimination = None
     if options["eliminate"]:
@@ -166,7 +166,7 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> No
     stored = _store(data, thing, found, outline.height, options) if options["store"] else None
     drawings = _draw(found, outline, options) if options["plots"] else []
     if as_json:
-        print_json(_as_json(found, outline.note, options["top"], stored, drawings))
+        print_json(_as_json(found, outline, options["top"], stored, drawings))
         return
     _print(found, outline.note, options["top"])
     if stored is not None:
@@ -181,16 +181,19 @@ _PLANNED = (
 )  # fmt: skip
 
 
-def _outline(source: str, data: Path, store: bool) -> tuple[Any, str]:
+def _outline(source: str, data: Path, store: bool, vertex_std: float | None) -> tuple[Outline, str]:
     """Return the outline and, for an object of the graph, its IRI."""
-    from grasp.push import Outline, outline_from_cloud, read_outline
+    from grasp.push import Outline, outline_from_cloud, read_outline, without_details
     from rtask.errors import UsageError
 
     path = Path(source)
     if path.is_file():
         if store:
             raise UsageError("--store needs an object of the graph, not a file")
-        return read_outline(path), ""
+        outline = read_outline(path)
+        # Vertices in JSON are what somebody wrote; those of a drawing stand for its curves.
+        given = path.suffix.lower() == ".json"
+        return (outline if given else without_details(outline, vertex_std)), ""
     if not data.exists():
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.options import open_to_read
@@ -201,7 +204,8 @@ def _outline(source: str, data: Path, store: bool) -> tuple[Any, str]:
         thing, points = object_cloud(engine, source)
     ring, height = outline_from_cloud(points)
     note = f"{thing}: footprint of {len(points)} points"
-    return Outline(ring, None, len(ring), note, height), thing
+    outline = Outline(ring, None, len(ring), note, height, unit="m")
+    return without_details(outline, vertex_std), thing
 
 
 def _first_and_share(text: str) -> tuple[int, float]:
@@ -258,7 +262,7 @@ def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
     folder: Path = options["plots"]
     folder.mkdir(parents=True, exist_ok=True)
     names = []
-    for name, drawing in album(found, outline.height, options["seed"]).items():
+    for name, drawing in album(found, outline.height, options["seed"], outline.unit).items():
         path = folder / f"{name}.svg"
         path.write_text(drawing, "utf-8")
         names.append(str(path))
@@ -307,7 +311,12 @@ def _print(found: PushPlan, note: str, top: int) -> None:
             f"{row['opening']:9.4g}  {row['quality']:8.3f}  {row['lower_95']:10.3f}  "
             f"{'closes' if row['nominal'] else 'fails'}"
         )
-    if found.quality == 0:
+    if analysis.crossed > 0.2:
+        click.echo(
+            f"{analysis.crossed:.0%} of the perturbed outlines cross themselves and count as "
+            "failures: lower --vertex-std, or give fewer vertices"
+        )
+    elif found.quality == 0:
         click.echo("no candidate closes: try more of them (--density, --angles) or another jaw")
     click.echo("what happened, over all candidates:")
     for reason, count in list(analysis.reasons().items())[:8]:
@@ -315,11 +324,17 @@ def _print(found: PushPlan, note: str, top: int) -> None:
 
 
 def _as_json(
-    found: PushPlan, note: str, top: int, stored: dict[str, Any] | None, drawings: list[str]
+    found: PushPlan,
+    outline: Outline,
+    top: int,
+    stored: dict[str, Any] | None,
+    drawings: list[str],
 ) -> dict[str, Any]:
     return {
-        "note": note,
+        "note": outline.note,
+        "unit": outline.unit,
         "polygon": found.part.vertices.tolist(),
+        "holes": [hole.tolist() for hole in outline.holes],
         "com": found.part.com.tolist(),
         "jaw_width": found.test.jaw_width,
         "candidates": len(found.grasps),

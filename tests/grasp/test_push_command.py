@@ -50,6 +50,26 @@ def test_json_and_drawings(part: Path, tmp_path: Path) -> None:
         assert ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
+def test_rounded_corners_of_a_drawing_are_not_what_perturbations_cross(tmp_path: Path) -> None:
+    """36 vertices that each deviate by more than their distance would cross in every trial."""
+    path = tmp_path / "plate.svg"
+    shapes = '<rect width="60" height="40" rx="10"/><circle cx="20" cy="20" r="9"/>'
+    path.write_text(f"<svg>{shapes}</svg>")
+    done = _run(str(path), "--samples", "20", "--density", "3", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.output)
+    assert found["unit"] == "px"
+    assert "none of the rest off by more than half a deviation" in found["note"]
+    assert len(found["holes"]) == 1
+    assert found["com"][0] > 30.9
+    assert found["crossed"] < 0.15
+    assert found["grasps"][0]["quality"] > 0.8
+    rough = tmp_path / "rough.json"
+    turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    rough.write_text(json.dumps(np.column_stack([np.cos(turn), np.sin(turn)]).tolist()))
+    assert "cross themselves and count as failures" in _run(str(rough), "--samples", "5").output
+
+
 def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     path = tmp_path / "box.npy"
@@ -129,6 +149,13 @@ def test_planned_grasps_of_an_object_are_stored_recalled_and_offered(tmp_path: P
             "recognise_for_grasp",
             {**seen, "task": "pick", "gripper_id": "hand", "propose": True, "max_grasps": 20},
         )
+        tried = {"object": thing, "grasp": recalled[0], "gripper_id": "hand"}
+        for success in (True, False, True):
+            engine.call("report_outcome", {**tried, "success": success})
+        after = engine.call("recall_grasps", {"object": thing})["grasps"]
+    counts = {g["id"]: (g["statistics"]["attempts"], g["statistics"]["successes"]) for g in after}
+    assert counts.pop(recalled[0]["id"]) == (3, 2)
+    assert set(counts.values()) == {(0, 0)}
     assert {g["id"] for g in recalled} == set(found["stored"]["grasps"]) == set(bounds)
     best = max(g["grasp_quality"] for g in recalled)
     assert best == pytest.approx(found["grasps"][0]["quality"], abs=1e-6)

@@ -1,0 +1,55 @@
+"""Parts, settings and drawings that the tables, figures and checks of push grasps share."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from grasp.push import Part, PushPlan, PushTest, Tolerance, as_part, plan_push_grasps
+from grasp.push.parts import stand_in
+
+T = TypeVar("T")
+
+CONFIGURATIONS = ((0.0, 1.5, 5), (0.03, 7.5, 9), (0.09, 20.0, 15))
+"""Filter distance, density and angles of the three settings of Table 3.2."""
+
+
+class Drawings:
+    """Where figures are written; nowhere unless a folder is set."""
+
+    folder: Path | None = None
+
+    @classmethod
+    def write(cls, name: str, document: str) -> None:
+        """Write an SVG document."""
+        if cls.folder is not None:
+            cls.folder.mkdir(parents=True, exist_ok=True)
+            (cls.folder / f"{name}.svg").write_text(document, "utf-8")
+
+
+def usual(name: str) -> tuple[Part, PushTest, Tolerance]:
+    """Return a stand-in, the usual test and the usual tolerance."""
+    part = as_part(stand_in(name))
+    return part, PushTest(0.25 * part.diameter), Tolerance.default(part)
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """Return a result and the least of three processor times."""
+    spans = []
+    for _ in range(3):
+        began = time.process_time()
+        result = work()
+        spans.append(time.process_time() - began)
+    return result, min(spans)
+
+
+def plan(name: str, setting: tuple[float, float, int], **more: object) -> PushPlan:
+    """Return the plan of a stand-in at a setting."""
+    part, test, _ = usual(name)
+    distance, density, angles = setting
+    return plan_push_grasps(
+        part.vertices, jaw_width=test.jaw_width, filter_distance=distance, density=density,
+        angles=angles, **more,
+    )  # type: ignore[arg-type]  # fmt: skip
