@@ -101,6 +101,10 @@ def test_who_asks_for_it_is_offered_grasps_in_space_where_the_object_is_now(
         assert angle_between_axes(grasp["theta"], np.arctan2(*wanted[[1, 0], 0])) < 0.08
         assert grasp["grasp_pose"]["header"]["frame_id"] == "base_footprint"
         assert grasp["pre_grasp_posture"]["points"][0]["positions"][0] >= grasp["width"]
+    ring = [[0.20 + 0.07 * np.cos(a), 0.05 + 0.07 * np.sin(a), z]
+            for a in np.linspace(0, 6.1, 40) for z in (0.29, 0.32, 0.35, 0.38)]  # fmt: skip
+    fenced = offered(robot, moved, thing, neighbours=ring)
+    assert {grasp["kind"] for grasp in fenced["grasps"]} <= {"planar"}
     nobody = offered(robot, moved, thing, min_grasp=0.999)
     assert nobody["decision"]["too_low"] == "grasp"
     assert nobody["grasps"] == []
