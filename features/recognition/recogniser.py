@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
-from features.recognition.cascade import match_flat
+from features.recognition.cascade import match_flat, match_tables
 from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
 from features.recognition.index import RecognitionIndex
 from features.recognition.snapshot import Snapshot
@@ -254,13 +254,20 @@ def warm_up() -> None:
     stored_features(features, Frame(np.full(image.shape, 0.3, np.float32), camera))
     with RecognitionIndex() as index:
         index.add("view:warm", "object:warm", "class:warm", features)
-        recogniser = Recogniser(index)
-        recogniser.recognise(features)
+        Recogniser(index).recognise(features)
         index.save()
-        recogniser.recognise(features)
         snapshot = index.snapshot()
     block, labels = snapshot.parts[0].block, snapshot.object_of_view
-    alive = snapshot.parts[0].alive
+    alive, stamps = snapshot.parts[0].alive, np.zeros(len(block), np.int64)
+    assert block.tables is not None
+    offsets, rows = block.tables
+    # An index of one view is compared in full; these are for larger ones.
+    match_tables(
+        *(block.descriptors, block.codes, block.buckets, block.descriptors, block.codes, offsets),
+        *(rows, labels, block.view_of_row, alive),
+        stamps,
+        1,
+    )
     match_flat(
         *(block.descriptors, block.codes, block.descriptors, block.codes),
         *(labels, block.view_of_row, alive),

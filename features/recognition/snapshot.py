@@ -22,7 +22,7 @@ from features.recognition.segments import Block
 __all__ = ["EXACT_BELOW", "Matches", "Part", "Snapshot", "StoredView"]
 
 EXACT_BELOW = 2000
-"""Rows of a block without tables up to which the full product is taken."""
+"""Rows of a block below which the full product is taken, sealed or not: same answers after both."""
 
 _scratch = threading.local()
 
@@ -87,13 +87,6 @@ class Part:
             Of the block's views.
         """
         block = self.block
-        if block.tables is not None:
-            stamps, first = _stamps(len(block), len(query))
-            offsets, rows = block.tables
-            return match_tables(
-                *(query, codes, buckets, block.descriptors, block.codes, offsets, rows),
-                *(labels, block.view_of_row, self.alive, stamps, first),
-            )
         if len(block) < EXACT_BELOW:
             rows = np.flatnonzero(self.alive).astype(np.int32)
             best, nearest, rival_row, rival = match_exact(
@@ -102,6 +95,13 @@ class Part:
             best[best >= 0] = rows[best[best >= 0]]
             rival_row[rival_row >= 0] = rows[rival_row[rival_row >= 0]]
             return best, nearest, rival_row, rival
+        if block.tables is not None:
+            stamps, first = _stamps(len(block), len(query))
+            offsets, rows = block.tables
+            return match_tables(
+                *(query, codes, buckets, block.descriptors, block.codes, offsets, rows),
+                *(labels, block.view_of_row, self.alive, stamps, first),
+            )
         return match_flat(
             *(query, codes, block.descriptors, block.codes),
             *(labels, block.view_of_row, self.alive),
