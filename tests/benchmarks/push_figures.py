@@ -93,17 +93,8 @@ def fig_3_13() -> None:
             curves[f"{name} {label}{'*' if label == 'others' else ''}"] = np.array(row)
     print("thesis: near edge dominates, others cost at most 14 %; thin parts (TD) are sensitive. "
           "Here the centre of mass is the centroid, which moves with all vertices.")  # fmt: skip
-    Drawings.write(
-        "fig-3.13",
-        chart(
-            factors,
-            curves,
-            "Fig. 3.13, stand-ins",
-            "deviation of vertices over .02 R",
-            (0, 1),
-            "quality",
-        ),
-    )
+    title, axes = "Fig. 3.13, stand-ins", ("deviation of vertices over .02 R", (0.0, 1.0))
+    Drawings.write("fig-3.13", chart(factors, curves, title, *axes, "quality"))
 
 
 def fig_3_15() -> None:
@@ -149,8 +140,9 @@ def fig_3_15() -> None:
                               "Fig. 3.16: mean worst case", ("M_1", "R")))  # fmt: skip
     ordered = np.array(sorted(points))
     best = np.maximum.accumulate(ordered[:, 1:3], axis=0)
-    Drawings.write("fig-3.15", chart(ordered[:, 0], {"expected": best[:, 0], "worst": best[:, 1]},
-                           "Fig. 3.15, stand-ins", "share of evaluations, eta hat", (0.5, 1), "Q* over full Q*"))  # fmt: skip
+    title, axes = "Fig. 3.15, stand-ins", ("share of evaluations, eta hat", (0.0, 1.0))
+    curves = {"expected": best[:, 0], "worst": best[:, 1]}
+    Drawings.write("fig-3.15", chart(ordered[:, 0], curves, title, *axes, "Q* over full Q*"))
 
 
 def fig_3_23() -> None:
