@@ -44,7 +44,7 @@ class SegmentedObject:
     box : (2, 3) float64, m
         Smallest and largest coordinates.
     touches_border
-        More than a twentieth of it lies within 10 mm of the table's edge or at the image border.
+        More than a twentieth of it lies within 10 mm of the table's edge or of the image border.
     """
 
     label: int
@@ -242,7 +242,8 @@ def _objects(
     counts = np.bincount(of_point[taken], minlength=1)[1:]
     at_border = np.zeros(labels.shape, bool)
     if labels.ndim == 2:
-        at_border[[0, -1]] = at_border[:, [0, -1]] = True
+        rim = _rim_px(points)
+        at_border[:rim] = at_border[-rim:] = at_border[:, :rim] = at_border[:, -rim:] = True
     near_edge = at_border.ravel()[order]
     if prism is not None and len(prism.hull) >= 3:
         near_edge = near_edge | (prism.distance_to_edge(flat.take(order, axis=0)) < _EDGE_M)
@@ -255,6 +256,14 @@ def _objects(
         )
         for k in range(len(counts))
     )  # fmt: skip
+
+
+def _rim_px(points: NDArray[np.floating[Any]]) -> int:
+    """Return how many pixels of an organised cloud (h, w, 3) span 10 mm, at least 1."""
+    some = points[:: max(len(points) // 16, 1)]
+    steps = np.abs(np.diff(some[..., 0], axis=1))
+    steps = steps[steps > 0]  # leaves out NaN too
+    return max(1, round(_EDGE_M / float(np.median(steps)))) if len(steps) else 1
 
 
 @numba.njit(cache=True, nogil=True)

@@ -61,12 +61,18 @@ def segment(
     FILE is a cloud (PLY or PCD), a crop as robots send it, or a 16-bit depth image, with --colour
     for its colours. Clouds are in metres, in the frame of the camera: x right, y down, z forward.
     """
+    _check_outputs(file, colour, labels_file, save_plot)
     seen = read_scene(file, View(colour, depth_unit, focal, centre))
-    scene = cut(seen, preset, min_points)
+    try:
+        scene = cut(seen, preset, min_points)
+    except DataError as error:
+        raise DataError(f"{file}: {error}; --depth-unit is one step of a depth image") from error
     if labels_file is not None:
         _write_labels(labels_file, scene)
     if save_plot is not None:
-        save_picture(save_plot, _picture(seen, scene))
+        from rtask.cli.segment_picture import picture
+
+        save_picture(save_plot, picture(seen, scene))
     if as_json:
         print_json({"status": scene.status, "objects": [_row(thing) for thing in scene.objects]})
         return
@@ -128,26 +134,40 @@ def _row(thing: Any) -> dict[str, Any]:
     }
 
 
+def _check_outputs(
+    file: Path, colour: Path | None, labels_file: Path | None, save_plot: Path | None
+) -> None:
+    """Refuse before any work what could not be written, or would overwrite what is read."""
+    if labels_file is not None and labels_file.suffix not in (".npy", ".png"):
+        raise UsageError(f"{labels_file}: labels are written as .png (of an image) or .npy")
+    if save_plot is not None and save_plot.suffix not in (".png", ".jpg", ".jpeg", ""):
+        raise UsageError(f"{save_plot}: cannot write pictures of this kind; use .png or .jpg")
+    read = {path.resolve() for path in (file, colour) if path is not None}
+    for written in (labels_file, save_plot):
+        if written is None:
+            continue
+        if written.resolve() in read:
+            raise UsageError(f"{written}: is read; write to another file")
+        if not written.parent.is_dir():
+            raise UsageError(f"{written}: there is no folder {written.parent}")
+        read.add(written.resolve())
+
+
 def _write_labels(file: Path, scene: Scene) -> None:
+    import io
+
+    import cv2
     import numpy as np
 
     if file.suffix == ".npy":
-        np.save(file, scene.labels)
-        return
-    if file.suffix != ".png" or scene.labels.ndim != 2:
-        raise UsageError(f"{file}: labels are written as .png (of an image) or .npy")
-    import cv2
-
-    data = cv2.imencode(".png", scene.labels.astype(np.uint16))[1]
-    file.write_bytes(data.tobytes())
-
-
-def _picture(seen: Frame | Cloud, scene: Scene) -> Any:
-    from features.geometry import Frame
-    from features.pictures import draw_labels, picture_of_cloud, shade
-
-    if isinstance(seen, Frame):
-        image = shade(seen.depth_m, seen.intrinsics) if seen.rgb is None else seen.rgb
-        return draw_labels(image, scene.labels)
-    image, labels = picture_of_cloud(seen.positions, seen.colours, scene.labels)
-    return draw_labels(image, labels)
+        buffer = io.BytesIO()
+        np.save(buffer, scene.labels)
+        data = buffer.getvalue()
+    elif scene.labels.ndim == 2:
+        data = cv2.imencode(".png", scene.labels.astype(np.uint16))[1].tobytes()
+    else:
+        raise UsageError(f"{file}: labels of a cloud without pixels are written as .npy")
+    try:
+        file.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from error

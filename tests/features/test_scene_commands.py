@@ -75,8 +75,9 @@ def test_a_pair_of_images_gives_labels_and_a_picture(
     assert set(np.unique(written)) == {0, 1, 2, 3}
     assert len({int(written[r, c]) for r, c in ((160, 185), (300, 355), (190, 515))}) == 3
     shown = cv2.imread(str(plot))
-    assert shown.shape == (480, 640, 3)
-    assert (shown != table()[1])[written > 0].mean() > 0.5
+    assert shown.shape[0] == 480
+    assert shown.shape[1] > 640  # a legend stands beside it
+    assert (shown[:, :640] != table()[1])[written > 0].mean() > 0.5
 
 
 def test_clouds_in_files_are_cut_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,6 +141,41 @@ def test_bad_files_are_refused_in_one_line(
     small = tmp_path / "small.png"
     cv2.imwrite(str(small), np.zeros((48, 64, 3), np.uint8))
     assert "shape" in failed(capsys, "segment", depth_file, "--colour", small)
+
+
+def test_nothing_is_written_where_anything_is_refused(
+    pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    depth_file, picture = pair[0], tmp_path / "picture.png"
+    nowhere = tmp_path / "nowhere" / "labels.png"
+    before = depth_file.read_bytes()
+    for labels, said in ((nowhere, "no folder"), (tmp_path / "l.txt", ".npy"),
+                         (depth_file, "is read"), (picture, "is read")):  # fmt: skip
+        assert said in failed(
+            capsys, "segment", depth_file, "--labels", labels, "--save-plot", picture
+        )
+    assert depth_file.read_bytes() == before
+    assert not picture.exists()
+    assert not nowhere.parent.exists()
+
+
+def test_depths_in_a_wrong_unit_name_the_file_and_the_option(
+    pair: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = failed(capsys, "segment", pair[0], "--depth-unit", "1")
+    assert "depth.png" in said
+    assert "--depth-unit" in said
+
+
+def test_an_object_cut_by_the_image_border_is_said_to_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    depth = np.full((480, 640), 700, np.uint16)
+    depth[200:260, 560:] = 640
+    depth[200:260, 200:260] = 650  # of the same size and wholly visible
+    cv2.imwrite(str(tmp_path / "depth.png"), depth)
+    lines = run(capsys, "segment", tmp_path / "depth.png").splitlines()
+    assert [line.endswith("touches the border") for line in lines] == [False, True, False]
 
 
 def test_a_camera_that_cannot_be_is_refused(
