@@ -16,7 +16,7 @@ operator_option = click.option("--operator", help="Who says so; writes into that
 
 @click.group()
 def objects() -> None:
-    """Show an object, merge two, split one, forget one, or take that back."""
+    """Show an object, name one, merge two, split one, forget one, or take that back."""
 
 
 @objects.command()
@@ -51,6 +51,28 @@ def show(name: str, data: Path, as_json: bool) -> None:
     for key, value in shown.items():
         for line in value if isinstance(value, list) else [value]:
             click.echo(f"{key:15s} {line}")
+
+
+@objects.command("name")
+@click.argument("name")
+@click.option("--as", "new_name", help="What people call this one object.")
+@click.option("--kind", help="What kind of thing it is, in words; new words make a new kind.")
+@data_option
+@operator_option
+@json_option
+def name_(
+    name: str,
+    new_name: str | None,
+    kind: str | None,
+    data: Path,
+    operator: str | None,
+    as_json: bool,
+) -> None:
+    """Say what the object NAME is; what was guessed or said before goes."""
+    _carry_out(
+        data, as_json, "teach_object", operation="teach", object=name, name=new_name,
+        class_description=kind, operator=operator,
+    )  # fmt: skip
 
 
 @objects.command()
@@ -118,13 +140,22 @@ def undo(commit: str, data: Path, operator: str | None, as_json: bool) -> None:
     _curate(data, as_json, operation="undo", commit=commit, operator=operator)
 
 
-def _curate(data: Path, as_json: bool, **request: Any) -> None:
+def _curate(data: Path, as_json: bool, /, **request: Any) -> None:
+    _carry_out(data, as_json, "curate_object", **request)
+
+
+def _carry_out(data: Path, as_json: bool, called: str, /, **request: Any) -> None:
     import rtask
     from rtask.engine import Engine
 
     with rtask.open(data) as kb, Engine(kb) as engine:
-        done = engine.call("curate_object", request)
+        done = engine.call(called, request)
     if as_json:
         print_json(done)
-        return
-    click.echo(f"{done['commit']}: +{done['added']} -{done['removed']} {done['object']}".rstrip())
+    elif "added" in done:
+        click.echo(
+            f"{done['commit']}: +{done['added']} -{done['removed']} {done['object']}".rstrip()
+        )
+    else:
+        (named,) = done["objects"]
+        click.echo(f"{done['commit'] or 'known already'}: {named['label']} {named['object']}")

@@ -76,7 +76,9 @@ def test_everything_derived_is_made_again(capsys, folder):
 
 def test_objects_are_merged_shown_taken_back_and_forgotten(capsys, folder):
     data, (one, other) = folder
-    done = json.loads(told(capsys, "objects", "merge", other, one, "-d", data, "--json"))
+    assert one in told(capsys, "objects", "name", one, "--as", "tin", "--kind", "box", "-d", data)
+    assert "known already" in told(capsys, "objects", "name", "tin", "--as", "tin", "-d", data)
+    done = json.loads(told(capsys, "objects", "merge", other, "tin", "-d", data, "--json"))
     assert done["object"] == one
     shown = json.loads(told(capsys, "objects", "show", other, "-d", data, "--json"))
     assert shown["object"] == one
