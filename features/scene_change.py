@@ -243,15 +243,16 @@ def _depth_divergence(
             here = before[i * block : (i + 1) * block, j * block : (j + 1) * block]
             there = now[i * block : (i + 1) * block, j * block : (j + 1) * block]
             total, seen_p, seen_q = 0.0, 0, 0
-            near, far = np.inf, 0.0
+            near, far = np.float32(np.inf), np.float32(0.0)
             for r in range(block):
                 for c in range(block):
-                    if 0 < here[r, c] < np.inf:
-                        total += here[r, c]
-                        near, far = min(near, here[r, c]), max(far, here[r, c])
+                    a, b = here[r, c], there[r, c]
+                    if 0 < a < np.inf:
+                        total += a
+                        near, far = a if a < near else near, a if a > far else far
                         seen_p += 1
-                    if 0 < there[r, c] < np.inf:
-                        near, far = min(near, there[r, c]), max(far, there[r, c])
+                    if 0 < b < np.inf:
+                        near, far = b if b < near else near, b if b > far else far
                         seen_q += 1
             share_p, share_q = seen_p / block**2, seen_q / block**2
             if min(share_p, share_q) < _EMPTY and max(share_p, share_q) > _FULL:
@@ -273,13 +274,17 @@ def _depth_divergence(
 
 
 @njit(cache=True, nogil=True)
-def _share_grey(histogram: NDArray[np.float64], value: float) -> None:
-    """Count a brightness in the two nearest bins, by its distance from their centres."""
-    at = min(max(value, 0.0), 255.0) / 256 * _GREY_BINS - 0.5
-    low = int(np.floor(at))
-    part = at - low
-    histogram[max(low, 0)] += 1 - part
-    histogram[min(low + 1, _GREY_BINS - 1)] += part
+def _shares(gain: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return for each brightness times ``gain`` its bin and the share that the next one gets.
+
+    It counts in the two bins whose centres are nearest.
+    """
+    bins, shares = np.empty(256, np.int64), np.empty(256)
+    for value in range(256):
+        at = min(gain * value, 255.0) / 256 * _GREY_BINS - 0.5
+        low = int(np.floor(at))
+        bins[value], shares[value] = low, at - low
+    return bins, shares
 
 
 @njit(cache=True, nogil=True)
@@ -289,15 +294,23 @@ def _grey_divergence(
     """Return per block the divergence of brightness, the second image's times ``gain``."""
     rows, columns = before.shape[0] // block, before.shape[1] // block
     out = np.zeros((rows, columns))
-    p, q = np.zeros(_GREY_BINS), np.zeros(_GREY_BINS)
+    p, q = np.zeros(_GREY_BINS + 2), np.zeros(_GREY_BINS + 2)
+    bins_p, shares_p = _shares(1.0)
+    bins_q, shares_q = _shares(gain)
     for i in range(rows):
         for j in range(columns):
             p[:], q[:] = 0.0, 0.0
             for r in range(i * block, (i + 1) * block):
                 for c in range(j * block, (j + 1) * block):
-                    _share_grey(p, float(before[r, c]))
-                    _share_grey(q, gain * now[r, c])
-            out[i, j] = _divergence(p, q, 0, _GREY_BINS - 1)
+                    here, there = before[r, c], now[r, c]
+                    p[bins_p[here] + 1] += 1 - shares_p[here]
+                    p[bins_p[here] + 2] += shares_p[here]
+                    q[bins_q[there] + 1] += 1 - shares_q[there]
+                    q[bins_q[there] + 2] += shares_q[there]
+            for histogram in (p, q):  # what lies beyond the outermost centres counts there
+                histogram[1] += histogram[0]
+                histogram[_GREY_BINS] += histogram[_GREY_BINS + 1]
+            out[i, j] = _divergence(p, q, 1, _GREY_BINS)
     return out
 
 
