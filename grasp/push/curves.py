@@ -105,10 +105,10 @@ def flatten(rings: Sequence[Sequence[Piece]], tolerance: float | None = None) ->
     out = []
     for pieces in rings:
         allowed = tolerance
-        if allowed is None:
+        if allowed is None and pieces:
             rough = _chords(pieces, math.inf)
             allowed = _TOLERANCE * float(np.ptp(rough, axis=0).max())
-        out.append(_chords(pieces, allowed))
+        out.append(_chords(pieces, allowed or 0.0))
     return out
 
 

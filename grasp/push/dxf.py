@@ -30,16 +30,23 @@ class _Entity:
     def number(self, code: int, otherwise: float | None = None) -> float:
         for found, value in self.tags:
             if found == code:
-                return float(value)
+                return _finite(value)
         if otherwise is None:
             raise ValueError(f"{self.name} without code {code}")
         return otherwise
 
     def all(self, code: int) -> list[float]:
-        return [float(value) for found, value in self.tags if found == code]
+        return [_finite(value) for found, value in self.tags if found == code]
 
     def text(self, code: int) -> str:
         return next((value for found, value in self.tags if found == code), "")
+
+
+def _finite(value: str) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value} is no finite number")
+    return number
 
 
 def rings_from_dxf(text: str, tolerance: float | None = None) -> tuple[list[FloatArray], str]:
@@ -69,7 +76,7 @@ def rings_from_dxf(text: str, tolerance: float | None = None) -> tuple[list[Floa
     except ValueError as error:
         raise ValueError(f"no DXF: {error}") from error
     outlines = flatten([p for p, _ in pieces], tolerance)
-    rings = [r for r, (_, closed) in zip(outlines, pieces, strict=True) if closed]
+    rings = [r for r, (_, closed) in zip(outlines, pieces, strict=True) if closed and len(r) > 2]
     chains = list(joined([r for r, (_, closed) in zip(outlines, pieces, strict=True)
                           if not closed and len(r) > 1]))  # fmt: skip
     rings += [chain for chain, closed in chains if closed]
@@ -212,9 +219,9 @@ def _polyline(entity: _Entity) -> tuple[list[Piece], bool] | None:
     else:
         for code, value in entity.tags:
             if code == 10:
-                corners.append([float(value), 0.0, 0.0])
+                corners.append([_finite(value), 0.0, 0.0])
             elif code in (20, 42) and corners:
-                corners[-1][1 if code == 20 else 2] = float(value)
+                corners[-1][1 if code == 20 else 2] = _finite(value)
     points = [(complex(x, y), bulge) for x, y, bulge in corners]
     closed = bool(int(entity.number(70, 0.0)) & 1)
     after = [*points[1:], *(points[:1] if closed else [])]

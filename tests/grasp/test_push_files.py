@@ -74,6 +74,7 @@ def test_json_that_is_no_part_is_refused(text: str) -> None:
         ),
         ('<clipPath><rect width="9" height="9"/></clipPath><rect width="1" height="1"/>', 1.0),
         ('<g display="none"><rect width="9" height="9"/></g><rect width="1" height="1"/>', 1.0),
+        ('<polygon points=""/><path d="M1 1"/><rect width="1" height="1"/>', 1.0),
         ('<svg x="1"><rect width="50%" height="1"/></svg>', 50.0),
         ('<circle cx="0" cy="0" r="2"/>', math.pi * 4),
         ('<path d="M0 0h2v1h-2z"/>', 2.0),
@@ -187,6 +188,7 @@ def test_open_lines_are_closed_only_where_nothing_else_is() -> None:
     bracket = _tags("LWPOLYLINE", *((c, v) for p in SQUARE for c, v in zip((10, 20), p)))  # noqa: B905
     long = bracket.replace("2.0", "90.0")
     assert _dxf_area(_dxf(bracket)) == 2.0
+    assert _dxf_area(_dxf(bracket, _tags("LWPOLYLINE", (70, 1), (10, 5), (20, 5)))) == 2.0
     assert _dxf_area(_dxf(circle, long)) == pytest.approx(4 * math.pi, rel=0.01)
 
 
@@ -202,6 +204,7 @@ def test_what_was_drawn_from_below_is_mirrored() -> None:
         ([_tags("SPLINE", (71, 3), (40, 0), (10, 1), (20, 1))], "knots"),
         ([_tags("SPLINE", (71, 3))], "without points"),
         ([_tags("LINE", (10, 1))], "LINE without code 20"),
+        ([_tags("CIRCLE", (10, "nan"), (20, 1), (40, 2))], "no finite number"),
         ([_tags("LINE", (10, "x"), (20, 1), (11, 1), (21, 1))], "no DXF"),
     ],
 )
