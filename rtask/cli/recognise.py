@@ -89,7 +89,12 @@ def recognise(
     from rtask.engine.models import Models
 
     frame = read_scene(file, View(colour, depth_unit, focal, centre))
-    if not isinstance(frame, Frame) or frame.rgb is None:
+    if not isinstance(frame, Frame):
+        raise UsageError(
+            f"{file} is a cloud without an image, which recognition needs; "
+            "give a depth image and --colour, or a crop as robots send it"
+        )
+    if frame.rgb is None:
         raise UsageError(f"{file}: recognition needs colours; give the picture as --colour")
     with open_to_read(data) as kb:
         index = _index_of(kb)

@@ -135,6 +135,9 @@ def test_bad_files_are_refused_in_one_line(
     crop[4] = 9
     future.write_bytes(crop)
     assert "version" in failed(capsys, "segment", future)
+    plain = tmp_path / "plain.rtkc"
+    plain.write_bytes(encode_cloud(np.zeros((10, 3), np.float32) + 0.5))
+    assert "without an image" in failed(capsys, "recognise", plain, "--data", tmp_path)
     text = tmp_path / "notes.txt"
     text.write_text("no cloud")
     assert "not a point cloud" in failed(capsys, "segment", text)
