@@ -10,10 +10,11 @@ import pytest
 from features.geometry import Frame
 from simulate.camera import INTRINSICS, Camera
 from simulate.noise import SensorNoise
-from simulate.objects import sample_objects
+from simulate.objects import product, sample_objects
 from simulate.perception import Ignored, perceive
 from simulate.robots.nao import Nao
-from simulate.scene import arrange, lay
+from simulate.scene import Placement, arrange, lay
+from simulate.simulated_body import Conditions, SimulatedBody
 from simulate.world import World
 
 
@@ -60,6 +61,20 @@ def test_objects_on_noisy_tables_are_found_one_segment_each(assets: Path) -> Non
     assert np.median(offsets) < 4e-3
     assert np.quantile(offsets, 0.9) < 9e-3
     assert np.median(np.abs(heights)) < 4e-3
+
+
+def test_a_tall_can_below_the_eyes_shows_little_but_its_lid_and_stands_all_the_same(
+    tmp_path: Path,
+) -> None:
+    can = Placement(product("can", 55), 0.130662, 0.044516, 2.0935)
+    body = SimulatedBody([can], tmp_path, Conditions(noise_seed=(8803, 13, 5)))
+    try:
+        frame, base_from_camera = body.look("left")
+        (seen,) = perceive(frame, base_from_camera, body.ignored).objects
+    finally:
+        body.close()
+    assert np.percentile(seen.points[:, 2], 5) > 0.2985  # nearly 3 cm over the table
+    assert seen.position == pytest.approx((can.x, can.y), abs=0.006)
 
 
 def test_an_empty_frame_has_no_table() -> None:
