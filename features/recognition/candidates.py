@@ -20,6 +20,11 @@ from features.recognition.view import ViewFeatures
 
 __all__ = ["RecogniserParams", "VerifiedView", "verified_views"]
 
+_CLEAR_LEAD = 2.0
+"""So many times the places of the next object leave no doubt."""
+_TWIN_GAIN = 1.5
+"""So many times the places show that a rivalry, not the view, hid the others."""
+
 
 @dataclass(frozen=True)
 class RecogniserParams:
@@ -40,7 +45,7 @@ class RecogniserParams:
     appearance_views
         Views of most similar look that are compared in full when votes were few.
     enough_inliers
-        With so many, no second look is taken.
+        With so many, and twice as many as any other object, no second look is taken.
     twin_cap, twin_matches
         So many descriptors that match two objects within this squared distance, (0.35 * 512)**2,
         make the two twins: the same print under two names.
@@ -106,25 +111,24 @@ def verified_views(
     search = _Search(features, snapshot, similarity, params)
     matches = snapshot.match(features.descriptors)
     found = search.by_votes(matches)
-    if _most_places(found) >= params.enough_inliers:
+    if search.is_settled(found):
         return found
     alike = np.argsort(-similarity, kind="stable")[: params.appearance_views]
     present = alike[similarity[alike] >= 0].tolist()
     again = dict.fromkeys([*(fit.view for fit in found), *present])
     found = _best_of_each(found + search.in_full(matches, again, snapshot.object_of_view))
-    if _most_places(found) >= params.enough_inliers:
+    if search.is_settled(found):
         return found
     return _best_of_each(found + search.twins(matches))
 
 
-def _most_places(found: list[VerifiedView]) -> int:
-    return max((fit.places for fit in found), default=0)
-
-
 def _best_of_each(found: list[VerifiedView]) -> list[VerifiedView]:
+    """Return one fit of each view; that as a twin only where it explains far more."""
     best: dict[int, VerifiedView] = {}
     for fit in sorted(found, key=lambda f: (f.is_twin, -f.places)):
-        best.setdefault(fit.view, fit)
+        known = best.setdefault(fit.view, fit)
+        if fit.is_twin and fit.places >= _TWIN_GAIN * known.places:
+            best[fit.view] = fit
     return list(best.values())
 
 
@@ -136,6 +140,15 @@ class _Search:
     snapshot: Snapshot
     similarity: NDArray[np.float32]
     params: RecogniserParams
+
+    def is_settled(self, found: list[VerifiedView]) -> bool:
+        """Tell whether one object has many places and no other comes near."""
+        places: dict[int, int] = {}
+        for fit in found:
+            number = int(self.snapshot.object_of_view[fit.view])
+            places[number] = max(fit.places, places.get(number, 0))
+        best, next_best = sorted([*places.values(), 0, 0], reverse=True)[:2]
+        return best >= self.params.enough_inliers and best >= _CLEAR_LEAD * next_best
 
     def by_votes(self, matches: Matches) -> list[VerifiedView]:
         """Verify the views that got most votes."""

@@ -17,7 +17,6 @@ from features.pose import (
     estimate_pose,
     pose_error,
 )
-from features.pose.model import sample_mesh
 from features.pose.rotations import angle_between, rotation_about, super_fibonacci
 from features.pose.visibility import check_free_space
 

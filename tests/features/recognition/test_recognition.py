@@ -135,6 +135,16 @@ def test_two_objects_of_the_same_print_are_named_both_and_none_accepted(stocked,
     assert all(match.inliers >= 10 for match in answer.matches[:2])
 
 
+def test_twins_are_told_as_twins_where_noise_gives_both_many_places(stocked, photo) -> None:
+    """Either is seen well, but by half of the descriptors that belong to both: neither is sure."""
+    for name, seed in (("object:first", 21), ("object:second", 31)):
+        stocked.add(f"view:{name}", name, "class:card", photo(20, yaw=0.4, seed=seed).describe())
+    answer = Recogniser(stocked).recognise(photo(20, yaw=0.42, seed=23).describe())
+    assert answer.outcome == "multiple"
+    assert {m.object_iri for m in answer.matches[:2]} == {"object:first", "object:second"}
+    assert all(m.inliers > 45 and m.confidence < 0.7 for m in answer.matches[:2])
+
+
 def test_twins_do_not_disturb_the_others(stocked, photo) -> None:
     stocked.add("view:twin", "object:twin", "class:card", photo(4, yaw=0.4, seed=21).describe())
     answer = Recogniser(stocked).recognise(photo(5, yaw=2.0, tilt=0.6, seed=22).describe())
