@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 __all__ = ["recognise"]
 
 _MOST_PLOTTED, _LEAST_ROWS = 6, 360
+_VERDICTS = {
+    "null": "no known object",
+    "single": "one known object",
+    "multiple": "more than one object fits",
+}
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ def recognise(
         return
     click.echo(f"{len(rows)} objects seen, {sum(row['accepted'] for row in rows)} recognised")
     for row in rows:
-        verdict = row["outcome"] + (", accepted" if row["accepted"] else "")
+        verdict = _VERDICTS[row["outcome"]] + (", accepted" if row["accepted"] else "")
         pose = row["pose"]
         if pose is not None:
             verdict += f", pose {pose['confidence']:.2f}"
