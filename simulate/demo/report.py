@@ -71,7 +71,7 @@ def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         known["tries"] += met["tries"]
         known["held"] |= met["held"]
         known["placed"] |= met["placed"]
-        if met["right"] is False:
+        if met.get("right") is False:  # trials of single objects know no identities
             known["right"] = False
     return joined
 

@@ -9,7 +9,14 @@ from typing import Any
 from simulate.demo.console import Console
 from simulate.demo.orchestrate import Demo, Settings
 from simulate.demo.queries import QUESTIONS, Answer
-from simulate.demo.report import COLUMNS, mean_attempts, robot_totals, rows, write_report
+from simulate.demo.report import (
+    COLUMNS,
+    by_product,
+    mean_attempts,
+    robot_totals,
+    rows,
+    write_report,
+)
 
 
 def _met(**changes: Any) -> dict[str, Any]:
@@ -164,3 +171,11 @@ def test_an_object_that_was_lost_and_met_again_counts_once() -> None:
     assert (totals["objects"], totals["objects_in_reach"]) == (2, 2)
     assert (totals["held"], totals["placed"]) == (2, 1)
     assert totals["mean_attempts_to_first_success"] == (3 + 1) / 2
+
+
+def test_an_object_met_twice_is_joined_without_identities_too() -> None:
+    met = [_met(product="it", tries=1), _met(product="it", tries=2)]
+    for one in met:
+        del one["right"]
+    (joined,) = by_product(met)
+    assert joined["tries"] == 3
