@@ -148,15 +148,17 @@ class Endpoint(_Child):
     def __init__(self, store: Path, port: int, log: Path) -> None:
         command = _command("serve", "--data", str(store), "-p", str(port))
         super().__init__("the endpoint", command, log, {})
-        self.url = self._wait_ready()
+        try:
+            self.url = self._wait_ready()
+        except BaseException:
+            self.stop()  # or it would hold the store's lock
+            raise
 
     def _wait_ready(self) -> str:
         while (line := self.next_line(_READY_TIMEOUT_S)) is not None:
             if line.startswith("ready "):
                 return line.split()[1].rstrip("/")
-        why = self.complaint()
-        self.stop()
-        raise RtaskError(f"the endpoint did not start: {why}")
+        raise RtaskError(f"the endpoint did not start: {self.complaint()}")
 
 
 class _Worker(_Child):
