@@ -15,8 +15,8 @@ from rtask.cli.options import data_option, json_option
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
+    from endpoint.access.tokens import Token, TokenStore
     from endpoint.config import Config
-    from endpoint.tokens import Token, TokenStore
     from rtask.engine.policy import Policy
 
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -191,10 +191,10 @@ def serve(
     """
     import rtask
     from endpoint import server
-    from endpoint.log import LineWriter, log_as_json
-    from endpoint.remote_store import EngineElsewhere, RemoteStore
+    from endpoint.access.tokens import TokenStore
+    from endpoint.monitoring.log import LineWriter, log_as_json
     from endpoint.rosbridge.services import NoEngine
-    from endpoint.tokens import TokenStore
+    from endpoint.sparql.remote_store import EngineElsewhere, RemoteStore
     from rtask.engine import Engine
 
     config = _config(options)
@@ -301,7 +301,7 @@ def create(
     role = role or ("robot" if robot else None)
     if role is None:
         raise UsageError("say --robot NAME, or --role with one of reader, teacher, admin")
-    from endpoint.tokens import parse_lifetime
+    from endpoint.access.tokens import parse_lifetime
 
     lifetime = parse_lifetime(expires, "--expires ") if expires else None
     with closing(_tokens(data, make=True)) as tokens:
@@ -346,7 +346,7 @@ def revoke(token_id: str, data: Path) -> None:
 @data_option
 def expire(token_id: str, lifetime: str, data: Path) -> None:
     """Let a token end after so many hours, days or weeks from now: 12h, 30d, 4w."""
-    from endpoint.tokens import parse_lifetime
+    from endpoint.access.tokens import parse_lifetime
 
     with closing(_tokens(data)) as tokens:
         if not tokens.expire(token_id, parse_lifetime(lifetime)):
@@ -357,7 +357,7 @@ def expire(token_id: str, lifetime: str, data: Path) -> None:
 
 def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
     import rtask
-    from endpoint.tokens import TokenStore
+    from endpoint.access.tokens import TokenStore
 
     if not (folder / "kb.json").is_file():
         if not make:
@@ -368,7 +368,7 @@ def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
 
 def _told(folder: Path, event: str, token_id: str, **facts: Any) -> None:
     """Write to the audit trail what was done to a token here."""
-    from endpoint.audit import Audit
+    from endpoint.monitoring.audit import Audit
 
     with closing(Audit(folder)) as audit:
         audit.event(event, token=token_id, by="command line", **facts)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from endpoint.protocol.limits import Limits
+from endpoint.sparql.limits import Limits
 
 MEGABYTE = 1 << 20
 # What a caller of a role may ask for at most; the others: the server's limit.

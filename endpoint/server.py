@@ -16,18 +16,18 @@ from types import FrameType
 
 import uvicorn
 
-from endpoint.app import create_app
-from endpoint.asgi import Front
+from endpoint.access.tokens import TokenStore
+from endpoint.application import Gateway
 from endpoint.config import Config
-from endpoint.gateway import Gateway
-from endpoint.http import GuardedProtocol
-from endpoint.log import LineWriter
+from endpoint.http.asgi import Front
+from endpoint.http.server_protocol import GuardedProtocol
+from endpoint.http.wsgi import create_app
+from endpoint.monitoring.log import LineWriter
 from endpoint.rosbridge.services import Engine
 from endpoint.rosbridge.session import Bridge
-from endpoint.tokens import TokenStore
 from rtask.errors import RtaskError, UsageError
-from rtask.kb.commit import Change
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.commit.commit import Change
+from rtask.knowledge_base import KnowledgeBase
 
 _log = logging.getLogger(__name__)
 GRACE_S = 15

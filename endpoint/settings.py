@@ -20,7 +20,7 @@ from typing import Any
 
 import click
 
-from endpoint.protocol.limits import Limits
+from endpoint.sparql.limits import Limits
 from rtask.errors import UsageError
 
 DEFAULT_FILE = Path("rtask.toml")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rtask.client import Client
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
 
@@ -30,9 +30,9 @@ __version__ = importlib.metadata.version("rtask-kg")
 def open(target: str | Path, **options: Any) -> KnowledgeBase:
     """Open a knowledge base: a folder, ``":memory:"`` or the address of a SPARQL server.
 
-    Parameters and errors: :func:`rtask.kb.open.open_knowledge_base`.
+    Parameters and errors: :func:`rtask.opening.open_knowledge_base`.
     """
-    from rtask.kb.open import open_knowledge_base
+    from rtask.opening import open_knowledge_base
 
     return open_knowledge_base(target, **options)
 
@@ -49,7 +49,7 @@ def connect(target: Any, **options: Any) -> Client:
 
 def __getattr__(name: str) -> Any:
     if name == "KnowledgeBase":
-        from rtask.kb.knowledge_base import KnowledgeBase
+        from rtask.knowledge_base import KnowledgeBase
 
         return KnowledgeBase
     raise AttributeError(f"module 'rtask' has no attribute {name!r}")

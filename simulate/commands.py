@@ -153,7 +153,7 @@ def grasp_views(out: Path, gripper: str, shapes: int, seed: int) -> None:
     For `rtask grasp train`. A view takes about a tenth of a second.
     """
     from grasp.spatial.gripper import gripper_named
-    from simulate import grasp_samples
+    from simulate.study import grasp_samples
 
     try:
         hand = gripper_named(gripper)

@@ -9,7 +9,7 @@ import numpy as np
 
 from features.geometry import Frame, Intrinsics
 from features.tabletop import TabletopShape
-from simulate.perception import Seen
+from simulate.agent.perception import Seen
 
 __all__ = ["CAMERA", "Plan", "Record", "seen_at"]
 
@@ -25,7 +25,7 @@ def seen_at(x: float, y: float) -> Seen:
 
 @dataclass(frozen=True)
 class Record:
-    """What :class:`simulate.executor.GraspRecord` tells the agent."""
+    """What :class:`simulate.grasping.executor.GraspRecord` tells the agent."""
 
     reason: str = "ok"
     held: bool = True

@@ -11,11 +11,11 @@ from dataclasses import asdict
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.auth import Caller, require_scope
-from endpoint.exchange import RefusedError
+from endpoint.access.auth import Caller, require_scope
+from endpoint.access.tokens import ROLES, parse_lifetime
+from endpoint.http.messages import RefusedError
 from endpoint.pages.render import Model, blueprint, current_request, gateway, page
 from endpoint.pages.signin import require_form
-from endpoint.tokens import ROLES, parse_lifetime
 from rtask.errors import AuthenticationError, UsageError
 
 _EVENTS = 200

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from endpoint.pages.render import knowledge_base
 from rtask.engine.terms import folded
-from rtask.kb.terms import iri, literal
+from rtask.rdf.terms import iri, literal
 
 __all__ = ["by_iri", "by_words", "unnamed", "without"]
 

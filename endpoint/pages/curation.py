@@ -8,8 +8,8 @@ from urllib.parse import urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.auth import require_scope
-from endpoint.exchange import RefusedError
+from endpoint.access.auth import require_scope
+from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri, by_words, without
 from endpoint.pages.objects import known_object, list_objects
 from endpoint.pages.render import (
@@ -22,7 +22,7 @@ from endpoint.pages.render import (
     select,
 )
 from endpoint.pages.signin import require_form
-from rtask.engine.edit import NOTE
+from rtask.engine.curation.edit import NOTE
 
 _ADDRESS = "/curation"
 _MOST_FOUND = 24

@@ -8,7 +8,7 @@ from urllib.parse import quote, urlencode
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.auth import require_scope
+from endpoint.access.auth import require_scope
 from endpoint.pages.render import Model, blueprint, current_request, gateway, page, select
 from endpoint.pages.signin import require_form
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import flask
 
-from endpoint.exchange import RefusedError
+from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri
 from endpoint.pages.render import PAGE_SIZE, Model, knowledge_base, page, page_number, select
-from rtask.engine.redirect import present_name
-from rtask.engine.vocabulary import PROV, RDF, RT
-from rtask.kb.terms import iri, python_value
+from rtask.engine.curation.redirects import present_name
+from rtask.rdf.namespaces import PROV, RDF, RT
+from rtask.rdf.terms import iri, python_value
 
 
 def list_objects(limit: int = PAGE_SIZE, offset: int = 0, chosen: str = "") -> list[Model]:

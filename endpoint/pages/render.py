@@ -14,13 +14,13 @@ import flask
 from flask import Blueprint
 
 import ontology
-from endpoint.exchange import JSON_TYPE, Request, Response
-from endpoint.gateway import Gateway
-from endpoint.problems import details_of
+from endpoint.application import Gateway
+from endpoint.http.messages import JSON_TYPE, Request, Response
+from endpoint.http.problems import details_of
 from rtask.errors import RtaskError
-from rtask.kb.knowledge_base import KnowledgeBase
-from rtask.kb.results import Solutions
-from rtask.kb.terms import NamedNode
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import NamedNode
+from rtask.sparql.results import Solutions
 
 blueprint = Blueprint("pages", __name__)
 Model = dict[str, Any]

@@ -7,9 +7,9 @@ from typing import Any
 import flask
 
 import ontology
-from endpoint.exchange import RefusedError
+from endpoint.http.messages import RefusedError
 from endpoint.pages.render import Model, knowledge_base, page, solutions
-from rtask.kb.terms import Literal, NamedNode, iri
+from rtask.rdf.terms import Literal, NamedNode, iri
 
 MAX_INCOMING = 50
 

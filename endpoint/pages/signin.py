@@ -5,11 +5,11 @@ from __future__ import annotations
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
-from endpoint.auth import SCOPES
+from endpoint.access.auth import SCOPES
+from endpoint.access.sessions import session_name, set_cookie
 from endpoint.pages.render import blueprint, current_request, gateway
-from endpoint.sessions import session_name, set_cookie
 from rtask.errors import AuthenticationError, ForbiddenError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 # Addresses for people who have not signed in.
 OPEN = ("pages.login", "pages.sign_in", "static")

@@ -12,10 +12,10 @@ from urllib.parse import urlencode
 import flask
 
 import ontology
-from endpoint.exchange import Request
+from endpoint.http.messages import Request
+from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.pages.render import Model, blueprint, current_request, gateway
-from endpoint.problems import PROBLEM_TYPE
-from endpoint.protocol.negotiation import RESULTS_JSON, TURTLE
+from endpoint.sparql.negotiation import RESULTS_JSON, TURTLE
 
 MAX_ROWS = 1_000
 MAX_TEXT = 200_000

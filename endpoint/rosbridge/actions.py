@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from endpoint.auth import require_scope
+from endpoint.access.auth import require_scope
 from endpoint.rosbridge.calls import CallQueue
 from endpoint.rosbridge.deadlines import Deadlines
 from endpoint.rosbridge.messages import JsonObject, encode, failure_text
 from endpoint.rosbridge.providers import Peer, Provider, Providers
 from rtask.errors import RtaskError, UnknownTermError, UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 SUCCEEDED, CANCELLED, ABORTED = 4, 5, 6
 MAX_GOALS_PER_SESSION = 16

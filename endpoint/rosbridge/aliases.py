@@ -11,11 +11,11 @@ import logging
 import math
 from typing import Any
 
-from endpoint.auth import require_scope
+from endpoint.access.auth import require_scope
 from endpoint.rosbridge.messages import JsonObject
 from endpoint.rosbridge.services import Engine
 from rtask.errors import RtaskError, UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 _log = logging.getLogger(__name__)
 

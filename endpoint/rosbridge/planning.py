@@ -9,7 +9,7 @@ from endpoint.rosbridge.actions import Action, Progress
 from endpoint.rosbridge.messages import JsonObject
 from endpoint.rosbridge.services import Engine
 from rtask.errors import UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 _OWN = ("samples",)
 

@@ -23,9 +23,9 @@ from endpoint.rosbridge.typedefs import (
     request_typedefs,
     response_typedefs,
 )
-from rtask.engine.answers import ANSWERS
+from rtask.engine.operations.answers import ANSWERS
 from rtask.errors import RtaskError, UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 SERVER_NODE = "/rtask"
 Answer = Callable[[JsonObject], JsonObject]

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 Handler = Callable[[JsonObject, Access], JsonObject]
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
 
-from endpoint.auth import require_scope
+from endpoint.access.auth import require_scope
 from endpoint.rosbridge import aliases
 from endpoint.rosbridge.actions import Actions
 from endpoint.rosbridge.calls import RUNNING_PER_SESSION, WAITING_PER_SESSION, CallQueue, Once
@@ -34,7 +34,7 @@ from endpoint.rosbridge.rosapi import Graph, rosapi_services
 from endpoint.rosbridge.services import Engine, Service, ServiceTable, engine_services
 from endpoint.rosbridge.topics import Topics
 from rtask.errors import RtaskError, UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 _log = logging.getLogger(__name__)
 

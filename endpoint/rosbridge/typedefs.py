@@ -49,7 +49,7 @@ def request_typedefs(type_: str, fields: Iterable[Any]) -> list[JsonObject]:
     type_
         ROS name of the service's type, ``rtask/SearchObject``.
     fields
-        Of the operation, :class:`rtask.engine.messages.Field`.
+        Of the operation, :class:`rtask.engine.operations.messages.Field`.
     """
     found: dict[str, JsonObject] = {}
     _add(f"{type_}Request", fields, found)
@@ -62,7 +62,7 @@ def response_typedefs(type_: str, declared: Any) -> list[JsonObject]:
     Parameters
     ----------
     declared
-        Typed dictionary of :mod:`rtask.engine.answers`.
+        Typed dictionary of :mod:`rtask.engine.operations.answers`.
     """
     found: dict[str, JsonObject] = {}
     _add_answer(f"{type_}Response", declared, found)

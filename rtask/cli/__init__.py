@@ -22,38 +22,38 @@ from rtask.errors import RtaskError
 
 __all__ = ["cli", "main"]
 
-_BUILT_IN = (
-    "ask",
-    "backup",
-    "doctor",
-    "explain",
-    "export",
-    "feedback",
-    "grasp",
-    "history",
-    "learn",
-    "load",
-    "model",
-    "objects",
-    "ontology",
-    "quarantine",
-    "query",
-    "reason",
-    "rebuild",
-    "recognise",
-    "restore",
-    "search",
-    "segment",
-    "stats",
-    "update",
-    "validate",
-    "verify",
-)
+_BUILT_IN = {
+    "ask": "rtask.cli.people.ask:ask",
+    "backup": "rtask.cli.graph.backup:backup",
+    "doctor": "rtask.cli.doctor:doctor",
+    "explain": "rtask.cli.knowledge.explain:explain",
+    "export": "rtask.cli.graph.export:export",
+    "feedback": "rtask.cli.people.feedback:feedback",
+    "grasp": "rtask.cli.grasping.plan:grasp",
+    "history": "rtask.cli.graph.history:history",
+    "learn": "rtask.cli.grasping.learn:learn",
+    "load": "rtask.cli.graph.load:load",
+    "model": "rtask.cli.knowledge.model:model",
+    "objects": "rtask.cli.people.objects:objects",
+    "ontology": "rtask.cli.knowledge.ontology:ontology",
+    "quarantine": "rtask.cli.graph.quarantine:quarantine",
+    "query": "rtask.cli.graph.query:query",
+    "reason": "rtask.cli.knowledge.reason:reason",
+    "rebuild": "rtask.cli.graph.rebuild:rebuild",
+    "recognise": "rtask.cli.perception.recognise:recognise",
+    "restore": "rtask.cli.graph.restore:restore",
+    "search": "rtask.cli.graph.search:search",
+    "segment": "rtask.cli.perception.segment:segment",
+    "stats": "rtask.cli.graph.stats:stats",
+    "update": "rtask.cli.graph.update:update",
+    "validate": "rtask.cli.graph.validate:validate",
+    "verify": "rtask.cli.graph.verify:verify",
+}
 
 
 def _targets() -> dict[str, str]:
     """Return where each command lives, as ``module:attribute``."""
-    targets = {name: f"rtask.cli.{name}:{name}" for name in _BUILT_IN}
+    targets = dict(_BUILT_IN)
     for entry in importlib.metadata.entry_points(group="rtask.commands"):
         targets.setdefault(entry.name, entry.value)
     return targets
@@ -96,7 +96,7 @@ class LazyGroup(click.Group):
 def short_help(target: str) -> str:
     """Return the first line of a command's docstring, read from its source.
 
-    >>> short_help("rtask.cli.stats:stats")
+    >>> short_help("rtask.cli.graph.stats:stats")
     'Count what a knowledge base holds.'
     """
     module, _, attribute = target.partition(":")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["data_option", "json_option", "open_to_read", "print_json", "read_text", "term"]
 
@@ -71,7 +71,7 @@ def term(text: str, base: str) -> Any:
     from pyoxigraph import NamedNode, RdfFormat, parse
 
     from rtask.errors import UsageError
-    from rtask.kb.terms import prologue
+    from rtask.rdf.terms import prologue
 
     known = prefixes(base)
     if "://" in text or text.startswith("urn:"):

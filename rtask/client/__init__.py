@@ -10,7 +10,7 @@ from rtask.errors import RemoteUnavailableError, UsageError
 
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["Client", "connect"]
 

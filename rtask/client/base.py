@@ -17,7 +17,7 @@ from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
 if TYPE_CHECKING:
     from rtask.client import requests
     from rtask.client.following import FollowedChange
-    from rtask.engine import answers
+    from rtask.engine.operations import answers
 
 __all__ = ["Client"]
 

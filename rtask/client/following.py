@@ -14,7 +14,7 @@ from rtask.errors import EpochChangedError, GoneError, RemoteUnavailableError
 if TYPE_CHECKING:
     import httpx
 
-    from rtask.kb.commit import Change
+    from rtask.kb.commit.commit import Change
 
 __all__ = ["FollowedChange", "Pattern", "follow_remote"]
 
@@ -74,7 +74,7 @@ class FollowedChange:
     @classmethod
     def of(cls, change: Change, version: str) -> FollowedChange:
         """Return a commit of a knowledge base in this process."""
-        from rtask.kb.terms import NamedNode
+        from rtask.rdf.terms import NamedNode
 
         def statements(quads: Any) -> tuple[Statement, ...]:
             return tuple(

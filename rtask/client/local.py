@@ -10,7 +10,7 @@ from rtask.client.base import Client
 from rtask.client.following import FollowedChange
 from rtask.engine.engine import Engine
 from rtask.errors import UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 __all__ = ["LocalClient"]
 
@@ -96,7 +96,7 @@ def _term(text: str) -> Any:
     """Return a term written as a plain IRI or as in N-Triples."""
     from pyoxigraph import RdfFormat, parse
 
-    from rtask.kb.terms import iri
+    from rtask.rdf.terms import iri
 
     if not text.startswith(('"', "<")):
         return iri(text)

@@ -188,7 +188,7 @@ def _patiently(
 
 def _value(binding: dict[str, Any] | None) -> object:
     """Return one value of SPARQL 1.1 JSON results as :meth:`Client.query` gives it."""
-    from rtask.kb.terms import Literal, NamedNode, python_value
+    from rtask.rdf.terms import Literal, NamedNode, python_value
 
     if binding is None:
         return None

@@ -8,27 +8,27 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from rtask.engine.meaning import FunctionCatalogue
-from rtask.engine.messages import nearest, read
-from rtask.engine.models import Models
+from rtask.engine.curation.redirects import followed
+from rtask.engine.memory.meaning import FunctionCatalogue
+from rtask.engine.memory.tasks import Decisions
 from rtask.engine.names import Names
-from rtask.engine.observation import ObservationCache
-from rtask.engine.operations import OPERATIONS, SCOPES, Operation
+from rtask.engine.operations.messages import nearest, read
+from rtask.engine.operations.robots import GripperCatalogue
+from rtask.engine.operations.table import OPERATIONS, SCOPES, Operation
+from rtask.engine.perception.models import Models
+from rtask.engine.perception.observation import ObservationCache
+from rtask.engine.perception.views import stored_views
 from rtask.engine.policy import Policy
-from rtask.engine.redirect import followed
-from rtask.engine.robots import GripperCatalogue
-from rtask.engine.tasks import Decisions
 from rtask.engine.terms import ClassCatalogue, known_reasons
-from rtask.engine.views import stored_views
 from rtask.errors import ForbiddenError, UnknownTermError, UnsupportedError
-from rtask.kb.access import Access
-from rtask.kb.terms import NamedNode
+from rtask.kb.commit.access import Access
+from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
     from features.recognition.index import RecognitionIndex
     from features.recognition.view import ViewFeatures
-    from rtask.kb.commit import Change, Commit
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.kb.commit.commit import Change, Commit
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["Engine"]
 
@@ -53,7 +53,7 @@ class Engine:
     Attributes
     ----------
     operations
-        By name; see :class:`rtask.engine.operations.Operation`.
+        By name; see :class:`rtask.engine.operations.table.Operation`.
 
     Examples
     --------
@@ -238,13 +238,13 @@ class Engine:
 
     def rebuild_statistics(self) -> Commit:
         """Count all grasps again from their attempts."""
-        from rtask.engine.statistics import rebuild
+        from rtask.engine.memory.statistics import rebuild
 
         return rebuild(self)
 
     def rebuild_models(self) -> int:
         """Make the models of all objects again from their views; return their number."""
-        from rtask.engine.models import rebuild_models
+        from rtask.engine.perception.models import rebuild_models
 
         return rebuild_models(self)[1]
 

@@ -10,11 +10,11 @@ import unicodedata
 import uuid
 from typing import TYPE_CHECKING
 
-from rtask.engine.vocabulary import PREFIXES
-from rtask.kb.terms import NamedNode, iri
+from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["Names", "slug", "tail", "uuid7"]
 

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import ontology
-from rtask.engine.messages import nearest
-from rtask.engine.vocabulary import PREFIXES, RDFS, RT, local_name
+from rtask.engine.operations.messages import nearest
 from rtask.errors import UnknownTermError
-from rtask.kb.terms import NamedNode
+from rtask.rdf.namespaces import PREFIXES, RDFS, RT, local_name
+from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from rtask.kb.commit import Change
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.kb.commit.commit import Change
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["ClassCatalogue", "ObjectClass", "find_function", "find_task", "folded", "known_reasons"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import ontology
 from rtask.errors import UnsupportedError
-from rtask.kb.terms import (
+from rtask.rdf.terms import (
     DEFAULT,
     XSD,
     BlankNode,
@@ -24,8 +24,8 @@ from rtask.kb.terms import (
 )
 
 if TYPE_CHECKING:
-    from rtask.kb.commit import Commit
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.kb.commit.commit import Commit
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["to_world", "update_from"]
 

@@ -15,12 +15,12 @@ from rdflib.term import Identifier, URIRef, Variable
 import ontology
 from rtask.errors import ForbiddenError, UsageError
 from rtask.interop.terms import from_rdflib, graph_name, to_rdflib
-from rtask.kb.results import Solutions
-from rtask.kb.terms import DEFAULT, Graph, Quad, prologue, stored, stored_quad
+from rtask.rdf.terms import DEFAULT, Graph, Quad, prologue, stored, stored_quad
+from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
-    from rtask.kb.commit import Commit
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.kb.commit.commit import Commit
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["KnowledgeDataset"]
 

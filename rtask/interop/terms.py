@@ -7,7 +7,7 @@ import rdflib
 from rdflib.term import BNode, Identifier, URIRef
 
 from rtask.errors import DataError
-from rtask.kb.terms import Graph, Term
+from rtask.rdf.terms import Graph, Term
 
 __all__ = ["from_rdflib", "graph_name", "to_rdflib"]
 

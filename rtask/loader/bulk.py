@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Quad, RdfFormat
 
 from rtask.errors import ParseError
-from rtask.kb.bulk import TripleText
+from rtask.kb.commit.bulk import TripleText
 from rtask.loader.documents import Document
-from rtask.loader.formats import Format, explain
+from rtask.rdf.formats import Format, explain
 
 if TYPE_CHECKING:
     from rtask.loader.load import Item, _Loader

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Quad, parse
 
 import ontology
-from rtask.kb.commit import Commit, Request
-from rtask.kb.terms import RDF_TYPE, Graph, python_value
+from rtask.kb.commit.commit import Commit, Request
+from rtask.rdf.terms import RDF_TYPE, Graph, python_value
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["refresh"]
 

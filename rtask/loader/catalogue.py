@@ -16,9 +16,9 @@ from xml.etree import ElementTree
 import ontology
 from rtask.errors import DataError, ParseError
 from rtask.loader.documents import Document
-from rtask.loader.formats import FORMATS
 from rtask.loader.guards import check_xml
 from rtask.loader.headers import peek
+from rtask.rdf.formats import FORMATS
 
 __all__ = ["OntologyCatalogue", "loadable_files"]
 

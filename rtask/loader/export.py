@@ -11,11 +11,11 @@ from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 
 import ontology
 from rtask.errors import UnknownTermError, UsageError
-from rtask.kb.terms import XSD, DefaultGraph, Graph, iri
-from rtask.loader.formats import find_format
+from rtask.rdf.formats import find_format
+from rtask.rdf.terms import XSD, DefaultGraph, Graph, iri
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["dump", "original"]
 

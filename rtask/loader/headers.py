@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Quad
 
 from rtask.errors import RtaskError
-from rtask.kb.terms import RDF_TYPE
 from rtask.loader.documents import Document
-from rtask.loader.formats import detect, statements
+from rtask.rdf.formats import detect, statements
+from rtask.rdf.terms import RDF_TYPE
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["Header", "Terms", "header_of", "peek"]
 

@@ -17,18 +17,18 @@ from typing import IO, TYPE_CHECKING, Any
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat, Triple
 
 from rtask.errors import DataError, UsageError
-from rtask.kb.access import Access
-from rtask.kb.blobs import digest_of
-from rtask.kb.commit import MAX_QUADS, Request
-from rtask.kb.terms import DEFAULT, DefaultGraph, Graph, iri
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.commit import MAX_QUADS, Request
+from rtask.kb.durability.blobs import digest_of
 from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.documents import Document
-from rtask.loader.formats import Format, detect, find_format, statements
 from rtask.loader.headers import Header, Terms, header_of, peek
+from rtask.rdf.formats import Format, detect, find_format, statements
+from rtask.rdf.terms import DEFAULT, DefaultGraph, Graph, iri
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["FileReport", "LoadReport", "load"]
 

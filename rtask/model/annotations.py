@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import ontology
 from rtask.errors import UsageError
-from rtask.kb.terms import Literal, NamedNode, Term, Triple, stored
 from rtask.model.codec import decode
 from rtask.model.fields import Field
 from rtask.model.fields import term as item_term
 from rtask.model.identifiers import mint
 from rtask.model.instance import Item, Model
 from rtask.model.plan import short
+from rtask.rdf.terms import Literal, NamedNode, Term, Triple, stored
 
 if TYPE_CHECKING:
-    from rtask.kb.transaction import Transaction
+    from rtask.kb.commit.transaction import Transaction
     from rtask.model.session import Session
 
 __all__ = ["Annotation", "Note", "read_annotations"]

@@ -7,7 +7,7 @@ import decimal
 import math
 from collections.abc import Callable
 
-from rtask.kb.terms import XSD, Literal, NamedNode, Term, literal
+from rtask.rdf.terms import XSD, Literal, NamedNode, Term, literal
 
 __all__ = ["LangString", "decode", "encode", "python_type"]
 

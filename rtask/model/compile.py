@@ -12,12 +12,12 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from itertools import cycle
 from typing import Any
 
-from rtask.kb.terms import Term
 from rtask.model.expressions import Aggregate, Order, Path, steps
 from rtask.model.fields import Field
 from rtask.model.instance import Model, class_iris, generation
 from rtask.model.patterns import MARK, Names, Scope, shape
 from rtask.model.plan import RDF_TYPE, THING, Plan, eager, finished, short
+from rtask.rdf.terms import Term
 
 __all__ = [
     "aggregate_text",

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from rtask.errors import UnknownTermError
-from rtask.kb.terms import NamedNode, iri
 from rtask.model.fields import Field, Link, Links, Many, One
 from rtask.model.instance import Identity, Model, Registry, make_class, rank, vocabularies_of
 from rtask.model.lists import Ordered
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
+from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["Vocabulary", "build", "load_model"]
 

@@ -12,11 +12,11 @@ from typing import Any, Generic, TypeVar, overload
 
 import ontology
 from rtask.errors import FieldError
-from rtask.kb.terms import Literal, NamedNode, Term
 from rtask.model.codec import decode, encode
 from rtask.model.expressions import Path
 from rtask.model.instance import Item, Model, Pending
 from rtask.model.limits import Limits
+from rtask.rdf.terms import Literal, NamedNode, Term
 
 __all__ = ["Field", "Link", "Links", "Many", "One", "Values"]
 

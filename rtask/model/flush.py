@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import ontology
 from rtask.errors import FieldError, OwnershipError, VersionConflictError
-from rtask.kb.terms import BlankNode, Graph, NamedNode, Subject, Term, stored
 from rtask.model.fields import Field, term
 from rtask.model.identifiers import mint
 from rtask.model.instance import Model, Pending, class_iris, required
 from rtask.model.plan import RDF_TYPE
+from rtask.rdf.terms import BlankNode, Graph, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:
-    from rtask.kb.knowledge_base import KnowledgeBase
-    from rtask.kb.transaction import Transaction
+    from rtask.kb.commit.transaction import Transaction
+    from rtask.knowledge_base import KnowledgeBase
     from rtask.model.session import Session
 
 __all__ = ["Flush", "named"]

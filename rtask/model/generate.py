@@ -17,7 +17,7 @@ from rtask.model.limits import Limits
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
 
 if TYPE_CHECKING:
-    from rtask.vocabulary.source import Module
+    from rtask.ontology_docs.source import Module
 
 __all__ = ["generate", "generate_for", "generate_rtask", "rtask_schema", "write_rtask"]
 
@@ -36,7 +36,7 @@ import datetime
 {decimal}from typing import ClassVar
 
 import ontology
-from rtask.kb.terms import NamedNode
+from rtask.rdf.terms import NamedNode
 from rtask.model.fields import Link, Links, Many, One
 {extends}from rtask.model.instance import Identity, Model, Registry
 from rtask.model.limits import Limits
@@ -116,7 +116,7 @@ def generate_for(modules: Iterable[Module]) -> str:
     Parameters
     ----------
     modules
-        What :func:`rtask.vocabulary.read_source` gives.
+        What :func:`rtask.ontology_docs.read_source` gives.
     """
     from rtask.model.generated.rtask import REGISTRY
 

@@ -7,11 +7,11 @@ from collections.abc import Container
 from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
-from rtask.kb.terms import NamedNode
 from rtask.model.instance import Model
+from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from rtask.kb.commit import Change
+    from rtask.kb.commit.commit import Change
 
 __all__ = ["IdentityMap"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_tran
 from weakref import WeakKeyDictionary
 
 from rtask.errors import FieldError, UsageError
-from rtask.kb.terms import NamedNode, Term, iri
+from rtask.rdf.terms import NamedNode, Term, iri
 
 if TYPE_CHECKING:
     from rtask.model.annotations import Annotation

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Generic, TypeVar, overload
 
-from rtask.kb.terms import NamedNode, Term
 from rtask.model.codec import RDFS_LITERAL
 from rtask.model.expressions import Path
 from rtask.model.fields import Field
 from rtask.model.instance import Item, Model
+from rtask.rdf.terms import NamedNode, Term
 
 __all__ = ["Ordered"]
 

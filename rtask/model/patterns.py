@@ -10,7 +10,6 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 
 from rtask.errors import UsageError
-from rtask.kb.terms import Literal, NamedNode, Term
 from rtask.model.codec import decode, encode
 from rtask.model.expressions import (
     After,
@@ -28,6 +27,7 @@ from rtask.model.expressions import (
 from rtask.model.fields import Field, term
 from rtask.model.instance import Model
 from rtask.model.plan import short
+from rtask.rdf.terms import Literal, NamedNode, Term
 
 __all__ = ["MARK", "Names", "Scope", "shape"]
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import ontology
 from rtask.errors import UsageError
-from rtask.kb.terms import NamedNode, prologue
 from rtask.model.expressions import Condition, Order, Path, root, steps
 from rtask.model.fields import Field
 from rtask.model.instance import Model, family, generation
+from rtask.rdf.terms import NamedNode, prologue
 
 __all__ = ["RDF_TYPE", "THING", "Plan", "check_root", "eager", "finished", "short"]
 

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import pyoxigraph as ox
 
 from rtask.errors import UnknownTermError, UsageError
-from rtask.kb.results import Solutions
-from rtask.kb.terms import NamedNode, Term
 from rtask.model import compile as compiled
 from rtask.model.codec import decode
 from rtask.model.expressions import (
@@ -33,6 +31,8 @@ from rtask.model.fields import Field
 from rtask.model.instance import Model
 from rtask.model.plan import Plan, check_root, eager
 from rtask.model.reading import Facts, collect
+from rtask.rdf.terms import NamedNode, Term
+from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
     from rtask.model.session import Session

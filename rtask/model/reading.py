@@ -8,11 +8,11 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from rtask.errors import LazyLoadError, UnknownTermError
-from rtask.kb.terms import DEFAULT, NamedNode, Term
 from rtask.model.compile import fetch_filter
 from rtask.model.fields import Field
 from rtask.model.instance import EVERYTHING, Model, Registry, generation, vocabularies_of
 from rtask.model.plan import RDF_TYPE, eager, short
+from rtask.rdf.terms import DEFAULT, NamedNode, Term
 
 if TYPE_CHECKING:
     from rtask.model.session import Session

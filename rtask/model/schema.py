@@ -9,9 +9,9 @@ from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import ontology
-from rtask.kb.terms import XSD, BlankNode, Literal, NamedNode, Subject, Term
 from rtask.model.codec import RDF_LANG_STRING, RDFS_LITERAL
 from rtask.model.limits import Limits
+from rtask.rdf.terms import XSD, BlankNode, Literal, NamedNode, Subject, Term
 
 __all__ = ["THING", "ClassSpec", "PropertySpec", "Schema", "read_schema"]
 

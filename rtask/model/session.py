@@ -7,8 +7,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
 from rtask.errors import ClosedError, UnknownTermError, UsageError
-from rtask.kb.results import Solutions
-from rtask.kb.terms import Graph, NamedNode, iri
 from rtask.model.annotations import Note
 from rtask.model.flush import Flush, named
 from rtask.model.identifiers import mint
@@ -17,10 +15,12 @@ from rtask.model.instance import Model
 from rtask.model.plan import Plan, finished
 from rtask.model.query import Query
 from rtask.model.reading import Lazy, Reader
+from rtask.rdf.terms import Graph, NamedNode, iri
+from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
-    from rtask.kb.commit import Commit
-    from rtask.kb.knowledge_base import KnowledgeBase
+    from rtask.kb.commit.commit import Commit
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["Session"]
 

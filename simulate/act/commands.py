@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from simulate.act.trials import Trial
-    from simulate.workcell import Workcell
+    from simulate.world.workcell import Workcell
 
 __all__ = ["act_serve", "act_test"]
 
@@ -43,7 +43,7 @@ def _of_trials(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _cell(robot: str, view: bool) -> Workcell:
-    from simulate.workcell import Workcell
+    from simulate.world.workcell import Workcell
 
     if view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--view needs a display and there is none; leave it out to run headless")
@@ -132,7 +132,7 @@ def workspace(
 ) -> None:
     """Map where the gripper can go: share of directions reached, cell by cell."""
     from simulate.act.workspace import map_workspace
-    from simulate.arm_space import ArmSpace
+    from simulate.motion.arm_space import ArmSpace
     from simulate.robots import describe
 
     try:
@@ -200,8 +200,8 @@ def _lay(cell: Workcell, objects: int, seed: int, folder: Path) -> list[dict[str
     """Put objects on the table; return name, centre of mass (m) and yaw (rad) of each."""
     import numpy as np
 
-    from simulate.objects import sample_objects
-    from simulate.scene import arrange, lay
+    from simulate.world.objects import sample_objects
+    from simulate.world.scene import arrange, lay
 
     if objects < 1:
         return []

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from rtask.client.remote import addresses
-from rtask.engine.messages import Field, nearest, read
+from rtask.engine.operations.messages import Field, nearest, read
 from rtask.errors import AuthenticationError, RemoteUnavailableError, RtaskError, UsageError
 from simulate.act.service import ActService
 from simulate.act.trials import Trial, place_test, reach_test, reasons

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rtask.engine.messages import Field, nearest, read
+from rtask.engine.operations.messages import Field, nearest, read
 from rtask.errors import UsageError
 from simulate.robots import Arm, RobotDescription
 

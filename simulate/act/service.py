@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from simulate.act.request import ActRequest
-from simulate.execution import Execution
-from simulate.grasp_record import GraspRecord
-from simulate.grasp_rules import GraspRequest, PlannedGrasp
-from simulate.workcell import Workcell
+from simulate.grasping.attempt_run import Execution
+from simulate.grasping.record import GraspRecord
+from simulate.grasping.rules import GraspRequest, PlannedGrasp
+from simulate.world.workcell import Workcell
 
 __all__ = ["ActService", "imagined", "plan_goal", "turns"]
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.errors import RobotError, UsageError
-from simulate.arm_space import ALLOWED, ArmSpace
-from simulate.grasp_rules import GraspRequest
-from simulate.hand_rules import rules_for
-from simulate.kinematics import Goal, IkOptions, solve_ik
+from simulate.grasping.hand_rules import rules_for
+from simulate.grasping.rules import GraspRequest
+from simulate.motion.arm_space import ALLOWED, ArmSpace
+from simulate.motion.kinematics import Goal, IkOptions, solve_ik
 
 __all__ = ["WorkspaceMap", "map_workspace"]
 

@@ -199,10 +199,10 @@ class _Worker(_Child):
 
 
 class Robot(_Worker):
-    """One simulated robot of a demo; see :mod:`simulate.robot_process`."""
+    """One simulated robot of a demo; see :mod:`simulate.agent.process`."""
 
     def __init__(self, name: str, job: dict[str, Any], token: str, log: Path) -> None:
-        super().__init__("simulate.robot_process", name, job, token, log)
+        super().__init__("simulate.agent.process", name, job, token, log)
 
 
 class MemberProcess(_Worker):

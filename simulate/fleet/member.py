@@ -20,18 +20,18 @@ from typing import Any, cast
 import rtask
 from rtask.client import Client
 from rtask.errors import RemoteUnavailableError, RtaskError
-from simulate.agent import Agent, AgentConfig, Server
-from simulate.camera import Lighting
-from simulate.encounter import Encounter
+from simulate.agent.agent import Agent, AgentConfig, Server
+from simulate.agent.encounter import Encounter
+from simulate.agent.perception import Seen
+from simulate.agent.process import Voice
+from simulate.agent.scoring import Judge
+from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.fleet.plan import MemberJob, spec_of
 from simulate.fleet.servers import BlindServer, PatientServer
-from simulate.perception import Seen
-from simulate.robot_process import Voice
 from simulate.robots import describe
-from simulate.scene import arrange
-from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.streams import stream
+from simulate.world.camera import Lighting
+from simulate.world.random_streams import stream
+from simulate.world.scene import arrange
 
 __all__ = ["Member", "main"]
 

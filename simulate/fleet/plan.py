@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rtask.errors import UsageError
-from simulate.objects import ObjectSpec, product, sample_objects
-from simulate.streams import stream
+from simulate.world.objects import ObjectSpec, product, sample_objects
+from simulate.world.random_streams import stream
 
 __all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
 

@@ -10,17 +10,17 @@ from typing import Any, cast
 
 import rtask
 from rtask.client import Client
-from simulate.agent import AgentConfig
-from simulate.agent_messages import pose_message
-from simulate.camera import Lighting
-from simulate.fetcher import Fetcher, RequestServer
-from simulate.objects import sample_objects
-from simulate.perception import perceive
+from simulate.agent.agent import AgentConfig
+from simulate.agent.fetcher import Fetcher, RequestServer
+from simulate.agent.messages import pose_message
+from simulate.agent.perception import perceive
+from simulate.agent.scoring import Judge
+from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe
-from simulate.scene import arrange
-from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.streams import stream
+from simulate.world.camera import Lighting
+from simulate.world.objects import sample_objects
+from simulate.world.random_streams import stream
+from simulate.world.scene import arrange
 
 __all__ = ["Request", "carry_out"]
 

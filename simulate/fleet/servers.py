@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rtask.errors import CallFailedError, RemoteUnavailableError
-from simulate.agent import Server
+from simulate.agent.agent import Server
 
 __all__ = ["BlindServer", "PatientServer"]
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rtask
-from rtask.kb.knowledge_base import KnowledgeBase
-from simulate.agent_messages import mix_seed
+from rtask.knowledge_base import KnowledgeBase
+from simulate.agent.messages import mix_seed
 from simulate.fleet.figures import attempts_to_success, objects_tried, score_identities
 from simulate.fleet.member import Member
 from simulate.fleet.plan import MemberJob, plan_fleet

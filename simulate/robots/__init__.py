@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rtask.engine.messages import nearest
+from rtask.engine.operations.messages import nearest
 from rtask.errors import RobotError
 from simulate.robots.description import (
     Arm,

@@ -29,8 +29,8 @@ from simulate.robots.description import (
 )
 
 if TYPE_CHECKING:
-    from simulate.robot_body import RobotBody
-    from simulate.world import World
+    from simulate.robots.body import RobotBody
+    from simulate.world.world import World
 
 __all__ = ["GRIPPER_TILT", "LEAN", "PHALANX_MASS", "Nao", "describe_nao", "head_pitch_limits"]
 

@@ -15,17 +15,17 @@ from typing import Any, cast
 import numpy as np
 
 import rtask
-from simulate.agent import Agent, AgentConfig, Server
-from simulate.camera import Lighting
+from simulate.agent.agent import Agent, AgentConfig, Server
+from simulate.agent.encounter import Encounter
+from simulate.agent.perception import Seen
+from simulate.agent.scoring import Judge
+from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.report import by_product
-from simulate.encounter import Encounter
-from simulate.objects import KINDS, product
-from simulate.perception import Seen
 from simulate.robots import describe
-from simulate.scene import arrange
-from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.streams import stream
+from simulate.world.camera import Lighting
+from simulate.world.objects import KINDS, product
+from simulate.world.random_streams import stream
+from simulate.world.scene import arrange
 
 __all__ = ["grasping_trial"]
 

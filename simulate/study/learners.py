@@ -1,8 +1,8 @@
 """Learners replayed on a table of outcomes: which grasp each would have tried, and what came of it.
 
 The default learner is the engine's own: the bandit of :mod:`grasp.learning.bandit` with the
-evidence of :mod:`rtask.engine.experience`. The thesis's formulation is :class:`GraspEnv` with its
-four quadrants (Gatto 2016, 3.3.4).
+evidence of :mod:`rtask.engine.memory.experience`. The thesis's formulation is :class:`GraspEnv`
+with its four quadrants (Gatto 2016, 3.3.4).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from grasp.learning.environments.discretise import Bins
 from grasp.learning.state import GrowingComponents
 from grasp.learning.transition import Agent, Transition
 from grasp.spatial.gripper import ParallelGripper
-from rtask.engine.experience import Weights, gather
+from rtask.engine.memory.experience import Weights, gather
+from rtask.engine.memory.recall import Remembered, Tally
 from rtask.engine.policy import Policy
-from rtask.engine.recall import Remembered, Tally
 from simulate.study.reasons import is_counted
 
 __all__ = ["FAILED", "LEARNERS", "Learner", "replay"]

@@ -21,15 +21,15 @@ from grasp.learning.state import pooled
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
-from simulate.agent_messages import mix_seed
-from simulate.camera import Lighting
-from simulate.executor import GraspRequest, PlannedGrasp
-from simulate.objects import KINDS, ObjectSpec, product
-from simulate.perception import perceive
-from simulate.scene import Placement, arrange
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.streams import stream
+from simulate.agent.messages import mix_seed
+from simulate.agent.perception import perceive
+from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.grasping.executor import GraspRequest, PlannedGrasp
 from simulate.study.reasons import UNREACHABLE, is_counted
+from simulate.world.camera import Lighting
+from simulate.world.objects import KINDS, ObjectSpec, product
+from simulate.world.random_streams import stream
+from simulate.world.scene import Placement, arrange
 
 __all__ = ["outcome_trial"]
 

@@ -11,15 +11,15 @@ from typing import Any
 
 import rtask
 from features.codec import encode_frame, to_wire
-from simulate.agent_messages import pose_message
-from simulate.camera import Lighting
-from simulate.executor import GraspRequest, PlannedGrasp
-from simulate.objects import Kind, ObjectSpec, product, sample_objects
-from simulate.perception import Seen, perceive
-from simulate.scene import arrange
-from simulate.scoring import Judge
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.streams import stream
+from simulate.agent.messages import pose_message
+from simulate.agent.perception import Seen, perceive
+from simulate.agent.scoring import Judge
+from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.grasping.executor import GraspRequest, PlannedGrasp
+from simulate.world.camera import Lighting
+from simulate.world.objects import Kind, ObjectSpec, product, sample_objects
+from simulate.world.random_streams import stream
+from simulate.world.scene import arrange
 
 __all__ = ["TABLE_4", "TABLE_5", "fill", "grasp_times", "looks_at", "retrieval_times"]
 

@@ -146,7 +146,7 @@ class Table:
     """Six boxes before a camera whose pose does not change unless asked."""
 
     def __init__(self, seed: int) -> None:
-        from simulate.world import World
+        from simulate.world.world import World
 
         self.rng = np.random.default_rng([seed, 77])
         self.world = World()

@@ -30,8 +30,8 @@ from urllib.parse import quote
 import httpx
 
 import rtask
+from endpoint.access.tokens import TokenStore
 from endpoint.testing import RunningServer, running_server
-from endpoint.tokens import TokenStore
 
 SUBJECTS, EACH = 20_000, 5
 CONNECTIONS, SECONDS, ROUNDS = 8, 2.0, 5

@@ -34,9 +34,9 @@ from grasp.spatial.mesh_candidates import antipodal_pairs, propose_on_mesh
 from grasp.spatial.mesh_files import read_mesh
 from grasp.spatial.select import rank
 from grasp.spatial.shapes import box_mesh, cup_mesh, lathed_mesh, sphere_mesh
-from simulate.floating import execute, settle, spawn_parts
-from simulate.objects import KINDS, Friction, product, write_assets
-from simulate.world import BodyPose, World
+from simulate.grasping.floating import execute, settle, spawn_parts
+from simulate.world.objects import KINDS, Friction, product, write_assets
+from simulate.world.world import BodyPose, World
 
 HAND = panda_hand()
 NOISE = PoseNoise()

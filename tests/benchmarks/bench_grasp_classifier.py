@@ -35,9 +35,9 @@ from grasp.spatial.mesh import Mesh
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.mesh_files import read_mesh
 from grasp.spatial.select import diverse
-from simulate.grasp_samples import collect_samples, shapes
-from simulate.grasp_views import TABLE, View, correct, depth_view, sample_camera
-from simulate.noise import SensorNoise
+from simulate.study.grasp_samples import collect_samples, shapes
+from simulate.study.grasp_views import TABLE, View, correct, depth_view, sample_camera
+from simulate.world.noise import SensorNoise
 
 VARIANTS = ("geometry", "two views", "completion", "both", "boosting", "svm")
 FIRST_TEST_SEED = 100_000

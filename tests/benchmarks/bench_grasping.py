@@ -25,12 +25,12 @@ import numpy as np
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import propose_planar
-from simulate.collision import Obstacle
-from simulate.executor import Executor, GraspRecord, GraspRequest
-from simulate.objects import KINDS, ObjectSpec, collision_of, product
+from simulate.grasping.executor import Executor, GraspRecord, GraspRequest
+from simulate.motion.collision import Obstacle
 from simulate.robots import Arm, Workplace
-from simulate.workcell import Workcell
-from simulate.world import World
+from simulate.world.objects import KINDS, ObjectSpec, collision_of, product
+from simulate.world.workcell import Workcell
+from simulate.world.world import World
 
 MAX_GRASPS, MAX_PLANS = 3, 12
 AREA_BEYOND = 0.01

@@ -24,9 +24,9 @@ from grasp.spatial.gripper import ParallelGripper, panda_hand
 from grasp.spatial.hand_search import propose_on
 from grasp.spatial.hands import SearchOptions, find_hands
 from grasp.spatial.surfaces import surface_frames
-from simulate.grasp_shapes import sample_shape
-from simulate.grasp_views import TABLE, depth_view
-from simulate.noise import SensorNoise
+from simulate.study.grasp_shapes import sample_shape
+from simulate.study.grasp_views import TABLE, depth_view
+from simulate.world.noise import SensorNoise
 
 PALM_ROOM, PLACING = 0.005, 0.004
 

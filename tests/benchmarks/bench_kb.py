@@ -20,8 +20,8 @@ from pathlib import Path
 import pyoxigraph as ox
 
 import rtask
-from rtask.kb.knowledge_base import KnowledgeBase
-from rtask.kb.terms import Quad, iri, literal
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import Quad, iri, literal
 
 _OPEN = """
 import sys, time
@@ -31,7 +31,7 @@ start = time.perf_counter()
 print(time.perf_counter() - start)
 """
 _OURS = (
-    "import rtask, rtask.kb.open",
+    "import rtask, rtask.opening",
     "kb = rtask.open(sys.argv[1]{options})\nassert kb.query('ASK {{ <urn:s1> ?p ?o }}')",
 )
 _RAW = (

@@ -23,7 +23,7 @@ import pyoxigraph as ox
 
 import ontology
 import rtask
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, avg, count
 
 RT = ontology.NS

@@ -29,8 +29,8 @@ from pyoxigraph import DefaultGraph, Literal, NamedNode, Quad, QueryResultsForma
 
 import rtask
 from rtask.errors import QueryTimeout
-from rtask.kb.commit import Request
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.commit.commit import Request
+from rtask.knowledge_base import KnowledgeBase
 
 JSON = "application/sparql-results+json"
 EVERYTHING = "SELECT * { ?s ?p ?o }"

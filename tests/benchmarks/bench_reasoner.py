@@ -27,8 +27,8 @@ from pyoxigraph import Quad, RdfFormat, Store, parse
 
 import ontology
 import rtask
-from rtask.kb.commit import Request
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.commit.commit import Request
+from rtask.knowledge_base import KnowledgeBase
 
 LAB = "https://w3id.org/rtask-kg/kb/sample/"
 OUTCOME = """

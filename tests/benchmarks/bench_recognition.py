@@ -55,13 +55,13 @@ class View:
 
 def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iterator[View]:
     """Yield a view of every object that perception finds on tables of six products each."""
-    from simulate.camera import Camera, Lighting
-    from simulate.noise import SensorNoise
-    from simulate.objects import sample_objects
-    from simulate.perception import Ignored, perceive
+    from simulate.agent.perception import Ignored, perceive
     from simulate.robots.nao import Nao
-    from simulate.scene import lay
-    from simulate.world import World
+    from simulate.world.camera import Camera, Lighting
+    from simulate.world.noise import SensorNoise
+    from simulate.world.objects import sample_objects
+    from simulate.world.scene import lay
+    from simulate.world.world import World
 
     rng = np.random.default_rng(seed)
     pool = sample_objects(rng, products)
@@ -92,7 +92,7 @@ def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iter
 
 def _arranged(products: list, rng: np.random.Generator) -> list:
     """Place as many of the products as the table has room for: two long pens fill one side."""
-    from simulate.scene import arrange
+    from simulate.world.scene import arrange
 
     try:
         return arrange(products, rng)

@@ -27,12 +27,12 @@ from tabletop_scenes import KINDS, make_scene
 from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
 from features.segmentation import Scene, SegmentParams, score_labels, segment_scene, warm_up
-from simulate.camera import Camera, Lighting
-from simulate.noise import SensorNoise
-from simulate.objects import sample_objects
 from simulate.robots.nao import Nao
-from simulate.scene import Placement, arrange, lay
-from simulate.world import World
+from simulate.world.camera import Camera, Lighting
+from simulate.world.noise import SensorNoise
+from simulate.world.objects import sample_objects
+from simulate.world.scene import Placement, arrange, lay
+from simulate.world.world import World
 
 MIN_PIXELS = 300
 FEWEST = {"kinect": 150, **dict.fromkeys(KINDS, 60)}

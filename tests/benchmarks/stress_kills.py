@@ -25,11 +25,11 @@ from pathlib import Path
 
 import rtask
 from rtask.errors import StoreFormatError
-from rtask.kb.backup import restore
-from rtask.kb.journal import JournalFile
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.durability.backup import restore
+from rtask.kb.durability.journal import JournalFile
+from rtask.knowledge_base import KnowledgeBase
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "kb"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "rtask" / "kb"))
 from writer_process import BULK, REPEATS
 
 WORKS = ("commits", "group", "checkpoint", "bulk", "backup")
@@ -42,7 +42,7 @@ class Victims:
     """The process that starts writers and kills them."""
 
     def __init__(self) -> None:
-        script = Path(__file__).parents[1] / "kb" / "writer_process.py"
+        script = Path(__file__).parents[1] / "rtask" / "kb" / "writer_process.py"
         self._process = subprocess.Popen(
             [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )

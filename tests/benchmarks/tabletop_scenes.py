@@ -116,7 +116,7 @@ class TableScene:
 
 def make_scene(kind: str, seed: int, ycb: Path | None = None, clean: bool = False) -> TableScene:
     """Drop objects, wait until they lie still, take a picture."""
-    from simulate.world import World
+    from simulate.world.world import World
 
     if kind not in KINDS:
         raise ValueError(f"unknown kind {kind!r}: expected one of {KINDS}")

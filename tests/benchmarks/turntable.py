@@ -101,7 +101,7 @@ def viewpoints(step_deg: int) -> list[tuple[float, float]]:
 
 def render_views(folder: Path, name: str, step_deg: int, seed: int) -> Iterator[Picture]:
     """Render every view of one object."""
-    from simulate.world import World
+    from simulate.world.world import World
 
     rng = np.random.default_rng([seed, *name.encode()])
     with World() as world:

@@ -15,8 +15,8 @@ import pytest
 
 import ontology
 import rtask
+from endpoint.access.tokens import TokenStore
 from endpoint.testing import RunningServer, running_server
-from endpoint.tokens import TokenStore
 
 PREFIXES = " ".join(f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "rdf"))
 NAMES = ["tea tin", "box 2", "pen 3"]

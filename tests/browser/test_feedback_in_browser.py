@@ -12,8 +12,8 @@ import pytest
 
 import ontology
 import rtask
+from endpoint.access.tokens import TokenStore
 from endpoint.testing import RunningServer, running_server
-from endpoint.tokens import TokenStore
 
 FACTS = f"""
 PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>

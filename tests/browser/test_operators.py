@@ -11,8 +11,8 @@ import httpx
 import pytest
 
 import rtask
+from endpoint.access.tokens import TokenStore
 from endpoint.testing import RunningServer, running_server
-from endpoint.tokens import TokenStore
 
 WRITE = "INSERT DATA { GRAPH <urn:evil> { <urn:evil> <urn:was> 'here' } }"
 

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from endpoint.outgoing import Outgoing
+from endpoint.http.outbound_http import Outgoing
 from endpoint.testing import RunningServer, running_server
 from rtask.errors import ForbiddenError
 

@@ -16,12 +16,12 @@ import pytest
 import roslibpy
 
 import rtask
+from endpoint.access.tokens import TokenStore
 from endpoint.testing import RunningServer, running_server
-from endpoint.tokens import TokenStore
 from features.codec import encode_frame, to_wire
 from features.geometry import Frame, Intrinsics
 from rtask.engine import Engine
-from rtask.engine.vocabulary import RT
+from rtask.rdf.namespaces import RT
 
 CAMERA = Intrinsics(320, 240, 700.0, 700.0, 159.5, 119.5)
 

@@ -10,7 +10,7 @@ import httpx
 import pytest
 from jsonschema import Draft202012Validator
 
-from endpoint.openapi import document
+from endpoint.api.openapi import document
 from endpoint.testing import RunningServer
 from rtask.engine import Engine
 

@@ -22,7 +22,7 @@ from urllib.parse import quote, unquote, urlsplit
 import httpx
 import pyoxigraph as ox
 
-from rtask.kb.terms import stored
+from rtask.rdf.terms import stored
 
 PREFIXES = """
 PREFIX mf: <http://www.w3.org/2001/sw/DataAccess/tests/test-manifest#>

@@ -13,7 +13,7 @@ import pytest
 
 from endpoint.rosbridge.session import Bridge, Session
 from rtask.errors import DataError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 SIMILAR = [
     {"class": "1", "X": 0.5, "Y": 2.5, "Z": 1.5, "rad": 0.314, "label": "coke can"},

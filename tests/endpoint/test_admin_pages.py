@@ -11,11 +11,11 @@ import pytest
 from flask.testing import FlaskClient
 
 import rtask
-from endpoint.app import create_app
+from endpoint.access.sessions import COOKIE
+from endpoint.access.tokens import TokenStore
 from endpoint.config import Config
+from endpoint.http.wsgi import create_app
 from endpoint.rosbridge.services import NoEngine
-from endpoint.sessions import COOKIE
-from endpoint.tokens import TokenStore
 
 ELSEWHERE = "http://robots.lab:8765"
 OWN = {"Origin": ELSEWHERE}

@@ -7,12 +7,12 @@ from contextlib import closing
 
 import pytest
 
-from endpoint.auth import Authenticator, cors_headers, preflight_headers, require_scope
+from endpoint.access.auth import Authenticator, cors_headers, preflight_headers, require_scope
+from endpoint.access.tokens import TokenStore
 from endpoint.config import Config
-from endpoint.exchange import Request
-from endpoint.tokens import TokenStore
+from endpoint.http.messages import Request
 from rtask.errors import AuthenticationError, ForbiddenError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 
 @pytest.fixture

@@ -11,16 +11,16 @@ from typing import Any
 import pytest
 
 import rtask
-from endpoint.change_events import Follower, Pattern, read_pattern, version_of
-from endpoint.changes import Changes, Stream
+from endpoint.access.tokens import TokenStore
+from endpoint.application import Gateway
 from endpoint.config import Config
-from endpoint.exchange import Request
-from endpoint.gateway import Gateway
+from endpoint.follow.changes import Changes, Stream
+from endpoint.follow.events import Follower, Pattern, read_pattern, version_of
+from endpoint.http.messages import Request
 from endpoint.rosbridge.services import NoEngine
-from endpoint.tokens import TokenStore
 from rtask.errors import GoneError, UsageError
-from rtask.kb import feed
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.kb.feed import feed
+from rtask.knowledge_base import KnowledgeBase
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ from flask.testing import FlaskClient
 
 import ontology
 import rtask
-from endpoint.app import create_app
+from endpoint.access.tokens import TokenStore
 from endpoint.config import Config
-from endpoint.tokens import TokenStore
+from endpoint.http.wsgi import create_app
 from rtask.engine import Engine
 
 HOST = "http://robots.lab:8765"

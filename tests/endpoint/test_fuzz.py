@@ -13,13 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rtask
+from endpoint.access.tokens import TokenStore
+from endpoint.application import Gateway
 from endpoint.config import Config
-from endpoint.exchange import Request
-from endpoint.gateway import Gateway
+from endpoint.http.messages import Request
 from endpoint.rosbridge.services import NoEngine
 from endpoint.rosbridge.session import Bridge, Session
-from endpoint.tokens import TokenStore
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 FEW = settings(
     max_examples=150,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from endpoint.exchange import RefusedError
-from endpoint.problems import status_of
-from endpoint.protocol.limits import Limits, checked_form
+from endpoint.http.messages import RefusedError
+from endpoint.http.problems import status_of
+from endpoint.sparql.limits import Limits, checked_form
 from rtask.errors import RtaskError
 
 LIMITS = Limits()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from endpoint.exchange import RefusedError
-from endpoint.protocol import negotiation
-from endpoint.protocol.negotiation import (
+from endpoint.http.messages import RefusedError
+from endpoint.sparql import negotiation
+from endpoint.sparql.negotiation import (
     CSV,
     GRAPH_TYPES,
     JSON_LD,

@@ -19,17 +19,17 @@ import pytest
 from click.testing import CliRunner
 
 import rtask
-from endpoint.audit import Audit
-from endpoint.compression import accepts_gzip, unpacked
+from endpoint.access.rate import Buckets, InFlight, Limiter
+from endpoint.access.tokens import TokenStore
+from endpoint.application import Gateway
 from endpoint.config import Config
-from endpoint.exchange import RefusedError, Request
-from endpoint.gateway import Gateway
-from endpoint.log import LineWriter, redacted
-from endpoint.metrics import Metrics
-from endpoint.rate import Buckets, InFlight, Limiter
+from endpoint.http.compression import accepts_gzip, unpacked
+from endpoint.http.messages import RefusedError, Request
+from endpoint.monitoring.audit import Audit
+from endpoint.monitoring.log import LineWriter, redacted
+from endpoint.monitoring.metrics import Metrics
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import limits_of, read_settings, use_file
-from endpoint.tokens import TokenStore
 from rtask.errors import TooLargeError, UsageError
 
 FORM = {"content-type": "application/x-www-form-urlencoded", "host": "localhost"}

@@ -14,10 +14,10 @@ from flask.testing import FlaskClient
 
 import ontology
 import rtask
-from endpoint.app import create_app
+from endpoint.access.tokens import TokenStore
 from endpoint.config import Config
-from endpoint.tokens import TokenStore
-from rtask.kb.knowledge_base import KnowledgeBase
+from endpoint.http.wsgi import create_app
+from rtask.knowledge_base import KnowledgeBase
 
 RT = ontology.NS
 PIXEL = bytes.fromhex(

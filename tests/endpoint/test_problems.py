@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from endpoint.exchange import RefusedError
-from endpoint.problems import PROBLEM_TYPE, problem
+from endpoint.http.messages import RefusedError
+from endpoint.http.problems import PROBLEM_TYPE, problem
 from rtask.errors import AuthenticationError, ForbiddenError, QuerySyntaxError
 
 

@@ -6,8 +6,8 @@ from urllib.parse import quote
 
 import pytest
 
-from endpoint.exchange import RefusedError, Request
-from endpoint.protocol.request import (
+from endpoint.http.messages import RefusedError, Request
+from endpoint.sparql.request import (
     QUERY,
     UPDATE,
     DescriptionRequest,

@@ -16,13 +16,13 @@ from jsonschema import Draft202012Validator
 
 import ontology
 import rtask
-from endpoint.app import create_app
+from endpoint.access.tokens import TokenStore
+from endpoint.api.collections import COLLECTIONS
+from endpoint.api.openapi import document
 from endpoint.config import Config
-from endpoint.openapi import document
-from endpoint.resources.collections import COLLECTIONS
-from endpoint.tokens import TokenStore
+from endpoint.http.wsgi import create_app
 from rtask.engine import Engine
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.knowledge_base import KnowledgeBase
 
 RT, PREFIXES = ontology.NS, ontology.PREFIXES
 NAO_1 = "urn:lab/robot/nao-1"

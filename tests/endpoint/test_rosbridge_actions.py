@@ -11,7 +11,7 @@ import pytest
 from endpoint.rosbridge.actions import Action, Goal, Progress
 from endpoint.rosbridge.session import Bridge, Session
 from rtask.errors import UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 Connect = Callable[..., Any]
 ADVERTISE = {"op": "advertise_action", "action": "/walk", "type": "nao/Walk"}

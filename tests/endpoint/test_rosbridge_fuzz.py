@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from endpoint.rosbridge.session import Bridge, Session
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 Connect = Callable[..., Any]
 

@@ -17,7 +17,7 @@ from endpoint.rosbridge.fragments import Fragments
 from endpoint.rosbridge.packing import Packing, cbor, pieces, png
 from endpoint.rosbridge.session import Session
 from rtask.errors import UsageError
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 TEXT = json.dumps({"op": "publish", "msg": {"data": "Tässchen 🤖" * 40}}, ensure_ascii=False)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 Connect = Callable[..., Any]
 ADVERTISE = {"op": "advertise_service", "service": "/add", "type": "demo/Add"}

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 Connect = Callable[..., Any]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from endpoint.spool import SMALL_BYTES, Spool
+from endpoint.http.body_buffer import SMALL_BYTES, Spool
 from rtask.errors import StorageFullError
 
 

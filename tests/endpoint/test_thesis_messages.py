@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from rtask.kb.access import Access
+from rtask.kb.commit.access import Access
 
 Connect = Callable[..., Any]
 

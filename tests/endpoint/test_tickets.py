@@ -7,12 +7,12 @@ from contextlib import closing
 
 import pytest
 
-from endpoint.auth import Authenticator
+from endpoint.access.auth import Authenticator
+from endpoint.access.tickets import Tickets
+from endpoint.access.tokens import TokenStore
+from endpoint.api.ticket_route import plan_ticket
 from endpoint.config import Config
-from endpoint.exchange import Request
-from endpoint.resources.tickets import plan_ticket
-from endpoint.tickets import Tickets
-from endpoint.tokens import TokenStore
+from endpoint.http.messages import Request
 from rtask.errors import AuthenticationError, ForbiddenError
 
 

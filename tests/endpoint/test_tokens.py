@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from endpoint.tokens import TokenStore
+from endpoint.access.tokens import TokenStore
 from rtask.errors import AuthenticationError, UsageError
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import ontology
 import rtask
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.knowledge_base import KnowledgeBase
 
 SCENE = """
 INSERT DATA {
@@ -94,6 +94,6 @@ def test_the_claim_has_a_proof(kb: KnowledgeBase) -> None:
 
 
 def _iri(text: str) -> object:
-    from rtask.kb.terms import iri
+    from rtask.rdf.terms import iri
 
     return iri(text)

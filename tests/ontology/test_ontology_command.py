@@ -12,7 +12,7 @@ import ontology
 import rtask
 from rtask.cli import main
 from rtask.errors import UnknownTermError
-from rtask.vocabulary import Vocabulary, bundled, compare, read_source
+from rtask.ontology_docs import Vocabulary, bundled, compare, read_source
 
 ROOM = ontology.path("catalog.toml").parent
 

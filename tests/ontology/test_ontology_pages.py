@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import ontology
-from rtask.vocabulary import Vocabulary, bundled, read_source, write_pages
+from rtask.ontology_docs import Vocabulary, bundled, read_source, write_pages
 
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 

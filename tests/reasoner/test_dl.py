@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from ttl import triple, triples
 
 from reasoner import hermit, pellet
-from rtask.cli.reason import reason
+from rtask.cli.knowledge.reason import reason
 from rtask.errors import UnsupportedError
 
 FAMILY = """

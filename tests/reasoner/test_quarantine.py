@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 import rtask
-from rtask.cli.quarantine import quarantine
+from rtask.cli.graph.quarantine import quarantine
 from rtask.errors import ForbiddenError, InconsistentError, UsageError
-from rtask.kb.knowledge_base import KnowledgeBase
+from rtask.knowledge_base import KnowledgeBase
 
 SCHEMA = b"""
 @prefix owl: <http://www.w3.org/2002/07/owl#> .

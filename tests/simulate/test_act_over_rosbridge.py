@@ -12,7 +12,7 @@ from endpoint.testing import running_server
 from rtask.errors import RemoteUnavailableError
 from simulate.act.provider import ActProvider
 from simulate.act.service import ActService
-from simulate.workcell import Workcell
+from simulate.world.workcell import Workcell
 
 
 @pytest.fixture(scope="module")

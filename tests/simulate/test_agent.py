@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import simulate.agent as agent_module
+import simulate.agent.agent as agent_module
 from features.geometry import Frame
-from simulate.agent import Agent, AgentConfig
-from simulate.perception import Perceived
+from simulate.agent.agent import Agent, AgentConfig
+from simulate.agent.perception import Perceived
 from simulate.testing import CAMERA, Plan, Record, seen_at
 
 

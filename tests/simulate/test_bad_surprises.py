@@ -10,12 +10,12 @@ import pytest
 import rtask
 from rtask.errors import RobotError
 from simulate.act.service import ActService
-from simulate.agent import Agent, AgentConfig
-from simulate.executor import GraspRequest
-from simulate.objects import product
-from simulate.scene import Placement
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.workcell import Workcell
+from simulate.agent.agent import Agent, AgentConfig
+from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.grasping.executor import GraspRequest
+from simulate.world.objects import product
+from simulate.world.scene import Placement
+from simulate.world.workcell import Workcell
 
 CAN = product("can", 3)
 AT = (0.47, -0.10)

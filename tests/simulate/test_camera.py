@@ -10,11 +10,11 @@ import pytest
 
 from features.geometry import transform
 from rtask.errors import UsageError
-from simulate.camera import INTRINSICS, Camera, Lighting
-from simulate.noise import SensorNoise
-from simulate.objects import product, write_assets
 from simulate.robots.nao import Nao
-from simulate.world import World
+from simulate.world.camera import INTRINSICS, Camera, Lighting
+from simulate.world.noise import SensorNoise
+from simulate.world.objects import product, write_assets
+from simulate.world.world import World
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulate.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
+from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
 from simulate.robots import describe_nao
-from simulate.world import World
+from simulate.world.world import World
 
 
 def distance(obstacle, point):

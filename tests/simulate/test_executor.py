@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simulate.executor import Executor, GraspRequest
-from simulate.objects import Friction, product
+from simulate.grasping.executor import Executor, GraspRequest
 from simulate.robots.nao import Nao
-from simulate.world import World
+from simulate.world.objects import Friction, product
+from simulate.world.world import World
 
 CAN = product("can", 3)
 

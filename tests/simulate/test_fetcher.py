@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-import simulate.agent as agent_module
-import simulate.fetcher as fetcher_module
+import simulate.agent.agent as agent_module
+import simulate.agent.fetcher as fetcher_module
 from features.geometry import Frame
-from simulate.agent import AgentConfig
-from simulate.fetcher import Fetched, Fetcher
-from simulate.perception import Perceived
+from simulate.agent.agent import AgentConfig
+from simulate.agent.fetcher import Fetched, Fetcher
+from simulate.agent.perception import Perceived
 from simulate.testing import CAMERA, Plan, Record, seen_at
 
 _CUP, _CAN, _PEN = (0.15, -0.10), (0.15, -0.05), (0.14, 0.10)

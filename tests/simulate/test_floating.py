@@ -9,9 +9,9 @@ import pytest
 
 from grasp.spatial.frames import pose_from_planar
 from grasp.spatial.gripper import panda_hand
-from simulate.floating import FloatingGripper, execute, settle, spawn_parts
-from simulate.objects import Friction, ObjectSpec
-from simulate.world import World
+from simulate.grasping.floating import FloatingGripper, execute, settle, spawn_parts
+from simulate.world.objects import Friction, ObjectSpec
+from simulate.world.world import World
 
 HAND = panda_hand()
 BOX = ObjectSpec("box", (0.04, 0.06, 0.05), 0.1, 1, "box-under-test", Friction(lateral=0.5))

@@ -15,7 +15,7 @@ from features.codec import encode_cloud, to_wire
 from features.geometry import Frame, Intrinsics
 from features.scene_change import SceneChangeParams
 from rtask.errors import DataError, RemoteUnavailableError
-from simulate.frame_topic import FrameKeeper, FramePublisher
+from simulate.agent.frame_topic import FrameKeeper, FramePublisher
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulate.arm_space import ALLOWED, ArmSpace
-from simulate.collision import Obstacle
-from simulate.grasp_planning import GraspPlanner
-from simulate.grasp_rules import GraspRequest, closing_angles, grasp_heights, openings
+from simulate.grasping.planning import GraspPlanner
+from simulate.grasping.rules import GraspRequest, closing_angles, grasp_heights, openings
+from simulate.motion.arm_space import ALLOWED, ArmSpace
+from simulate.motion.collision import Obstacle
 from simulate.robots import describe_nao
 
 CAN = GraspRequest(0.15, -0.10, 0.0, width=0.032, length=0.032, height=0.075, round=True)

@@ -15,10 +15,10 @@ from grasp.spatial.gripper import panda_hand
 from grasp.spatial.hand_search import propose_from_cloud
 from grasp.spatial.mesh import Mesh, as_mesh
 from simulate.commands import simulate
-from simulate.grasp_samples import collect_samples
-from simulate.grasp_shapes import FAMILIES, sample_shape
-from simulate.grasp_views import TABLE, correct, depth_view, sample_camera
-from simulate.noise import SensorNoise
+from simulate.study.grasp_samples import collect_samples
+from simulate.study.grasp_shapes import FAMILIES, sample_shape
+from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
+from simulate.world.noise import SensorNoise
 
 CAMERA = np.array([0.4, 0.15, 0.3])
 
@@ -132,8 +132,8 @@ def test_samples_are_repeatable_and_know_their_object() -> None:
 
 def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
-    from rtask.cli.grasp import plan
-    from rtask.cli.grasp_train import train
+    from rtask.cli.grasping.plan import plan
+    from rtask.cli.grasping.train import train
 
     views, model = tmp_path / "views.npz", tmp_path / "model.npz"
     made = CliRunner().invoke(simulate, ["grasp-views", str(views), "--shapes", "1"])

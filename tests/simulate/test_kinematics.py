@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulate.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
+from simulate.motion.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
 from simulate.robots import describe_nao
-from simulate.world import World
+from simulate.world.world import World
 
 
 @pytest.fixture(scope="module")

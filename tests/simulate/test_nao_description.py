@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from simulate.kinematics import Chain
+from simulate.motion.kinematics import Chain
 from simulate.robots import describe_nao, urdf_text
 from simulate.robots.facts_nao import HEAD_PITCH_LIMITS_DEG, TORSO_HEIGHT, TOTAL_MASS
 from simulate.robots.nao import CAMERA_MASS, head_pitch_limits

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from features.geometry import Frame, Intrinsics
-from simulate.noise import SensorNoise
+from simulate.world.noise import SensorNoise
 
 CAMERA = Intrinsics.from_fov(640, 480, 1.2)
 AXIAL_ONLY = SensorNoise(lateral_px=0, disparity_px=0, dropout=0, colour=0)

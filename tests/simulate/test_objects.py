@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rtask.errors import UsageError
-from simulate.objects import (
+from simulate.world.objects import (
     KINDS,
     ObjectSpec,
     Primitive,

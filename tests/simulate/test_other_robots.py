@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from rtask.errors import RobotError
-from simulate.collision import link_poses
-from simulate.executor import GraspRequest
-from simulate.kinematics import Chain, Goal, follow_line, solve_ik
-from simulate.mesh_cover import cover_mesh, read_vertices
-from simulate.objects import product, sample_objects
-from simulate.perception import perceive
+from simulate.agent.perception import perceive
+from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.grasping.executor import GraspRequest
+from simulate.motion.collision import link_poses
+from simulate.motion.kinematics import Chain, Goal, follow_line, solve_ik
+from simulate.motion.mesh_cover import cover_mesh, read_vertices
 from simulate.robots import ROBOTS, describe, urdf_text
 from simulate.robots.urdf_reader import read_urdf
-from simulate.scene import arrange
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.workcell import Workcell
+from simulate.world.objects import product, sample_objects
+from simulate.world.scene import arrange
+from simulate.world.workcell import Workcell
 
 ROOT = Path(__file__).resolve().parents[2]
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from features.geometry import Frame
-from simulate.camera import INTRINSICS, Camera
-from simulate.noise import SensorNoise
-from simulate.objects import product, sample_objects
-from simulate.perception import Ignored, perceive
+from simulate.agent.perception import Ignored, perceive
+from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots.nao import Nao
-from simulate.scene import Placement, arrange, lay
-from simulate.simulated_body import Conditions, SimulatedBody
-from simulate.world import World
+from simulate.world.camera import INTRINSICS, Camera
+from simulate.world.noise import SensorNoise
+from simulate.world.objects import product, sample_objects
+from simulate.world.scene import Placement, arrange, lay
+from simulate.world.world import World
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from simulate.planning import PlanOptions, edge_is_free, plan_path
+from simulate.motion.rrt import PlanOptions, edge_is_free, plan_path
 
 LOWER, UPPER = np.array([-2.0, -2.0]), np.array([2.0, 2.0])
 START, GOAL = np.array([-1.0, 0.0]), np.array([1.0, 0.0])

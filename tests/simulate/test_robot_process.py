@@ -11,7 +11,7 @@ import pytest
 
 from rtask.client.base import Client
 from rtask.errors import CallFailedError, RemoteUnavailableError
-from simulate.robot_process import Persistent, Voice
+from simulate.agent.process import Persistent, Voice
 
 TOLD = {"objects": [{"data": "x", "task_id": "t:1"}]}
 

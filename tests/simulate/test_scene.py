@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulate.objects import sample_objects
-from simulate.scene import _outline, arrange
+from simulate.world.objects import sample_objects
+from simulate.world.scene import _outline, arrange
 
 
 @pytest.mark.parametrize("number", [1, 6, 12])

@@ -9,11 +9,11 @@ import numpy as np
 
 from features.codec import decode, encode_frame
 from features.segmentation import Scene, segment_scene
-from simulate.camera import Camera, Lighting
-from simulate.noise import SensorNoise
-from simulate.objects import ObjectSpec, product, write_assets
 from simulate.robots.nao import Nao
-from simulate.world import World
+from simulate.world.camera import Camera, Lighting
+from simulate.world.noise import SensorNoise
+from simulate.world.objects import ObjectSpec, product, write_assets
+from simulate.world.world import World
 
 Place = tuple[ObjectSpec, float, float, float]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 import rtask
-from simulate.agent import Agent, AgentConfig
-from simulate.objects import product
+from simulate.agent.agent import Agent, AgentConfig
+from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe
-from simulate.scene import Placement
-from simulate.simulated_body import Conditions, SimulatedBody
+from simulate.world.objects import product
+from simulate.world.scene import Placement
 
 BOX = product("box", 174)
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from rtask.errors import RobotError
-from simulate.arm_space import ArmSpace
-from simulate.collision import link_poses
-from simulate.executor import GraspRequest
-from simulate.grasp_planning import GraspPlanner
-from simulate.objects import product
+from simulate.grasping.executor import GraspRequest
+from simulate.grasping.planning import GraspPlanner
+from simulate.motion.arm_space import ArmSpace
+from simulate.motion.collision import link_poses
+from simulate.motion.stance import balance_margin, centre_of_mass, standing
 from simulate.robots import describe
-from simulate.stance import balance_margin, centre_of_mass, standing
-from simulate.workcell import Workcell
+from simulate.world.objects import product
+from simulate.world.workcell import Workcell
 
 CAN = product("can", 3)
 FAR = (0.24, -0.07)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from simulate.textures import make_look, paint_panel
+from simulate.world.textures import make_look, paint_panel
 
 HEAD_CAMERA_PX_PER_M = 467.7 / 0.3  # focal length over distance
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulate.tracking import Tracker
+from simulate.agent.tracking import Tracker
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulate.trajectory import Trajectory, join, time_path
+from simulate.motion.trajectory import Trajectory, join, time_path
 
 VELOCITY = np.array([2.4, 2.2, 2.4, 2.2, 7.0])
 ACCELERATION = 12.0

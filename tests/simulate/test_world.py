@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rtask.errors import RobotError, UsageError
-from simulate.objects import product
 from simulate.robots.nao import Nao
-from simulate.world import World
+from simulate.world.objects import product
+from simulate.world.world import World
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ import datetime
 from typing import ClassVar
 
 import ontology
-from rtask.kb.terms import NamedNode
 from rtask.model.fields import Link, Links, Many, One
 from rtask.model.instance import Identity, Model, Registry
 from rtask.model.limits import Limits
+from rtask.rdf.terms import NamedNode
 
 REGISTRY = Registry()
 _RT = ontology.PREFIXES["rt"]

@@ -1,0 +1,1 @@
+"""Access control: tokens, sign-in sessions, tickets and rate limits."""

@@ -1,0 +1,283 @@
+"""Who asks, and may they: tokens, Host and Origin.
+
+Host stops DNS rebinding: a hostile page whose name suddenly means 127.0.0.1 still sends its own
+name. Origin stops any page the operator happens to visit from driving the robots: browsers send it
+with each websocket and each request that changes something.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from urllib.parse import urlsplit
+
+from endpoint.access.sessions import Sessions, SignedIn, session_name
+from endpoint.access.tickets import PREFIX as TICKET
+from endpoint.access.tickets import Tickets
+from endpoint.access.tokens import Token, TokenStore
+from endpoint.config import Config, is_loopback
+from endpoint.http.messages import Request
+from rtask.errors import AuthenticationError, ForbiddenError
+from rtask.kb.commit.access import Access
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Who sent a request.
+
+    Parameters
+    ----------
+    access
+        Rights in the knowledge base.
+    token
+        What was shown; none for callers without one.
+    session
+        Where a cookie stands for the token. Browsers send cookies by themselves, so such a caller
+        proves with each change that one of our own pages asks.
+    address
+        Where the request came from.
+    """
+
+    access: Access
+    token: Token | None = None
+    session: SignedIn | None = None
+    address: str = ""
+
+    @property
+    def key(self) -> str:
+        """Who is meant when requests are counted."""
+        return self.token.id if self.token else self.address
+
+    def note(self, request: Request) -> str:
+        """Return what the provenance of a change says about its request."""
+        token = f", token {self.token.id}" if self.token else ""
+        return f"request {request.id}{token}"
+
+    @property
+    def name(self) -> str:
+        """Name for logs and statistics."""
+        return self.access.agent or self.access.role
+
+
+class Authenticator:
+    """Decides who a caller is.
+
+    Parameters
+    ----------
+    tokens
+        Tokens of the data folder.
+    config
+        Where the server is bound, and what it was told to accept.
+    """
+
+    def __init__(self, tokens: TokenStore, config: Config) -> None:
+        self._tokens = tokens
+        self._config = config
+        self.sessions = Sessions()
+        self.tickets = Tickets()
+
+    def identify(self, request: Request, *, token_in_url: bool = False) -> Caller:
+        """Return the caller of a request.
+
+        Without a token: on loopback everybody is ``anonymous`` and writes while no token was ever
+        made, and reads afterwards; elsewhere a token is wanted for everything.
+
+        Parameters
+        ----------
+        request
+            What came in.
+        token_in_url
+            Whether ``?token=`` counts, a ticket too: browsers cannot set headers on a websocket.
+
+        Raises
+        ------
+        AuthenticationError
+            A token is missing or not good.
+        ForbiddenError
+            The Host is not this server.
+        """
+        self.check_host(request)
+        text = self._token_text(request, token_in_url)
+        if text is not None:
+            is_ticket = token_in_url and text.startswith(TICKET)
+            token = self._of_ticket(text) if is_ticket else self._tokens.authenticate(text)
+            return Caller(token.access, token, address=request.client)
+        signed_in = self._signed_in(request)
+        if signed_in is not None:
+            return signed_in
+        if not self._config.on_loopback:
+            raise AuthenticationError("a token is needed; send Authorization: Bearer <token>")
+        if self._config.plain or not self._tokens.ever_issued():
+            return Caller(_ANONYMOUS, address=request.client)
+        return Caller(_READER, address=request.client)
+
+    def _of_ticket(self, ticket: str) -> Token:
+        """Return the token that a ticket stands for; the ticket is used up."""
+        token_id = self.tickets.redeem(ticket)
+        token = self._tokens.get(token_id) if token_id else None
+        if token is None:
+            raise AuthenticationError(
+                "the ticket was used, or is too old; ask for another", token_sent=True
+            )
+        return token
+
+    def _signed_in(self, request: Request) -> Caller | None:
+        """Return the caller whose cookie stands for a token that is still good."""
+        cookie = request.headers.get("cookie")
+        session = self.sessions.find(session_name(cookie)) if cookie else None
+        if session is None:
+            return None
+        token = self._tokens.get(session.token_id)
+        if token is None:
+            return None
+        return Caller(token.access, token, session, request.client)
+
+    def needs_no_token(self) -> bool:
+        """Tell whether anybody on this machine may write: no token was ever made."""
+        return self._config.on_loopback and (self._config.plain or not self._tokens.ever_issued())
+
+    def still_valid(self, caller: Caller) -> bool:
+        """Tell whether the token of a long-lived connection was not revoked meanwhile."""
+        return caller.token is None or self._tokens.is_valid(caller.token.id)
+
+    def check_host(self, request: Request) -> None:
+        """Refuse a Host that is not this server (only where the server is bound to loopback)."""
+        if not self._config.on_loopback:
+            return
+        name = _host_name(request.header("host", "localhost"))
+        if is_loopback(name) or name in self._config.allowed_hosts:
+            return
+        raise ForbiddenError(f"Host {name!r} is not this server")
+
+    def check_origin(self, request: Request, caller: Caller | None = None) -> None:
+        """Refuse a change, or a websocket, that a foreign page asks for.
+
+        A bearer token passes: no page sends one that it does not know. A cookie does not: browsers
+        send it whoever asks.
+
+        Raises
+        ------
+        ForbiddenError
+            The Origin is neither absent nor ours nor allowed.
+        """
+        origin = request.headers.get("origin")
+        by_cookie = caller is not None and caller.session is not None
+        if caller and caller.token and not by_cookie:
+            return
+        if origin is None:
+            if by_cookie:
+                raise ForbiddenError("a change by cookie needs an Origin; send a bearer token")
+            return
+        allowed = (*self._config.allowed_origins, *self._config.cors)
+        if origin in allowed or _authority(origin) == request.header("host").lower():
+            return
+        raise ForbiddenError(f"Origin {origin!r} may not change anything here")
+
+    def require_write(self, request: Request, caller: Caller) -> None:
+        """Refuse callers who write nothing at all; graphs are decided on by the knowledge base.
+
+        Raises
+        ------
+        AuthenticationError
+            No token came, and one would help.
+        ForbiddenError
+            A token without the right, or a foreign Origin.
+        """
+        self.check_origin(request, caller)
+        if caller.access.role != "reader":
+            return
+        if caller.token is None:
+            raise AuthenticationError("writing needs a token; send Authorization: Bearer <token>")
+        raise ForbiddenError("needs scope write; this token only reads")
+
+    @staticmethod
+    def _token_text(request: Request, token_in_url: bool) -> str | None:
+        header = request.headers.get("authorization")
+        if header is not None:
+            scheme, _, text = header.partition(" ")
+            if scheme.lower() != "bearer" or not text.strip():
+                raise AuthenticationError("send Authorization: Bearer <token>", token_sent=True)
+            return text.strip()
+        if token_in_url:
+            values = request.values("token")
+            return values[-1] if values else None
+        return None
+
+
+def cors_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...]:
+    """Return the header fields that let a page of another origin read an answer."""
+    origin = request.headers.get("origin")
+    if origin is None or not config.cors:
+        return ()
+    if "*" in config.cors:
+        allowed = "*"
+    elif origin in config.cors:
+        allowed = origin
+    else:
+        return ()
+    exposed = "ETag, Location, Retry-After, RTASK-Request-Id, RTASK-Version"
+    return (
+        ("Access-Control-Allow-Origin", allowed),
+        ("Access-Control-Expose-Headers", exposed),
+    )
+
+
+def preflight_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...]:
+    """Return what a preflight gets besides; empty where the origin is not allowed."""
+    if not cors_headers(request, config):
+        return ()
+    return (
+        ("Access-Control-Allow-Methods", "GET, HEAD, POST, PUT, DELETE"),
+        (
+            "Access-Control-Allow-Headers",
+            "authorization, content-type, accept, if-match, if-none-match, rtask-request-id",
+        ),
+        ("Access-Control-Max-Age", "600"),
+    )
+
+
+@lru_cache(maxsize=256)
+def _host_name(host: str) -> str:
+    """Return a Host header without its port; empty where it is malformed."""
+    try:
+        return urlsplit("//" + host).hostname or ""
+    except ValueError:
+        return ""
+
+
+def _authority(origin: str) -> str:
+    """Return host and port of an Origin, lower case; empty for ``null`` and the like."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return ""
+
+
+_ANONYMOUS = Access(None, "anonymous")
+_READER = Access(None, "reader")
+SCOPES = {
+    "reader": frozenset(("read",)),
+    "robot": frozenset(("read", "call", "write")),
+    "teacher": frozenset(("read", "call", "write", "teach", "dataset")),
+    "anonymous": frozenset(("read", "call", "write", "teach", "dataset", "deploy")),
+    "admin": frozenset(("read", "call", "write", "teach", "dataset", "deploy", "admin")),
+}
+
+
+def require_scope(access: Access, scope: str) -> None:
+    """Refuse a caller whose role does not include a scope.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming the scope.
+
+    Examples
+    --------
+    >>> require_scope(Access(None, "reader"), "write")
+    Traceback (most recent call last):
+    rtask.errors.ForbiddenError: needs scope write; a reader has read
+    """
+    held = SCOPES[access.role]
+    if scope not in held:
+        raise ForbiddenError(f"needs scope {scope}; a {access.role} has {', '.join(sorted(held))}")

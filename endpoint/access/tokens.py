@@ -1,0 +1,342 @@
+"""Access tokens: ``rtk_<id>_<secret>``, kept as digests in ``tokens.sqlite``.
+
+The file stands in the data folder with mode 0600. A secret is shown once, when the token is made;
+what is kept is its SHA-256, compared in constant time. Any process may create or revoke a token:
+each request looks whether the file has changed, so a revocation holds at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import hmac
+import os
+import re
+import secrets
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import cast
+
+from rtask.errors import AuthenticationError, UsageError
+from rtask.kb.commit.access import Access, Role
+
+FILE_NAME = "tokens.sqlite"
+ROLES = ("reader", "robot", "teacher", "admin")
+_TOKEN = re.compile(r"rtk_([0-9a-f]{12})_([0-9a-f]{32})")
+_AGENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
+_HOURS = {"h": 1, "d": 24, "w": 168}
+_LOOK_EVERY_S = 0.1
+_MAX_KNOWN = 10_000
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS tokens (
+    id TEXT PRIMARY KEY,
+    digest BLOB NOT NULL,
+    agent TEXT,
+    role TEXT NOT NULL,
+    created TEXT NOT NULL,
+    expires TEXT,
+    revoked TEXT
+) STRICT
+"""
+
+
+@dataclass(frozen=True)
+class Token:
+    """What is known about a token, without its secret.
+
+    Parameters
+    ----------
+    id
+        Twelve hex digits; public.
+    agent
+        Robot or person the token speaks for; none for readers and administrators.
+    role
+        ``reader``, ``robot``, ``teacher`` or ``admin``.
+    created, expires, revoked
+        ISO 8601, UTC; the last two may be missing.
+    """
+
+    id: str
+    agent: str | None
+    role: str
+    created: str
+    expires: str | None = None
+    revoked: str | None = None
+
+    @property
+    def access(self) -> Access:
+        """The rights that the token gives."""
+        return Access(self.agent, cast(Role, self.role))
+
+    def is_valid(self, now: datetime) -> bool:
+        """Tell whether the token still opens anything."""
+        if self.revoked:
+            return False
+        return self.expires is None or datetime.fromisoformat(self.expires) > now
+
+
+class TokenStore:
+    """The tokens of one data folder.
+
+    Parameters
+    ----------
+    folder
+        Data folder; none keeps the tokens in memory (a server without a folder).
+
+    Examples
+    --------
+    >>> tokens = TokenStore(None)
+    >>> text, token = tokens.create("robot", agent="nao-1")
+    >>> tokens.authenticate(text).agent
+    'nao-1'
+    >>> tokens.revoke(token.id)
+    True
+    >>> tokens.authenticate(text)
+    Traceback (most recent call last):
+    rtask.errors.AuthenticationError: token ... was revoked; ask for a new one
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._path = folder / FILE_NAME if folder else None
+        self._lock = threading.Lock()
+        self._local = threading.local()
+        self._open: list[sqlite3.Connection] = []
+        self._memory: sqlite3.Connection | None = None
+        self._ever_issued = False
+        self._look_again = 0.0
+        self._known: dict[bytes, Token] = {}
+        self._known_at = b""
+        self._memory_version = 0
+        self._handle = -1
+        if self._path:
+            # Created with the right mode before SQLite opens it, so it is never readable by others.
+            self._path.touch(mode=0o600, exist_ok=True)
+            self._path.chmod(0o600)
+        else:
+            self._memory = sqlite3.connect(":memory:", check_same_thread=False)
+            self._open.append(self._memory)
+        with self._lock, self._connection() as connection:
+            connection.execute(_SCHEMA)
+        if self._path:
+            self._handle = os.open(self._path, os.O_RDONLY)
+
+    def create(
+        self, role: str, *, agent: str | None = None, lifetime: timedelta | None = None
+    ) -> tuple[str, Token]:
+        """Make a token.
+
+        Parameters
+        ----------
+        role
+            One of :data:`ROLES`.
+        agent
+            Name of the robot or person; wanted for ``robot`` and ``teacher``.
+        lifetime
+            From now; none never expires.
+
+        Returns
+        -------
+        text, token
+            The token itself, to be shown once, and what is kept of it.
+
+        Raises
+        ------
+        UsageError
+            Unknown role, or a name that is missing or not plain.
+        """
+        if role not in ROLES:
+            raise UsageError(f"unknown role {role!r}; one of {', '.join(ROLES)}")
+        if agent is not None and not _AGENT.fullmatch(agent):
+            raise UsageError(f"{agent!r} is no name: letters, digits, `.`, `_`, `-`; at most 64")
+        if agent is None and role in ("robot", "teacher"):
+            raise UsageError(f"a token of role {role} needs the name of its {role}")
+        now = datetime.now(UTC)
+        expires = (now + lifetime).isoformat() if lifetime else None
+        token = Token(secrets.token_hex(6), agent, role, now.isoformat(), expires)
+        secret = secrets.token_hex(16)
+        with self._lock, self._connection() as connection:
+            connection.execute(
+                "INSERT INTO tokens (id, digest, agent, role, created, expires)"
+                " VALUES (?, ?, ?, ?, ?, ?)",
+                (token.id, _digest(secret), agent, role, token.created, expires),
+            )
+        self._ever_issued = True
+        return f"rtk_{token.id}_{secret}", token
+
+    def authenticate(self, text: str) -> Token:
+        """Return the token that a text stands for.
+
+        Raises
+        ------
+        AuthenticationError
+            Malformed, unknown, expired or revoked; the message never repeats the secret.
+        """
+        shown, version = _digest(text), self._version()
+        if version != self._known_at:
+            self._known, self._known_at = {}, version
+        # The dictionary of this version: another thread may begin a newer one meanwhile.
+        known = self._known
+        found = known.get(shown)
+        if found is not None and found.is_valid(datetime.now(UTC)):
+            return found
+        token = self._look_up(text)
+        if len(known) < _MAX_KNOWN:
+            known[shown] = token
+        return token
+
+    def _look_up(self, text: str) -> Token:
+        match = _TOKEN.fullmatch(text)
+        row = self._row(match.group(1)) if match else None
+        digest = row[1] if row else bytes(32)
+        secret = match.group(2) if match else ""
+        if not hmac.compare_digest(digest, _digest(secret)) or row is None:
+            raise AuthenticationError("not a token of this server", token_sent=True)
+        token = _token(row)
+        if token.revoked:
+            raise AuthenticationError(
+                f"token {token.id} was revoked; ask for a new one", token_sent=True
+            )
+        if not token.is_valid(datetime.now(UTC)):
+            raise AuthenticationError(
+                f"token {token.id} expired at {token.expires}; ask for a new one", token_sent=True
+            )
+        return token
+
+    def is_valid(self, token_id: str) -> bool:
+        """Tell whether a token that was accepted before is still good."""
+        return self.get(token_id) is not None
+
+    def get(self, token_id: str) -> Token | None:
+        """Return a token that is still good, without asking for its secret."""
+        row = self._row(token_id)
+        token = _token(row) if row is not None else None
+        return token if token is not None and token.is_valid(datetime.now(UTC)) else None
+
+    def _version(self) -> bytes:
+        """Return what changes with every commit to the file, whichever process makes it.
+
+        It is the "file change counter" of the SQLite file format (1.3.8), read with one system
+        call: so a look-up is saved, and a revocation still holds at once.
+        """
+        if self._handle < 0:
+            return self._memory_version.to_bytes(4, "big")
+        return os.pread(self._handle, 4, 24)
+
+    def ever_issued(self) -> bool:
+        """Tell whether a token was ever made: from then on, nobody writes without one.
+
+        Revoked tokens count, so revoking the last one does not open the store to everybody. Every
+        request asks, so the file is looked at ten times a second at most; a first token that
+        another process makes is noticed within that time.
+        """
+        now = time.monotonic()
+        if not self._ever_issued and now >= self._look_again:
+            self._look_again = now + _LOOK_EVERY_S
+            with self._reading() as connection:
+                found = connection.execute("SELECT 1 FROM tokens LIMIT 1").fetchone()
+            self._ever_issued = found is not None
+        return self._ever_issued
+
+    def all(self) -> list[Token]:
+        """Return all tokens, oldest first."""
+        with self._reading() as connection:
+            rows = connection.execute("SELECT * FROM tokens ORDER BY created").fetchall()
+        return [_token(row) for row in rows]
+
+    def revoke(self, token_id: str) -> bool:
+        """Revoke a token; tell whether there was one to revoke."""
+        now = datetime.now(UTC).isoformat()
+        with self._lock, self._connection() as connection:
+            done = connection.execute(
+                "UPDATE tokens SET revoked = ? WHERE id = ? AND revoked IS NULL", (now, token_id)
+            )
+        return done.rowcount > 0
+
+    def expire(self, token_id: str, lifetime: timedelta) -> bool:
+        """Let a token end after a time from now; tell whether there was one that is not revoked."""
+        until = (datetime.now(UTC) + lifetime).isoformat()
+        with self._lock, self._connection() as connection:
+            done = connection.execute(
+                "UPDATE tokens SET expires = ? WHERE id = ? AND revoked IS NULL", (until, token_id)
+            )
+        return done.rowcount > 0
+
+    def close(self) -> None:
+        """Let go of all connections; nothing may be asked afterwards."""
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+        while self._open:
+            self._open.pop().close()
+
+    def _row(
+        self, token_id: str
+    ) -> tuple[str, bytes, str | None, str, str, str | None, str] | None:
+        with self._reading() as connection:
+            found = connection.execute("SELECT * FROM tokens WHERE id = ?", (token_id,)).fetchone()
+        return cast("tuple[str, bytes, str | None, str, str, str | None, str] | None", found)
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        """Give a connection of this thread, kept open: a look-up costs some microseconds."""
+        if self._memory is not None:
+            with self._lock:
+                yield self._memory
+            return
+        connection = getattr(self._local, "connection", None)
+        if connection is None:
+            connection = sqlite3.connect(str(self._path), check_same_thread=False)
+            self._local.connection = connection
+            self._open.append(connection)
+        yield connection
+
+    @contextlib.contextmanager
+    def _connection(self) -> Iterator[sqlite3.Connection]:
+        """Give a connection for one transaction."""
+        if self._memory is not None:
+            with self._memory:
+                yield self._memory
+            self._memory_version += 1
+            return
+        connection = sqlite3.connect(str(self._path))
+        try:
+            with connection:
+                yield connection
+        finally:
+            connection.close()
+
+
+def parse_lifetime(text: str, what: str = "") -> timedelta:
+    """Read a lifetime in hours, days or weeks; errors begin with `what`.
+
+    Examples
+    --------
+    >>> parse_lifetime("30d").days, parse_lifetime("12h").total_seconds()
+    (30, 43200.0)
+
+    Raises
+    ------
+    UsageError
+        Not of that form, or longer than a hundred years.
+    """
+    match = _LIFETIME.fullmatch(text)
+    if not match or int(match.group(1)) > 876_000:
+        raise UsageError(
+            f"{what}{text!r} is no lifetime: hours, days or weeks are wanted: 12h, 30d, 4w"
+        )
+    return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
+
+
+def _digest(secret: str) -> bytes:
+    return hashlib.sha256(secret.encode()).digest()
+
+
+def _token(row: tuple[str, bytes, str | None, str, str, str | None, str | None]) -> Token:
+    token_id, _, agent, role, created, expires, revoked = row
+    return Token(token_id, agent, role, created, expires, revoked)

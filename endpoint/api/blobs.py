@@ -1,0 +1,92 @@
+"""Bytes that the graph names: images, point clouds, descriptors."""
+
+from __future__ import annotations
+
+import re
+
+from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.sparql.deferred import Plan
+from rtask.errors import MissingBlobError
+from rtask.knowledge_base import KnowledgeBase
+
+Headers = tuple[tuple[str, str], ...]
+_DIGEST = re.compile(r"[0-9a-f]{64}")
+_RANGE = re.compile(r"bytes=(\d*)-(\d*)")
+
+# What browsers may show; everything else (SVG and HTML run scripts) is a download.
+_MAGIC = (
+    (b"\x89PNG\r\n\x1a\n", "image/png"),
+    (b"\xff\xd8\xff", "image/jpeg"),
+    (b"ply\n", "application/ply"),
+)
+_SAFE = (
+    ("X-Content-Type-Options", "nosniff"),
+    ("Content-Security-Policy", "sandbox; default-src 'none'"),
+)
+
+
+def plan_blob(kb: KnowledgeBase, request: Request, digest: str) -> Plan:
+    """Prepare the answer with the bytes of one blob.
+
+    Parameters
+    ----------
+    kb
+        Whose blobs.
+    request
+        GET or HEAD, with ``Range`` and ``If-None-Match``.
+    digest
+        SHA-256 in 64 lower-case hex digits. Nothing else is looked up, so no path can be reached.
+
+    Raises
+    ------
+    RefusedError
+        404 or 405.
+    """
+    if request.method not in ("GET", "HEAD"):
+        raise RefusedError(
+            405, "method-not-allowed", "blobs are read here", headers=(("Allow", "GET, HEAD"),)
+        )
+    if not _DIGEST.fullmatch(digest):
+        raise RefusedError(404, "not-found", "a blob is named by 64 lower-case hex digits")
+    return Plan(lambda: _answer(kb, request, digest))
+
+
+def _answer(kb: KnowledgeBase, request: Request, digest: str) -> Response:
+    etag = f'"{digest}"'
+    headers: Headers = (*_SAFE, ("ETag", etag), ("Accept-Ranges", "bytes"))
+    try:
+        data = kb.blobs.read(f"urn:sha256:{digest}")
+    except MissingBlobError:
+        raise RefusedError(404, "not-found", f"no blob {digest}") from None
+    if request.header("if-none-match") in (etag, "*"):
+        return Response(304, headers=headers)
+    media_type = next((name for magic, name in _MAGIC if data.startswith(magic)), "")
+    if not media_type:
+        media_type = "application/octet-stream"
+        headers = (*headers, ("Content-Disposition", f'attachment; filename="{digest[:12]}"'))
+    wanted = _range(request.header("range"), len(data))
+    if wanted is None:
+        return Response(200, data, media_type, headers)
+    start, end = wanted
+    if start >= len(data):
+        unsatisfied = (("Content-Range", f"bytes */{len(data)}"),)
+        raise RefusedError(416, "usage", f"the blob has {len(data)} bytes", headers=unsatisfied)
+    place = ("Content-Range", f"bytes {start}-{end - 1}/{len(data)}")
+    return Response(206, data[start:end], media_type, (*headers, place))
+
+
+def _range(header: str, size: int) -> tuple[int, int] | None:
+    """Return start and end of one byte range (RFC 9110, 14.1.2); none for the whole.
+
+    Examples
+    --------
+    >>> _range("bytes=2-5", 10), _range("bytes=-3", 10), _range("lines=1-2", 10)
+    ((2, 6), (7, 10), None)
+    """
+    match = _RANGE.fullmatch(header.strip())
+    if not match or match.groups() == ("", ""):
+        return None
+    first, last = match.groups()
+    if not first:
+        return max(0, size - int(last)), size
+    return int(first), min(size, int(last) + 1) if last else size

@@ -1,0 +1,332 @@
+"""`/api/robots` and its like: the graph as JSON for programs that speak no SPARQL; one query each.
+
+Lists are paged by keyset: a cursor says after which item to go on, so a page neither repeats nor
+misses what was there, whatever is written meanwhile.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import csv
+import datetime as dt
+import difflib
+import io
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import unquote, urlencode
+
+import ontology
+from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
+from endpoint.http.conditional import Versions, is_known
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.sparql.deferred import Plan
+from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
+from rtask.engine.curation.redirects import present_name
+from rtask.errors import DataError, UsageError
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.namespaces import PREFIXES, PROV
+from rtask.rdf.terms import iri, literal
+
+__all__ = ["ADDRESS", "CONTEXT_ADDRESS", "MOST", "TYPES", "context", "is_listing", "plan_listing"]
+
+ADDRESS = "/api/"
+CONTEXT_ADDRESS = "/api/context.jsonld"
+TYPES = (JSON_TYPE, JSON_LD, CSV)
+LIMIT, MOST = 50, 1_000
+_OWN = ("limit", "cursor", "fields", "total", "iri")
+_XSD_TIME = ontology.PREFIXES["xsd"] + "dateTime"
+Item = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """A request that was understood."""
+
+    collection: Collection
+    members: tuple[Member, ...]
+    patterns: tuple[str, ...]
+    limit: int
+    after: str
+    counts: bool
+    single: str
+
+
+def is_listing(address: str) -> bool:
+    """Tell whether an address is one of these.
+
+    Examples
+    --------
+    >>> is_listing("/api/robots"), is_listing("/api/objects/12"), is_listing("/api/blobs/0a")
+    (True, True, False)
+    """
+    name = address.removeprefix(ADDRESS).partition("/")[0]
+    return address == CONTEXT_ADDRESS or name in COLLECTIONS
+
+
+def plan_listing(kb: KnowledgeBase, versions: Versions, request: Request, timeout_s: float) -> Plan:
+    """Prepare a list, or one item, of an address that :func:`is_listing` knows.
+
+    Parameters
+    ----------
+    timeout_s
+        For the query.
+
+    Raises
+    ------
+    RefusedError
+        400 with the nearest name of a parameter, 404, 405, 406.
+    """
+    name, _, rest = request.raw_path.removeprefix(ADDRESS).rstrip("/").partition("/")
+    if request.raw_path == CONTEXT_ADDRESS:
+        document = json.dumps(context(), indent=1).encode()
+        return Plan.ready(Response(200, document, JSON_LD))
+    collection = COLLECTIONS[name]
+    if request.method not in ("GET", "HEAD"):
+        allow = (("Allow", "GET, HEAD, OPTIONS"),)
+        raise RefusedError(
+            405, "method-not-allowed", "this is read with GET; robots write by /engine/",
+            headers=allow,
+        )  # fmt: skip
+    media_type = choose(request.header("accept"), TYPES)
+    single = f"{kb.base}{collection.folder}/{unquote(rest)}" if rest else ""
+    wanted = _wanted(collection, request, single)
+    text = _text(wanted)
+    etag = versions.of_query(text, media_type, wanted.counts)
+    if is_known(request, etag):
+        return Plan.ready(Response(304, headers=(("ETag", etag),)))
+
+    answer = _Answer(media_type, etag, request.site, wanted.members)
+
+    def run() -> Response:
+        rows = kb.select(text).to_dicts()
+        items = [_item(row, wanted) for row in rows[: wanted.limit]]
+        if single:
+            return _single(kb, wanted, items, answer)
+        body: Item = {"items": items, "next": None}
+        if len(rows) > wanted.limit:
+            arguments = {k: v for k, v in request.parameters if k != "cursor"}
+            arguments["cursor"] = _cursor(rows[wanted.limit - 1], wanted)
+            body["next"] = f"{ADDRESS}{name}?{urlencode(arguments)}"
+        if wanted.counts:
+            body["total"] = int(str(kb.select(_count_text(wanted))[0].value("total")))
+        return answer.of(body)
+
+    return Plan(run, timeout_s=timeout_s, lane="query")
+
+
+def context() -> Item:
+    """Return the JSON-LD context of all items."""
+    terms: Item = {"iri": "@id", "items": "@graph"}
+    types: dict[Kind, str] = {"iri": "@id", "iris": "@id", "time": _XSD_TIME}
+    for collection in COLLECTIONS.values():
+        for member in collection.members:
+            prefix, _, local = member.term.partition(":")
+            if not local:
+                continue
+            term = ontology.PREFIXES[prefix] + local
+            kind = types.get(member.kind)
+            terms[member.name] = {"@id": term, "@type": kind} if kind else term
+    return {"@context": terms}
+
+
+def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
+    """Read the parameters."""
+    given: dict[str, str] = {}
+    filters = {one.name: one for one in collection.filters}
+    known = [*filters, *_OWN]
+    for name, value in request.parameters:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+            raise UsageError(f"unknown parameter {name!r}; {hint}", field=name)
+        if name in given:
+            raise UsageError(f"{name} came twice", field=name)
+        given[name] = value
+    patterns = [
+        one.pattern.replace("$value", _term(one.kind, given[name], name))
+        for name, one in filters.items()
+        if name in given
+    ]
+    patterns += [
+        f"VALUES ?iri {{ {_term('iri', name, 'iri')} }}"
+        for name in (single, given.get("iri", ""))
+        if name
+    ]
+    limit = given.get("limit", str(LIMIT))
+    if not limit.isdecimal() or not 1 <= int(limit) <= MOST:
+        raise UsageError(f"limit: a whole number from 1 to {MOST} is wanted", field="limit")
+    after = _after(collection, given["cursor"]) if "cursor" in given else ""
+    return _Wanted(
+        collection, _members(collection, given.get("fields", "")), tuple(patterns), int(limit),
+        after, given.get("total", "") in ("1", "true"), single,
+    )  # fmt: skip
+
+
+def _members(collection: Collection, fields: str) -> tuple[Member, ...]:
+    """Return the members that are wanted; all unless some are named."""
+    every = {member.name: member for member in collection.members}
+    names = [name.strip() for name in fields.split(",") if name.strip()]
+    for name in names:
+        if name not in every and name != "iri":
+            near = difflib.get_close_matches(name, every, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(every)}"
+            raise UsageError(f"fields: unknown {name!r}; {hint}", field="fields")
+    return tuple(m for m in every.values() if not names or m.name in names)
+
+
+def _term(kind: Kind, value: str, name: str) -> str:
+    """Return a parameter as a term of SPARQL."""
+    if kind == "iri":
+        try:
+            return str(iri(value))
+        except DataError as error:
+            raise UsageError(f"{name}: {error}", field=name) from None
+    if kind == "boolean":
+        if value not in ("true", "false"):
+            raise UsageError(f"{name}: true or false is wanted", field=name)
+        return value
+    if kind == "time":
+        try:
+            moment = dt.datetime.fromisoformat(value)
+        except ValueError:
+            raise UsageError(
+                f"{name}: a time such as 2026-01-31T12:00:00Z is wanted", field=name
+            ) from None
+        moment = moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)
+        return f'"{moment.isoformat()}"^^<{_XSD_TIME}>'
+    return str(literal(value))
+
+
+def _cursor(row: Mapping[str, Any], wanted: _Wanted) -> str:
+    """Return where a row stands in the order of the list."""
+    place = [str(row["iri"]), *([_moment(row["time"])] if wanted.collection.by_time else [])]
+    return base64.urlsafe_b64encode(json.dumps(place).encode()).decode().rstrip("=")
+
+
+def _after(collection: Collection, cursor: str) -> str:
+    """Return the filter that goes on after a cursor."""
+    try:
+        place = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
+        if not isinstance(place, list) or len(place) != 1 + collection.by_time:
+            raise ValueError
+        last = literal(str(place[0]))
+        if not collection.by_time:
+            return f"FILTER(STR(?iri) > {last})"
+        time = _term("time", str(place[1]), "cursor")
+    except (ValueError, binascii.Error, UsageError):
+        raise UsageError("cursor: take it from `next` of a page before", field="cursor") from None
+    return f"FILTER(?time < {time} || (?time = {time} && STR(?iri) < {last}))"
+
+
+def _text(wanted: _Wanted) -> str:
+    """Return the query of one page: its items, and each block of members about them."""
+    chosen, names = _chosen(wanted), [member.name for member in wanted.members]
+    blocks = []
+    for block in wanted.collection.blocks:
+        said = [f"({m.value} AS ?{m.name})" for m in block.members if m.name in names]
+        if said:
+            inner = f"{{ SELECT ?iri {{ {{ {chosen} }} }} }} {block.pattern}"
+            blocks.append(
+                f"OPTIONAL {{ SELECT ?iri {' '.join(said)} {{ {inner} }} GROUP BY ?iri }}"
+            )
+    return f"{PREFIXES}SELECT * {{ {{ {chosen} }} {' '.join(blocks)} }} {_order(wanted)}"
+
+
+def _chosen(wanted: _Wanted, *, page: bool = True) -> str:
+    """Return the sub-select of the items: of one page, or of all that the filters leave."""
+    where = " . ".join((wanted.collection.pattern, *wanted.patterns))
+    if wanted.collection.by_time:
+        grouped = f"SELECT ?iri (MAX(?ended) AS ?time) {{ {where} }} GROUP BY ?iri"
+        inner = f"SELECT ?iri ?time {{ {{ {grouped} }} {wanted.after if page else ''} }}"
+    else:
+        after = wanted.after if page else ""
+        inner = f"SELECT DISTINCT ?iri {{ {where} . {after} FILTER(isIRI(?iri)) }}"
+    return f"{inner} {_order(wanted)} LIMIT {wanted.limit + 1}" if page else inner
+
+
+def _order(wanted: _Wanted) -> str:
+    by_time = wanted.collection.by_time
+    return "ORDER BY DESC(?time) DESC(STR(?iri))" if by_time else "ORDER BY STR(?iri)"
+
+
+def _count_text(wanted: _Wanted) -> str:
+    chosen = _chosen(wanted, page=False)
+    return f"{PREFIXES}SELECT (COUNT(*) AS ?total) {{ {{ {chosen} }} }}"
+
+
+def _item(row: Mapping[str, Any], wanted: _Wanted) -> Item:
+    """Return an item as JSON holds it."""
+    item: Item = {"iri": str(row["iri"])}
+    for member in wanted.members:
+        value = row.get(member.name)
+        if member.kind in ("iris", "texts"):
+            item[member.name] = sorted(str(value).split("\n")) if value else []
+        elif member.kind == "integer":
+            item[member.name] = int(value or 0)
+        elif member.kind == "time" and value is not None:
+            item[member.name] = _moment(value)
+        else:
+            item[member.name] = value
+    return item
+
+
+def _moment(value: Any) -> str:
+    return value.isoformat() if isinstance(value, dt.datetime) else str(value)
+
+
+def _single(kb: KnowledgeBase, wanted: _Wanted, items: list[Item], answer: _Answer) -> Response:
+    """Return one thing; where it is now, or why it is not there."""
+    if items:
+        return answer.of(items[0])
+    now = present_name(kb, wanted.single)
+    name = wanted.collection.name
+    start = f"{kb.base}{wanted.collection.folder}/"
+    if now != wanted.single and now.startswith(start):
+        return Response(308, headers=(("Location", f"{ADDRESS}{name}/{now[len(start) :]}"),))
+    if kb.match(wanted.single, PROV.invalidatedAtTime):
+        raise RefusedError(410, "gone", f"{wanted.single} was forgotten")
+    raise RefusedError(
+        404, "not-found", f"no {wanted.collection.folder} {wanted.single}; see {ADDRESS}{name}"
+    )
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """How an answer is written."""
+
+    media_type: str
+    etag: str
+    site: str
+    members: tuple[Member, ...]
+
+    def of(self, body: Item) -> Response:
+        """Return a list, or one item, in the wanted media type."""
+        headers = (("ETag", self.etag),)
+        if self.media_type == CSV:
+            table = _table(body.get("items", [body]), self.members)
+            return Response(200, table, content_type(CSV), headers)
+        if self.media_type == JSON_LD:
+            body = {"@context": f"{self.site}{CONTEXT_ADDRESS}", **body}
+        text = json.dumps(body, ensure_ascii=False, default=str)
+        return Response(200, text.encode(), self.media_type, headers)
+
+
+def _table(items: Iterable[Item], members: Iterable[Member]) -> bytes:
+    """Return items as RFC 4180 writes tables."""
+    names = ["iri", *(member.name for member in members)]
+    out = io.StringIO()
+    rows = csv.writer(out)
+    rows.writerow(names)
+    for item in items:
+        cells = (item[name] for name in names)
+        rows.writerow([" ".join(c) if isinstance(c, list) else _cell(c) for c in cells])
+    return out.getvalue().encode()
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,252 @@
+"""The description of the HTTP interface (OpenAPI 3.1.0), made from what the engine declares."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from endpoint.api.openapi_page import page
+from endpoint.api.openapi_resources import resource_paths
+from endpoint.api.openapi_schema import answer_schema, request_schema
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.problems import PROBLEM_TYPE
+from endpoint.rosbridge.services import Engine
+from endpoint.sparql.deferred import Plan
+from rtask import __version__
+from rtask.engine.operations.answers import ANSWERS
+
+JsonObject = dict[str, Any]
+
+ADDRESSES = ("/openapi.json", "/openapi")
+HTML_TYPE = "text/html; charset=utf-8"
+_PROBLEMS = {
+    400: "the request cannot be read, or a field is wrong",
+    401: "the token is missing or not good",
+    403: "the caller may not do this",
+    404: "there is nothing here",
+    405: "another method is wanted",
+    406: "no wanted media type can be given",
+    408: "the body did not arrive",
+    409: "the state does not allow it",
+    410: "what is asked for is no longer kept",
+    412: "somebody else was faster",
+    413: "the body is too large",
+    415: "another media type is wanted",
+    416: "there are not as many bytes",
+    422: "what the request means does not fit what is known",
+    429: "too many requests; see Retry-After",
+    501: "not with this kind of store",
+    503: "too busy; see Retry-After",
+    504: "no answer in time",
+}
+_OPERATION_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 501, 503)
+_READ_PROBLEMS = (400, 401, 403, 404, 405, 406, 410, 416, 429, 503, 504)
+
+
+def plan_openapi(engine: Engine, request: Request) -> Plan:
+    """Prepare the description, as JSON or as a page.
+
+    Raises
+    ------
+    RefusedError
+        405.
+    """
+    if request.method not in ("GET", "HEAD"):
+        allow = (("Allow", "GET, HEAD"),)
+        raise RefusedError(405, "method-not-allowed", "read it with GET", headers=allow)
+    described = document(engine)
+    if request.raw_path.rstrip("/").endswith(".json"):
+        return Plan.ready(Response(200, json.dumps(described).encode(), JSON_TYPE))
+    return Plan.ready(Response(200, page(described).encode(), HTML_TYPE))
+
+
+def document(engine: Engine) -> JsonObject:
+    """Return the whole description."""
+    schemas: JsonObject = {"Problem": _PROBLEM}
+    paths = {
+        f"/engine/{name}": {"post": _operation(name, operation, schemas)}
+        for name, operation in engine.operations.items()
+    }
+    return {
+        "openapi": "3.1.0",
+        "info": {
+            "title": "RTASK",
+            "version": __version__,
+            "summary": "A knowledge graph that robots share",
+            "description": "What robots ask and tell, over HTTP with JSON. The same operations "
+            "are services of the rosbridge websocket. SPARQL 1.1 is at /sparql.",
+            "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        },
+        "servers": [{"url": "/"}],
+        "security": [{"token": []}, {}],
+        "paths": {**paths, **_fixed_paths()},
+        "components": {
+            "schemas": dict(sorted(schemas.items())),
+            "securitySchemes": {
+                "token": {
+                    "type": "http",
+                    "scheme": "bearer",
+                    "description": "made by `rtask token create --robot NAME`",
+                }
+            },
+        },
+    }
+
+
+_PROBLEM: JsonObject = {
+    "type": "object",
+    "description": "Problem details (RFC 9457)",
+    "properties": {
+        "type": {"type": "string"},
+        "title": {"type": "string"},
+        "status": {"type": "integer"},
+        "detail": {"type": "string"},
+        "instance": {"type": "string"},
+    },
+    "required": ["type", "title", "status", "detail"],
+}
+
+_IDEMPOTENCY_KEY: JsonObject = {
+    "name": "Idempotency-Key",
+    "in": "header",
+    "required": False,
+    "description": "the same key stores once, however often the request is sent",
+    "schema": {"type": "string", "pattern": "^[A-Za-z0-9._:-]{1,200}$"},
+}
+
+
+def _operation(name: str, operation: Any, schemas: JsonObject) -> JsonObject:
+    title = "".join(part.title() for part in name.split("_")) + "Request"
+    wanted = request_schema(getattr(operation, "fields", ()))
+    if name == "insert_object":
+        entry = wanted["properties"]["objects"]["items"]
+        schemas["NewObject"] = entry
+        wanted["properties"]["objects"]["items"] = {"$ref": "#/components/schemas/NewObject"}
+        # One object's fields may stand at top level.
+        wanted = {"anyOf": [wanted, {"$ref": "#/components/schemas/NewObject"}]}
+    schemas[title] = wanted
+    described: JsonObject = {
+        "operationId": name,
+        "summary": operation.summary,
+        "description": f"Needs the scope `{operation.scope}`.",
+        "tags": ["engine"],
+        "requestBody": {
+            "required": True,
+            "content": {JSON_TYPE: {"schema": {"$ref": f"#/components/schemas/{title}"}}},
+        },
+        "responses": {
+            "200": {
+                "description": "done",
+                "content": {JSON_TYPE: {"schema": _answer(name, schemas)}},
+            },
+            **_problems(_OPERATION_PROBLEMS),
+        },
+    }
+    if operation.scope == "write" or name in ("teach_object", "curate_object"):
+        described["parameters"] = [_IDEMPOTENCY_KEY]
+    return described
+
+
+def _answer(name: str, schemas: JsonObject) -> JsonObject:
+    declared = ANSWERS.get(name)
+    return {"type": "object"} if declared is None else answer_schema(declared, schemas)
+
+
+def _problems(statuses: tuple[int, ...]) -> JsonObject:
+    content = {PROBLEM_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    return {
+        str(status): {"description": _PROBLEMS[status], "content": content} for status in statuses
+    }
+
+
+def _get(
+    summary: str, media_types: tuple[str, ...], parameters: list[JsonObject] | None = None
+) -> JsonObject:
+    described: JsonObject = {
+        "summary": summary,
+        "responses": {
+            "200": {
+                "description": "the answer",
+                "content": {media_type: {} for media_type in media_types},
+            },
+            **_problems(_READ_PROBLEMS),
+        },
+    }
+    if parameters:
+        described["parameters"] = parameters
+    return described
+
+
+def _health(summary: str) -> JsonObject:
+    described = _get(summary, (JSON_TYPE,))
+    described["responses"]["503"]["content"] = {JSON_TYPE: {}, PROBLEM_TYPE: {}}
+    return described
+
+
+def _parameter(name: str, where: str, description: str, schema: JsonObject) -> JsonObject:
+    return {
+        "name": name, "in": where, "required": where == "path", "description": description,
+        "schema": schema,
+    }  # fmt: skip
+
+
+def _fixed_paths() -> JsonObject:
+    text: JsonObject = {"type": "string"}
+    results = (
+        "application/sparql-results+json", "text/csv", "text/turtle", "application/n-triples",
+        "text/html", "application/sparql-results+xml", "text/tab-separated-values",
+        "application/n-quads", "application/trig", "application/rdf+xml", "application/ld+json",
+    )  # fmt: skip
+    digest = _parameter("sha256", "path", "64 lower-case hex digits",
+                        {"type": "string", "pattern": "^[0-9a-f]{64}$"})  # fmt: skip
+    query = _parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
+    return {
+        "/sparql": {"get": _get("Ask in SPARQL 1.1", results, [query])},
+        **resource_paths(_get, _parameter),
+        "/api/blobs/{sha256}": {
+            "get": _get(
+                "Read an image, a cloud or descriptors",
+                ("application/octet-stream", "image/png", "image/jpeg", "application/ply"),
+                [digest],
+            )
+        },
+        "/changes": {"get": _changes(text)},
+        "/tokens/ticket": {"post": _ticket()},
+        "/health": {"get": _health("Is the server well?")},
+        "/health/live": {"get": _get("Is the server alive?", (JSON_TYPE,))},
+        "/health/ready": {"get": _health("May it be asked?")},
+        "/openapi.json": {"get": _get("This description", (JSON_TYPE,))},
+    }
+
+
+def _ticket() -> JsonObject:
+    body = {
+        "type": "object",
+        "properties": {"ticket": {"type": "string"}, "expires_in": {"type": "integer"}},
+        "required": ["ticket", "expires_in"],
+    }
+    return {
+        "summary": "Get a value for the ?token= of one websocket; expires_in is in s",
+        "responses": {
+            "201": {"description": "made", "content": {JSON_TYPE: {"schema": body}}},
+            **_problems((400, 401, 403, 405, 413, 415, 429, 503)),
+        },
+    }
+
+
+def _changes(text: JsonObject) -> JsonObject:
+    parameters = [
+        _parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", text)
+        for name, meaning in (
+            ("s", "subject"), ("p", "predicate"), ("o", "object"), ("graph", "named graph"),
+        )
+    ]  # fmt: skip
+    return _get(
+        "Hear of every commit, as server-sent events",
+        ("text/event-stream",),
+        [
+            *parameters,
+            _parameter("since", "query", "version to go on from, `<epoch>:<seq>`", text),
+            _parameter("Last-Event-ID", "header", "the same, as browsers send it", text),
+        ],
+    )

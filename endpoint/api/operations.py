@@ -1,0 +1,83 @@
+"""Operations of the engine over HTTP: the same objects as over the websocket."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from typing import Any
+
+from endpoint.access.auth import Authenticator, Caller, require_scope
+from endpoint.http.idempotency import IdempotencyKeys
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.rosbridge.services import Engine
+from endpoint.sparql.deferred import Plan
+from rtask.errors import AuthenticationError, UsageError
+
+ADDRESS = "/engine/"
+
+
+def plan_operation(
+    engine: Engine,
+    auth: Authenticator,
+    request: Request,
+    caller: Caller,
+    keys: IdempotencyKeys,
+) -> Plan:
+    """Prepare an operation of the engine.
+
+    Raises
+    ------
+    RefusedError
+        404 with the nearest name, 405, 415.
+    AuthenticationError
+        It needs a token, and none came.
+    ForbiddenError
+        The caller's role does not include the operation.
+    """
+    name = request.raw_path.rstrip("/").removeprefix(ADDRESS)
+    operation = engine.operations.get(name)
+    if operation is None:
+        near = difflib.get_close_matches(name, engine.operations, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise RefusedError(404, "not-found", f"no operation {name}{hint}")
+    if request.method != "POST":
+        raise RefusedError(
+            405, "method-not-allowed", "operations take POST", headers=(("Allow", "POST"),)
+        )
+    auth.check_origin(request, caller)
+    if caller.token is None and caller.access.role == "reader" and operation.scope != "read":
+        raise AuthenticationError(f"{name} needs a token; send Authorization: Bearer <token>")
+    require_scope(caller.access, operation.scope)
+    args = keys.read(request, name, caller.name, _json_object(request))
+
+    def run() -> Response:
+        answer = keys.once(
+            request, name, caller.name, lambda: engine.call(name, args, caller.access)
+        )
+        return Response(200, json.dumps(answer, allow_nan=False).encode(), JSON_TYPE)
+
+    return Plan(run)
+
+
+def _json_object(request: Request) -> dict[str, Any]:
+    media_type, _ = request.content_type
+    if media_type != JSON_TYPE:
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            f"send the arguments as {JSON_TYPE}",
+            headers=(("Accept-Post", JSON_TYPE),),
+        )
+    try:
+        args = json.loads(request.body or b"{}")
+    except json.JSONDecodeError as error:
+        raise UsageError(
+            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}",
+            line=error.lineno,
+            column=error.colno,
+        ) from None
+    except (ValueError, RecursionError):
+        raise UsageError("not JSON that can be read") from None
+    if not isinstance(args, dict):
+        raise UsageError("the arguments are one JSON object")
+    return args

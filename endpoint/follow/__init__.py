@@ -1,0 +1,1 @@
+"""Change notifications over server-sent events and websockets."""

@@ -1,0 +1,332 @@
+"""Following the graph: `/changes` as server-sent events and as a websocket.
+
+Every event carries the version after it, ``<epoch>:<seq>``; who lost the connection sends the last
+one back (``Last-Event-ID``, or ``since``) and hears what it missed, nothing twice. A follower that
+reads too slowly is told so and let go; what is no longer kept is told as an event of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from endpoint.access.auth import Caller, cors_headers, require_scope
+from endpoint.application import Gateway
+from endpoint.follow.events import (
+    MAX_PATTERNS,
+    NAMES,
+    Follower,
+    change_data,
+    event,
+    read_pattern,
+    version_of,
+)
+from endpoint.follow.socket import ChangeSocket
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.response_stream import SEND_IDLE_S, Wire
+from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
+from endpoint.rosbridge.messages import encode, parse
+from rtask.errors import (
+    ClosedError,
+    EpochChangedError,
+    GoneError,
+    Lagged,
+    RtaskError,
+    UsageError,
+)
+
+_log = logging.getLogger(__name__)
+
+ADDRESS = "/changes"
+MAX_STREAMS = 2_000
+MAX_STREAMS_PER_CALLER = 20
+COMMENT_S = 15.0
+_EVENT_STREAM = "text/event-stream"
+
+
+class Changes:
+    """All who follow the graph over HTTP.
+
+    Parameters
+    ----------
+    gateway
+        Whose knowledge base, callers and settings.
+    """
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._gateway = gateway
+        self._kb = gateway.kb
+        self._streams: set[Stream] = set()
+        self._sockets: set[ChangeSocket] = set()
+        self._held: Counter[str] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._streams) + len(self._sockets)
+
+    @staticmethod
+    def serves(path: str) -> bool:
+        """Tell whether an address is one of these."""
+        return path.rstrip("/") == ADDRESS or path.startswith(ADDRESS + "/")
+
+    def open(self, request: Request) -> Response | Stream:
+        """Return a commit, or a stream that is yet to be sent.
+
+        Raises
+        ------
+        RtaskError
+            Why not.
+        """
+        if request.method not in ("GET", "HEAD", "POST"):
+            allow = (("Allow", "GET, HEAD, POST"),)
+            raise RefusedError(405, "method-not-allowed", "follow with GET or POST", headers=allow)
+        caller = self._gateway.auth.identify(request)
+        require_scope(caller.access, "read")
+        rest = request.path.removeprefix(ADDRESS).strip("/")
+        if rest:
+            return self._commit(rest)
+        self._admit(caller)
+        return Stream(self, request, caller)
+
+    def _admit(self, caller: Caller) -> None:
+        own = self._held[caller.key] if caller.token else 0
+        if own >= MAX_STREAMS_PER_CALLER or len(self) >= MAX_STREAMS:
+            raise RefusedError(
+                503,
+                "busy",
+                f"{own or len(self)} streams are open already",
+                headers=(("Retry-After", "10"),),
+            )
+
+    def _commit(self, number: str) -> Response:
+        """Return one whole commit, for followers whose event was cut short."""
+        feed = self._kb.feed
+        seq = int(number) if number.isdecimal() and len(number) < 18 else -1
+        found = list(feed.changes(seq - 1, seq)) if 0 < seq <= feed.last_seq else []
+        if not found:
+            raise RefusedError(404, "not-found", f"no commit {number[:20]} is kept")
+        return Response(200, encode(change_data(found[0], None)).encode(), JSON_TYPE)
+
+    async def serve_socket(
+        self, request: Request, scope: Message, receive: Receive, transmit: Transmit
+    ) -> None:
+        """Serve a websocket from its handshake to its end."""
+        await receive()  # websocket.connect
+        try:
+            if request.path.rstrip("/") != ADDRESS:
+                raise RefusedError(404, "not-found", f"followers connect to {ADDRESS}")
+            caller = self._gateway.auth.identify(request, token_in_url=True)
+            self._gateway.auth.check_origin(request, caller)
+            require_scope(caller.access, "read")
+            self._admit(caller)
+        except RtaskError as error:
+            await refuse_handshake(scope, transmit, error)
+            return
+        await transmit({"type": "websocket.accept"})
+        socket = ChangeSocket(self._kb, caller, receive, transmit)
+        self._sockets.add(socket)
+        self._held[caller.key] += 1
+        try:
+            await socket.run()
+        finally:
+            self._sockets.discard(socket)
+            self._forget(caller)
+
+    async def close_revoked(self) -> None:
+        """Let go of who showed a token that was revoked meanwhile."""
+        everybody: list[Stream | ChangeSocket] = [*self._streams, *self._sockets]
+        for one in everybody:
+            if not self._gateway.auth.still_valid(one.caller):
+                await one.end("token revoked", 1008)
+
+    async def close_all(self) -> None:
+        """Tell everybody that the server stops."""
+        everybody: list[Stream | ChangeSocket] = [*self._streams, *self._sockets]
+        await asyncio.gather(*(one.end("server stops", 1012) for one in everybody))
+
+    def add(self, stream: Stream) -> None:
+        """Count a stream in."""
+        self._streams.add(stream)
+        self._held[stream.caller.key] += 1
+
+    def remove(self, stream: Stream) -> None:
+        """Count a stream out."""
+        self._streams.discard(stream)
+        self._forget(stream.caller)
+
+    def _forget(self, caller: Caller) -> None:
+        self._held[caller.key] -= 1
+        if not self._held[caller.key]:
+            del self._held[caller.key]
+
+    def follower(
+        self, request: Request, now: str, on_ready: Callable[[], None]
+    ) -> tuple[Follower, RtaskError | None]:
+        """Return what a request wants to follow.
+
+        A browser that comes back by itself with a version that is no longer kept follows from now
+        on, and the error says what it must be told; ``since`` is refused, since somebody reads
+        that answer.
+        """
+        patterns = _patterns(request)
+        resumed = request.header("last-event-id").strip()
+        given = request.values("since")
+        since = resumed or (given[-1] if given else now)
+        try:
+            return Follower(self._kb, patterns, since, on_ready), None
+        except (GoneError, EpochChangedError) as error:
+            if not resumed:
+                raise
+            return Follower(self._kb, patterns, now, on_ready), error
+
+    def version(self) -> str:
+        """Return the version of now."""
+        return version_of(self._kb)
+
+    def cors(self, request: Request) -> tuple[tuple[str, str], ...]:
+        """Return what lets a page of another origin read along."""
+        return cors_headers(request, self._gateway.config)
+
+    def position(self, seq: int) -> str:
+        """Return the version after a commit."""
+        return f"{self._kb.settings.epoch}:{seq}"
+
+
+class Stream:
+    """One stream of server-sent events.
+
+    Parameters
+    ----------
+    changes
+        To which it belongs.
+    request
+        What is wanted.
+    caller
+        Who asks.
+    """
+
+    def __init__(self, changes: Changes, request: Request, caller: Caller) -> None:
+        self.caller = caller
+        self._changes = changes
+        self._request = request
+        self._ready = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._reason = ""
+        self._begin = changes.version()
+        self._follower, self._missed = changes.follower(request, self._begin, self._wake)
+
+    def _wake(self) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._ready.set)
+
+    async def end(self, reason: str, code: int) -> None:
+        """Say goodbye with the next event."""
+        self._reason = reason
+        self._ready.set()
+
+    async def send(self, wire: Wire) -> int:
+        """Send events until either side has enough; return how many bytes went out."""
+        self._changes.add(self)
+        wire.watch(lambda: self._leave("the client left"))
+        sent = 0
+        try:
+            await wire.transmit(self._start())
+            if self._request.method != "HEAD":
+                async for piece in self._pieces():
+                    async with asyncio.timeout(SEND_IDLE_S):
+                        await wire.transmit(
+                            {"type": "http.response.body", "body": piece, "more_body": True}
+                        )
+                    sent += len(piece)
+            with contextlib.suppress(RuntimeError, OSError):
+                await wire.transmit({"type": "http.response.body", "body": b""})
+        except (TimeoutError, OSError):
+            _log.info("a follower reads nothing; closing")
+        finally:
+            wire.unwatch()
+            self._changes.remove(self)
+            self._follower.close()
+        return sent
+
+    def _leave(self, reason: str) -> None:
+        self._reason = reason
+        self._ready.set()
+
+    def _start(self) -> Message:
+        headers = [
+            ("content-type", _EVENT_STREAM),
+            ("cache-control", "no-store"),
+            ("x-accel-buffering", "no"),
+            ("rtask-version", self._begin),
+            ("rtask-request-id", self._request.id),
+            *self._changes.cors(self._request),
+        ]
+        raw = [(name.lower().encode(), text.encode("latin-1")) for name, text in headers]
+        return {"type": "http.response.start", "status": 200, "headers": raw}
+
+    async def _pieces(self) -> AsyncIterator[bytes]:
+        """Yield greetings, commits and the reason for the end."""
+        epoch = self._begin.partition(":")[0]
+        yield event("hello", {"version": self._begin, "epoch": epoch})
+        if self._missed is not None:
+            kind = "epoch" if isinstance(self._missed, EpochChangedError) else "gone"
+            told = {"detail": str(self._missed), "version": self._begin, **self._missed.details}
+            yield event(kind, told, self._begin)
+        live = False
+        try:
+            while not self._reason:
+                self._ready.clear()
+                if live:
+                    found = self._follower.drain()
+                else:  # what was missed is read from files
+                    found = await asyncio.to_thread(self._follower.drain)
+                    live = not found
+                    if live:
+                        continue
+                for change in found:
+                    position = self._changes.position(change.commit.seq)
+                    yield event("change", change_data(change), position)
+                if not found and not await self._wait():
+                    yield b": still here\n\n"
+        except Lagged as error:
+            yield event("lagged", {"detail": str(error), **error.details})
+        except ClosedError:
+            self._reason = "the store was closed"
+        if self._reason not in ("", "the client left"):
+            yield event("bye", {"reason": self._reason})
+
+    async def _wait(self) -> bool:
+        """Wait for something to come; tell whether it did."""
+        try:
+            async with asyncio.timeout(COMMENT_S):
+                await self._ready.wait()
+        except TimeoutError:
+            return False
+        return True
+
+
+def _patterns(request: Request) -> list[Any]:
+    """Return the patterns of a request: parameters, ``pattern=`` as JSON, or a JSON body."""
+    given: list[Any] = []
+    if request.method == "POST":
+        media_type, _ = request.content_type
+        if media_type != JSON_TYPE:
+            raise RefusedError(415, "unsupported-media-type", f"send patterns as {JSON_TYPE}")
+        try:
+            body = parse(request.body.decode("utf-8"))
+        except UnicodeDecodeError:
+            raise UsageError("the body is not UTF-8") from None
+        listed = body.get("patterns", [])
+        if not isinstance(listed, list):
+            raise UsageError("patterns: a list is wanted")
+        given += listed
+    given += [parse(text) for text in request.values("pattern")]
+    single = {name: values[-1] for name in NAMES if (values := request.values(name))}
+    if single:
+        given.append(single)
+    if len(given) > MAX_PATTERNS:
+        raise UsageError(f"{len(given)} patterns; at most {MAX_PATTERNS}")
+    return [read_pattern(one) for one in given]

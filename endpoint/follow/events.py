@@ -1,0 +1,258 @@
+"""What followers of the graph ask for, and commits in the words that they get."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from typing import Any, cast
+
+from pyoxigraph import RdfFormat, parse
+
+from rtask.errors import RtaskError, UsageError
+from rtask.kb.commit.commit import Change
+from rtask.kb.feed.live_queries import RowChange
+from rtask.kb.feed.subscriptions import Filter, Subscription
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import RDF_TYPE, NamedNode, iri, stored
+from rtask.sparql.results import Solutions
+
+__all__ = [
+    "Follower",
+    "Pattern",
+    "change_data",
+    "event",
+    "filter_of",
+    "read_pattern",
+    "rows_data",
+    "version_of",
+]
+
+JsonObject = dict[str, Any]
+
+MAX_PATTERNS = 100
+MAX_QUADS = 1_000
+NAMES = ("s", "p", "o", "graph", "class", "inferred")
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """One pattern of statements, as it came."""
+
+    s: str = ""
+    p: str = ""
+    o: str = ""
+    graph: str = ""
+    cls: str = ""
+    inferred: bool = True
+
+
+def version_of(kb: KnowledgeBase) -> str:
+    """Return the version of now: what has been announced, so that following it misses nothing.
+
+    Raises
+    ------
+    UnsupportedError
+        The store is a remote one.
+    """
+    return kb.feed.position(kb.feed.last_seq)
+
+
+def read_pattern(given: Any) -> Pattern:
+    """Read a pattern: terms as IRIs, or as N-Triples write them.
+
+    Raises
+    ------
+    UsageError
+        Naming the field.
+    """
+    if not isinstance(given, dict):
+        raise UsageError("a pattern is an object with s, p, o, graph, class and inferred")
+    unknown = sorted(set(given) - set(NAMES))
+    if unknown:
+        raise UsageError(f"unknown field {unknown[0]!r} of a pattern; known: {', '.join(NAMES)}")
+    texts: dict[str, str] = {}
+    for name in NAMES[:-1]:
+        value = given.get(name) or ""
+        if not isinstance(value, str):
+            raise UsageError(f"{name}: a term is wanted, as text")
+        texts["cls" if name == "class" else name] = value.strip()
+    inferred = given.get("inferred", True)
+    if str(inferred).lower() not in ("true", "false", "1", "0"):
+        raise UsageError("inferred: true or false is wanted")
+    return Pattern(**texts, inferred=str(inferred).lower() in ("true", "1"))
+
+
+def filter_of(pattern: Pattern) -> Filter:
+    """Return what the feed is asked for.
+
+    Raises
+    ------
+    UsageError
+        A term that is none, in the name of its field.
+    """
+    terms: dict[str, Any] = {}
+    for field in fields(Pattern)[:-1]:
+        text = getattr(pattern, field.name)
+        terms[field.name] = _term(text, field.name) if text else None
+    for name in ("p", "graph", "cls"):
+        if terms[name] is not None and not isinstance(terms[name], NamedNode):
+            raise UsageError(f"{'class' if name == 'cls' else name}: an IRI is wanted")
+    return Filter(
+        terms["s"], terms["p"], terms["o"], terms["graph"], terms["cls"], pattern.inferred
+    )
+
+
+def _term(text: str, name: str) -> Any:
+    """Return a term written as a plain IRI or as in N-Triples."""
+    try:
+        if text[0] not in '<"':
+            return iri(text)
+        (triple,) = parse(f"<urn:s> <urn:p> {text} .".encode(), format=RdfFormat.N_TRIPLES)
+        return stored(triple.object)
+    except (RtaskError, ValueError, SyntaxError) as error:
+        raise UsageError(f"{name}: {text[:100]!r} is no term: {error}") from None
+
+
+class Follower:
+    """Commits that fit any of some patterns.
+
+    One pattern is looked up by the feed itself; of several, each commit is looked at here.
+
+    Parameters
+    ----------
+    kb
+        Whose commits.
+    patterns
+        None is every commit.
+    since
+        Version to begin after; :func:`version_of` gives that of now.
+
+    Raises
+    ------
+    GoneError, EpochChangedError
+        Commits after ``since`` are not kept, or are numbered anew.
+    UnsupportedError
+        The store is a remote one.
+    """
+
+    def __init__(
+        self,
+        kb: KnowledgeBase,
+        patterns: list[Pattern],
+        since: str,
+        on_ready: Callable[[], None],
+    ) -> None:
+        self._kb = kb
+        self._filters = [filter_of(pattern) for pattern in patterns]
+        if len(self._filters) == 1:
+            (one,) = self._filters
+            self._subscription: Subscription[Change] = kb.subscribe(
+                one.subject, one.predicate, one.value, cast(Any, one.graph), cls=one.cls,
+                inferred=one.inferred, since=since, on_ready=on_ready,
+            )  # fmt: skip
+            self._filters = []
+        else:
+            self._subscription = kb.subscribe(since=since, on_ready=on_ready)
+
+    def drain(self, limit: int = 100) -> list[Change]:
+        """Return what has come; empty only when nothing waits.
+
+        Raises
+        ------
+        Lagged
+            Too much waited.
+        ClosedError
+            The knowledge base was closed.
+        """
+        while True:
+            found = self._subscription.drain(limit)
+            if not found or not self._filters:
+                return found
+            parts = [part for change in found if (part := self._part(change)) is not None]
+            if parts:
+                return parts
+
+    def _part(self, change: Change) -> Change | None:
+        """Return what of a commit fits any of the patterns."""
+        types = {
+            (quad.subject, quad.object)
+            for quad in (*change.added, *change.removed, *change.inferred_added)
+            if quad.predicate == RDF_TYPE
+        }
+
+        def is_instance(subject: Any, cls: NamedNode) -> bool:
+            return (subject, cls) in types or bool(self._kb.match(subject, RDF_TYPE, cls))
+
+        found = [f.applied(change, is_instance) for f in self._filters]
+        parts = [part for part in found if part is not None]
+        if len(parts) < 2:
+            return parts[0] if parts else None
+        merged = {
+            name: tuple(dict.fromkeys(quad for part in parts for quad in getattr(part, name)))
+            for name in ("added", "removed", "inferred_added", "inferred_removed")
+        }
+        return Change(change.commit, change.agent, change.note, **merged)
+
+    def close(self) -> None:
+        """Follow no more."""
+        self._subscription.close()
+
+
+def change_data(change: Change, limit: int | None = MAX_QUADS) -> JsonObject:
+    """Return a commit as followers get it; terms as N-Triples write them.
+
+    Above ``limit`` statements there are only counts, and an address for the whole.
+    """
+    commit = change.commit
+    lists = (change.added, change.removed, change.inferred_added, change.inferred_removed)
+    count = sum(map(len, lists))
+    data: JsonObject = {
+        "seq": commit.seq,
+        "time": commit.time.isoformat(),
+        "agent": change.agent or "",
+        "activity": commit.activity.value if commit.activity else "",
+        "note": change.note or "",
+    }
+    if limit is not None and count > limit:
+        return {**data, "truncated": True, "statements": count, "whole": f"/changes/{commit.seq}"}
+    added, removed, inferred_added, inferred_removed = map(_quads, lists)
+    return {
+        **data,
+        "added": added,
+        "removed": removed,
+        "inferred": {"added": inferred_added, "removed": inferred_removed},
+    }
+
+
+def _quads(quads: Iterable[Any]) -> list[list[str]]:
+    return [[str(q.subject), str(q.predicate), str(q.object), _graph(q.graph_name)] for q in quads]
+
+
+def _graph(graph: Any) -> str:
+    return str(graph) if isinstance(graph, NamedNode) else ""
+
+
+def rows_data(change: RowChange) -> JsonObject:
+    """Return what became of a standing query's rows."""
+    return {"seq": change.seq, "added": _rows(change.added), "removed": _rows(change.removed)}
+
+
+def _rows(solutions: Solutions) -> list[JsonObject]:
+    return [
+        {name: None if term is None else str(term) for name, term in row.items()}
+        for row in (dict(zip(solutions.variables, row, strict=True)) for row in solutions)
+    ]
+
+
+def event(name: str, data: JsonObject, id_: str = "") -> bytes:
+    """Return one server-sent event (HTML Standard, 9.2.6).
+
+    Examples
+    --------
+    >>> event("bye", {}, "1:2")
+    b'id: 1:2\\nevent: bye\\ndata: {}\\n\\n'
+    """
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"))
+    start = f"id: {id_}\n" if id_ else ""
+    return f"{start}event: {name}\ndata: {text}\n\n".encode()

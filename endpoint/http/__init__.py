@@ -1,0 +1,1 @@
+"""HTTP messages, bodies, streams and errors, independent of any server."""

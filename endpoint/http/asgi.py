@@ -1,0 +1,371 @@
+"""The asynchronous front: robots' websockets and programs' requests; pages go on to Flask.
+
+What programs ask runs on the gateway's threads, so a stalled download or a slow page keeps nobody
+from the graph, and `/health` is answered whatever else is busy.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, cast
+
+from a2wsgi import WSGIMiddleware
+from flask import Flask
+
+from endpoint.application import Gateway, Job
+from endpoint.follow.changes import Changes, Stream
+from endpoint.http.body_buffer import Spool
+from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.http.response_stream import SEND_IDLE_S, Wire, send
+from endpoint.http.websocket import Connections, Message, Receive, Transmit
+from endpoint.rosbridge.session import Bridge
+from endpoint.sparql.deferred import Plan
+from endpoint.sparql.negotiation import prefers_html
+from rtask.errors import RtaskError
+
+_log = logging.getLogger(__name__)
+SMALL_BODY = 16 << 10
+BODY_IDLE_S = 30.0
+WATCH_AFTER_S = 0.05
+MAX_HELD_BYTES = 1 << 30
+REVOCATION_CHECK_S = 0.5
+PAGE_THREADS = 16
+
+
+class Front:
+    """The ASGI application.
+
+    Parameters
+    ----------
+    gateway
+        Answers programs.
+    bridge
+        Answers robots.
+    pages
+        The Flask application.
+    """
+
+    def __init__(self, gateway: Gateway, bridge: Bridge, pages: Flask) -> None:
+        self._gateway = gateway
+        self._held = 0
+        self.connections = Connections(bridge, gateway.auth)
+        self.changes = Changes(gateway)
+        gateway.more_gauges["rtask_subscribers"] = lambda: len(self.changes)
+        gateway.more_gauges["rtask_robots_connected"] = lambda: len(self.connections)
+        gateway.more_gauges["rtask_upload_bytes_held"] = lambda: self._held
+        # a2wsgi types the same interfaces in words of its own.
+        self._pages: Any = WSGIMiddleware(cast(Any, pages.wsgi_app), workers=PAGE_THREADS)
+
+    @property
+    def drain_delay_s(self) -> float:
+        """Seconds from "not ready" to the end of listening."""
+        return self._gateway.config.drain_delay_s
+
+    def drain(self) -> None:
+        """Be ready for nothing more."""
+        self._gateway.drain()
+
+    async def __call__(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
+        """Serve one connection of the server."""
+        if scope["type"] == "lifespan":
+            await self._lifespan(receive, transmit)
+        elif scope["type"] == "websocket":
+            request = self._request(scope, b"")
+            if self.changes.serves(request.raw_path):
+                await self.changes.serve_socket(request, scope, receive, transmit)
+            else:
+                await self.connections.serve(request, scope, receive, transmit)
+        else:
+            await self._http(scope, receive, transmit)
+
+    async def _lifespan(self, receive: Receive, transmit: Transmit) -> None:
+        await receive()
+        watch = asyncio.create_task(self._watch_tokens())
+        await transmit({"type": "lifespan.startup.complete"})
+        await receive()
+        watch.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await watch
+        await transmit({"type": "lifespan.shutdown.complete"})
+
+    async def _watch_tokens(self) -> None:
+        while True:
+            await asyncio.sleep(REVOCATION_CHECK_S)
+            await self.connections.close_revoked()
+            await self.changes.close_revoked()
+
+    async def _http(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
+        request = self._request(scope, b"")
+        try:
+            if _is_large(request):
+                await self._check_sender(request)
+            body = await self._read_body(scope, receive)
+        except RtaskError as error:
+            await self._refuse(error, request, transmit)
+            return
+        if body is None:  # cut off half-way: nothing may be executed
+            return
+        request = replace(request, body=body) if body else request
+        if self.changes.serves(request.raw_path) and request.method != "OPTIONS":
+            await self._follow(request, Wire(scope, receive, transmit))
+        elif self._gateway.serves(request.raw_path) and not _wants_page(request):
+            await self._program(request, Wire(scope, receive, transmit))
+        else:
+            await self._page(request, scope, transmit)
+
+    async def _follow(self, request: Request, wire: Wire) -> None:
+        """Let a program follow the graph; the answer ends when either side has enough."""
+        gateway = self._gateway
+        started = time.perf_counter()
+        try:
+            answer = self.changes.open(request)
+        except Exception as error:  # noqa: BLE001 - every error is an answer
+            job = gateway.refused(error, request)
+            response = gateway.run(job)
+        else:
+            job = Job(request, Plan.ready(Response()), started=started)
+            if isinstance(answer, Stream):
+                sent = await answer.send(wire)
+                gateway.report(job, Response(200), sent)
+                return
+            job.plan = Plan.ready(answer)
+            response = gateway.run(job)
+        sent, whole = await send(response, request.method, wire)
+        gateway.report(job, response, sent, whole=whole)
+
+    async def _program(self, request: Request, wire: Wire) -> None:
+        """Answer a program."""
+        gateway = self._gateway
+        if len(request.body) <= SMALL_BODY and "content-encoding" not in request.headers:
+            job = gateway.admit(request)
+        else:
+            loop = asyncio.get_running_loop()
+            job = await loop.run_in_executor(gateway.pool, gateway.admit, request)
+        try:
+            if job.plan.lane == "loop":
+                response = gateway.run(job)
+            else:
+                response = await self._work(job, wire)
+            sent, whole = await send(response, request.method, wire)
+        finally:
+            gateway.end(job)
+        gateway.report(job, response, sent, whole=whole)
+
+    async def _work(self, job: Job, wire: Wire) -> Response:
+        """Wait for a thread to do the work, for its deadline, or for the client to leave."""
+        gateway, plan = self._gateway, job.plan
+        loop = asyncio.get_running_loop()
+        answer: asyncio.Future[Response] = loop.create_future()
+        work = gateway.submit(job)
+
+        def deliver() -> None:
+            if answer.done():
+                return
+            if work.cancelled():
+                answer.cancel()
+            else:
+                answer.set_result(work.result())
+
+        def expire() -> None:
+            if not answer.done():
+                answer.set_result(gateway.give_up(work, job))
+
+        work.add_done_callback(lambda _: _call_soon(loop, deliver))
+        timers = []
+        if plan.timeout_s is not None:
+            timers.append(loop.call_later(plan.timeout_s, expire))
+        if plan.running is not None:
+            timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.running.stop))
+        try:
+            return await answer
+        finally:
+            for timer in timers:
+                timer.cancel()
+
+    async def _page(self, request: Request, scope: Message, transmit: Transmit) -> None:
+        """Let Flask answer a person; count and log it like everything else."""
+        started = time.perf_counter()
+        seen = _Seen(transmit)
+        try:
+            await self._pages(
+                _with_length(scope, request.body, request.id),
+                _replay(request.body),
+                _impatient(seen.transmit),
+            )
+        finally:
+            job = Job(request, Plan.ready(Response()), started=started)
+            self._gateway.report(job, Response(seen.status), seen.bytes)
+
+    async def _check_sender(self, request: Request) -> None:
+        """Refuse who may not send anything large before it is read."""
+        self._gateway.auth.identify(request, token_in_url=False)
+
+    async def _refuse(self, error: RtaskError, request: Request, transmit: Transmit) -> None:
+        """Answer without reading on; the connection cannot be used again."""
+        job = self._gateway.refused(error, request)
+        response = self._gateway.run(job).with_headers(("Connection", "close"))
+        sent, _ = await send(response, request.method, Wire({}, _never, transmit))
+        self._gateway.report(job, response, sent)
+
+    async def _read_body(self, scope: Message, receive: Receive) -> bytes | None:
+        """Read a body whole; none when the client left before its end.
+
+        Raises
+        ------
+        RefusedError
+            413 beyond the limit, 408 when nothing comes, 503 when too much is on its way already.
+        StorageFullError
+            There is no room for a large one.
+        """
+        if scope["method"] in ("GET", "HEAD") and not _announces_body(scope):
+            return b""
+        allowed = self._gateway.config.max_upload_bytes
+        size = 0
+        spool = Spool()
+        try:
+            while True:
+                message = await _next_message(receive)
+                if message["type"] == "http.disconnect":
+                    return None
+                piece = message.get("body", b"")
+                spool.write(piece)
+                size += len(piece)
+                self._held += len(piece)
+                if size > allowed:
+                    raise RefusedError(413, "too-large", f"the body is above {allowed} bytes")
+                if self._held > MAX_HELD_BYTES:
+                    raise RefusedError(
+                        503,
+                        "busy",
+                        "too many uploads at once; try again",
+                        headers=(("Retry-After", "5"),),
+                    )
+                if not message.get("more_body"):
+                    return await spool.read()
+        finally:
+            self._held -= size
+            spool.close()
+
+    def _request(self, scope: Message, body: bytes) -> Request:
+        headers: dict[str, str] = {}
+        for name, value in scope["headers"]:
+            key, text = name.decode("latin-1"), value.decode("latin-1")
+            headers[key] = f"{headers[key]}, {text}" if key in headers else text
+        host = headers.get("host") or "{}:{}".format(*(scope.get("server") or ("localhost", 80)))
+        client = scope.get("client")
+        raw_path = scope.get("raw_path") or scope["path"].encode()
+        return Request(
+            scope.get("method", "GET"),
+            raw_path.decode("latin-1"),
+            scope["query_string"].decode("latin-1"),
+            headers,
+            body,
+            self._gateway.config.site(scope["scheme"], host),
+            client[0] if client else "",
+        )
+
+
+def _wants_page(request: Request) -> bool:
+    """Tell whether a person opens the workbench at the protocol's own address."""
+    return (
+        request.method in ("GET", "HEAD")
+        and request.raw_path.rstrip("/") == "/sparql"
+        and prefers_html(request.header("accept"))
+    )
+
+
+async def _next_message(receive: Receive) -> Message:
+    try:
+        async with asyncio.timeout(BODY_IDLE_S):
+            return await receive()
+    except TimeoutError:
+        raise RefusedError(408, "timeout", "the body did not arrive") from None
+
+
+def _is_large(request: Request) -> bool:
+    """Tell whether a large body is announced, or one of unknown size."""
+    length = request.headers.get("content-length", "")
+    if "transfer-encoding" in request.headers:
+        return True
+    return length.isdigit() and int(length) > SMALL_BODY
+
+
+def _call_soon(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+    """Call back on the loop from a thread; the loop may be gone when work ends late."""
+    with contextlib.suppress(RuntimeError):
+        loop.call_soon_threadsafe(callback)
+
+
+async def _never() -> Message:
+    await asyncio.Event().wait()
+    raise AssertionError
+
+
+def _announces_body(scope: Message) -> bool:
+    return any(name in (b"content-length", b"transfer-encoding") for name, _ in scope["headers"])
+
+
+def _with_length(scope: Message, body: bytes, request_id: str) -> Message:
+    """Say how long the body is, for a chunked one would reach WSGI empty; and name the request."""
+    headers = [
+        (name, value)
+        for name, value in scope["headers"]
+        if name not in (b"content-length", b"transfer-encoding", b"rtask-request-id")
+    ]
+    own = [
+        (b"content-length", str(len(body)).encode()),
+        (b"rtask-request-id", request_id.encode()),
+    ]
+    return {**scope, "headers": [*headers, *own]}
+
+
+class _Seen:
+    """What Flask answered, for the log."""
+
+    def __init__(self, transmit: Transmit) -> None:
+        self._transmit = transmit
+        self.status, self.bytes = 500, 0
+
+    async def transmit(self, message: Message) -> None:
+        """Pass a message on."""
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+        else:
+            self.bytes += len(message.get("body", b""))
+        await self._transmit(message)
+
+
+def _replay(body: bytes) -> Receive:
+    """Give a body that was read already to another application."""
+    messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def receive() -> Message:
+        if messages:
+            return messages.pop()
+        await asyncio.Event().wait()  # the other side leaving is seen when writing
+        raise AssertionError
+
+    return receive
+
+
+def _impatient(transmit: Transmit) -> Transmit:
+    """Let a page's thread go when its client reads nothing: what is left is swallowed."""
+    gone = False
+
+    async def send(message: Message) -> None:
+        nonlocal gone
+        if gone:
+            return
+        try:
+            async with asyncio.timeout(SEND_IDLE_S):
+                await transmit(message)
+        except TimeoutError:
+            gone = True
+            _log.warning("a client stopped reading a page")
+
+    return send

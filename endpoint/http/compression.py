@@ -1,0 +1,108 @@
+"""Answers and bodies in gzip (RFC 9110, 8.4 and 12.5.3)."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from dataclasses import replace
+from functools import lru_cache
+
+from endpoint.http.messages import RefusedError, Request, Response
+from rtask.errors import TooLargeError
+
+SMALLEST = 1_024
+_LEVEL = 1  # the network of a robot is slow, its server busy: the first level does most of it
+_PIECE = 1 << 20
+
+
+@lru_cache(maxsize=256)
+def accepts_gzip(header: str) -> bool:
+    """Tell whether a client wants gzip: named with q > 0, and not below ``identity``.
+
+    Examples
+    --------
+    >>> [accepts_gzip(h) for h in ("gzip, deflate", "gzip;q=0", "identity", "*", "")]
+    [True, False, False, True, False]
+    """
+    qualities: dict[str, float] = {}
+    for element in header.lower().split(","):
+        name, *parameters = (part.strip() for part in element.split(";"))
+        quality = 1.0
+        for parameter in parameters:
+            if parameter.startswith("q="):
+                try:
+                    quality = float(parameter[2:])
+                except ValueError:
+                    quality = 0.0
+        qualities[name] = quality
+    wanted = qualities.get("gzip", qualities.get("*", 0.0))
+    return wanted > 0 and wanted >= qualities.get("identity", 0.0)
+
+
+def wants_gzip(request: Request) -> bool:
+    """Tell whether the answer to a request is to be compressed, if it is large."""
+    header = request.headers.get("accept-encoding")
+    return bool(header) and accepts_gzip(header or "")
+
+
+def compressed(response: Response, request: Request) -> Response:
+    """Return a response in gzip where the client takes it and it pays."""
+    if len(response.body) < SMALLEST or response.chunks is not None or not wants_gzip(request):
+        return response
+    taken = {name.lower() for name, _ in response.headers}
+    if response.status != 200 or "content-encoding" in taken or "accept-ranges" in taken:
+        return response
+    body = gzip.compress(response.body, _LEVEL, mtime=0)
+    headers = tuple((name, mark(name, value)) for name, value in response.headers)
+    return replace(response, body=body, headers=(*headers, ("Content-Encoding", "gzip")))
+
+
+def mark(name: str, value: str) -> str:
+    """Return a header of a compressed answer: a strong entity tag names these bytes only."""
+    if name.lower() == "etag" and value.startswith('"'):
+        return f'{value[:-1]}-gzip"'
+    return value
+
+
+def unpacked(body: bytes, encoding: str, allowed: int) -> bytes:
+    """Return a request body without its Content-Encoding.
+
+    Raises
+    ------
+    RefusedError
+        415 for another encoding than gzip, 400 for one that is broken.
+    TooLargeError
+        It unpacks to more than is allowed; what a few bytes can unpack to is never held.
+
+    Examples
+    --------
+    >>> unpacked(gzip.compress(b"ASK {}"), "gzip", 100)
+    b'ASK {}'
+    """
+    encoding = encoding.strip().lower()
+    if encoding in ("", "identity"):
+        return body
+    if encoding not in ("gzip", "x-gzip"):
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            f"Content-Encoding {encoding!r} is not read here; gzip is",
+            headers=(("Accept-Encoding", "gzip, identity"),),
+        )
+    reader = zlib.decompressobj(wbits=31)
+    pieces, size, rest = [], 0, body
+    try:
+        while rest and not reader.eof:
+            piece = reader.decompress(rest, _PIECE)
+            rest = reader.unconsumed_tail
+            size += len(piece)
+            if size > allowed:
+                raise TooLargeError(f"the body unpacks to more than {allowed} bytes", limit=allowed)
+            pieces.append(piece)
+            if not piece and not rest:
+                break
+    except zlib.error as error:
+        raise RefusedError(400, "usage", f"the body is not gzip: {error}") from None
+    if not reader.eof:
+        raise RefusedError(400, "usage", "the gzip body is cut off")
+    return b"".join(pieces)

@@ -1,0 +1,98 @@
+"""Which commit an answer shows, and since when a graph is as it is: for conditional requests."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import threading
+
+from endpoint.http.messages import Request
+from rtask.kb.commit.commit import Change
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import Graph
+
+# A query that calls these has another answer each time, though nothing was written.
+_UNSTEADY = re.compile(r"\b(?:NOW|RAND|UUID|STRUUID|BNODE|SERVICE)\b", re.I)
+
+
+class Versions:
+    """Numbers of commits as HTTP shows them.
+
+    A graph's number is that of the last commit that changed it since this server started, else that
+    of the last commit before: too new at worst, so a client reads once more than it had to.
+
+    Parameters
+    ----------
+    kb
+        The knowledge base.
+    """
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._epoch = kb.settings.epoch
+        self._started_at = kb.seq
+        self._graphs: dict[Graph, int] = {}
+        self._lock = threading.Lock()
+        self._stop = kb.on_commit(self._note)
+
+    def _note(self, change: Change) -> None:
+        with self._lock:
+            for graph in change.graphs:
+                self._graphs[graph] = change.commit.seq
+
+    def current(self) -> str:
+        """Return epoch and number of the last commit."""
+        return f"{self._epoch}:{self._kb.seq}"
+
+    def of_query(self, text: str, *parts: object) -> str:
+        """Return the weak entity tag of a query's answer; empty where it has none.
+
+        Parameters
+        ----------
+        text
+            The query.
+        *parts
+            What else the answer depends on: dataset, media type, rights.
+        """
+        if _UNSTEADY.search(text):
+            return ""
+        digest = hashlib.blake2b(repr((text, *parts)).encode("utf-8", "replace"), digest_size=8)
+        return f'W/"{self._epoch}-{self._kb.seq}-{digest.hexdigest()}"'
+
+    def of_graph(self, graph: Graph | None, media_type: str) -> str:
+        """Return the strong entity tag of a graph in a media type; of the whole dataset for none.
+
+        Take it before reading the graph: a commit in between makes the tag too old, never too new.
+        """
+        if graph is None:
+            number = self._kb.seq
+        else:
+            with self._lock:
+                number = self._graphs.get(graph, self._started_at)
+        return f'"{self._epoch}-{number}-{media_type.replace("/", "-").replace("+", "-")}"'
+
+    def close(self) -> None:
+        """Listen to no more commits."""
+        self._stop()
+
+
+def is_known(request: Request, etag: str) -> bool:
+    """Tell whether a client has this answer already (RFC 9110, 13.1.2: weak comparison)."""
+    sent = request.headers.get("if-none-match")
+    if not sent or not etag:
+        return False
+    known = [tag.strip().removeprefix("W/") for tag in sent.split(",")]
+    return sent.strip() == "*" or _opaque(etag) in {_opaque(tag) for tag in known}
+
+
+def names(header: str, etag: str) -> bool:
+    """Tell whether If-Match names the graph that `etag` stands for, in whatever media type."""
+    wanted = _opaque(etag).rpartition("-")[0]
+    stem = "-".join(_opaque(etag).split("-")[:2])
+    tags = [tag.strip() for tag in header.split(",") if not tag.strip().startswith("W/")]
+    return bool(wanted) and any("-".join(_opaque(tag).split("-")[:2]) == stem for tag in tags)
+
+
+def _opaque(etag: str) -> str:
+    """Return what is between the quotes, without the mark of a compressed answer."""
+    return etag.removeprefix("W/").strip('"').removesuffix("-gzip")

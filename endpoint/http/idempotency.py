@@ -1,0 +1,117 @@
+"""Requests that may be sent again (draft-ietf-httpapi-idempotency-key-header).
+
+The key of what is told becomes its ``task_id`` in the graph, so a restart forgets nothing: the
+engine stores each id of an agent once and answers a repetition with what the first one stored.
+Changes by people have no such id; their answers are remembered by this process, and after a restart
+a repetition is refused, since what it would move is no longer where it was. That a key comes again
+with another body is noticed as long as this process remembers the first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any
+
+from endpoint.http.messages import RefusedError, Request
+from rtask.errors import UsageError
+
+HEADER = "idempotency-key"
+KEPT = 10_000
+_KEY = re.compile(r"[A-Za-z0-9._:-]{1,200}")
+_TOLD = ("insert_object", "report_outcome", "teach_object")
+_CHANGED = ("curate_object",)
+Answer = dict[str, Any]
+
+
+class IdempotencyKeys:
+    """Remembers which body a key came with.
+
+    Examples
+    --------
+    >>> with_key("report_outcome", {"success": True}, "k-1")
+    {'success': True, 'task_id': 'k-1'}
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._bodies: OrderedDict[tuple[str, str, str], bytes] = OrderedDict()
+        self._answers: OrderedDict[tuple[str, str], Future[Answer]] = OrderedDict()
+
+    def read(
+        self, request: Request, operation: str, agent: str, args: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Return the arguments with the request's key, where one came.
+
+        Raises
+        ------
+        UsageError
+            The key is malformed.
+        RefusedError
+            422, the key came with another body before.
+        """
+        key = request.headers.get(HEADER)
+        if key is None or operation not in (*_TOLD, *_CHANGED):
+            return args
+        key = key.strip().strip('"')
+        if not _KEY.fullmatch(key):
+            raise UsageError("Idempotency-Key: 1 to 200 letters, digits and . _ : - are wanted")
+        digest = hashlib.sha256(request.body).digest()
+        with self._lock:
+            first = self._bodies.setdefault((agent, operation, key), digest)
+            while len(self._bodies) > KEPT:
+                self._bodies.popitem(last=False)
+        if first != digest:
+            raise RefusedError(
+                422, "idempotency-key-reused", f"the key {key} came with another body before"
+            )
+        return with_key(operation, args, key) if operation in _TOLD else args
+
+    def once(
+        self, request: Request, operation: str, agent: str, run: Callable[[], Answer]
+    ) -> Answer:
+        """Return what the first request of a key was answered; a failed one counts as none.
+
+        A repetition that comes while the first is being carried out waits for it.
+        """
+        key = request.headers.get(HEADER)
+        if key is None or operation not in _CHANGED:
+            return run()
+        mine: Future[Answer] = Future()
+        name = (agent, key.strip().strip('"'))
+        with self._lock:
+            first = self._answers.setdefault(name, mine)
+            while len(self._answers) > KEPT:
+                self._answers.popitem(last=False)
+        if first is not mine:
+            return first.result()
+        try:
+            mine.set_result(run())
+        except BaseException as error:
+            with self._lock:
+                self._answers.pop(name, None)
+            mine.set_exception(error)
+            raise
+        return mine.result()
+
+
+def with_key(operation: str, args: dict[str, Any], key: str) -> dict[str, Any]:
+    """Return arguments whose every told thing has an id; ids that came stay."""
+    if operation != "insert_object" or "objects" not in args:
+        return {**args, "task_id": args.get("task_id") or key}
+    objects = args["objects"]
+    if not isinstance(objects, list):
+        return args
+    return {
+        **args,
+        "objects": [
+            {**one, "task_id": one.get("task_id") or (key if len(objects) == 1 else f"{key}.{k}")}
+            if isinstance(one, dict)
+            else one
+            for k, one in enumerate(objects)
+        ],
+    }

@@ -1,0 +1,74 @@
+"""Is the server alive, and is it ready to work?"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from typing import Any
+
+from endpoint.http.messages import JSON_TYPE, RefusedError, Response
+from endpoint.sparql.deferred import Plan
+from rtask import __version__
+from rtask.knowledge_base import KnowledgeBase
+
+_MIN_FREE_BYTES = 1 << 30
+_TIMEOUT_S = 5.0
+
+
+class Health:
+    """What a supervisor asks.
+
+    Live: the loop answers; a process that is not is to be started anew. Ready: requests will be
+    served; a server that is not gets none for now, and needs no restart.
+
+    Parameters
+    ----------
+    kb
+        The knowledge base.
+
+    Attributes
+    ----------
+    draining
+        Whether the server is about to stop.
+    """
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self.draining = False
+
+    def plan(self, address: str) -> Plan:
+        """Prepare the answer of ``/health``, ``/health/live`` or ``/health/ready``."""
+        if address == "/health/live":
+            return Plan.ready(_answer({"live": True}, True))
+        if address not in ("/health", "/health/ready"):
+            raise RefusedError(
+                404, "not-found", "there are /health, /health/live and /health/ready"
+            )
+        return Plan(self._ready, _TIMEOUT_S)
+
+    def _ready(self) -> Response:
+        failing = self._failing()
+        members = {
+            "live": True,
+            "ready": not failing,
+            "failing": failing,
+            "version": __version__,
+            "epoch": self._kb.settings.epoch,
+            "seq": self._kb.seq,
+        }
+        return _answer(members, not failing)
+
+    def _failing(self) -> list[str]:
+        failing = []
+        if self.draining:
+            failing.append("draining")
+        if self._kb.query("ASK {}") is not True:
+            failing.append("store")
+        folder = self._kb.folder
+        if folder is not None and shutil.disk_usage(folder).free < _MIN_FREE_BYTES:
+            failing.append("disk")
+        return failing
+
+
+def _answer(members: dict[str, Any], ok: bool) -> Response:
+    return Response(200 if ok else 503, json.dumps(members).encode(), JSON_TYPE)

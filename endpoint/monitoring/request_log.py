@@ -1,0 +1,126 @@
+"""What is kept of each request: a log line, counts, and the audit trail where it matters."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+
+from endpoint.access.auth import Caller
+from endpoint.config import Config
+from endpoint.http.messages import Request, Response
+from endpoint.monitoring.audit import Audit
+from endpoint.monitoring.log import LineWriter, redacted, timestamp
+from endpoint.monitoring.metrics import Metrics
+from endpoint.sparql.deferred import Plan
+from rtask.kb.commit.commit import Change
+from rtask.knowledge_base import KnowledgeBase
+
+SLOW_S = 1.0
+_MAX_TEXT = 10_000
+
+
+class Report:
+    """Keeps what is to be known afterwards.
+
+    Parameters
+    ----------
+    metrics, audit
+        Where to.
+    config
+        Whether texts of queries are logged.
+    kb
+        For the number of the last commit.
+    writer
+        Of log lines; none writes no log.
+    """
+
+    def __init__(
+        self,
+        metrics: Metrics,
+        audit: Audit,
+        config: Config,
+        kb: KnowledgeBase,
+        writer: LineWriter | None,
+    ) -> None:
+        self._metrics = metrics
+        self._audit = audit
+        self._config = config
+        self._kb = kb
+        self._writer = writer
+
+    def request(
+        self,
+        request: Request,
+        plan: Plan,
+        caller: Caller | None,
+        response: Response,
+        sent: int,
+        started: float,
+        whole: bool = True,
+    ) -> None:
+        """Keep what is known of a request that has ended.
+
+        Parameters
+        ----------
+        sent
+            Bytes of the body that went out.
+        started
+            On the clock of :func:`time.perf_counter`.
+        whole
+            Whether the client got the answer to its end.
+        """
+        seconds = time.perf_counter() - started
+        self._metrics.request(request.raw_path, request.method, response.status, seconds)
+        if plan.form not in ("", "UPDATE") and response.status < 400:
+            outcome = "ok" if whole else "broken-off"
+            self._metrics.count("rtask_query_total", form=plan.form, outcome=outcome)
+        if self._writer is None:
+            return
+        line: dict[str, object] = {
+            "time": timestamp(time.time()),
+            "level": "info",
+            "id": request.id,
+            "method": request.method,
+            "path": redacted(request.raw_path),
+            "status": response.status,
+            "ms": round(seconds * 1e3, 2),
+            "in": len(request.body),
+            "out": sent,
+            "client": request.client,
+        }
+        if caller is not None:
+            line["role"] = caller.access.role
+            if caller.access.agent:
+                line["agent"] = caller.access.agent
+            if caller.token:
+                line["token"] = caller.token.id
+        if plan.form:
+            line["form"], line["seq"] = plan.form, self._kb.seq
+            line["text_sha256"] = hashlib.sha256(plan.text.encode()).hexdigest()[:16]
+            if seconds >= SLOW_S or self._config.log_queries:
+                line["text"] = redacted(plan.text[:_MAX_TEXT])
+        if not whole:
+            line["broken_off"] = True
+        self._writer.put(line)
+
+    def denied(self, request: Request, caller: Caller | None, status: int, detail: str) -> None:
+        """Keep that somebody was not let."""
+        self._metrics.count("rtask_denied_total", status=str(status))
+        self._audit.denied(
+            status,
+            detail,
+            request=request.id,
+            method=request.method,
+            path=request.raw_path[:500],
+            client=request.client,
+            agent=caller.access.agent if caller else None,
+            token=caller.token.id if caller and caller.token else None,
+        )
+
+    def commit(self, change: Change) -> None:
+        """Keep that something was written."""
+        self._metrics.count("rtask_commits_total")
+        commit = change.commit
+        for kind in ("added", "removed", "derived"):
+            self._metrics.count("rtask_commit_quads_total", getattr(commit, kind), kind=kind)
+        self._audit.commit(change)

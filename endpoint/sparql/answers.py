@@ -1,0 +1,224 @@
+"""Answers of queries as they come out of the knowledge base's readers.
+
+A reader is a process of its own that is killed at the query's deadline, when its client leaves or
+when somebody stops it. Two readers are kept for quick queries, so that a robot's look-up does not
+wait for somebody's report.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from endpoint.config import Config
+from endpoint.http.messages import Response
+from endpoint.sparql import negotiation
+from endpoint.sparql.request import QueryRequest
+from endpoint.sparql.running_queries import RunningQuery
+from rtask.errors import ClosedError, QueryTimeout
+from rtask.kb.readers.streams import Stream
+from rtask.knowledge_base import KnowledgeBase
+
+# A reader is killed at its deadline; whoever waits for it allows so much more.
+GRACE_S = 5.0
+POINT_S = 1.0
+_FILE_PIECE = 256 << 10
+POINT_READERS = 2
+LAST_PIECE = 8 << 10  # a reader's first piece is smaller only if it is all there is
+# XML 1.0 has no way to write these; the store writes them raw.
+_CONTROL = bytes(code for code in range(32) if code not in (9, 10, 13))
+_XML_SAFE = bytes.maketrans(_CONTROL, b"?" * len(_CONTROL))
+_XML_TYPES = (negotiation.RESULTS_XML, negotiation.RDF_XML)
+
+
+def xml_safe(data: bytes, media_type: str) -> bytes:
+    """Return bytes in which nothing is left that XML cannot hold."""
+    return data.translate(_XML_SAFE) if media_type in _XML_TYPES else data
+
+
+class SlowerThanItLooksError(Exception):
+    """A point query took its second; it is asked again among the long ones."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked, and how the answer is wanted.
+
+    Parameters
+    ----------
+    query
+        As the client sent it.
+    media_type
+        Of the answer.
+    gzip
+        Whether a large answer is to be packed.
+    headers
+        That the answer carries.
+    running
+        Listed, and can be stopped, until the answer is out.
+    deadline
+        On the monotonic clock.
+    """
+
+    query: QueryRequest
+    media_type: str
+    gzip: bool
+    headers: tuple[tuple[str, str], ...]
+    running: RunningQuery
+    deadline: float
+
+
+class Answers:
+    """Opens answers; at most so many long ones at once.
+
+    Parameters
+    ----------
+    kb
+        Who is asked.
+    config
+        Limits of one answer.
+    """
+
+    def __init__(self, kb: KnowledgeBase, config: Config) -> None:
+        self._kb = kb
+        self._config = config
+        self._slow = threading.BoundedSemaphore(max(1, kb.readers.limits.count - POINT_READERS))
+
+    def open(self, question: Question, *, point: bool) -> Response:
+        """Begin an answer; its first piece is there when this returns.
+
+        Raises
+        ------
+        SlowerThanItLooksError
+            It was taken for a point query and is none.
+        QueryTimeout
+            The time is over; waiting counts.
+        RtaskError
+            There is no answer; says why.
+        """
+        left = question.deadline - time.monotonic()
+        if point:
+            try:
+                return self._begin(question, min(POINT_S, left), None)
+            except QueryTimeout:
+                if question.deadline - time.monotonic() > 0.0 and not question.running.stopped:
+                    raise SlowerThanItLooksError from None
+                raise
+        if left <= 0 or not self._slow.acquire(timeout=left):
+            raise QueryTimeout("the query waited for others until its time was over")
+        try:
+            return self._begin(question, question.deadline - time.monotonic(), self._slow)
+        except BaseException:
+            self._slow.release()
+            raise
+
+    def _begin(
+        self, question: Question, timeout_s: float, slot: threading.BoundedSemaphore | None
+    ) -> Response:
+        query, running = question.query, question.running
+        if running.stopped:
+            raise ClosedError("the query was stopped")
+        is_xml = question.media_type in _XML_TYPES
+        stream = self._kb.stream(
+            query.text,
+            question.media_type,
+            timeout_s=max(0.001, timeout_s),
+            inferred=query.inferred,
+            default_graphs=query.default_graphs or None,
+            named_graphs=query.named_graphs or None,
+            base_iri=query.base or None,
+            gzip=question.gzip and not is_xml,
+            max_rows=self._config.max_rows,
+            max_bytes=self._config.max_result_bytes,
+            on_start=lambda started: running.on_stop(started.close),
+        )
+        pieces = Pieces(stream, slot if slot else None, is_xml)
+        try:
+            first = next(pieces, b"")
+            if len(first) < LAST_PIECE and not stream.gzip:
+                first += b"".join(pieces)
+                pieces.close()
+                return self._response(question, first, None, question.headers)
+        except BaseException:
+            pieces.close(keep_slot=True)
+            raise
+        headers = question.headers
+        if stream.gzip:
+            headers = (*headers, ("Content-Encoding", "gzip"))
+        return self._response(question, first, pieces, headers)
+
+    @staticmethod
+    def _response(
+        question: Question,
+        body: bytes,
+        chunks: Pieces | None,
+        headers: tuple[tuple[str, str], ...],
+    ) -> Response:
+        content_type = negotiation.content_type(question.media_type)
+        return Response(200, body, content_type, headers, chunks)
+
+
+class FilePieces(Iterator[bytes]):
+    """The pieces of an answer that was written to a file.
+
+    Parameters
+    ----------
+    file
+        At its beginning; closed at the end.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def __iter__(self) -> FilePieces:
+        return self
+
+    def __next__(self) -> bytes:
+        piece = self._file.read(_FILE_PIECE)
+        if not piece:
+            raise StopIteration
+        return piece
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._file.close()
+
+
+class Pieces(Iterator[bytes]):
+    """The pieces of one answer.
+
+    Parameters
+    ----------
+    stream
+        Where they come from.
+    slot
+        Given back at the end.
+    is_xml
+        Whether bytes that XML cannot hold are to be replaced.
+    """
+
+    def __init__(
+        self, stream: Stream, slot: threading.BoundedSemaphore | None, is_xml: bool
+    ) -> None:
+        self._stream = stream
+        self._slot = slot
+        self._is_xml = is_xml
+        self._lock = threading.Lock()
+
+    def __iter__(self) -> Pieces:
+        return self
+
+    def __next__(self) -> bytes:
+        piece = next(self._stream)
+        return piece.translate(_XML_SAFE) if self._is_xml else piece
+
+    def close(self, *, keep_slot: bool = False) -> None:
+        """End the query if it runs, and let the next begin."""
+        self._stream.close()
+        with self._lock:
+            slot, self._slot = self._slot, None
+        if slot is not None and not keep_slot:
+            slot.release()

@@ -1,0 +1,329 @@
+"""Whole graphs over HTTP: SPARQL 1.1 Graph Store HTTP Protocol.
+
+`?default` is the graph that statements without a graph go to: in a plain store the default graph,
+else the caller's own graph or the shared one. What is put there is what is read back.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import uuid
+from dataclasses import dataclass
+from email.parser import BytesParser
+from email.policy import HTTP
+from pathlib import PurePosixPath
+
+from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
+
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.config import Config
+from endpoint.http.compression import wants_gzip
+from endpoint.http.conditional import Versions, is_known, names
+from endpoint.http.messages import RefusedError, Request, Response, split_media_type
+from endpoint.sparql import negotiation
+from endpoint.sparql.answers import GRACE_S, Answers, FilePieces, Question
+from endpoint.sparql.deferred import Plan
+from endpoint.sparql.request import QueryRequest, absolute_iri
+from endpoint.sparql.running_queries import RunningQuery
+from rtask.errors import VersionConflictError
+from rtask.kb.commit.transaction import Transaction
+from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.terms import Graph
+
+ADDRESS = "/store"
+METHODS = ("GET", "HEAD", "PUT", "POST", "DELETE", "OPTIONS")
+FORMATS = {
+    "text/turtle": "turtle",
+    "application/x-turtle": "turtle",
+    "application/n-triples": "nt",
+    "application/rdf+xml": "rdfxml",
+    "application/ld+json": "jsonld",
+    "text/n3": "n3",
+    "application/n-quads": "nquads",
+    "application/trig": "trig",
+}
+_SUFFIXES = {
+    ".ttl": "turtle",
+    ".nt": "nt",
+    ".rdf": "rdfxml",
+    ".jsonld": "jsonld",
+    ".n3": "n3",
+    ".nq": "nquads",
+    ".trig": "trig",
+}
+_QUADS = ("nquads", "trig")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One document of a request body; `format` as the loader names it."""
+
+    data: bytes
+    format: str
+
+
+class GraphStore:
+    """The addresses below ``/store``.
+
+    Parameters
+    ----------
+    kb
+        Where the graphs are.
+    auth
+        Decides who writes at all.
+    config
+        Public address and profile.
+    versions
+        Since when a graph is as it is.
+    answers
+        Reads whole graphs.
+    """
+
+    def __init__(
+        self,
+        kb: KnowledgeBase,
+        auth: Authenticator,
+        config: Config,
+        versions: Versions,
+        answers: Answers,
+    ) -> None:
+        self._kb = kb
+        self._auth = auth
+        self._config = config
+        self._versions = versions
+        self._answers = answers
+
+    def plan(self, request: Request, caller: Caller) -> Plan:
+        """Prepare a request.
+
+        Raises
+        ------
+        RefusedError
+            400, 405, 406 or 415 with what to do instead.
+        """
+        if request.method not in METHODS:
+            raise RefusedError(
+                405,
+                "method-not-allowed",
+                f"{request.method} is not allowed here; use {', '.join(METHODS)}",
+                headers=(("Allow", ", ".join(METHODS)),),
+            )
+        graph = self._target(request, caller)
+        if request.method in ("GET", "HEAD"):
+            return self._plan_read(request, caller, graph)
+        self._auth.require_write(request, caller)
+        if request.method == "DELETE":
+            return Plan(lambda: self._delete(request, caller, graph))
+        write = self._put if request.method == "PUT" else self._post
+        parts = _parts(request)
+        return Plan(lambda: write(request, caller, graph, parts))
+
+    def _target(self, request: Request, caller: Caller) -> Graph | None:
+        """Return the graph a request is about; none for the whole dataset (GSP, 4.1 and 4.2)."""
+        names = request.values("graph")
+        default = any(name == "default" for name, _ in request.parameters)
+        if len(names) > 1 or (names and default):
+            raise RefusedError(400, "usage", "name one graph: `graph=<iri>` or `default`")
+        if names:
+            return NamedNode(absolute_iri(names[0], "graph"))
+        if default:
+            return self._kb.access(access=caller.access).home()
+        if request.raw_path.rstrip("/") == ADDRESS:
+            return None
+        return NamedNode(absolute_iri(request.url, "graph"))
+
+    # Reading
+
+    def _plan_read(self, request: Request, caller: Caller, graph: Graph | None) -> Plan:
+        offers = negotiation.DATASET_TYPES if graph is None else negotiation.GRAPH_TYPES
+        media_type = negotiation.choose(request.header("accept"), offers)
+        timeout_s = self._config.effective_timeout(None, caller.access.role)
+        text = f"CONSTRUCT {{ ?s ?p ?o }} WHERE {_pattern(graph)}"
+        running = RunningQuery(request.id, caller, text, timeout_s)
+
+        def run() -> Response:
+            if graph is not None and not self._exists(graph):
+                raise _missing(graph)
+            etag = self._versions.of_graph(graph, media_type)
+            headers = (("ETag", etag),)
+            if is_known(request, etag):
+                return Response(304, headers=headers)
+            content_type = negotiation.content_type(media_type)
+            if request.method == "HEAD":
+                return Response(200, b"", content_type, headers)
+            if graph is None:
+                return Response(200, b"", content_type, headers, self._dump(media_type))
+            question = Question(
+                QueryRequest(text),
+                media_type,
+                wants_gzip(request),
+                headers,
+                running,
+                running.started + timeout_s,
+            )
+            return self._answers.open(question, point=False)
+
+        return Plan(run, timeout_s + GRACE_S, "query", "GRAPH", text, running)
+
+    def _dump(self, media_type: str) -> FilePieces:
+        """Write all graphs to a file that is gone when it has been sent."""
+        file = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the pieces
+        try:
+            self._kb.dump(file, RdfFormat.from_media_type(media_type))
+        except BaseException:
+            file.close()
+            raise
+        file.seek(0)
+        return FilePieces(file)
+
+    def _exists(self, graph: Graph) -> bool:
+        """Tell whether a graph is there, empty ones included; the default graph always is."""
+        if isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
+            return True
+        return bool(self._kb.query(f"ASK {{ GRAPH <{graph.value}> {{}} }}"))
+
+    # Writing
+
+    def _put(
+        self, request: Request, caller: Caller, graph: Graph | None, parts: list[Part]
+    ) -> Response:
+        """Replace a graph, or every graph the caller may write (GSP, 5.3)."""
+        existed = graph is None or self._exists(graph)
+        version = self._check_preconditions(request, graph, existed)
+        note = f"graph store PUT, {caller.note(request)}"
+        with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
+            if graph is None:
+                tx.update("DROP ALL")
+            else:
+                tx.update(f"CLEAR SILENT {_reference(graph)}")
+            if isinstance(graph, NamedNode):
+                tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
+            self._load(tx, request, graph, parts)
+        return Response(204 if existed else 201)
+
+    def _post(
+        self, request: Request, caller: Caller, graph: Graph | None, parts: list[Part]
+    ) -> Response:
+        """Merge into a graph, or make a new one (GSP, 5.5)."""
+        headers: tuple[tuple[str, str], ...] = ()
+        if graph is None and not all(part.format in _QUADS for part in parts):
+            graph = NamedNode(f"{request.site}{ADDRESS}/{uuid.uuid4()}")
+            headers = (("Location", graph.value),)
+        existed = graph is None or self._exists(graph)
+        version = self._check_preconditions(request, graph, existed)
+        note = f"graph store POST, {caller.note(request)}"
+        with self._kb.transaction(access=caller.access, note=note, if_version=version) as tx:
+            if isinstance(graph, NamedNode) and not existed:
+                tx.update(f"CREATE SILENT GRAPH <{graph.value}>")
+            self._load(tx, request, graph, parts)
+        return Response(204 if existed else 201, headers=headers)
+
+    def _load(
+        self, tx: Transaction, request: Request, graph: Graph | None, parts: list[Part]
+    ) -> None:
+        where = graph if isinstance(graph, NamedNode) else None
+        base = where.value if where else request.url
+        for part in parts:
+            if graph is not None and part.format in _QUADS:
+                raise RefusedError(
+                    400, "usage", "a document with graphs of its own; send it to /store itself"
+                )
+            tx.load(part.data, part.format, graph=where, base=base)
+
+    def _delete(self, request: Request, caller: Caller, graph: Graph | None) -> Response:
+        """Remove a graph (GSP, 5.4); the default graph goes on existing, empty."""
+        existed = graph is None or self._exists(graph)
+        if graph is not None and not existed:
+            raise _missing(graph)
+        version = self._check_preconditions(request, graph, existed)
+        if graph is None:
+            text = "DROP ALL"
+        elif isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
+            text = f"CLEAR SILENT {_reference(graph)}"
+        else:
+            text = f"DROP {_reference(graph)}"
+        note = f"graph store DELETE, {caller.note(request)}"
+        self._kb.update(text, access=caller.access, note=note, if_version=version)
+        return Response(204)
+
+    def _check_preconditions(
+        self, request: Request, graph: Graph | None, existed: bool
+    ) -> int | None:
+        """Compare If-Match and If-None-Match (RFC 9110, 13.1).
+
+        Returns
+        -------
+        version
+            The commit that was looked at, where the change depends on it: another commit between
+            this look and the change makes the change fail.
+        """
+        version = self._kb.seq
+        if request.header("if-none-match") == "*" and existed:
+            raise VersionConflictError("the graph is there already")
+        wanted = request.header("if-match")
+        if not wanted:
+            return None
+        if not existed or (wanted != "*" and not names(wanted, self._etag(graph))):
+            raise VersionConflictError("the graph is no longer the one that If-Match names")
+        return version
+
+    def _etag(self, graph: Graph | None) -> str:
+        return self._versions.of_graph(graph, "any")
+
+
+def _parts(request: Request) -> list[Part]:
+    """Read the documents of a body, each by its own Content-Type."""
+    media_type, _ = request.content_type
+    if media_type == "multipart/form-data":
+        return _multipart(request)
+    if not request.body.strip():
+        return []
+    return [Part(request.body, _format(media_type))]
+
+
+def _multipart(request: Request) -> list[Part]:
+    head = f"Content-Type: {request.header('content-type')}\r\n\r\n".encode()
+    message = BytesParser(policy=HTTP).parsebytes(head + request.body)
+    if not message.is_multipart():
+        raise RefusedError(400, "usage", "the multipart body has no parts; is the boundary right?")
+    parts = []
+    for piece in message.iter_parts():
+        data = piece.get_payload(decode=True)
+        assert isinstance(data, bytes)
+        if piece.get("Content-Type"):
+            format_ = _format(piece.get_content_type())
+        else:
+            format_ = _SUFFIXES.get(PurePosixPath(piece.get_filename() or "").suffix.lower(), "")
+        if not format_:
+            raise RefusedError(415, "unsupported-media-type", "a part without a Content-Type")
+        parts.append(Part(data, format_))
+    return parts
+
+
+def _format(media_type: str) -> str:
+    found = FORMATS.get(split_media_type(media_type)[0])
+    if not found:
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            f"Content-Type {media_type or '(none)'} is not RDF; use {', '.join(FORMATS)}",
+            headers=(("Accept", ", ".join(FORMATS)),),
+        )
+    return found
+
+
+def _pattern(graph: Graph | None) -> str:
+    if graph is None:
+        return "{ GRAPH ?g { ?s ?p ?o } }"
+    if isinstance(graph, DefaultGraph):
+        return "{ ?s ?p ?o }"
+    return f"{{ GRAPH <{graph.value}> {{ ?s ?p ?o }} }}"
+
+
+def _reference(graph: Graph) -> str:
+    return "DEFAULT" if isinstance(graph, DefaultGraph) else f"GRAPH <{graph.value}>"
+
+
+def _missing(graph: Graph) -> RefusedError:
+    name = graph.value if isinstance(graph, NamedNode) else "the default graph"
+    return RefusedError(404, "not-found", f"no graph {name}", graph=name)

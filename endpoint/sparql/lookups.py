@@ -1,0 +1,97 @@
+"""Look-ups answered where they arrive: what is known about one thing, from the store at hand.
+
+A robot asks this again and again, and handing it to another process takes longer than the answer.
+It runs on the server's own loop, so it is bounded twice: the form of the query makes its cost
+proportional to the statements about one subject, and it is broken off when these are many.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from typing import Any
+
+from pyoxigraph import QueryResultsFormat
+
+from endpoint.http.messages import Response
+from endpoint.sparql import negotiation
+from endpoint.sparql.answers import Question, xml_safe
+from rtask.knowledge_base import KnowledgeBase
+
+BUDGET_S = 0.005
+MAX_BYTES = 64 << 10
+_MAX_KNOWN_SLOW = 1_000
+_FORMATS = {
+    media_type: QueryResultsFormat.from_media_type(media_type)
+    for media_type in negotiation.SOLUTION_TYPES
+}
+
+
+class _EnoughError(Exception):
+    """More than may be answered here."""
+
+
+class _Sink:
+    """Takes an answer as long as it is small and quick."""
+
+    def __init__(self, until: float) -> None:
+        self.pieces: list[bytes] = []
+        self._until = until
+        self._size = 0
+
+    def write(self, data: bytes) -> int:
+        """Take a piece."""
+        self._size += len(data)
+        if self._size > MAX_BYTES or time.thread_time() > self._until:
+            raise _EnoughError
+        self.pieces.append(data)
+        return len(data)
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+
+class Lookups:
+    """Answers look-ups of one knowledge base.
+
+    Parameters
+    ----------
+    kb
+        Who is asked.
+    """
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._possible = kb.readers.possible
+        self._slow: OrderedDict[str, None] = OrderedDict()
+
+    def try_now(self, question: Question) -> Response | None:
+        """Return the answer of a look-up; none where it must be asked elsewhere.
+
+        Parameters
+        ----------
+        question
+            Its text is one that :func:`endpoint.sparql.quick_queries.is_lookup` accepts.
+        """
+        text = question.query.text
+        form = _FORMATS.get(question.media_type)
+        if not self._possible or form is None or text in self._slow:
+            return None
+        started = time.thread_time()  # of this thread: others' work is not its fault
+        sink: Any = _Sink(started + BUDGET_S)
+        try:
+            answer: Any = self._kb.store.query(text, base_iri=question.query.base)
+            answer.serialize(sink, form)
+        except (_EnoughError, SyntaxError, ValueError, RuntimeError, OSError):
+            self._remember_slow(text)
+            return None
+        if time.thread_time() - started > BUDGET_S:
+            self._remember_slow(text)
+        body = xml_safe(b"".join(sink.pieces), question.media_type)
+        content_type = negotiation.content_type(question.media_type)
+        return Response(200, body, content_type, question.headers)
+
+    def _remember_slow(self, text: str) -> None:
+        self._slow[text] = None
+        if len(self._slow) > _MAX_KNOWN_SLOW:
+            self._slow.popitem(last=False)

@@ -1,0 +1,228 @@
+"""Carry out protocol operations on the knowledge base: SPARQL 1.1 Protocol, 2.1.4 to 2.2.4."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from endpoint.access.auth import Caller
+from endpoint.config import Config
+from endpoint.http.compression import wants_gzip
+from endpoint.http.conditional import Versions, is_known
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.outbound_http import Outgoing
+from endpoint.sparql import federation, negotiation
+from endpoint.sparql.answers import GRACE_S, Answers, Question
+from endpoint.sparql.deferred import Plan
+from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
+from endpoint.sparql.limits import Limits, checked_form
+from endpoint.sparql.lookups import Lookups
+from endpoint.sparql.quick_queries import is_lookup, is_point
+from endpoint.sparql.request import QueryRequest, UpdateRequest
+from endpoint.sparql.running_queries import RunningQuery
+from endpoint.sparql.update_trial import try_where
+from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
+from rtask.kb.commit.commit import Commit
+from rtask.knowledge_base import KnowledgeBase
+from rtask.sparql.service_guard import without_services
+
+_CACHED_TEXT = 16_384
+_LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"
+
+
+@lru_cache(maxsize=512)
+def _known_form(text: str, limits: Limits) -> str:
+    return checked_form(text, limits)
+
+
+@lru_cache(maxsize=2_048)
+def _known_lane(text: str) -> str:
+    return "point" if is_point(text) else "query"
+
+
+def _lane(text: str) -> str:
+    return _known_lane(text) if len(text) <= _CACHED_TEXT else "query"
+
+
+def _form(text: str, limits: Limits) -> str:
+    """Robots send the same text again and again; what is short is read once."""
+    if len(text) > _CACHED_TEXT:
+        return checked_form(text, limits)
+    return _known_form(text, limits)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Who answers queries: readers, the store at hand for look-ups, or the client's own cache."""
+
+    answers: Answers
+    lookups: Lookups
+    versions: Versions
+
+
+def plan_query(
+    query: QueryRequest, request: Request, caller: Caller, config: Config, asked: Asked
+) -> Plan:
+    """Prepare a query: limits, format, dataset, and whether the client knows the answer already.
+
+    Raises
+    ------
+    RefusedError
+        Too complex, or no format is acceptable.
+    QuerySyntaxError
+        The text is no query.
+    """
+    lookup = is_lookup(query.text)
+    form = "SELECT" if lookup else _form(query.text, config.limits)
+    if not form:
+        raise QuerySyntaxError(
+            "this is no query: SELECT, ASK, CONSTRUCT or DESCRIBE is wanted; "
+            "send updates as `update=` or application/sparql-update"
+        )
+    offers = negotiation.SOLUTION_TYPES if form in ("SELECT", "ASK") else negotiation.GRAPH_TYPES
+    media_type = negotiation.choose(request.header("accept"), offers)
+    content_type = negotiation.content_type(media_type)
+    etag = asked.versions.of_query(
+        query.text,
+        query.default_graphs,
+        query.named_graphs,
+        query.inferred,
+        query.base,
+        media_type,
+    )
+    headers: tuple[tuple[str, str], ...] = (("ETag", etag),) if etag else ()
+    timeout_s = config.effective_timeout(query.timeout_s, caller.access.role)
+    if query.timeout_s is not None and query.timeout_s > timeout_s:
+        headers = (*headers, ("RTASK-Timeout", f"{timeout_s:g}"))
+    if is_known(request, etag):
+        return Plan.ready(Response(304, headers=headers))
+    if request.method == "HEAD":
+        return Plan.ready(Response(200, b"", content_type, headers))
+    running = RunningQuery(request.id, caller, query.text, timeout_s)
+    question = Question(
+        query,
+        media_type,
+        wants_gzip(request),
+        headers,
+        running,
+        running.started + timeout_s,
+    )
+    if lookup and query.inferred and not (query.default_graphs or query.named_graphs):
+        found = asked.lookups.try_now(question)
+        if found is not None:
+            return Plan(lambda: found, None, "loop", form, query.text)
+
+    lane = "point" if lookup else _lane(query.text)
+
+    def run(point: bool = lane == "point") -> Response:
+        try:
+            return asked.answers.open(_federated(question, config), point=point)
+        except QueryTimeout:
+            raise timed_out(timeout_s, config) from None
+        except ClosedError:
+            if not running.stopped:
+                raise
+            raise RefusedError(503, "query-stopped", "the query was stopped") from None
+
+    # The reader is killed at the deadline; the plan's own limit is for what cannot be killed.
+    return Plan(
+        run,
+        timeout_s + GRACE_S,
+        lane,
+        form,
+        query.text,
+        running,
+        again=lambda: run(False),
+    )
+
+
+def _federated(question: Question, config: Config) -> Question:
+    """Ask other servers first, where an operator allowed it; else the store refuses SERVICE."""
+    query = question.query
+    if not config.allow_service or not federation.mentions(query.text, "SERVICE"):
+        return question
+    outgoing = Outgoing("SERVICE", config.allow_service)
+    text = federation.answer_services(query.text, outgoing, question.deadline, query.base)
+    return replace(question, query=replace(query, text=text))
+
+
+def timed_out(seconds: float, config: Config) -> RefusedError:
+    """Return the refusal of work that took longer than it may."""
+    return RefusedError(
+        504,
+        "query-timeout",
+        f"no answer within {seconds:g} s; ask for more with `timeout=<seconds>`, "
+        f"at most {config.max_timeout_s:g}, or for fewer rows with LIMIT",
+        limit=seconds,
+    )
+
+
+def plan_update(
+    kb: KnowledgeBase, update: UpdateRequest, request: Request, caller: Caller, config: Config
+) -> Plan:
+    """Prepare an update. Rights are decided on by the knowledge base, on the exact change.
+
+    Raises
+    ------
+    RefusedError
+        Too complex.
+    ForbiddenError
+        It calls another server.
+    """
+    if checked_form(update.text, config.limits, update=True):
+        raise QuerySyntaxError("this is a query; send it as `query=` or application/sparql-query")
+    wants_json = JSON_TYPE in request.header("accept").lower()
+    if not config.allow_service:
+        # The WHERE part of an update would call out just as a query would.
+        without_services(update.text)
+
+    def run() -> Response:
+        commit = _commit(kb, update, caller, caller.note(request), config)
+        if not wants_json:
+            return Response(204)
+        counts = {
+            "seq": commit.seq,
+            "added": commit.added,
+            "removed": commit.removed,
+            "derived": commit.derived,
+        }
+        return Response(200, json.dumps(counts).encode(), JSON_TYPE)
+
+    return Plan(run, form="UPDATE", text=update.text)
+
+
+def _commit(
+    kb: KnowledgeBase, update: UpdateRequest, caller: Caller, note: str, config: Config
+) -> Commit:
+    """Carry out an update, and what it wants from other servers where that is allowed."""
+    text = update.text
+    deadline = time.monotonic() + config.timeout_s
+    if config.allow_service and federation.mentions(text, "SERVICE"):
+        outgoing = Outgoing("SERVICE", config.allow_service)
+        text = federation.answer_services(text, outgoing, deadline, update.base)
+    limit_s = config.max_timeout_s if caller.access.role == "admin" else config.write_timeout_s
+    try_where(kb, update, text, limit_s)
+    if config.allow_load and federation.mentions(text, "LOAD"):
+        outgoing = Outgoing("LOAD", config.allow_load)
+        return federation.update_with_loads(kb, update, text, caller, note, outgoing, deadline)
+    return kb.update(
+        without_services(text),
+        note=note,
+        using=update.using,
+        named=update.using_named,
+        access=caller.access,
+        base=update.base,
+    )
+
+
+def plan_description(kb: KnowledgeBase, request: Request, config: Config, *, updates: bool) -> Plan:
+    """Prepare the service description."""
+    media_type = negotiation.choose(request.header("accept"), negotiation.GRAPH_TYPES)
+
+    def run() -> Response:
+        names = [str(row.value("g")) for row in kb.select(_LIST_GRAPHS)]
+        return describe(request.url, media_type, plain=config.plain, updates=updates, graphs=names)
+
+    return Plan(run, config.timeout_s)

@@ -1,0 +1,258 @@
+"""Storage that has left this machine: this server's front before another SPARQL 1.1 server.
+
+Queries and updates pass through. What needs the embedded store (recognition, rights on graphs,
+conclusions, the change feed, blobs, writing whole graphs) says so, as ``501 unsupported``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import secrets
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from endpoint.rosbridge.messages import JsonObject
+from endpoint.rosbridge.services import Operation
+from rtask.engine.operations.table import OPERATIONS
+from rtask.errors import ForbiddenError, QueryTimeout, RemoteUnavailableError, UnsupportedError
+from rtask.kb.commit.access import Access
+from rtask.kb.readers.query import bind
+from rtask.kb.readers.streams import WholeStream
+from rtask.kb.remote.knowledge_base import open_remote
+from rtask.sparql.results import Solutions
+from rtask.sparql.syntax import check_query
+
+READERS = 32
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """As much of a knowledge base's settings as a server shows."""
+
+    epoch: str
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """How many queries may be under way."""
+
+    count: int = READERS
+
+
+@dataclass(frozen=True)
+class _Readers:
+    """There are no processes here: the other server does the work."""
+
+    limits: _Limits
+    possible: bool = False
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """An update that was passed on; what it changed, the other server knows."""
+
+    seq: int
+    added: int | None = None
+    removed: int | None = None
+    derived: int | None = None
+
+
+class RemoteStore:
+    """A SPARQL server in the place of a knowledge base, for the endpoint.
+
+    Parameters
+    ----------
+    address
+        As :func:`rtask.open` takes it: where queries and updates go, or
+        ``sparql+http://host:port/?query=/query&update=/update``.
+    token
+        For the other server.
+    timeout_s
+        For one answer, where the client names none.
+
+    Notes
+    -----
+    Anybody may write to the other server at any time. So :attr:`seq` never repeats, and no client
+    is told that it has an answer already.
+    """
+
+    plain = True
+    folder = None
+
+    def __init__(self, address: str, token: str | None = None, timeout_s: float = 30.0) -> None:
+        self._remote = open_remote(address, token, timeout_s)
+        self.settings = _Settings(secrets.token_hex(4))
+        self.readers = _Readers(_Limits())
+        self._numbers = itertools.count(1)
+
+    @property
+    def base(self) -> str:
+        """What relative IRIs are resolved against."""
+        return self._remote.query_url
+
+    @property
+    def seq(self) -> int:
+        """A number that never repeats."""
+        return next(self._numbers)
+
+    def query(self, text: str, **options: Any) -> Any:
+        """Evaluate a query at the other server."""
+        options.pop("inferred", None)
+        return self._remote.query(text, **options)
+
+    def select(self, text: str, **options: Any) -> Solutions:
+        """Evaluate a SELECT at the other server."""
+        return self._remote.select(text, **options)
+
+    def serialize(
+        self, text: str, media_type: str, bindings: Mapping[str, Any] | None = None
+    ) -> bytes:
+        """Evaluate a query and return its answer in a media type."""
+        return self._remote.serialize(text, media_type, bindings)
+
+    def stream(
+        self,
+        text: str,
+        media_type: str,
+        *,
+        timeout_s: float,
+        default_graphs: Iterable[Any] | None = None,
+        named_graphs: Iterable[Any] | None = None,
+        base_iri: str | None = None,
+        **options: Any,
+    ) -> WholeStream:
+        """Evaluate a query; its answer comes whole.
+
+        Raises
+        ------
+        QueryTimeout
+            The other server did not answer in time; it may go on working.
+        RemoteUnavailableError
+            It does not answer at all.
+        """
+        text = bind(text, {})
+        check_query(text, base_iri or self.base)
+        parameters = [
+            (name, str(getattr(graph, "value", graph)))
+            for name, graphs in (
+                ("default-graph-uri", default_graphs),
+                ("named-graph-uri", named_graphs),
+            )
+            for graph in graphs or ()
+        ]
+        headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
+        until = time.monotonic() + timeout_s
+        try:
+            data = self._remote._wire.send(
+                self._remote.query_url, parameters, text, headers, True, timeout_s
+            )
+        except RemoteUnavailableError:
+            if time.monotonic() >= until:
+                raise QueryTimeout(
+                    f"no answer from the store within {timeout_s:g} s; it may go on working"
+                ) from None
+            raise
+        return WholeStream(data, media_type)
+
+    def update(
+        self,
+        text: str,
+        *,
+        access: Access | None = None,
+        using: Iterable[Any] = (),
+        named: Iterable[Any] = (),
+        base: str | None = None,
+        if_version: int | None = None,
+        note: str | None = None,
+    ) -> _Passed:
+        """Pass an update on, at most once.
+
+        Raises
+        ------
+        ForbiddenError
+            A robot's token: which graph belongs to whom, only the embedded store can tell.
+        UnsupportedError
+            The change is bound to a version.
+        """
+        if access is not None and access.role not in ("admin", "anonymous"):
+            raise ForbiddenError(
+                "over a remote store only administrators write: rights on graphs need the "
+                "embedded store", operation="update",
+            )  # fmt: skip
+        if if_version is not None:
+            raise UnsupportedError("If-Match needs the embedded store")
+        self._remote.update(text, using=using, named=named, base=base)
+        return _Passed(self.seq)
+
+    def on_commit(self, listener: Callable[[Any], None]) -> Callable[[], None]:
+        """Tell nobody: commits of another server are not heard here."""
+        return lambda: None
+
+    def subscribe(self, *patterns: Any, **options: Any) -> Any:
+        """Refuse.
+
+        Raises
+        ------
+        UnsupportedError
+            Always.
+        """
+        raise UnsupportedError("the change feed needs the embedded store")
+
+    def publish(self, **facts: Any) -> None:
+        """Keep nothing: there is no folder."""
+
+    def warm_up(self) -> None:
+        """Start nothing: there are no readers."""
+
+    @property
+    def store(self) -> _Count:
+        """What can be counted."""
+        return _Count(self)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._remote.close()
+
+    def __enter__(self) -> RemoteStore:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        raise UnsupportedError(f"{name} needs the embedded store: rtask serve --data DIR")
+
+
+class _Count:
+    """Says how many statements there are."""
+
+    def __init__(self, kb: RemoteStore) -> None:
+        self._kb = kb
+
+    def __len__(self) -> int:
+        everywhere = "{ ?s ?p ?o } UNION { GRAPH ?g { ?s ?p ?o } }"
+        rows = self._kb.select(f"SELECT (COUNT(*) AS ?n) {{ {everywhere} }}")
+        return int(str(rows[0].value("n")))
+
+
+class EngineElsewhere:
+    """Stands for the engine over a remote store: knows its operations and carries none out."""
+
+    operations: Mapping[str, Operation] = OPERATIONS
+
+    def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
+        """Refuse.
+
+        Raises
+        ------
+        UnsupportedError
+            Always.
+        """
+        raise UnsupportedError(
+            f"{name} needs the embedded store, for its index of views and its conclusions: "
+            "rtask serve --data DIR"
+        )

@@ -1,0 +1,221 @@
+"""What a protocol request asks for: SPARQL 1.1 Protocol, 2.1 and 2.2."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from endpoint.http.messages import FORM_TYPE, RefusedError, Request, parse_fields
+
+QUERY_TYPE = "application/sparql-query"
+UPDATE_TYPE = "application/sparql-update"
+
+# What an address accepts: `/sparql` both, `/query` and `/update` one of them.
+QUERY, UPDATE = "query", "update"
+METHODS = {
+    (QUERY, UPDATE): ("GET", "HEAD", "POST", "OPTIONS"),
+    (QUERY,): ("GET", "HEAD", "POST", "OPTIONS"),
+    (UPDATE,): ("POST", "OPTIONS"),
+}
+_ABSOLUTE_IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]*:[^\s<>\"{}|\\^`\x00-\x20]*")
+
+
+@dataclass(frozen=True)
+class QueryRequest:
+    """A query operation.
+
+    Parameters
+    ----------
+    text
+        SPARQL 1.1 Query.
+    default_graphs, named_graphs
+        The protocol's dataset; where one of them is given, ``FROM`` in the text has no say (2.1.4).
+    base
+        Relative IRIs of the text are resolved against it.
+    timeout_s
+        What the client allows; none for the server's default.
+    inferred
+        Whether derived triples are read too.
+    """
+
+    text: str
+    default_graphs: tuple[str, ...] = ()
+    named_graphs: tuple[str, ...] = ()
+    base: str = ""
+    timeout_s: float | None = None
+    inferred: bool = True
+
+
+@dataclass(frozen=True)
+class UpdateRequest:
+    """An update operation; ``using`` and ``using_named`` are the protocol's dataset (2.2.3)."""
+
+    text: str
+    using: tuple[str, ...] = ()
+    using_named: tuple[str, ...] = ()
+    base: str = ""
+
+
+@dataclass(frozen=True)
+class DescriptionRequest:
+    """A GET without a query: the service description is wanted."""
+
+
+Operation = QueryRequest | UpdateRequest | DescriptionRequest
+Fields = list[tuple[str, str]]
+
+
+def parse_operation(request: Request, kinds: tuple[str, ...] = (QUERY, UPDATE)) -> Operation:
+    """Read a protocol request.
+
+    Parameters
+    ----------
+    request
+        As it came in.
+    kinds
+        What this address accepts.
+
+    Raises
+    ------
+    RefusedError
+        400, 405 or 415 with what to do instead.
+
+    Examples
+    --------
+    >>> parse_operation(Request("GET", "/sparql", "query=ASK+%7B%7D")).text
+    'ASK {}'
+    """
+    allowed = METHODS[kinds]
+    if request.method not in allowed:
+        raise RefusedError(
+            405,
+            "method-not-allowed",
+            f"{request.method} is not allowed here; use {', '.join(allowed)}",
+            headers=(("Allow", ", ".join(allowed)),),
+        )
+    if request.method in ("GET", "HEAD"):
+        return _from_get(request)
+    return _from_post(request, kinds)
+
+
+def _from_get(request: Request) -> Operation:
+    fields = request.parameters
+    if any(name == "update" for name, _ in fields):
+        raise RefusedError(400, "usage", "an update by GET is not allowed; send it by POST")
+    if not any(name == "query" for name, _ in fields):
+        return DescriptionRequest()
+    return _query(_single(fields, "query"), fields, request)
+
+
+def _from_post(request: Request, kinds: tuple[str, ...]) -> Operation:
+    media_type, parameters = request.content_type
+    known = [FORM_TYPE]
+    known += [QUERY_TYPE] if QUERY in kinds else []
+    known += [UPDATE_TYPE] if UPDATE in kinds else []
+    if media_type not in known:
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            f"Content-Type {media_type or '(none)'} is not accepted; use {', '.join(known)}",
+            headers=(("Accept-Post", ", ".join(known)),),
+        )
+    if parameters.get("charset", "utf-8").lower() not in ("utf-8", "utf8"):
+        raise RefusedError(415, "unsupported-media-type", "send the text as UTF-8")
+    try:
+        body = request.body.decode("utf-8", errors="strict")
+    except UnicodeDecodeError as error:
+        raise RefusedError(400, "usage", f"the body is not UTF-8 at byte {error.start}") from None
+    fields = request.parameters
+    if media_type == QUERY_TYPE:
+        _refuse_text_fields(fields)
+        return _query(body, fields, request)
+    if media_type == UPDATE_TYPE:
+        _refuse_text_fields(fields)
+        return _update(body, fields, request)
+    return _from_form([*parse_fields(body, "form"), *fields], kinds, request)
+
+
+def _from_form(fields: Fields, kinds: tuple[str, ...], request: Request) -> Operation:
+    names = [name for name, _ in fields if name in kinds]
+    if len(names) != 1:
+        wanted = " or ".join(f"`{kind}`" for kind in kinds)
+        found = ", ".join(names) or "none"
+        raise RefusedError(400, "usage", f"exactly one field {wanted} is wanted; found {found}")
+    if names == [QUERY]:
+        return _query(_single(fields, "query"), fields, request)
+    return _update(_single(fields, "update"), fields, request)
+
+
+def _refuse_text_fields(fields: Fields) -> None:
+    for name, _ in fields:
+        if name in (QUERY, UPDATE):
+            raise RefusedError(400, "usage", f"`{name}` in the URL and an operation in the body")
+
+
+def _single(fields: Fields, name: str) -> str:
+    values = [value for key, value in fields if key == name]
+    if len(values) != 1:
+        raise RefusedError(400, "usage", f"{len(values)} fields `{name}`; one is wanted")
+    return values[0]
+
+
+def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
+    return QueryRequest(
+        _without_nul(text, "query"),
+        _iris(fields, "default-graph-uri"),
+        _iris(fields, "named-graph-uri"),
+        base=request.url,
+        timeout_s=_timeout(fields),
+        inferred=_inferred(fields),
+    )
+
+
+def _update(text: str, fields: Fields, request: Request) -> UpdateRequest:
+    using = _iris(fields, "using-graph-uri")
+    using_named = _iris(fields, "using-named-graph-uri")
+    return UpdateRequest(_without_nul(text, "update"), using, using_named, base=request.url)
+
+
+def _without_nul(text: str, kind: str) -> str:
+    if "\x00" in text:
+        raise RefusedError(400, f"{kind}-syntax", f"a NUL character in the {kind}")
+    if not text.strip():
+        raise RefusedError(400, f"{kind}-syntax", f"the {kind} is empty")
+    return text
+
+
+def _iris(fields: Fields, name: str) -> tuple[str, ...]:
+    values = tuple(value for key, value in fields if key == name)
+    for value in values:
+        absolute_iri(value, name)
+    return values
+
+
+def absolute_iri(value: str, name: str) -> str:
+    """Return the value, or refuse it where it is no absolute IRI."""
+    if not _ABSOLUTE_IRI.fullmatch(value):
+        raise RefusedError(400, "usage", f"{name}={value!r} is not an absolute IRI")
+    return value
+
+
+def _timeout(fields: Fields) -> float | None:
+    values = [value for key, value in fields if key == "timeout"]
+    if not values:
+        return None
+    try:
+        seconds = float(values[-1])
+    except ValueError:
+        seconds = math.nan
+    if not seconds > 0 or math.isinf(seconds):
+        raise RefusedError(400, "usage", f"timeout={values[-1]!r} is not a number of seconds > 0")
+    return seconds
+
+
+def _inferred(fields: Fields) -> bool:
+    values = [value for key, value in fields if key == "inferred"]
+    if not values:
+        return True
+    if values[-1] not in ("0", "1", "false", "true"):
+        raise RefusedError(400, "usage", f"inferred={values[-1]!r}; use 0 or 1")
+    return values[-1] in ("1", "true")

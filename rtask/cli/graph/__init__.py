@@ -1,0 +1,1 @@
+"""Commands on stored data: load, query, back up, verify."""

@@ -1,0 +1,348 @@
+"""``rtask grasp``: plan grasps of a part, a cloud, or an object of the graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.grasping.train import train
+from rtask.cli.options import data_option, json_option, print_json
+
+if TYPE_CHECKING:
+    from grasp.push import Outline, PushPlan
+
+
+@click.group()
+def grasp() -> None:
+    """Plan grasps under uncertainty."""
+
+
+grasp.add_command(train)
+
+
+@grasp.command()
+@click.argument("source")
+@click.option("--jaw-width", type=float, help="Of both jaws; default a quarter of the diameter.")
+@click.option(
+    "--mode",
+    type=click.Choice(["push", "space"]),
+    help="Push grasps on a plane, or grasps in space  [space for meshes, else push].",
+)
+@click.option("--friction", type=float, help="Between jaw and part  [push: .7, space: .5].")
+@click.option("--vertex-std", type=float, help="Standard deviation of a vertex [.045 radii].")
+@click.option("--com-std", type=float, help="Of the centre of mass [.084 radii].")
+@click.option(
+    "--position-std", type=float, help="Of the position  [push: 0, laterally; space: .004 m]."
+)
+@click.option("--rotation-std-deg", type=float, help="Of the rotation  [push: 0; space: 5.73].")
+@click.option("--filter", "filter_distance", default=0.0, show_default=True, help="In radii.")
+@click.option("--density", default=1.5, show_default=True, help="Contacts on a mean edge.")
+@click.option("--angles", default=5, show_default=True, help="Directions at a contact, odd.")
+@click.option("--samples", default=100, show_default=True, help="Perturbed parts.")
+@click.option("--eliminate", metavar="FIRST,SHARE", help="After FIRST parts drop this SHARE.")
+@click.option(
+    "--method",
+    type=click.Choice(["bound", "simulation"]),
+    default="bound",
+    show_default=True,
+    help="How one grasp is judged on one part.",
+)
+@click.option(
+    "--closure",
+    type=click.Choice(["strict", "nguyen"]),
+    default="strict",
+    show_default=True,
+    help="What counts as force closure.",
+)
+@click.option(
+    "--sampling",
+    type=click.Choice(["random", "sobol"]),
+    default="random",
+    show_default=True,
+    help="Perturbed parts: independent, or evenly spread.",
+)
+@click.option("--max-opening", type=float, help="Stroke of the gripper.")
+@click.option("--seed", default=0, show_default=True, help="Of the perturbations.")
+@click.option(
+    "--executor",
+    type=click.Choice(["serial", "threads", "processes", "ray"]),
+    default="serial",
+    show_default=True,
+    help="Where the trials run.",
+)
+@click.option("--workers", default=0, help="Of the executor; 0 = one for each core.")
+@click.option("--top", default=10, show_default=True, help="Rows of the table.")
+@click.option(
+    "--plots", type=click.Path(path_type=Path, file_okay=False), help="Folder for drawings (SVG)."
+)
+@click.option("--store", is_flag=True, help="Write the best grasps to the object in the graph.")
+@click.option(
+    "--gripper-type",
+    help="Under which stored grasps are found again  [push: parallel_jaw, space: the gripper's].",
+)
+@click.option(
+    "--gripper",
+    default="panda",
+    show_default=True,
+    help="In space: nao, panda, or jaw:STROKE with a stroke in m.",
+)
+@click.option("--scale", default=1.0, show_default=True, help="In space: m per unit of the file.")
+@click.option("--mass", type=float, help="In space: of the object, kg; its weight must be held.")
+@click.option(
+    "--viewpoint",
+    type=(float, float, float),
+    help="In space: where the camera of a cloud was, m; its hidden side is completed then.",
+)
+@click.option(
+    "--classifier",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="In space: a model of `rtask grasp train`, for clouds.",
+)
+@click.option("--floating", is_flag=True, help="In space: nothing is under the object.")
+@click.option(
+    "--min-confidence", default=0.3, show_default=True, help="In space: below it do not grasp."
+)
+@data_option
+@json_option
+def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
+    """Rank grasps of SOURCE: on a plane or in space.
+
+    SOURCE is a part (.json, .svg, .dxf, or an image of it before a plain background), a mesh
+    (.stl, .obj, .ply; z up), a segmented point cloud (.pcd, .ply, .npy, .xyz; z up), or the IRI, id
+    or name of an object of the graph. Push grasps are ranked by a lower bound on their probability
+    of force closure, lengths in the unit of the file. Grasps in space are ranked by their
+    confidence under an uncertain pose, lengths in m. Those of the graph are metres.
+    """
+    from rtask.cli.grasping.plan_in_space import is_mesh, plan_in_space
+    from rtask.errors import RtaskError, UsageError
+
+    if options["top"] < 1:
+        raise UsageError(f"--top {options['top']}: at least 1 is wanted")
+    if not 0 <= options["min_confidence"] <= 1:
+        raise UsageError(f"--min-confidence {options['min_confidence']}: 0 to 1 is wanted")
+    mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
+    try:
+        if mode == "space":
+            plan_in_space(source, data, as_json, options)
+        else:
+            _plan(source, data, as_json, {**options, **_push_defaults(options)})
+    except ValueError as error:
+        if isinstance(error, RtaskError):
+            raise
+        raise UsageError(f"{source}: {error}") from error
+
+
+def _push_defaults(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of options that were not given, for push grasps."""
+    values = {"friction": 0.7, "position_std": 0.0, "rotation_std_deg": 0.0,
+              "gripper_type": "parallel_jaw"}  # fmt: skip
+    return {name: value for name, value in values.items() if options[name] is None}
+
+
+def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> None:
+    import math
+
+    from grasp.push import Elimination, as_part, open_executor, plan_push_grasps
+
+    outline, thing = _outline(source, data, options["store"], options["vertex_std"])
+    part = as_part(outline.polygon, outline.com)
+    elimination = None
+    if options["eliminate"]:
+        first, share = _first_and_share(options["eliminate"])
+        elimination = Elimination((first, max(options["samples"] - first, 1)), share)
+    position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
+    with open_executor(options["executor"], options["workers"]) as executor:
+        found = plan_push_grasps(
+            part.vertices,
+            part.com,
+            jaw_width=options["jaw_width"] or 0.25 * part.diameter,
+            pose_std=(position, rotation),
+            elimination=elimination,
+            executor=executor,
+            **{key: options[key] for key in _PLANNED},
+        )
+    stored = _store(data, thing, found, outline.height, options) if options["store"] else None
+    drawings = _draw(found, outline, options) if options["plots"] else []
+    if as_json:
+        print_json(_as_json(found, outline, options["top"], stored, drawings))
+        return
+    _print(found, outline.note, options["top"])
+    if stored is not None:
+        click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
+    for drawing in drawings:
+        click.echo(f"wrote {drawing}")
+
+
+_PLANNED = (
+    "friction", "vertex_std", "com_std", "filter_distance", "density", "angles", "samples",
+    "method", "closure", "sampling", "max_opening", "seed",
+)  # fmt: skip
+
+
+def _outline(source: str, data: Path, store: bool, vertex_std: float | None) -> tuple[Outline, str]:
+    """Return the outline and, for an object of the graph, its IRI."""
+    from grasp.push import Outline, outline_from_cloud, read_outline, without_details
+    from rtask.errors import UsageError
+
+    path = Path(source)
+    if path.is_file():
+        if store:
+            raise UsageError("--store needs an object of the graph, not a file")
+        outline = read_outline(path)
+        # Vertices in JSON are what somebody wrote; those of a drawing stand for its curves.
+        given = path.suffix.lower() == ".json"
+        return (outline if given else without_details(outline, vertex_std)), ""
+    if not data.exists():
+        raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
+    from rtask.cli.options import open_to_read
+    from rtask.engine.engine import Engine
+    from rtask.engine.records.shapes import object_cloud
+
+    with open_to_read(data) as kb, Engine(kb) as engine:
+        thing, points = object_cloud(engine, source)
+    ring, height = outline_from_cloud(points)
+    note = f"{thing}: footprint of {len(points)} points"
+    outline = Outline(ring, None, len(ring), note, height, unit="m")
+    return without_details(outline, vertex_std), thing
+
+
+def _first_and_share(text: str) -> tuple[int, float]:
+    from rtask.errors import UsageError
+
+    first, _, share = text.partition(",")
+    try:
+        return int(first), float(share)
+    except ValueError as error:
+        raise UsageError(f"--eliminate {text}: two numbers such as 5,0.9 are wanted") from error
+
+
+def _store(
+    data: Path, thing: str, found: PushPlan, height: float, options: dict[str, Any]
+) -> dict[str, Any]:
+    import math
+
+    import numpy as np
+
+    import rtask
+    from grasp.spatial.planar import tip_heights
+    from rtask.engine.engine import Engine
+    from rtask.engine.operations.planned import PlannedGrasp, store_planned
+    from rtask.errors import UsageError
+
+    sigma = float(np.mean(found.tolerance.vertex_std))
+    planned = []
+    for i in found.analysis.order[: options["top"]].tolist():
+        if found.analysis.successes[i] == 0:
+            break
+        along = found.grasps.approaches[i]
+        width = float(found.openings[i])
+        middle = found.grasps.jaw(i, found.test.jaw_width).mean(axis=0) + along * width / 2
+        z = tip_heights(height, width, found.part.diameter)[0]
+        most = options["max_opening"] or math.inf
+        planned.append(
+            PlannedGrasp(
+                float(middle[0]), float(middle[1]), z, math.atan2(along[1], along[0]), width,
+                min(1.2 * width + 2 * sigma, most), float(found.analysis.quality[i]),
+                int(found.analysis.tried[i]), sigma,
+            )
+        )  # fmt: skip
+    if not planned:
+        raise UsageError(
+            "nothing stored, no candidate closes: try more of them (--density, --angles)"
+        )
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        return store_planned(engine, thing, planned, options["gripper_type"])
+
+
+def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
+    from grasp.push.album import album
+
+    folder: Path = options["plots"]
+    folder.mkdir(parents=True, exist_ok=True)
+    names = []
+    for name, drawing in album(found, outline.height, options["seed"], outline.unit).items():
+        path = folder / f"{name}.svg"
+        path.write_text(drawing, "utf-8")
+        names.append(str(path))
+    return names
+
+
+def _rows(found: PushPlan, top: int) -> list[dict[str, Any]]:
+    import math
+
+    rows = []
+    for rank, i in enumerate(found.analysis.order[:top].tolist(), start=1):
+        analysis, grasps = found.analysis, found.grasps
+        rows.append(
+            {
+                "rank": rank,
+                "contact": grasps.contacts[i].tolist(),
+                "angle_deg": math.degrees(grasps.angles[i]),
+                "approach": grasps.approaches[i].tolist(),
+                "jaw": grasps.jaw(i, found.test.jaw_width).tolist(),
+                "opening": float(found.openings[i]),
+                "quality": float(analysis.quality[i]),
+                "lower_95": float(analysis.lower_95[i]),
+                "successes": int(analysis.successes[i]),
+                "samples": int(analysis.tried[i]),
+                "nominal": bool(found.nominal[i] > 0),
+            }
+        )
+    return rows
+
+
+def _print(found: PushPlan, note: str, top: int) -> None:
+    analysis = found.analysis
+    if note:
+        click.echo(note)
+    click.echo(
+        f"{len(found.part.vertices)} vertices, radius {found.part.radius:.4g}, "
+        f"jaws {found.test.jaw_width:.4g} wide, {len(found.grasps)} candidates, "
+        f"{analysis.codes.shape[1]} perturbed parts ({analysis.crossed:.0%} cross themselves), "
+        f"{found.test.method}, {found.seconds:.3f} s"
+    )
+    click.echo("rank  contact                angle    opening   quality  lower 95 %  nominal")
+    for row in _rows(found, top):
+        x, y = row["contact"]
+        click.echo(
+            f"{row['rank']:4d}  ({x:9.4g}, {y:9.4g})  {row['angle_deg']:+6.1f}  "
+            f"{row['opening']:9.4g}  {row['quality']:8.3f}  {row['lower_95']:10.3f}  "
+            f"{'closes' if row['nominal'] else 'fails'}"
+        )
+    if analysis.crossed > 0.2:
+        click.echo(
+            f"{analysis.crossed:.0%} of the perturbed outlines cross themselves and count as "
+            "failures: lower --vertex-std, or give fewer vertices"
+        )
+    elif found.quality == 0:
+        click.echo("no candidate closes: try more of them (--density, --angles) or another jaw")
+    click.echo("what happened, over all candidates:")
+    for reason, count in list(analysis.reasons().items())[:8]:
+        click.echo(f"{count / analysis.codes.size:8.1%}  {reason}")
+
+
+def _as_json(
+    found: PushPlan,
+    outline: Outline,
+    top: int,
+    stored: dict[str, Any] | None,
+    drawings: list[str],
+) -> dict[str, Any]:
+    return {
+        "note": outline.note,
+        "unit": outline.unit,
+        "polygon": found.part.vertices.tolist(),
+        "holes": [hole.tolist() for hole in outline.holes],
+        "com": found.part.com.tolist(),
+        "jaw_width": found.test.jaw_width,
+        "candidates": len(found.grasps),
+        "evaluations": found.analysis.evaluations,
+        "crossed": found.analysis.crossed,
+        "seconds": found.seconds,
+        "grasps": _rows(found, top),
+        "reasons": found.analysis.reasons(),
+        "stored": stored,
+        "drawings": drawings,
+    }

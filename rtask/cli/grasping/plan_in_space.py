@@ -1,0 +1,266 @@
+"""``rtask grasp plan`` in space: a mesh, a cloud, or an object of the graph, and a gripper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.options import print_json
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.classifier import GraspClassifier
+    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.mesh import Mesh
+    from rtask.engine.records.shapes import ObjectShape
+
+    Shape = Mesh | NDArray[np.float64]
+
+__all__ = ["is_mesh", "plan_in_space"]
+
+
+def is_mesh(path: Path) -> bool:
+    """Tell whether a file is a triangle mesh by its name, a PLY file by what it holds."""
+    from grasp.spatial.mesh_files import MESH_ENDINGS, has_faces
+
+    ending = path.suffix.lower()
+    if ending not in MESH_ENDINGS or not path.is_file():
+        return False
+    return ending != ".ply" or has_faces(path)
+
+
+def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> None:
+    """Rank grasps of ``source`` in space; print, draw and store them as the options say."""
+    import time
+
+    from grasp.spatial.gripper import gripper_named
+
+    gripper = gripper_named(options["gripper"])
+    if options["friction"] is not None:
+        from dataclasses import replace
+
+        gripper = replace(gripper, friction=options["friction"])
+    shape, note, known = _shape(source, data, options)
+    start = time.perf_counter()
+    found = _planned(shape, known, gripper, options)
+    seconds = time.perf_counter() - start
+    stored = None
+    if options["store"] and known is not None:
+        stored = _store(data, known, found, gripper, options)
+    drawings = _draw(found, gripper, shape, options) if options["plots"] else []
+    notes = [note, *found.notes]
+    if as_json:
+        print_json(_as_json(found, gripper, notes, seconds, options, stored, drawings))
+        return
+    _print(found, gripper, notes, seconds, options)
+    if stored is not None:
+        many = f"{len(stored['grasps'])} grasps"
+        said = f"stored {many} as {stored['commit']}"
+        click.echo(said if stored["commit"] else f"the object has these {many} already")
+    for drawing in drawings:
+        click.echo(f"wrote {drawing}")
+
+
+def _shape(
+    source: str, data: Path, options: dict[str, Any]
+) -> tuple[Shape, str, ObjectShape | None]:
+    """Return a mesh or points (n, 3), a note and, of an object of the graph, what is known."""
+    from grasp.push.sources import read_cloud
+    from grasp.spatial.mesh_files import read_mesh
+    from rtask.errors import UsageError
+
+    path = Path(source)
+    if path.is_file():
+        if options["store"]:
+            raise UsageError("--store needs an object of the graph, not a file")
+        if is_mesh(path):
+            mesh = read_mesh(path, options["scale"])
+            x, y, z = (1000 * mesh.extent).tolist()
+            return mesh, f"{len(mesh.faces)} faces, {x:.0f} x {y:.0f} x {z:.0f} mm", None
+        points = options["scale"] * read_cloud(path)
+        return points, f"{len(points)} points", None
+    if not data.exists():
+        raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
+    from rtask.cli.options import open_to_read
+    from rtask.engine.engine import Engine
+    from rtask.engine.records.shapes import object_shape
+
+    with open_to_read(data) as kb, Engine(kb) as engine:
+        known = object_shape(engine, source)
+    return known.points if known.mesh is None else known.mesh, known.note, known
+
+
+def _planned(
+    shape: Shape, known: ObjectShape | None, gripper: ParallelGripper, options: dict[str, Any]
+) -> Proposals:
+    import numpy as np
+
+    from grasp.spatial.collision import Support, Surroundings
+    from grasp.spatial.mesh import Mesh
+    from grasp.spatial.plan import SpatialOptions, plan_on_cloud, plan_on_mesh
+
+    wanted = SpatialOptions(
+        noise=_noise(options), samples=options["samples"], mass=options["mass"],
+        seed=options["seed"],
+        most=max(options["top"], 50),
+    )  # fmt: skip
+    if known is not None:
+        return known.plan(gripper, wanted, _classifier(options), options["floating"])
+    points = shape.vertices if isinstance(shape, Mesh) else shape
+    finite = points[np.isfinite(points).all(axis=1)] if len(points) else points
+    support = None
+    if len(finite) and not options["floating"]:
+        support = Support(float(finite[:, 2].min()))
+    if isinstance(shape, Mesh):
+        return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
+    eye = options["viewpoint"]
+    viewpoints = None if eye is None else np.array([eye])
+    return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
+
+
+def _classifier(options: dict[str, Any]) -> GraspClassifier | None:
+    if options["classifier"] is None:
+        return None
+    from grasp.spatial.classifier import GraspClassifier
+
+    return GraspClassifier.load(options["classifier"])
+
+
+def _noise(options: dict[str, Any]) -> Any:
+    import math
+
+    from grasp.spatial.confidence import PoseNoise
+
+    usual = PoseNoise()
+    position, rotation = options["position_std"], options["rotation_std_deg"]
+    return PoseNoise(
+        usual.position_std if position is None else position,
+        usual.rotation_std if rotation is None else math.radians(rotation),
+    )
+
+
+def _store(
+    data: Path, known: ObjectShape, found: Proposals, gripper: ParallelGripper,
+    options: dict[str, Any],
+) -> dict[str, Any]:  # fmt: skip
+    import rtask
+    from rtask.engine.engine import Engine
+    from rtask.engine.operations.planned import as_planned, store_planned_in_space
+    from rtask.errors import UsageError
+
+    least = options["min_confidence"]
+    sure = [c for c in found if c.scores["confidence"] >= least][: options["top"]]
+    if not sure:
+        raise UsageError(f"nothing stored: {_verdict(found, options) or found.reason}")
+    kind = options["gripper_type"] or gripper.gripper_type
+    with rtask.open(data) as kb, Engine(kb) as engine:
+        planned = as_planned(sure, _noise(options), options["samples"])
+        return store_planned_in_space(
+            engine, known.thing, planned, kind, derived_from=known.sources
+        )
+
+
+def _draw(
+    found: Proposals, gripper: ParallelGripper, shape: Shape, options: dict[str, Any]
+) -> list[str]:
+    from grasp.spatial.drawing import candidates_svg
+
+    folder: Path = options["plots"]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "candidates_3d.svg"
+    path.write_text(candidates_svg(found.candidates, gripper, shape), "utf-8")
+    return [str(path)]
+
+
+def _verdict(found: Proposals, options: dict[str, Any]) -> str:
+    """Return why not to grasp, or ""."""
+    if not found:
+        return f"no grasp found: {found.reason}"
+    best = max(c.scores["confidence"] for c in found)
+    if best < options["min_confidence"]:
+        return f"no grasp found: the best confidence is {best:.2f} < {options['min_confidence']}"
+    return ""
+
+
+def _rows(found: Proposals, options: dict[str, Any]) -> list[dict[str, Any]]:
+    from grasp.spatial.candidate import to_planar
+
+    rows = []
+    for rank, c in enumerate(found.candidates[: options["top"]], start=1):
+        try:
+            planar = to_planar(c)
+        except ValueError:
+            planar = None
+        rows.append(
+            {
+                "rank": rank,
+                "position": c.centre.tolist(),
+                "approach": c.approach.tolist(),
+                "closing": c.closing.tolist(),
+                "width": c.width,
+                "opening": c.opening,
+                "antipodal": c.antipodal,
+                "completed": c.completed,
+                **{name: float(value) for name, value in c.scores.items()},
+                "planar": planar and {"x": planar.x, "y": planar.y, "theta": planar.theta},
+                "features": None if c.features is None else c.features.tolist(),
+            }
+        )
+    return rows
+
+
+def _print(
+    found: Proposals, gripper: ParallelGripper, notes: list[str], seconds: float,
+    options: dict[str, Any],
+) -> None:  # fmt: skip
+    for note in notes:
+        click.echo(note)
+    click.echo(
+        f"{gripper.name}, stroke {1000 * gripper.max_opening:.0f} mm, friction "
+        f"{gripper.friction:g}: {len(found)} grasps, {options['samples']} poses each, "
+        f"{seconds:.3f} s"
+    )
+    if found:
+        click.echo(
+            "rank   x, y, z mm             approach               width  s_G   95 %  epsilon"
+        )
+    for row in _rows(found, options):
+        x, y, z = (1000 * v for v in row["position"])
+        a, b, c = row["approach"]
+        click.echo(
+            f"{row['rank']:4d}  ({x:6.1f},{y:6.1f},{z:6.1f})  ({a:+.2f},{b:+.2f},{c:+.2f})  "
+            f"{1000 * row['width']:7.1f}  {row['confidence']:.2f}  {row['lower_95']:.2f}  "
+            f"{row.get('epsilon', 0.0):7.4f}{'' if row['antipodal'] == 'full' else '  half'}"
+        )
+    said = _verdict(found, options)
+    if said:
+        click.echo(said)
+    click.echo("what happened:")
+    for name, count in found.counts.items():
+        click.echo(f"{count:8d}  {name}")
+
+
+def _as_json(
+    found: Proposals, gripper: ParallelGripper, notes: list[str], seconds: float,
+    options: dict[str, Any], stored: dict[str, Any] | None, drawings: list[str],
+) -> dict[str, Any]:  # fmt: skip
+    from grasp.messages import spatial_grasp_message
+
+    rows = _rows(found, options)
+    for row, candidate in zip(rows, found.candidates, strict=False):
+        row["message"] = spatial_grasp_message(candidate, gripper, "object")
+    return {
+        "notes": notes,
+        "gripper": gripper.name,
+        "seconds": seconds,
+        "verdict": _verdict(found, options),
+        "grasps": rows,
+        "counts": dict(found.counts),
+        "stored": stored,
+        "drawings": drawings,
+    }

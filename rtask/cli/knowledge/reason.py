@@ -1,0 +1,183 @@
+"""``rtask reason``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.options import data_option, json_option, open_to_read, print_json
+
+if TYPE_CHECKING:
+    from rtask.knowledge_base import KnowledgeBase
+
+_OWL = "http://www.w3.org/2002/07/owl#"
+_SUB_CLASS = "http://www.w3.org/2000/01/rdf-schema#subClassOf"
+_LISTED = 20
+
+
+@click.command()
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path, exists=True))
+@data_option
+@click.option(
+    "--profile",
+    type=click.Choice(["rl", "dl"]),
+    default="rl",
+    show_default=True,
+    help="rl: what commits derive; dl: OWL 2 DL, needs Java.",
+)
+@click.option(
+    "--engine",
+    type=click.Choice(["hermit", "pellet"]),
+    default="hermit",
+    show_default=True,
+    help="Who reasons for --profile dl.",
+)
+@click.option(
+    "--with-data", is_flag=True, help="For dl: everything asserted, not the ontology only."
+)
+@click.option(
+    "--timeout", type=float, default=120.0, show_default=True, help="Seconds for dl, then it ends."
+)
+@json_option
+def reason(
+    files: tuple[Path, ...],
+    data: Path,
+    profile: str,
+    engine: str,
+    with_data: bool,
+    timeout: float,
+    as_json: bool,
+) -> None:
+    """Say whether the knowledge base is consistent, and which classes can have no member.
+
+    Of FILES instead, where some are given. With --profile dl also lists subclasses that follow
+    under OWL 2 DL and not under the rules that commits use. Exit code 1 if it is not consistent.
+    """
+    if files:
+        triples = _read(files)
+    else:
+        with open_to_read(data) as kb:
+            triples = _asserted(kb, ontologies_only=profile == "dl" and not with_data)
+    report = _rl(triples) if profile == "rl" else _dl(triples, engine, timeout)
+    if as_json:
+        print_json(report)
+    else:
+        for line in _lines(report):
+            click.echo(line)
+    if not report["consistent"]:
+        raise SystemExit(1)
+
+
+def _read(files: Iterable[Path]) -> list[Any]:
+    from pyoxigraph import parse
+
+    from rtask.errors import UsageError
+
+    found: dict[Any, None] = {}
+    for file in files:
+        try:
+            for quad in parse(path=str(file)):
+                found[quad.subject, quad.predicate, quad.object] = None
+        except (SyntaxError, ValueError) as error:
+            raise UsageError(f"{file}: {error}") from error
+    return list(found)
+
+
+def _asserted(kb: KnowledgeBase, ontologies_only: bool) -> list[Any]:
+    wanted = kb.catalogue.ontologies() if ontologies_only else kb.store.named_graphs()
+    return list(
+        dict.fromkeys(
+            (quad.subject, quad.predicate, quad.object)
+            for graph in wanted
+            if kb.graphs.is_input(graph)
+            for quad in kb.store.quads_for_pattern(None, None, None, graph)
+        )
+    )
+
+
+def _rl(triples: list[Any]) -> dict[str, Any]:
+    from reasoner import Closure, check_profile
+
+    closure = Closure.build(triples, [], rules=_rules())
+    clashes = closure.contradictions()
+    outside = Counter(f"{v.construct} in {v.position}" for v in check_profile(triples))
+    return {
+        "profile": "rl",
+        "triples": len(triples),
+        "consistent": not clashes,
+        "contradictions": [str(clash) for clash in clashes],
+        "unsatisfiable": _empty_classes(closure),
+        "outside of OWL 2 RL": dict(outside.most_common()),
+        "problems": closure.stats()["problems"],
+    }
+
+
+def _dl(triples: list[Any], engine: str, timeout: float) -> dict[str, Any]:
+    from reasoner import Closure, hermit, pellet
+    from rtask.errors import UnsupportedError
+
+    check = hermit.check if engine == "hermit" else pellet.check
+    try:
+        answer = check(triples, classify=True, timeout_s=timeout)
+    except (hermit.DLUnavailableError, hermit.DLError) as error:
+        raise UnsupportedError(str(error)) from error
+    closure = Closure.build(triples, [])
+    known = {
+        (s.value, o.value)
+        for s, _, o in closure.match(None, _node(_SUB_CLASS), None)
+        if hasattr(s, "value") and hasattr(o, "value")
+    }
+    more = hermit.hierarchy(answer) - known
+    return {
+        "profile": "dl",
+        "engine": engine,
+        "triples": len(triples),
+        "consistent": answer.is_consistent,
+        "unsatisfiable": sorted(answer.unsatisfiable),
+        "subclasses that OWL 2 RL does not find": [" < ".join(pair) for pair in sorted(more)],
+    }
+
+
+def _node(iri: str) -> Any:
+    from pyoxigraph import NamedNode
+
+    return NamedNode(iri)
+
+
+def _rules() -> list[str]:
+    from rtask.kb.commit.inference import rule_texts
+
+    return rule_texts()
+
+
+def _empty_classes(closure: Any) -> list[str]:
+    """Return the named classes below owl:Nothing, and those below two disjoint ones."""
+    from pyoxigraph import NamedNode
+
+    below = closure.match(None, _node(_SUB_CLASS), None)
+    above: dict[Any, set[Any]] = {}
+    for s, _, o in below:
+        above.setdefault(s, {s}).add(o)
+    empty = {s for s, supers in above.items() if _node(_OWL + "Nothing") in supers}
+    for a, _, b in closure.match(None, _node(_OWL + "disjointWith"), None):
+        empty |= {s for s, supers in above.items() if {a, b} <= supers}
+    return sorted(
+        s.value for s in empty if isinstance(s, NamedNode) and s.value[: len(_OWL)] != _OWL
+    )
+
+
+def _lines(report: dict[str, Any]) -> Iterable[str]:
+    yield f"{report['triples']} triples under OWL 2 {report['profile'].upper()}"
+    yield "consistent" if report["consistent"] else "INCONSISTENT"
+    for key, found in report.items():
+        if isinstance(found, dict):
+            found = [f"{count} {what}" for what, count in found.items()]
+        if isinstance(found, list):
+            yield f"{key}: {len(found) or 'none'}"
+            yield from (f"  {line}" for line in found[:_LISTED])
+            if len(found) > _LISTED:
+                yield f"  and {len(found) - _LISTED} more (--json lists all)"

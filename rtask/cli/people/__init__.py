@@ -1,0 +1,1 @@
+"""Commands with which people ask, name and judge."""

@@ -1,0 +1,1 @@
+"""Corrections by people: merging, splitting, naming, forgetting and undoing."""

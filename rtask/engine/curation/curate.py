@@ -1,0 +1,119 @@
+"""People put objects right: two that are one, one that is two, what shall be forgotten.
+
+One person at a time: what a request names is looked up when its turn has come, so that of two who
+merge the same objects, or each into the other, the second one hears what the first one did.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.curation.merging import merge_objects
+from rtask.engine.curation.redirects import present_name
+from rtask.engine.curation.splitting import forget_object, forget_views, split_object
+from rtask.engine.curation.undoing import undo
+from rtask.engine.operations.messages import Field, nearest
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import NamedNode, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
+
+__all__ = ["CURATE_OBJECT", "author_of", "curate_object", "object_meant"]
+
+CURATE_OBJECT = (
+    Field("operation", "string", "what the person wants", required=True,
+          choices=("merge", "split", "forget", "undo")),
+    Field("object", "string", "IRI of the object, or its name"),
+    Field("into", "string", "merge: IRI or name of the object that it turned out to be"),
+    Field("views", "strings", "split: IRIs of the views that show another object; "
+          "forget: only these views", default=[], high=1000),
+    Field("name", "string", "split: what people call the new object"),
+    Field("purge", "boolean", "forget: with all that was tried on it, and the bytes at once",
+          default=False),
+    Field("commit", "string", "undo: the commit to take back, as answered"),
+    Field("operator", "string", "who says so"),
+)  # fmt: skip
+
+
+def curate_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Carry out what a person wants; robots have no right to it."""
+    author = author_of(engine, request["operator"], access)
+    with engine.writing:
+        return _curate(engine, request, author)
+
+
+def author_of(engine: Engine, operator: str | None, access: Access) -> Access:
+    """Return in whose name a person's change is made; nobody changes in another person's name.
+
+    Raises
+    ------
+    ForbiddenError
+        The token is another person's.
+    """
+    if access.role == "teacher" and access.agent and operator and operator != access.agent:
+        raise ForbiddenError(
+            f"the token belongs to {access.agent!r}: it cannot change in the name of {operator!r}"
+        )
+    return engine.author(access, operator, "teacher")
+
+
+def _curate(engine: Engine, request: dict[str, Any], author: Access) -> dict[str, Any]:
+    operation = request["operation"]
+    if operation == "undo":
+        if not request["commit"]:
+            raise UsageError("commit is missing: which one is taken back?", field="commit")
+        return _answer(engine, undo(engine, request["commit"], author), "")
+    thing = object_meant(engine, request["object"], "object")
+    if operation == "merge":
+        kept = object_meant(engine, request["into"], "into")
+        return _answer(engine, merge_objects(engine, kept, thing, author), kept.value)
+    if operation == "split":
+        new, commit = split_object(engine, thing, request["views"], request["name"], author)
+        return _answer(engine, commit, new.value)
+    if request["views"]:
+        done = forget_views(engine, thing, request["views"], request["purge"], author)
+        return _answer(engine, done, thing.value)
+    return _answer(engine, forget_object(engine, thing, request["purge"], author), "")
+
+
+def object_meant(engine: Engine, name: str | None, field: str) -> NamedNode:
+    """Return the object that a field of a request means: by IRI, former IRI, objectId or name.
+
+    Raises
+    ------
+    UsageError
+        The field is empty, or several objects are called so.
+    UnknownTermError
+        There is no such object, or it was forgotten.
+    """
+    if not name:
+        raise UsageError(f"{field} is missing: IRI of the object", field=field)
+    kb = engine.kb
+    text = literal(present_name(kb, name))
+    rows = kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:name ?name }}
+  FILTER(STR(?object) = {text} || STR(?id) = {text} || STR(?name) = {text}) }} LIMIT 2""")
+    things = [row["object"] for row in rows]
+    if len(things) > 1:
+        raise UsageError(f"{field}: several objects are called {name!r}; give the IRI", field=field)
+    if things:
+        assert isinstance(things[0], NamedNode)
+        return things[0]
+    if kb.select(f"{PREFIXES}SELECT * {{ ?o prov:invalidatedAtTime ?t FILTER(STR(?o) = {text}) }}"):
+        raise UnknownTermError(f"{field}: the object {name} was forgotten", field=field)
+    known = kb.select(f"{PREFIXES}SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }}")
+    hint = nearest(name, [str(row.value("n")) for row in known])
+    raise UnknownTermError(f"{field}: the graph knows no object {name}{hint}", field=field)
+
+
+def _answer(engine: Engine, commit: Commit, thing: str) -> dict[str, Any]:
+    return {
+        "object": thing,
+        "commit": engine.commit_id(commit),
+        "added": commit.added,
+        "removed": commit.removed,
+    }

@@ -1,0 +1,140 @@
+"""A change of many agents' statements at once: what goes, what comes, each in its graph.
+
+People who curate the graph move what robots wrote. Every statement stays in the graph of whoever
+wrote it; the commit says who moved it, and the same commit turned round takes it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from rtask.engine.records.facts import Facts
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import NamedNode, Quad, Triple, object_term
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.commit import Commit
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["NOTE", "Edit"]
+
+NOTE = "objects: "
+"""How the note of a commit begins that may be taken back."""
+
+
+class Edit:
+    """Statements to withdraw and to assert.
+
+    Parameters
+    ----------
+    kb
+        Whose; graphs that commits keep themselves are left alone.
+    """
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._rights = kb.access()
+        self.removed: dict[Quad, None] = {}
+        self.added: dict[Quad, None] = {}
+
+    def match(self, *pattern: NamedNode | None) -> list[Quad]:
+        """Return the statements of a pattern that may be changed."""
+        return [q for q in self._kb.match(*pattern) if self._rights.may_write(q.graph_name)]
+
+    def after(self, *pattern: NamedNode | None) -> list[Quad]:
+        """Return the statements of a pattern that there will be, of those that may be changed."""
+        wanted = (*pattern, *(None,) * (3 - len(pattern)))
+        come = [
+            quad
+            for quad in self.added
+            if all(
+                want is None or want == part
+                for want, part in zip(wanted, tuple(quad)[:3], strict=True)
+            )
+        ]
+        stay = (q for q in self.match(*pattern) if q not in self.removed)
+        return list(dict.fromkeys([*stay, *come]))
+
+    def remove(self, quads: Iterable[Quad]) -> None:
+        """Withdraw statements."""
+        self.removed.update(dict.fromkeys(quads))
+
+    def replace(self, old: Quad, new: Quad) -> None:
+        """Withdraw one statement for another."""
+        if old != new:
+            self.removed[old] = None
+            self.added[new] = None
+
+    def state(self, facts: Facts, graph: NamedNode) -> None:
+        """Assert facts in a graph."""
+        for subject, predicate, value in facts.triples:
+            self.added[Quad(subject, predicate, object_term(value), graph)] = None
+
+    def rename(self, old: NamedNode, new: NamedNode, keep: Callable[[Quad], bool]) -> None:
+        """Let statements of which one thing is subject or object be those of another.
+
+        Parameters
+        ----------
+        keep
+            Whether a statement goes along; else it is withdrawn. So are the notes on it.
+        """
+        for quad in self.match(old):
+            if quad in self.removed:
+                continue
+            if keep(quad):
+                moved = Quad(new, quad.predicate, quad.object, quad.graph_name)
+                self.replace(quad, moved)
+            else:
+                self.remove([quad])
+        for quad in self.match(None, None, old):
+            if quad not in self.removed:
+                self.replace(quad, Quad(quad.subject, quad.predicate, new, quad.graph_name))
+        for quad in self.match(None, RDF.reifies, None):
+            said = quad.object
+            if isinstance(said, Triple) and old in (said.subject, said.object):
+                self._rename_reified(quad, said, old, new, keep)
+
+    def _rename_reified(
+        self, quad: Quad, said: Triple, old: NamedNode, new: NamedNode, keep: Callable[[Quad], bool]
+    ) -> None:
+        stated = Quad(said.subject, said.predicate, said.object, quad.graph_name)
+        if said.subject == old and not keep(stated):
+            assert isinstance(quad.subject, NamedNode)
+            self.remove(self.match(quad.subject))
+            return
+        subject = new if said.subject == old else said.subject
+        value = new if said.object == old else said.object
+        triple = Triple(subject, said.predicate, value)
+        self.replace(quad, Quad(quad.subject, quad.predicate, triple, quad.graph_name))
+
+    def forget_bytes(self, node: NamedNode) -> list[NamedNode]:
+        """Withdraw what describes the bytes that only this thing has; return their IRIs."""
+        freed = []
+        for link in self.match(node, RT.hasBlob):
+            blob = link.object
+            if not isinstance(blob, NamedNode):
+                continue
+            others = {q.subject for q in self._kb.match(None, RT.hasBlob, blob)}
+            others -= {q.subject for q in self.removed if q.predicate == RT.hasBlob}
+            if others <= {node}:
+                self.remove(self.match(blob))
+                freed.append(blob)
+        return freed
+
+    def commit(self, engine: Engine, note: str, author: Access) -> Commit:
+        """Store it as one commit, in the name of the person; the caller holds the write lock."""
+        access = Access(author.agent, "admin")
+        with engine.kb.transaction(access=access, note=NOTE + note) as tx:
+            for quad in self.removed.keys() - self.added.keys():
+                tx.remove(quad.subject, quad.predicate, quad.object, _name(quad))
+            tx.add_quads(quad for quad in self.added if quad not in self.removed)
+        engine.sync_index()
+        return tx.commit
+
+
+def _name(quad: Quad) -> NamedNode:
+    assert isinstance(quad.graph_name, NamedNode)  # only named graphs may be written
+    return quad.graph_name

@@ -1,0 +1,187 @@
+"""Two objects that turn out to be one.
+
+Views, grasps, outcomes and counts go along. Grasps and viewpoints are turned into the frame of the
+object that stays, as matched views tell; the models are made again. Each is one commit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import matrix_from_pose, tilt, wrap_turn, yaw_of
+from rtask.engine.curation.edit import Edit
+from rtask.engine.names import tail
+from rtask.engine.perception.models import posed_views, regrown, state_model
+from rtask.engine.perception.views import view_features
+from rtask.engine.records.facts import Facts
+from rtask.engine.records.objects import body_frame
+from rtask.engine.records.record import home_graph
+from rtask.errors import UsageError
+from rtask.rdf.namespaces import RDF, RDFS, RT
+from rtask.rdf.terms import Literal, NamedNode, Quad, iri, object_term, python_value
+
+if TYPE_CHECKING:
+    from features.recognition.view import ViewFeatures
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
+
+__all__ = ["frames_apart", "merge_objects", "move_frame", "withdraw_models"]
+
+_MOST_PAIRS = 6
+_LEAST_AGREED = 8
+_MOST_SHIFT_M, _MOST_TILT = 0.03, np.deg2rad(20)
+_OF_ITS_OWN = (
+    RT.objectId, RT.name, RT.extentX, RT.extentY, RT.extentZ, RT.graspWidth, RT.roundness,
+    RT.bodyFrame, RT.hasSymmetry, RT.hasModel,
+)  # fmt: skip
+_NUMBERS = (RT.x, RT.y, RT.z, RT.theta, RT.qx, RT.qy, RT.qz, RT.qw)
+
+
+def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
+    """Make one object of two; the other's IRI leads to the one that is kept.
+
+    Parameters
+    ----------
+    kept, other
+        IRIs of objects.
+
+    Raises
+    ------
+    UsageError
+        When both are the same.
+    """
+    if kept == other:
+        raise UsageError(
+            f"into: both names mean {kept.value}, which cannot be merged with itself", field="into"
+        )
+    with engine.writing:
+        kb = engine.kb
+        apart = frames_apart(engine, kept, other)
+        edit = Edit(kb)
+        names = [str(python_value(q.object)) for q in kb.match(other, RT.name)]
+        move_frame(engine, edit, body_frame(engine, other), body_frame(engine, kept), apart)
+        for node in (kept, other):
+            withdraw_models(edit, node)
+        kinds = {q.object for q in kb.match(kept, RDF.type)} - {RT.ManipulableObject}
+
+        def goes_along(quad: Quad) -> bool:
+            if quad.predicate == RDF.type:
+                return not kinds
+            return quad.predicate not in _OF_ITS_OWN
+
+        edit.rename(other, kept, goes_along)
+        facts = Facts()
+        facts.add(other, RT.mergedInto, kept)
+        for name in sorted(set(names)):
+            facts.add(other, RDFS.label, Literal(name))
+        views = posed_views(kb, kept) + [(v, apart @ pose) for v, pose in posed_views(kb, other)]
+        model = regrown(kb, views)
+        if model is not None:
+            state_model(engine, facts, kept, model)
+        edit.state(facts, home_graph(engine, author))
+        return edit.commit(engine, f"merge {tail(other)} into {tail(kept)}", author)
+
+
+def withdraw_models(edit: Edit, thing: NamedNode) -> None:
+    """Withdraw an object's models of all agents, with their meshes."""
+    for link in edit.match(thing, RT.hasModel):
+        edit.remove([link])
+        if not isinstance(link.object, NamedNode):
+            continue
+        mesh = iri(f"{link.object.value}/mesh")
+        edit.remove(edit.match(thing, RT.hasFeature, mesh))
+        for node in (link.object, mesh):
+            edit.forget_bytes(node)
+            edit.remove(edit.match(node))
+
+
+def frames_apart(engine: Engine, kept: NamedNode, other: NamedNode) -> NDArray[np.float64]:
+    """Return ``kept_from_other`` (4, 4): a turn and a shift on the table, as matched views tell.
+
+    Where no views match the frames are taken for one: both lie in the middle of what was measured,
+    along its longer side.
+    """
+    from features.recognition.pairs import match_views
+
+    here, there = (_posed_views(engine, thing) for thing in (kept, other))
+    best, agreed = np.eye(4), _LEAST_AGREED - 1
+    for features, kept_from_camera in here[:_MOST_PAIRS]:
+        for others, other_from_camera in there[:_MOST_PAIRS]:
+            pairs = match_views(features, others)
+            if pairs.first_from_second is None or int(pairs.agreed.sum()) <= agreed:
+                continue
+            apart = kept_from_camera @ pairs.first_from_second @ np.linalg.inv(other_from_camera)
+            if tilt(apart) < _MOST_TILT and np.linalg.norm(apart[:2, 3]) < _MOST_SHIFT_M:
+                best, agreed = apart, int(pairs.agreed.sum())
+    flat = np.eye(4)
+    yaw = yaw_of(best)
+    flat[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    flat[:2, 3] = best[:2, 3]
+    return flat
+
+
+def _posed_views(
+    engine: Engine, thing: NamedNode
+) -> list[tuple[ViewFeatures, NDArray[np.float64]]]:
+    """Return features and ``object_from_camera`` of the views whose viewpoint is known."""
+    found = []
+    for view, pose in posed_views(engine.kb, thing):
+        features = view_features(engine.kb, iri(view))
+        if features is not None:
+            found.append((features, pose))
+    return found
+
+
+def _numbers(quads: Iterable[Quad]) -> dict[NamedNode, float]:
+    return {
+        q.predicate: float(str(python_value(q.object))) for q in quads if q.predicate in _NUMBERS
+    }
+
+
+def move_frame(
+    engine: Engine,
+    edit: Edit,
+    old: NamedNode,
+    new: NamedNode,
+    new_from_old: NDArray[np.float64],
+    only: frozenset[NamedNode] | None = None,
+) -> None:
+    """Restate the poses in one frame in another.
+
+    Parameters
+    ----------
+    new_from_old : (4, 4) float64
+        A turn about z and a shift.
+    only
+        These poses; None = all, and the frame itself is withdrawn.
+    """
+    for link in edit.match(None, RT.inFrame, old):
+        pose, graph = link.subject, link.graph_name
+        if not isinstance(pose, NamedNode) or (only is not None and pose not in only):
+            continue
+        edit.replace(link, Quad(pose, RT.inFrame, new, graph))
+        quads = [q for q in edit.match(pose) if q.graph_name == graph]
+        numbers = _numbers(quads)
+        facts = Facts()
+        if RT.theta in numbers:
+            place = np.array([*(numbers[p] for p in _NUMBERS[:3]), 1.0])
+            x, y, z = (new_from_old @ place)[:3].tolist()
+            theta = round(wrap_turn(numbers[RT.theta] + yaw_of(new_from_old)), 6)
+            facts.node(pose, [], {RT.x: x, RT.y: y, RT.z: z})
+            facts.add(pose, RT.theta, 0.0 if theta >= 2 * np.pi else theta)
+        elif RT.qw in numbers:
+            place = np.array([numbers[p] for p in _NUMBERS[:3]])
+            turn = np.array([numbers[p] for p in _NUMBERS[4:]])
+            facts.pose(pose, new, new_from_old @ matrix_from_pose(place, turn))
+        said = [fact for fact in facts.triples if fact[1] in _NUMBERS]
+        for _, predicate, value in said:
+            for quad in quads:
+                if quad.predicate == predicate:
+                    edit.replace(quad, Quad(pose, predicate, object_term(value), graph))
+    if only is None:
+        edit.remove(edit.match(old))

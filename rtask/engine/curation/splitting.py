@@ -1,0 +1,314 @@
+"""One object that turns out to be two, and what shall be forgotten."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rtask.engine.curation.edit import Edit
+from rtask.engine.curation.merging import move_frame, withdraw_models
+from rtask.engine.memory.statistics import judged, state, statistics_of
+from rtask.engine.names import slug, tail
+from rtask.engine.perception.models import posed_views, regrown, state_model
+from rtask.engine.records.facts import Facts, stamp
+from rtask.engine.records.objects import body_frame
+from rtask.engine.records.record import home_graph
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, SOSA
+from rtask.rdf.terms import NamedNode, Quad, iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
+
+__all__ = ["forget_object", "forget_views", "split_object"]
+
+_HISTORY = ("task", "attempt", "outcome", "feedback", "grasp", "statistics", "recognition",
+            "observation", "view", "statement", "symmetry", "direction", "model")  # fmt: skip
+
+
+def split_object(
+    engine: Engine, thing: NamedNode, views: list[str], name: str | None, author: Access
+) -> tuple[NamedNode, Commit]:
+    """Let some views of an object, and what was tried on them, be another object.
+
+    Parameters
+    ----------
+    views
+        IRIs of the views that move; at least one must stay.
+    name
+        Of the new object.
+
+    Returns
+    -------
+    The new object and the commit.
+    """
+    moving = _views_of(engine, thing, views)
+    with engine.writing:
+        kb = engine.kb
+        new = engine.names.counted("object")
+        edit, facts = Edit(kb), Facts()
+        _state_twin(engine, edit, facts, thing, new, name, author)
+        frame = body_frame(engine, new)
+        events, poses = _move_views(edit, thing, new, moving)
+        poses |= _move_tries(engine, edit, thing, new, events)
+        move_frame(engine, edit, body_frame(engine, thing), frame, np.eye(4), frozenset(poses))
+        withdraw_models(edit, thing)
+        posed = posed_views(kb, thing)
+        for owner, mine in (
+            (thing, [v for v in posed if iri(v[0]) not in moving]),
+            (new, [v for v in posed if iri(v[0]) in moving]),
+        ):
+            model = regrown(kb, mine)
+            if model is not None:
+                state_model(engine, facts, owner, model)
+        edit.state(facts, home_graph(engine, author))
+        return new, edit.commit(engine, f"split {tail(new)} from {tail(thing)}", author)
+
+
+def _views_of(engine: Engine, thing: NamedNode, views: Iterable[str]) -> set[NamedNode]:
+    known = {q.object for q in engine.kb.match(thing, RT.hasView)}
+    chosen = {iri(view) for view in views}
+    if not chosen:
+        raise UsageError("views is missing: which views of the object are meant?", field="views")
+    strange = sorted(view.value for view in chosen - known)
+    if strange:
+        raise UnknownTermError(f"views: {strange[0]} is no view of {thing.value}")
+    if chosen == known:
+        raise UsageError("views: all views of the object; at least one must stay", field="views")
+    return chosen
+
+
+def _state_twin(
+    engine: Engine, edit: Edit, facts: Facts, thing: NamedNode, new: NamedNode,
+    name: str | None, author: Access,
+) -> None:  # fmt: skip
+    """State the new object: of the same kinds, size and symmetry, with a name of its own."""
+    alike = (RDF.type, RT.extentX, RT.extentY, RT.extentZ, RT.graspWidth, RT.roundness,
+             RT.hasFunction, RT.hasSymmetry)  # fmt: skip
+    for quad in edit.match(thing):
+        if quad.predicate in alike:
+            edit.added[Quad(new, quad.predicate, quad.object, quad.graph_name)] = None
+    frame = body_frame(engine, new)
+    facts.node(
+        new,
+        [RT.ManipulableObject],
+        {
+            RT.objectId: f"{slug(author.agent or 'shared')}/{tail(new)}",
+            RT.name: name or f"object {tail(new)}",
+            RT.bodyFrame: frame,
+            PROV.wasDerivedFrom: thing,
+        },
+    )
+    facts.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(new)}"})
+
+
+def _move_views(
+    edit: Edit, thing: NamedNode, new: NamedNode, views: set[NamedNode]
+) -> tuple[set[NamedNode], set[NamedNode]]:
+    """Move views and their observations; return the observations and the viewpoints."""
+    events: set[NamedNode] = set()
+    poses: set[NamedNode] = set()
+    for view in views:
+        for quad in edit.match(thing, RT.hasView, view):
+            edit.replace(quad, Quad(new, RT.hasView, view, quad.graph_name))
+        poses |= _objects(edit, view, RT.viewpoint)
+        events |= _objects(edit, view, PROV.wasDerivedFrom)
+    for event in events:
+        for quad in edit.match(event, SOSA.hasFeatureOfInterest, thing):
+            edit.replace(quad, Quad(event, quad.predicate, new, quad.graph_name))
+    return events, poses
+
+
+def _objects(edit: Edit, subject: NamedNode, predicate: NamedNode) -> set[NamedNode]:
+    return {q.object for q in edit.match(subject, predicate) if isinstance(q.object, NamedNode)}
+
+
+def _move_tries(
+    engine: Engine, edit: Edit, thing: NamedNode, new: NamedNode, events: set[NamedNode]
+) -> set[NamedNode]:
+    """Move the attempts told together with observations; return the poses of grasps that move.
+
+    A grasp that was also tried on what stays is stated again for the new object.
+    """
+    ids = {q.object for event in events for q in edit.match(event, RT.requestId)}
+    if not ids:
+        return set()
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
+  ?task rt:handles {thing} ; rt:through ?attempt .
+  ?attempt rt:executesGrasp ?grasp OPTIONAL {{ ?attempt rt:requestId ?id }} }}""")
+    moved: dict[NamedNode, list[NamedNode]] = {}
+    stays: set[NamedNode] = set()
+    for row in rows:
+        task, attempt, grasp = row["task"], row["attempt"], row["grasp"]
+        assert isinstance(task, NamedNode)
+        assert isinstance(attempt, NamedNode)
+        assert isinstance(grasp, NamedNode)
+        if row["id"] not in ids:
+            stays.add(grasp)
+            continue
+        moved.setdefault(grasp, []).append(attempt)
+        for quad in edit.match(task, RT.handles, thing):
+            edit.replace(quad, Quad(task, RT.handles, new, quad.graph_name))
+    poses: set[NamedNode] = set()
+    for grasp, attempts in moved.items():
+        if grasp not in stays:
+            for quad in edit.match(thing, RT.hasGrasp, grasp):
+                edit.replace(quad, Quad(new, RT.hasGrasp, grasp, quad.graph_name))
+            poses |= _objects(edit, grasp, RT.graspPose)
+        else:
+            _copy_grasp(engine, edit, new, grasp, attempts)
+    return poses
+
+
+def _copy_grasp(
+    engine: Engine, edit: Edit, new: NamedNode, grasp: NamedNode, attempts: list[NamedNode]
+) -> None:
+    twin = engine.names.counted("grasp")
+    frame = body_frame(engine, new)
+    for quad in edit.match(grasp):
+        value, graph = quad.object, quad.graph_name
+        if quad.predicate == RT.graspPose and isinstance(value, NamedNode):
+            pose = iri(f"{twin.value}/pose")
+            for part in edit.match(value):
+                said = frame if part.predicate == RT.inFrame else part.object
+                edit.added[Quad(pose, part.predicate, said, part.graph_name)] = None
+            value = pose
+        edit.added[Quad(twin, quad.predicate, value, graph)] = None
+        edit.added[Quad(new, RT.hasGrasp, twin, graph)] = None
+    for attempt in attempts:
+        for quad in edit.match(attempt, RT.executesGrasp, grasp):
+            edit.replace(quad, Quad(attempt, RT.executesGrasp, twin, quad.graph_name))
+    _recount(engine, edit, grasp, twin, attempts)
+
+
+def _recount(
+    engine: Engine, edit: Edit, grasp: NamedNode, twin: NamedNode, attempts: list[NamedNode]
+) -> None:
+    """Count a grasp without some attempts, and its twin with them."""
+    totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
+    every, moved = judged(engine, grasp=[grasp]), judged(engine, attempt=attempts)
+    for rows, owner, sign in ((every, grasp, 1), (moved, grasp, -1), (moved, twin, 1)):
+        for _, robot, gripper_type, held, n in rows:
+            total = totals.setdefault((owner, robot, gripper_type), [0, 0])
+            total[0] += sign * n * held
+            total[1] += sign * n
+    for link in edit.match(None, RT.statisticsOf, grasp):
+        assert isinstance(link.subject, NamedNode)
+        edit.remove(edit.match(link.subject))
+    for (owner, robot, gripper_type), (successes, tries) in totals.items():
+        if tries:
+            facts, node = Facts(), statistics_of(engine, owner, robot)
+            state(facts, node, owner, gripper_type, robot, successes, tries)
+            edit.state(facts, engine.kb.graphs.agent(tail(robot)))
+
+
+def forget_views(
+    engine: Engine, thing: NamedNode, views: list[str], purge: bool, author: Access
+) -> Commit:
+    """Forget some views of an object; its model is made again from the others."""
+    gone = _views_of(engine, thing, views)
+    with engine.writing:
+        kb, edit, facts = engine.kb, Edit(engine.kb), Facts()
+        freed = [blob for view in sorted(gone, key=str) for blob in _forget_view(edit, view)]
+        withdraw_models(edit, thing)
+        model = regrown(kb, [v for v in posed_views(kb, thing) if iri(v[0]) not in gone])
+        if model is not None:
+            state_model(engine, facts, thing, model)
+        edit.state(facts, home_graph(engine, author))
+        commit = edit.commit(engine, f"forget {len(gone)} views of {tail(thing)}", author)
+        _discard(engine, freed if purge else [])
+        return commit
+
+
+def _forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
+    freed = []
+    for content in _objects(edit, view, RT.viewContent):
+        freed += edit.forget_bytes(content)
+        edit.remove(edit.match(content))
+        edit.remove(edit.match(None, None, content))
+    for pose in _objects(edit, view, RT.viewpoint):
+        edit.remove(edit.match(pose))
+    edit.remove(edit.match(view))
+    edit.remove(edit.match(None, None, view))
+    return freed
+
+
+def forget_object(engine: Engine, thing: NamedNode, purge: bool, author: Access) -> Commit:
+    """Forget an object: nobody recognises it any more.
+
+    Parameters
+    ----------
+    purge
+        What was tried on it goes as well, and the bytes at once; the journal of the knowledge base
+        still tells what was once said. Otherwise attempts and outcomes stay as history, and the
+        bytes until they are collected.
+    """
+    with engine.writing:
+        edit = Edit(engine.kb)
+        freed = [
+            blob
+            for view in sorted(_objects(edit, thing, RT.hasView), key=str)
+            for blob in _forget_view(edit, view)
+        ]
+        withdraw_models(edit, thing)
+        if purge:
+            for node in _history(engine, edit, thing):
+                freed += edit.forget_bytes(node)
+                edit.remove(edit.match(node))
+                edit.remove(edit.match(None, None, node))
+            edit.remove(edit.match(None, None, thing))
+        frame = body_frame(engine, thing)
+        edit.remove(edit.match(frame))
+        edit.remove(q for q in edit.match(thing) if q not in edit.removed)
+        _forget_notes(edit, thing)
+        facts = Facts()
+        facts.add(thing, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
+        edit.state(facts, home_graph(engine, author))
+        how = "forget for good" if purge else "forget"
+        commit = edit.commit(engine, f"{how} {tail(thing)}", author)
+        _discard(engine, freed if purge else [])
+        return commit
+
+
+def _forget_notes(edit: Edit, thing: NamedNode) -> None:
+    """Withdraw what is said about statements about an object."""
+    from rtask.rdf.terms import Triple
+
+    for quad in edit.match(None, RDF.reifies, None):
+        said = quad.object
+        if isinstance(said, Triple) and said.subject == thing:
+            assert isinstance(quad.subject, NamedNode)
+            edit.remove(edit.match(quad.subject))
+
+
+def _history(engine: Engine, edit: Edit, thing: NamedNode) -> set[NamedNode]:
+    """Return everything that exists because of an object: tries, outcomes, grasps, counts."""
+    base = engine.kb.base
+    starts = tuple(f"{base}{kind}/" for kind in _HISTORY)
+    seen: set[NamedNode] = set()
+    inverse = (RT.handles, SOSA.hasFeatureOfInterest)
+    todo: list[object] = [q.subject for p in inverse for q in edit.match(None, p, thing)]
+    todo += [q.object for q in edit.match(thing)]
+    while todo:
+        node = todo.pop()
+        if not isinstance(node, NamedNode) or node in seen or not node.value.startswith(starts):
+            continue
+        seen.add(node)
+        todo += [q.object for q in edit.match(node) if q.predicate != PROV.wasDerivedFrom]
+        for predicate in (RT.statisticsOf, RT.executesGrasp):
+            todo += [q.subject for q in edit.match(None, predicate, node)]
+    return seen
+
+
+def _discard(engine: Engine, blobs: Iterable[NamedNode]) -> None:
+    """Delete bytes that nothing names any more."""
+    kb = engine.kb
+    for blob in blobs:
+        if not kb.match(None, RT.hasBlob, blob) and kb.blobs.has(blob):
+            kb.blobs.discard(blob.value.rpartition(":")[2], 0.0)

@@ -1,0 +1,209 @@
+"""A person takes back what a person put right: naming, merging, splitting or forgetting."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import matrix_from_pose
+from rtask.engine.curation.edit import NOTE, Edit
+from rtask.engine.curation.merging import withdraw_models
+from rtask.engine.perception.models import regrown, state_model
+from rtask.engine.records.facts import Facts
+from rtask.engine.records.record import home_graph
+from rtask.errors import ConflictError, ForbiddenError, UnknownTermError
+from rtask.rdf.namespaces import PREFIXES, RDF, RT, SOSA, values
+from rtask.rdf.terms import NamedNode, Quad, python_value
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+    from rtask.kb.commit.commit import Commit
+    from rtask.kb.feed.history import HistoryEntry
+
+__all__ = ["undo"]
+
+_NUMBERS = (RT.x, RT.y, RT.z, RT.qx, RT.qy, RT.qz, RT.qw)
+
+
+def undo(engine: Engine, commit: str, author: Access) -> Commit:
+    """Take back one commit that put objects right.
+
+    What was told since then stays, and what it withdrew since then stays withdrawn.
+
+    Raises
+    ------
+    UnknownTermError
+        No such commit, or one too old for a store in memory.
+    ForbiddenError
+        The commit was something else, or its bytes are gone for good.
+    ConflictError
+        Taken back already, or something since then stands in the way.
+    """
+    with engine.writing:
+        entry = _entry(engine, commit)
+        edit = _turned_round(engine, entry)
+        if not edit.removed and all(quad in engine.kb.store for quad in edit.added):
+            raise ConflictError(f"commit: {commit} was taken back already")
+        _refuse_gone(engine, edit, commit)
+        _refuse_moved_on(engine, edit, entry.seq)
+        _refuse_told_since(engine, edit)
+        _tries_go_along(engine, edit)
+        facts = Facts()
+        for thing in sorted(_grown_since(edit), key=str):
+            withdraw_models(edit, thing)
+            _leave_out_models(edit, thing)
+            model = regrown(engine.kb, _posed_after(edit, thing))
+            if model is not None:
+                state_model(engine, facts, thing, model)
+        edit.state(facts, home_graph(engine, author))
+        return edit.commit(engine, f"take back {commit}", author)
+
+
+def _entry(engine: Engine, commit: str) -> HistoryEntry:
+    """Return the commit that is meant."""
+    number = commit.removeprefix("c-")
+    if not number.isdecimal():
+        raise UnknownTermError(f"commit: {commit!r} is no commit; c-00012 is wanted")
+    seq = int(number)
+    entries = [e for e in engine.kb.history(since=seq - 1, upto=seq) if e.seq == seq]
+    if not entries:
+        raise UnknownTermError(f"commit: no commit {commit} of objects is known")
+    if not (entries[0].note or "").startswith(NOTE):
+        raise ForbiddenError(f"commit: {commit} named, merged, split or forgot nothing")
+    return entries[0]
+
+
+def _turned_round(engine: Engine, entry: HistoryEntry) -> Edit:
+    """Return what takes a commit back, as far as it still stands."""
+    edit, rights = Edit(engine.kb), engine.kb.access()
+    mine = [q for q in entry.added if rights.may_write(q.graph_name)]
+    edit.remove(quad for quad in mine if quad in engine.kb.store)
+    edit.added.update(dict.fromkeys(q for q in entry.removed if rights.may_write(q.graph_name)))
+    return edit
+
+
+def _refuse_gone(engine: Engine, edit: Edit, commit: str) -> None:
+    """Refuse to restore features without their bytes."""
+    blobs = {q.object for q in edit.added if q.predicate == RT.hasBlob}
+    gone = [b for b in blobs if isinstance(b, NamedNode) and not engine.kb.blobs.has(b)]
+    if gone:
+        raise ForbiddenError(f"commit: the bytes of {len(gone)} features are gone for good")
+
+
+def _refuse_moved_on(engine: Engine, edit: Edit, seq: int) -> None:
+    """Refuse where views or grasps belong to others by now, and names or kinds are others."""
+    kinds = engine.classes.all().keys() - {RT.ManipulableObject.value}
+
+    def says(quad: Quad) -> bool:
+        if quad.predicate == RT.name:
+            return True
+        value = quad.object
+        return quad.predicate == RDF.type and isinstance(value, NamedNode) and value.value in kinds
+
+    for quad in edit.added:
+        subject, value = quad.subject, quad.object
+        assert isinstance(subject, NamedNode)
+        if quad.predicate in (RT.hasView, RT.hasGrasp) and isinstance(value, NamedNode):
+            owners = {q.subject for q in edit.after(None, quad.predicate, value)}
+            if owners != {subject} or not edit.after(value) or not edit.after(subject, RT.objectId):
+                raise _in_the_way(engine, value, seq)
+        elif says(quad) and not subject.value.startswith(f"{engine.kb.base}statement/"):
+            since = {q for q in edit.after(subject, quad.predicate) if says(q)} - edit.added.keys()
+            if since:
+                raise _in_the_way(engine, subject, seq)
+
+
+def _in_the_way(engine: Engine, thing: NamedNode, seq: int) -> ConflictError:
+    """Return the error that names the last commit about a thing since then."""
+    history = engine.kb.history
+    since = [
+        entry
+        for entry in (*history(thing, since=seq), *history(value=thing, since=seq))
+        if (entry.note or "").startswith(NOTE)
+    ]
+    last = max(since, key=lambda entry: entry.seq, default=None)
+    if last is None:
+        return ConflictError(f"commit: {thing.value} was changed since then")
+    what = (last.note or "").removeprefix(NOTE)
+    return ConflictError(
+        f"commit: c-{last.seq:05d} ({what}) changed the same things since; take that back first",
+        commit=f"c-{last.seq:05d}",
+    )
+
+
+def _refuse_told_since(engine: Engine, edit: Edit) -> None:
+    """Refuse to let an object vanish of which robots told something since it came to be."""
+    for quad in edit.removed:
+        thing = quad.subject
+        if quad.predicate != RT.objectId or not isinstance(thing, NamedNode):
+            continue
+        if edit.after(thing, RT.objectId):
+            continue
+        told = [
+            *edit.after(thing, RT.hasView), *edit.after(thing, RT.hasGrasp),
+            *edit.after(None, RT.handles, thing),
+            *edit.after(None, SOSA.hasFeatureOfInterest, thing),
+        ]  # fmt: skip
+        if told:
+            raise ConflictError(
+                f"commit: robots told of {thing.value} since then; merge it into the other object"
+            )
+
+
+def _tries_go_along(engine: Engine, edit: Edit) -> None:
+    """Let what was tried since then follow the grasps that go back to their objects."""
+    owner = {q.object: q.subject for q in edit.added if q.predicate == RT.hasGrasp}
+    grasps = [grasp for grasp in owner if isinstance(grasp, NamedNode)]
+    if not grasps:
+        return
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?task ?grasp WHERE {{ VALUES ?grasp {{ {values(grasps)} }}
+  ?attempt rt:executesGrasp ?grasp . ?task rt:through ?attempt }}""")
+    for row in rows:
+        task, grasp = row["task"], row["grasp"]
+        assert isinstance(task, NamedNode)
+        assert isinstance(grasp, NamedNode)
+        for quad in edit.match(task, RT.handles):
+            if quad not in edit.removed:
+                edit.replace(quad, Quad(task, RT.handles, owner[grasp], quad.graph_name))
+
+
+def _grown_since(edit: Edit) -> set[NamedNode]:
+    """Return the objects whose model the commit made again, and that grew further since."""
+    before = {q.subject for q in edit.added if q.predicate == RT.hasModel}
+    return {
+        thing
+        for thing in before
+        if isinstance(thing, NamedNode)
+        and any(q not in edit.added for q in edit.after(thing, RT.hasModel))
+    }
+
+
+def _leave_out_models(edit: Edit, thing: NamedNode) -> None:
+    """Restore none of an object's former models."""
+    models = {q.object for q in edit.added if (q.subject, q.predicate) == (thing, RT.hasModel)}
+    nodes = {
+        f"{m.value}{part}" for m in models if isinstance(m, NamedNode) for part in ("", "/mesh")
+    }
+    for quad in list(edit.added):
+        named = [part.value for part in (quad.subject, quad.object) if isinstance(part, NamedNode)]
+        if nodes.intersection(named):
+            del edit.added[quad]
+
+
+def _posed_after(edit: Edit, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return the views that an object will have, and how the camera stood, oldest first."""
+    found = []
+    for view in sorted({q.object for q in edit.after(thing, RT.hasView)}, key=str):
+        assert isinstance(view, NamedNode)
+        for link in edit.after(view, RT.viewpoint):
+            assert isinstance(link.object, NamedNode)
+            said = {q.predicate: q.object for q in edit.after(link.object)}
+            if all(number in said for number in _NUMBERS):
+                seven = np.array([float(str(python_value(said[p]))) for p in _NUMBERS])
+                pose = matrix_from_pose(seven[:3], seven[3:])
+                found.append((view.value, np.asarray(pose, dtype=np.float64)))
+    return found

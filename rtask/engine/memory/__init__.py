@@ -1,0 +1,1 @@
+"""What the graph remembers: recalled experience, confidence and the choice of a grasp."""

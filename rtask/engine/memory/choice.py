@@ -1,0 +1,267 @@
+"""Choose a grasp: what is remembered and what geometry proposes, in the learner's order."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
+from grasp.learning.bandit import Trial as Tried
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.collision import Support, Surroundings, room_around
+from grasp.spatial.footprint import Footprint
+from grasp.spatial.frames import angle_between_axes, wrap_axis
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
+from rtask.engine.memory.experience import Weights, gather, without_trials
+from rtask.engine.memory.recall import Memory, Remembered, Trial
+from rtask.engine.perception.placement import Placement
+from rtask.engine.policy import Policy
+
+__all__ = ["Option", "Scene", "choose", "options"]
+
+_MERGE_M = 0.005
+_MERGE_RAD = np.deg2rad(10)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a choice depends on besides memory.
+
+    Parameters
+    ----------
+    footprint
+        Of the object, in the robot's frame.
+    placement
+        Of the object, in the robot's frame.
+    neighbours : (m, 3) or None, m
+        x, y in the robot's frame, z over the support.
+    frame_from_object : (4, 4) or None, m
+        Pose of the object in the robot's frame, as far as grasps in space are wanted and it is
+        known.
+    """
+
+    footprint: Footprint
+    placement: Placement
+    gripper: ParallelGripper
+    neighbours: NDArray[np.float64] | None = None
+    seed: int = 0
+    frame_from_object: NDArray[np.float64] | None = None
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """(length, width, height), m."""
+        return self.footprint.length, self.footprint.width, self.footprint.height
+
+
+@dataclass(frozen=True)
+class Option:
+    """A grasp that may be chosen.
+
+    Parameters
+    ----------
+    id
+        IRI of a remembered grasp, ``candidate:<k>`` of a proposed one.
+    grasp
+        In the robot's frame; z of a planar one is over the support.
+    in_object
+        (x, y, z, theta) in the object's frame.
+    remembered
+        What the graph knows about this very grasp.
+    choice
+        The learner's view; filled in by :func:`choose`.
+    sources
+        Objects whose outcomes speak about it.
+    """
+
+    id: str
+    grasp: PlanarGrasp | GraspCandidate
+    in_object: tuple[float, float, float, float]
+    remembered: Remembered | None = None
+    choice: Choice | None = None
+    sources: tuple[str, ...] = ()
+
+    @property
+    def quality(self) -> float:
+        """By geometry, 0..1: of a grasp in space the confidence with which it was planned."""
+        if isinstance(self.grasp, GraspCandidate):
+            return self.grasp.scores["confidence"]
+        return self.grasp.quality
+
+    @property
+    def opening(self) -> float:
+        """Between the jaws before closing, m."""
+        return self.grasp.width if self.grasp.opening is None else self.grasp.opening
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float] | None:
+        """Of a grasp in space in the object's frame (x, y, z, w)."""
+        return None if self.remembered is None else self.remembered.quaternion
+
+    @property
+    def explanation(self) -> dict[str, Any]:
+        """Why it stands where it stands: parts of the belief, and a sentence."""
+        if self.choice is None:
+            return {}
+        parts = dict(self.choice.explanation)
+        parts["objects"] = list(self.sources)
+        parts["text"] = _sentence(self, parts)
+        return parts
+
+
+def options(
+    scene: Scene, memory: Memory, object_iri: str | None, propose: bool, limit: int = 50
+) -> list[Option]:
+    """Return the grasps to choose from: those of the object, then new candidates beside them.
+
+    Parameters
+    ----------
+    object_iri
+        The object, when it is known which one it is.
+    propose
+        Whether geometry may add candidates.
+    limit
+        Of the candidates.
+    """
+    found: list[Option] = []
+    own = memory.of(object_iri) if object_iri else []
+    for known in (one for one in own if one.quaternion is None):
+        x, y, theta = scene.placement.to_frame(known.x, known.y, known.theta)
+        draft = PlanarGrasp(
+            x, y, known.z, wrap_axis(theta), 0.0, known.opening, 0.0, "memory", scene.seed
+        )
+        rated = rate(scene.footprint, scene.gripper, draft, scene.neighbours)
+        if rated is not None and rated.clearance > 0:
+            at = (known.x, known.y, known.z, known.theta)
+            found.append(Option(known.grasp, rated, at, known))
+    found += _in_space(scene, [one for one in own if one.quaternion is not None])
+    if not propose:
+        return found
+    proposed = propose_planar(
+        scene.footprint, scene.gripper, scene.neighbours, scene.seed, max_candidates=limit
+    )
+    for k, grasp in enumerate(proposed):
+        if not any(_same(grasp, other.grasp, _MERGE_M, _MERGE_RAD) for other in found[:200]
+                   if other.remembered is not None
+                   and isinstance(other.grasp, PlanarGrasp)):  # fmt: skip
+            x, y, theta = scene.placement.to_object(grasp.x, grasp.y, grasp.theta)
+            # As the graph will keep it, so that it weighs the same before and after.
+            x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
+            found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
+    return found
+
+
+def choose(
+    candidates: Sequence[Option],
+    scene: Scene,
+    memory: Memory,
+    confidence: Mapping[str, float],
+    policy: Policy,
+    now: dt.datetime | None = None,
+) -> list[Option]:
+    """Return the options in the order in which to try them; empty when none is worth it.
+
+    Parameters
+    ----------
+    confidence
+        That each object of the memory is the one in question, by IRI.
+    """
+    if not candidates:
+        return []
+    at = np.array([option.in_object for option in candidates])
+    weights = Weights(policy, confidence, scene.gripper, scene.size, now or dt.datetime.now(dt.UTC))
+    told = without_trials(memory)
+    evidence = gather(
+        at[:, :3], at[:, 3], told, weights, policy.bandit.bandwidth, _all_axes(candidates, told)
+    )
+    arms = [
+        Arm(
+            (float(x), float(y), float(z)), float(theta), option.quality,
+            float(evidence.successes[i]), float(evidence.failures[i]), option.opening,
+            _axes(option.remembered),
+        )
+        for i, (option, (x, y, z, theta)) in enumerate(zip(candidates, at, strict=True))
+    ]  # fmt: skip
+    trials = [Tried((t.x, t.y, t.z), t.theta, t.held, _axes(t)) for t in memory.trials]
+    learner = BetaThompson(policy.bandit, max(scene.size))
+    return [
+        replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
+        for c in learner.rank(arms, trials, scene.seed)
+    ]
+
+
+def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
+    """Return the grasps in space of this kind of gripper that are free as the object lies now."""
+    hand, pose = scene.gripper, scene.frame_from_object
+    mine = [one for one in known if one.gripper_type == hand.gripper_type]
+    if pose is None or not mine:
+        return []
+    support = float(scene.placement.frame_from_object[2, 3])
+    around = scene.neighbours
+    if around is not None:
+        around = around + np.array([0.0, 0.0, support])
+    poses = np.stack([pose @ one.object_from_gripper for one in mine])
+    openings = np.array([min(one.opening, hand.max_opening) for one in mine])
+    room = room_around(poses, openings, hand, Surroundings(Support(support, clearance=0.0), around))
+    found = []
+    for one, placed, opening, clearance, is_free in zip(
+        mine, poses, openings.tolist(), room.clearance.tolist(), room.free.tolist(), strict=True
+    ):
+        width = opening if one.width is None else one.width
+        if is_free and hand.fits(width, 0.0):
+            scores = {"confidence": one.prior or 0.0, "clearance": clearance}
+            grasp = GraspCandidate(placed, width, source="recalled", opening=opening, scores=scores)
+            found.append(Option(one.grasp, grasp, (one.x, one.y, one.z, one.theta), one))
+    return found
+
+
+def _axes(known: Remembered | Trial | None) -> Axes | None:
+    """Return closing and approach direction of a grasp in space, None of one from above."""
+    if known is None or known.quaternion is None:
+        return None
+    closing, approach = known.object_from_gripper[:3, [0, 2]].T.tolist()
+    return tuple(closing), tuple(approach)
+
+
+def _all_axes(
+    candidates: Sequence[Option], told: Sequence[Remembered]
+) -> NDArray[np.float64] | None:
+    """Return closing and approach direction (n, 2, 3) of all, None where all come from above."""
+    known = (*(one.remembered for one in candidates), *told)
+    if all(one is None or one.quaternion is None for one in known):
+        return None
+    flat = [
+        ((np.cos(theta), np.sin(theta), 0.0), (0.0, 0.0, -1.0))
+        for *_, theta in (one.in_object for one in candidates)
+    ]
+    return np.array([_axes(one.remembered) or f for one, f in zip(candidates, flat, strict=True)])
+
+
+def _same(a: PlanarGrasp, b: PlanarGrasp, metres: float, radians: float) -> bool:
+    near = np.hypot(a.x - b.x, a.y - b.y) <= metres and abs(a.z - b.z) <= metres
+    return bool(near and angle_between_axes(a.theta, b.theta) <= radians)
+
+
+def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
+    """Return the explanation in words."""
+    assert option.choice is not None
+    won, lost = parts["graph"]
+    said = [f"geometry rates it {parts['quality']:.2f}"]
+    if option.remembered is not None and option.remembered.attempts:
+        known = option.remembered
+        said.append(f"it held {known.successes} of {known.attempts} times")
+    if max(won, lost) >= 0.05:
+        where = f" on {len(option.sources)} object(s)" if option.sources else ""
+        said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
+    if max(parts["episode"]) >= 0.05:
+        said.append(f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}")
+    low, high = option.choice.interval90
+    chance = f"chance {option.choice.mean:.2f} ({low:.2f} to {high:.2f})"
+    how = {"proven": "proven, so it goes first", "sample": "drawn among the best",
+           "mean": "in order of chance"}[parts["selected_by"]]  # fmt: skip
+    return f"{chance}: {'; '.join(said)}; {how}"

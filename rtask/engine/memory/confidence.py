@@ -1,0 +1,195 @@
+"""How confident the graph is in a grasp: what was computed before, and what was counted since.
+
+The confidence s_G of a grasp (Kehoe 2014, 4.3) begins as the mean quality under uncertainty, or as
+the generator's own score. Every judged attempt makes it a posterior: the belief of the bandit
+(:mod:`grasp.learning.bandit`) over all robots. It is stored in the same commit as the outcome, in
+the graph of the robot that tried, and names the evaluation that it was derived from, which stays.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from grasp.learning.bandit import Arm, BetaThompson
+from rtask.engine.names import slug
+from rtask.engine.policy import Policy
+from rtask.engine.records.facts import Facts
+from rtask.rdf.namespaces import PREFIXES, PROV, RT, values
+from rtask.rdf.terms import NamedNode, Value, iri, object_term, python_value
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+
+__all__ = ["Belief", "Confidence", "believe", "posterior", "stored_confidences"]
+
+_BELIEF = (
+    RT.graspConfidence,
+    RT.beliefAlpha,
+    RT.beliefBeta,
+    PROV.generatedAtTime,
+    RT.policyVersion,
+)
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A Beta distribution over the chance that a grasp holds."""
+
+    alpha: float
+    beta: float
+
+    @property
+    def mean(self) -> float:
+        """The confidence."""
+        return self.alpha / (self.alpha + self.beta)
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """What the graph keeps about one grasp.
+
+    Parameters
+    ----------
+    evaluation
+        IRI of the evaluation that was computed before any attempt; empty where there is none.
+    prior
+        Its confidence; None where there is none.
+    belief
+        The posterior stored last, over all robots; None before the first outcome.
+    updated
+        When, ISO 8601; empty before the first outcome.
+    policy
+        Version of the rules of the posterior.
+    """
+
+    evaluation: str = ""
+    prior: float | None = None
+    belief: Belief | None = None
+    updated: str = ""
+    policy: str = ""
+
+
+def posterior(
+    policy: Policy, quality: float | None, counts: Iterable[tuple[bool, float]]
+) -> Belief:
+    """Return the belief that a prior and judged attempts add up to.
+
+    Parameters
+    ----------
+    quality
+        0..1: confidence of an evaluation, else the generator's score; None = nothing is known.
+    counts
+        (held, weight) of attempts.
+
+    Examples
+    --------
+    >>> round(posterior(Policy(), 0.9, []).mean, 2)
+    0.86
+    >>> round(posterior(Policy(), 0.9, [(False, 6.0)]).mean, 2)
+    0.45
+    """
+    told = list(counts)
+    won = sum(weight for held, weight in told if held)
+    lost = sum(weight for held, weight in told if not held)
+    arm = Arm((0.0, 0.0, 0.0), 0.0, quality, won, lost)
+    alpha, beta = BetaThompson(policy.bandit).beliefs([arm])[0]
+    return Belief(float(alpha), float(beta))
+
+
+def stored_confidences(engine: Engine, grasps: Sequence[str]) -> dict[str, Confidence]:
+    """Return what is stored about grasps, by IRI; one query."""
+    if not grasps:
+        return {}
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
+  VALUES ?grasp {{ {values(grasps)} }}
+  ?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:graspConfidence ?confidence
+  OPTIONAL {{ ?evaluation rt:beliefAlpha ?alpha ; rt:beliefBeta ?beta ; prov:generatedAtTime ?time
+    OPTIONAL {{ ?evaluation rt:policyVersion ?policy }} }}
+}} ORDER BY ?grasp ?time ?evaluation""")
+    found: dict[str, Confidence] = {}
+    for row in rows:
+        at: dict[str, Any] = row.to_dict()
+        grasp = str(row.value("grasp"))
+        known = found.get(grasp, Confidence())
+        if at["alpha"] is not None:
+            known = replace(
+                known,
+                belief=Belief(float(at["alpha"]), float(at["beta"])),
+                updated=_iso(row.value("time")),
+                policy=str(at["policy"] or ""),
+            )
+        elif known.prior is None:
+            first, prior = str(row.value("evaluation")), float(at["confidence"])
+            known = replace(known, evaluation=first, prior=prior)
+        found[grasp] = known
+    return found
+
+
+def believe(
+    engine: Engine,
+    facts: Facts,
+    grasp: NamedNode,
+    counts: Mapping[tuple[bool, bool], int],
+    author: NamedNode,
+    graph: NamedNode,
+) -> list[tuple[NamedNode, NamedNode, Value]]:
+    """State the new posterior of a grasp, derived from the first evaluation where there is one.
+
+    Parameters
+    ----------
+    counts
+        Judged attempts of all robots by (held, in coarse physics), as they will be.
+    author
+        Whose outcome or verdict changes it.
+    graph
+        Of the author.
+
+    Returns
+    -------
+    The statements of this author's last posterior, to withdraw.
+    """
+    weighed = [(held, n * engine.policy.weight_of(fast)) for (held, fast), n in counts.items()]
+    first = stored_confidences(engine, [grasp.value]).get(grasp.value, Confidence())
+    prior = _quality(engine, facts, grasp) if first.prior is None else first.prior
+    belief = posterior(engine.policy, prior, weighed)
+    home = engine.kb.graphs.owner(graph) or "shared"
+    node = iri(f"{grasp.value}/evaluation/{slug(home)}")
+    facts.triples = [t for t in facts.triples if not (t[0] == node and t[1] in _BELIEF)]
+    old: list[tuple[NamedNode, NamedNode, Value]] = []
+    for quad in engine.kb.match(node, graph=graph):
+        if quad.predicate in _BELIEF:
+            old.append((node, quad.predicate, quad.object))
+    facts.add(grasp, RT.hasEvaluation, node)
+    facts.node(
+        node,
+        [RT.GraspEvaluation],
+        {
+            RT.graspConfidence: belief.mean,
+            RT.beliefAlpha: belief.alpha,
+            RT.beliefBeta: belief.beta,
+            # Not rt:atTime, by which rules look for the newest.
+            PROV.generatedAtTime: dt.datetime.now(dt.UTC),
+            RT.policyVersion: engine.policy.version,
+            PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,
+            PROV.wasAttributedTo: author,
+        },
+    )
+    return old
+
+
+def _iso(time: Any) -> str:
+    return time.isoformat() if isinstance(time, dt.datetime) else str(time)
+
+
+def _quality(engine: Engine, facts: Facts, grasp: NamedNode) -> float | None:
+    """Return the generator's score of a grasp that is stored or about to be."""
+    for subject, predicate, value in facts.triples:
+        if subject == grasp and predicate == RT.graspQuality and isinstance(value, float):
+            return min(max(value, 0.0), 1.0)
+    for quad in engine.kb.match(grasp, RT.graspQuality):
+        return min(max(float(str(python_value(object_term(quad.object)))), 0.0), 1.0)
+    return None

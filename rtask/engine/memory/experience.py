@@ -1,0 +1,175 @@
+"""From what the graph remembers to the counts that a belief is made of.
+
+Each remembered outcome weighs by who made it, on which object, with which gripper, in which
+physics and when; through the kernel it speaks for neighbouring grasps too. Grasps of other objects
+of the class are carried over by scaling their object's frame to the present one.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.learning.bandit import kernel, kernel_in_space
+from grasp.spatial.gripper import ParallelGripper
+from rtask.engine.memory.recall import Memory, Remembered, Tally
+from rtask.engine.policy import Policy
+
+__all__ = ["Evidence", "Weights", "gather", "without_trials"]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Weighted successes and failures for each arm.
+
+    Parameters
+    ----------
+    successes, failures : (n,)
+    objects
+        For each arm, IRIs of the objects that the evidence comes from, the weightiest first.
+    """
+
+    successes: NDArray[np.float64]
+    failures: NDArray[np.float64]
+    objects: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What one remembered outcome counts.
+
+    Parameters
+    ----------
+    confidence
+        That each object is the present one, by IRI.
+    gripper
+        Of the robot that asks.
+    size
+        (length, width, height) of the present object, m.
+    now
+        For ageing.
+    """
+
+    policy: Policy
+    confidence: Mapping[str, float]
+    gripper: ParallelGripper
+    size: tuple[float, float, float]
+    now: dt.datetime
+
+    def of(self, grasp: Remembered, tally: Tally) -> float:
+        """Return the weight of one attempt in a tally."""
+        weight = self._object(grasp) * self._gripper(grasp)
+        if tally.is_fast:
+            weight *= self.policy.fast_physics
+        half_life = self.policy.half_life_days
+        if half_life is not None and tally.latest is not None:
+            age_days = max((self.now - tally.latest).total_seconds() / 86_400, 0.0)
+            weight *= 0.5 ** (age_days / half_life)
+        return weight
+
+    def _object(self, grasp: Remembered) -> float:
+        if not grasp.of_class:
+            return self.confidence.get(grasp.object, 0.0)
+        if grasp.size is None:
+            return 0.0
+        apart = np.linalg.norm(np.log(np.array(grasp.size) / np.array(self.size)))
+        fade = np.exp(-(apart**2) / (2 * self.policy.size_bandwidth**2))
+        return self.policy.same_class * float(fade)
+
+    def _gripper(self, grasp: Remembered) -> float:
+        if grasp.gripper_type == self.gripper.gripper_type:
+            return 1.0
+        fits = self.gripper.min_opening <= min(self.size[:2]) <= self.gripper.max_opening
+        return self.policy.other_gripper if fits else 0.0
+
+
+def without_trials(memory: Memory) -> tuple[Remembered, ...]:
+    """Return the remembered grasps without the attempts of the episode under way.
+
+    The learner takes those in by itself, a failure with more weight; they must not count twice.
+    """
+    mine = Counter((t.grasp, t.held, t.is_fast) for t in memory.trials)
+    cleaned = []
+    for grasp in memory.grasps:
+        if grasp.of_class:
+            cleaned.append(grasp)
+            continue
+        tallies = []
+        for tally in grasp.tallies:
+            taken = min(mine[grasp.grasp, tally.held, tally.is_fast], tally.count)
+            mine[grasp.grasp, tally.held, tally.is_fast] -= taken
+            if tally.count > taken:
+                tallies.append(replace(tally, count=tally.count - taken))
+        cleaned.append(replace(grasp, tallies=tuple(tallies)))
+    return tuple(cleaned)
+
+
+def gather(
+    positions: NDArray[np.float64],
+    thetas: NDArray[np.float64],
+    remembered: Sequence[Remembered],
+    weights: Weights,
+    bandwidth: float,
+    axes: NDArray[np.float64] | None = None,
+) -> Evidence:
+    """Return what the graph says about each arm.
+
+    Parameters
+    ----------
+    positions : (n, 3), m, frame of the present object
+    thetas : (n,), rad, frame of the present object
+    remembered
+        Without the present episode; see :func:`without_trials`.
+    axes : (n, 2, 3) or None
+        Closing direction and approach of each arm; None = all come from above.
+    """
+    told = [g for g in remembered if g.tallies]
+    n = len(positions)
+    if not told or n == 0:
+        return Evidence(np.zeros(n), np.zeros(n), ((),) * n)
+    there = np.array([_scaled(g, weights.size) for g in told])
+    angles = np.array([g.theta for g in told])
+    size = max(weights.size)
+    if axes is None:
+        near = kernel(positions, thetas, there, angles, size, bandwidth)
+    else:
+        turns = np.stack([g.object_from_gripper[:3, [0, 2]].T for g in told])
+        near = kernel_in_space(positions, axes, there, turns, size, bandwidth)
+    won = np.array([_weight(g, weights, held=True) for g in told])
+    lost = np.array([_weight(g, weights, held=False) for g in told])
+    # Rounded, so that the order of the rows leaves no trace in the last bit.
+    successes, failures = np.round(near @ won, 9), np.round(near @ lost, 9)
+    return Evidence(successes, failures, _sources(near * (won + lost), told))
+
+
+def _weight(grasp: Remembered, weights: Weights, held: bool) -> float:
+    return sum(weights.of(grasp, t) * t.count for t in grasp.tallies if t.held is held)
+
+
+def _scaled(grasp: Remembered, size: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the grasp's position as it would be on an object of another size."""
+    if not grasp.of_class or grasp.size is None:
+        return grasp.x, grasp.y, grasp.z
+    x, y, z = (
+        at * here / there
+        for at, here, there in zip((grasp.x, grasp.y, grasp.z), size, grasp.size, strict=True)
+    )
+    return x, y, z
+
+
+def _sources(
+    shares: NDArray[np.float64], told: Sequence[Remembered], least: float = 0.05
+) -> tuple[tuple[str, ...], ...]:
+    sources = []
+    for row in shares:
+        by_object: dict[str, float] = {}
+        for share, grasp in zip(row, told, strict=True):
+            by_object[grasp.object] = by_object.get(grasp.object, 0.0) + round(float(share), 6)
+        heavy = sorted((-w, iri) for iri, w in by_object.items() if w >= least)
+        sources.append(tuple(iri for _, iri in heavy))
+    return tuple(sources)

@@ -1,0 +1,191 @@
+"""Learners that begin where the graph is: experience out of it, saved states into it.
+
+The engine's own learner keeps nothing of its own: every decision is made from the outcomes in the
+graph (:mod:`rtask.engine.memory.experience`), so it goes on wherever the graph is opened. The
+learners of Gatto 2016, 3.3.4 (:mod:`grasp.learning.agents`) learn step by step. They either learn
+anew from the outcomes of all robots, with states computed from the stored descriptors, or take up a
+state that was saved as a blob; one of another version is left alone, with a note.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import logging
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.learning.env import quadrant
+from grasp.learning.state import GrowingComponents, pooled
+from grasp.learning.transition import Transition
+from grasp.spatial.frames import closing_turn, matrix_from_pose
+from rtask.engine.memory.question import JUDGED
+from rtask.engine.names import slug
+from rtask.engine.perception.views import stored_views
+from rtask.engine.records.facts import Facts, stamp
+from rtask.errors import MissingBlobError
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PREFIXES, PROV, RT
+from rtask.rdf.terms import iri, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+
+__all__ = ["Resumed", "Saved", "experience", "keep_learner", "resume_learner"]
+
+log = logging.getLogger(__name__)
+
+
+class Saved(Protocol):
+    """A learner that can be put away and taken up again."""
+
+    def save(self, path: Path) -> None:
+        """Write everything that is needed to go on."""
+
+    def load(self, path: Path) -> None:
+        """Go on where :meth:`save` stopped; ValueError where the file does not fit."""
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """Whether a learner took up a saved state, and why not."""
+
+    done: bool
+    note: str = ""
+
+
+def experience(engine: Engine) -> list[Transition]:
+    """Return what all robots learned, as steps of the thesis's problem, the oldest first.
+
+    The state is how the object looks, in five components of all views that this release can read;
+    the action is the quadrant of the closing direction, the reward whether it held. Views of
+    another extractor's version are left out, and attempts on objects that no other view shows.
+
+    Returns
+    -------
+    One step for each judged attempt; people's verdicts count, disputed ones do not.
+    """
+    states = _states(engine)
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?attempt ?ended ?object ?theta ?held ?qx ?qy ?qz ?qw WHERE {{
+  ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose . {JUDGED}
+  OPTIONAL {{ ?pose rt:theta ?theta }}
+  OPTIONAL {{ ?pose rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw }}
+}} ORDER BY ?ended ?attempt ?object""")
+    steps = []
+    for row in rows:
+        at: dict[str, Any] = row.to_dict()
+        state = states.get(str(at["object"]))
+        theta = _closing_turn(at)
+        if state is not None and theta is not None:
+            reward = 1.0 if at["held"] else -1.0
+            steps.append(Transition(state, quadrant(theta), reward, state, True))
+    return steps
+
+
+def _closing_turn(at: dict[str, Any]) -> float | None:
+    """Return the closing direction about z of a grasp, rad; None where its pose is not whole."""
+    if at["theta"] is not None:
+        return float(at["theta"])
+    if at["qw"] is None:
+        return None
+    turn = np.array([float(at["q" + axis]) for axis in "xyzw"])
+    return closing_turn(matrix_from_pose(np.zeros(3), turn))
+
+
+def _states(engine: Engine) -> dict[str, NDArray[np.float64]]:
+    """Return five numbers of how each object looks; all by the same components."""
+    components = GrowingComponents()
+    views: dict[str, NDArray[np.float64]] = {}
+    for row in stored_views(engine.kb):
+        features = row.features(engine.kb)
+        if features is None:
+            continue
+        view, is_told = pooled(features.descriptors)
+        if is_told:
+            components.add(view)
+            views.setdefault(row.object, view)
+    return {thing: components.state(view).features for thing, view in views.items()}
+
+
+def keep_learner(
+    engine: Engine, learner: Saved, name: str, agent: str | None = None, steps: int | None = None
+) -> str:
+    """Store a learner's state in the graph; the one of this name and agent before it goes.
+
+    Parameters
+    ----------
+    name
+        Under which it is taken up again.
+    agent
+        Whose graph keeps it; None = the shared one.
+    steps
+        Learned so far.
+
+    Returns
+    -------
+    IRI of the snapshot.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "learner.npz"
+        learner.save(file)
+        blob = engine.kb.blobs.put(file.read_bytes(), "application/x-npz")
+    node = engine.names.named("learner", f"{slug(agent or 'shared')}-{slug(name)}")
+    facts = Facts()
+    author = Access(agent, "robot") if agent else Access()
+    facts.node(
+        node,
+        [RT.LearnerSnapshot],
+        {
+            RT.name: name,
+            RT.algorithm: type(learner).__name__,
+            RT.stepCount: steps,
+            RT.hasBlob: facts.blob(blob),
+            RT.atTime: stamp(dt.datetime.now(dt.UTC)),
+            PROV.wasAttributedTo: engine.agent_iri(author) if agent else None,
+        },
+    )
+    home = engine.kb.graphs.agent(agent) if agent else engine.kb.graphs.shared
+    with engine.writing, engine.kb.transaction(access=author, note="a learner's state") as tx:
+        for quad in engine.kb.match(node, graph=home):
+            tx.remove(quad.subject, quad.predicate, quad.object, home)
+        for subject, predicate, value in facts.triples:
+            tx.add(subject, predicate, value, home)
+    return node.value
+
+
+def resume_learner(engine: Engine, learner: Saved, name: str) -> Resumed:
+    """Let a learner go on from the latest state of its name and kind; else it stays as it is.
+
+    A state of another version, or of other states and actions, is not mixed in: the note says why,
+    and :func:`experience` is there to learn from anew.
+    """
+    kind = type(learner).__name__
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?snapshot ?blob ?kind ?time WHERE {{
+  ?snapshot a rt:LearnerSnapshot ; rt:name {literal(name)} ; rt:algorithm ?kind ;
+    rt:hasBlob ?blob ; rt:atTime ?time
+}} ORDER BY DESC(?time) DESC(?snapshot)""")
+    notes = []
+    for row in rows:
+        where = str(row.value("snapshot"))
+        if str(row.value("kind")) != kind:
+            notes.append(f"{where} is a {row.value('kind')}, not a {kind}")
+            continue
+        try:
+            data = engine.kb.blobs.read(iri(str(row.value("blob"))))
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / "learner.npz"
+                file.write_bytes(data)
+                learner.load(file)
+        except (MissingBlobError, ValueError) as error:
+            notes.append(f"{where}: {error}")
+            continue
+        return Resumed(True, "; ".join(notes))
+    note = "; ".join(notes) or f"no learner {name!r} is stored"
+    log.info("%s: %s", name, note)
+    return Resumed(False, note)

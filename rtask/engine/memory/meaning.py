@@ -1,0 +1,221 @@
+"""What the words of a wish mean: kinds of objects and what objects are for.
+
+"Bring me something to drink from" names a function, "a bottle" a kind, "a cup to drink from" both,
+and then both are wanted. Words are compared by their stems; a wish of several words means the
+longest name that they hold.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from rtask.engine.terms import folded
+from rtask.rdf.namespaces import PREFIXES, RDFS, RT, local_name
+from rtask.rdf.terms import iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.commit import Change
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["FunctionCatalogue", "Meaning", "Sense", "meaning", "stems"]
+
+_FILLERS = frozenset(
+    re.findall(
+        r"\w+",
+        "a an the some something anything somewhat thing things object one ones bring fetch get "
+        "give hand pass take grasp pick find show need want would like please me my us i you we "
+        "to for with from out of in on at and or which that who is are it its up over here can",
+    )
+)
+_MODAL = re.compile(r"\b(?:i|you|we|one|he|she|they|that|which|people|robot)\s+can\b")
+_A_CAN = re.compile(r"\b(?:a|the|some|any|this|that|my|your|of)\s+(?:\w+\s+)?cans?\b|^cans?\b")
+_WORD = re.compile(r"[^\W_]+")
+_MOST_HITS = 20
+
+
+@dataclass(frozen=True)
+class Sense:
+    """One thing that is asked of the object: to be of a kind, or to be for something.
+
+    Parameters
+    ----------
+    kind
+        ``class`` or ``function``.
+    terms
+        IRIs; any one of them will do.
+    words
+        What it was called.
+    """
+
+    kind: Literal["class", "function"]
+    terms: tuple[str, ...]
+    words: str
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a wish means.
+
+    Parameters
+    ----------
+    senses
+        All of them are asked for; none when the words mean nothing here.
+    ignored
+        Words that no name explains.
+    suggestions
+        Names near to words that mean nothing.
+    """
+
+    senses: tuple[Sense, ...] = ()
+    ignored: tuple[str, ...] = ()
+    suggestions: tuple[str, ...] = ()
+
+    def terms(self, kind: str) -> list[str]:
+        """Return the IRIs of one kind of sense, in the order of the senses."""
+        return [term for sense in self.senses if sense.kind == kind for term in sense.terms]
+
+
+class FunctionCatalogue:
+    """What objects are for, by name; read again when a function is added or renamed."""
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._lock = threading.Lock()
+        self._known: Mapping[str, tuple[str, ...]] | None = None
+
+    def forget_if_changed(self, change: Change) -> None:
+        """Read again after a commit that touches functions or names."""
+        for quad in (*change.added, *change.removed):
+            if quad.object == RT.ObjectFunction or quad.predicate == RDFS.label:
+                with self._lock:
+                    self._known = None
+                return
+
+    def all(self) -> Mapping[str, tuple[str, ...]]:
+        """Return the names of every function by IRI, the label first."""
+        with self._lock:
+            if self._known is None:
+                self._known = _read_functions(self._kb)
+            return self._known
+
+
+def _read_functions(kb: KnowledgeBase) -> dict[str, tuple[str, ...]]:
+    rows = kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?function ?name ?other {{ ?function a rt:ObjectFunction
+  OPTIONAL {{ ?function rdfs:label ?name }} OPTIONAL {{ ?function skos:altLabel ?other }}
+}} ORDER BY ?function ?name ?other""")
+    names: dict[str, dict[str, None]] = {}
+    for row in rows:
+        known = names.setdefault(str(row.value("function")), {})
+        for variable in ("name", "other"):
+            if row[variable] is not None:
+                known.setdefault(str(row.value(variable)))
+    return {one: tuple(known) or (local_name(one),) for one, known in names.items()}
+
+
+def stems(text: str) -> list[str]:
+    """Return the telling words of a text in a form that plural and -ing do not change.
+
+    >>> stems("Bring me something that I can drink from, please"), stems("drinking vessels")
+    (['drink'], ['drink', 'vessel'])
+    >>> stems("a coke can"), stems("writing"), stems("write with")
+    (['cok', 'can'], ['writ'], ['writ'])
+    """
+    plain = _MODAL.sub(" ", folded(text))
+    is_can = _A_CAN.search(plain) is not None
+    words: list[str] = _WORD.findall(plain)
+    told = [w for w in words if w not in _FILLERS or (w == "can" and (is_can or len(words) == 1))]
+    return [_stem(word) for word in told]
+
+
+def _stem(word: str) -> str:
+    if word.endswith("ing") and len(word) > 5:
+        word = word[:-3]
+        if len(word) > 2 and word[-1] == word[-2] and word[-1] not in "ls":
+            word = word[:-1]
+    elif word.endswith("es") and len(word) > 4 and word[-3] in "sx":
+        word = word[:-2]
+    elif word.endswith("s") and not word.endswith("ss") and len(word) > 3:
+        word = word[:-1]
+    return word[:-1] if word.endswith("e") and len(word) > 3 else word
+
+
+def meaning(engine: Engine, wish: str) -> Meaning:
+    """Return what a wish means: the IRI of a class or function, or words for one.
+
+    Names that the words hold come first, then names whose words begin with theirs, then whatever
+    full-text search finds in labels and comments.
+    """
+    classes = {c.iri.value: c.names for c in engine.classes.all().values()}
+    functions = engine.functions.all()
+    term = wish.strip().strip("<>")
+    if term in classes:
+        return Meaning((Sense("class", (term,), engine.classes.get(term).label),))
+    if term in functions:
+        return Meaning((Sense("function", (term,), functions[term][0]),))
+    named = [*_named("class", classes), *_named("function", functions)]
+    words = stems(wish)
+    found, left = _longest_names(named, words)
+    if not found:
+        found = _searched(engine, words, classes, functions)
+        left = [] if found else words
+    if found:
+        return Meaning(tuple(found), tuple(left))
+    known = sorted({folded(name) for _, _, name, _ in named})
+    near = difflib.get_close_matches(" ".join(words) or folded(wish), known, n=5, cutoff=0.6)
+    return Meaning((), tuple(words), tuple(near))
+
+
+_Named = tuple[Literal["class", "function"], str, str, tuple[str, ...]]
+
+
+def _named(
+    kind: Literal["class", "function"], names: Mapping[str, Iterable[str]]
+) -> Iterator[_Named]:
+    """Yield (kind, IRI, name, its stems); the class of everything means nothing."""
+    for term in sorted(names):
+        for name in names[term]:
+            told = tuple(stems(name)) or (_stem(folded(name)),)
+            if term != RT.ManipulableObject.value:
+                yield kind, term, name, told
+
+
+def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], list[str]]:
+    """Return the senses of the longest names that the words hold, and the words left over."""
+    left, found = list(words), []
+    fits = [one for one in named if set(one[3]) <= set(words)]
+    for length in sorted({len(one[3]) for one in fits}, reverse=True):
+        taken: dict[tuple[str, frozenset[str]], list[_Named]] = {}
+        for one in fits:
+            if len(one[3]) == length and set(one[3]) <= set(left):
+                taken.setdefault((one[0], frozenset(one[3])), []).append(one)
+        for (kind, told), same in taken.items():
+            terms = tuple(dict.fromkeys(term for _, term, _, _ in same))
+            found.append(Sense("class" if kind == "class" else "function", terms, same[0][2]))
+            left = [word for word in left if word not in told]
+    return found, left
+
+
+def _searched(
+    engine: Engine,
+    words: list[str],
+    classes: Mapping[str, Iterable[str]],
+    functions: Mapping[str, Iterable[str]],
+) -> list[Sense]:
+    """Return what full-text search finds: one sense, any class or function of which will do."""
+    if not words:
+        return []
+    hits = engine.kb.search(" ".join(f"{word}*" for word in words), limit=_MOST_HITS)
+    found = [hit.subject.value for hit in hits]
+    said = " ".join(words)
+    for kind, known in (("function", functions), ("class", classes)):
+        terms = tuple(iri(one).value for one in found if one in known)
+        if terms:
+            return [Sense("class" if kind == "class" else "function", terms, said)]
+    return []

@@ -1,0 +1,172 @@
+"""What a decision wants to know, as one SPARQL query (Gatto 2016, 3.2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rtask.rdf.namespaces import PREFIXES, reason, values
+
+__all__ = ["JUDGED", "UNJUDGED", "Question", "query_text"]
+
+UNJUDGED = (
+    "timed_out", "stopped_by_human", "hardware",
+    "no_match", "low_recognition", "wrong_object", "pose_unknown", "low_pose",
+    "no_grasp", "low_grasp",
+    "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
+    "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "tracking",
+)  # fmt: skip
+"""Reasons that say something about the robot, the place or the day, not about the grasp.
+
+Such attempts are stored like all others and count in no statistics: that one arm could not reach
+an object where it stood teaches nothing about taking hold of it elsewhere."""
+
+_NOBODY = "urn:rtask:nobody"
+JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
+    ?outcome rt:hasReason ?reason ; rt:success ?decided
+    BIND(IF(?decided, !EXISTS {{ ?outcome rt:judgedSuccess false }},
+      EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
+    FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))
+    FILTER NOT EXISTS {{ ?outcome rt:disputed true }}"""
+"""Pattern of a judged attempt of ``?grasp``: people's verdict wins over what was decided, and where
+people disagree evenly nothing is judged."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a decision wants to know.
+
+    Parameters
+    ----------
+    objects
+        IRIs that recognition or tracking gave.
+    classes
+        IRIs of kinds of objects whose members may teach something.
+    doubtful
+        Those of them that hardly are this one: they teach as members of the kind as well.
+    size
+        (length, width, height), m, of the object in question.
+    tracked
+        The object that the robot is in the middle of handling, if any.
+    robot
+        Who asks, for its own attempts on ``tracked``.
+    views
+        Stored views whose viewpoints are needed.
+    only
+        Classes to one of which an object must belong; empty = any.
+    in_space
+        Grasps with a full pose are wanted as well as those from above.
+    """
+
+    objects: tuple[str, ...] = ()
+    classes: tuple[str, ...] = ()
+    size: tuple[float, float, float] | None = None
+    size_tolerance: float = 1.5
+    tracked: str | None = None
+    robot: str | None = None
+    views: tuple[str, ...] = ()
+    only: tuple[str, ...] = ()
+    doubtful: tuple[str, ...] = ()
+    in_space: bool = False
+
+
+def query_text(question: Question) -> str:
+    """Return the query of a decision.
+
+    Each part leaves the other parts' variables unbound; ``?part`` tells the rows apart. The store
+    reads only what is asked for as long as every pattern stands in one group with the ``VALUES``
+    that begins it: so attempts are a part of their own and not optional to grasps, verdicts are
+    looked up by ``EXISTS``, and a ``BIND`` comes last.
+    """
+    of = [(f"VALUES ?object {{ {values(question.objects)} }}", "false")]
+    if question.classes and question.size is not None:
+        of.append((_members(question), "true"))
+    turns = (_ABOUT_Z, _IN_SPACE) if question.in_space else (_ABOUT_Z,)
+    parts = [
+        _object_part(question),
+        *(_grasp_part(which, of_class, turn) for which, of_class in of for turn in turns),
+        *(_tally_part(which, of_class, fast) for which, of_class in of for fast in (False, True)),
+        *(_trial_part(question.tracked, question.robot, turn)
+          for turn in turns if question.tracked),
+        _view_part(question.views),
+    ]  # fmt: skip
+    union = "\n  UNION\n".join(f"  {{ {part} }}" for part in parts)
+    return f"{PREFIXES}\nSELECT * WHERE {{\n{union}\n}}"
+
+
+def _object_part(question: Question) -> str:
+    """Return the pattern of what is said about the objects themselves."""
+    only = ""
+    if question.only:
+        wanted = f"VALUES ?wanted {{ {values(question.only)} }}"
+        only = f"FILTER EXISTS {{ {wanted} ?object a ?wanted }}"
+    return f"""VALUES ?object {{ {values(question.objects)} }}
+    ?object a rt:ManipulableObject {only}
+    OPTIONAL {{ ?object rt:name ?name }}
+    OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
+    OPTIONAL {{ ?object rt:hasSymmetry/rt:symmetryOrder ?order }}
+    OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
+      FILTER(?class != rt:ManipulableObject && isIRI(?class))
+      OPTIONAL {{ ?class rdfs:label ?label }} OPTIONAL {{ ?class rt:shortId ?short }}
+      OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
+        FILTER(?above != ?class && isIRI(?above)) }} }}
+    BIND("object" AS ?part)"""
+
+
+def _members(question: Question) -> str:
+    """Return the pattern of other objects of the classes that are about as large."""
+    assert question.size is not None
+    bounds = " && ".join(
+        f"?{name} > {size / question.size_tolerance:.6f} && "
+        f"?{name} < {size * question.size_tolerance:.6f}"
+        for name, size in zip(("l", "w", "h"), question.size, strict=True)
+    )
+    sure = sorted(set(question.objects) - set(question.doubtful))
+    known = ", ".join(values([iri]) for iri in sure) or f"<{_NOBODY}>"
+    return f"""VALUES ?kind {{ {values(question.classes)} }}
+    ?object a ?kind ; rt:extentX ?l ; rt:extentY ?w ; rt:extentZ ?h
+    FILTER({bounds} && ?object NOT IN ({known}))"""
+
+
+_ABOUT_Z = "rt:theta ?theta"
+_IN_SPACE = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
+
+
+def _grasp_part(which: str, of_class: str, turn: str) -> str:
+    """Return the pattern of the grasps of some objects whose pose states its turn in one way."""
+    return f"""{which}
+    ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
+    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
+    ?owner rt:bodyFrame ?frame
+    OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
+    OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
+    OPTIONAL {{ ?grasp rt:contactWidth ?contact }}
+    BIND("grasp" AS ?part) BIND({of_class} AS ?of_class)"""
+
+
+def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
+    """Return the pattern that counts judged attempts: all, or those in the coarse physics."""
+    fast = '?outcome rt:hasFeedback ?feedback . ?feedback rt:preset "fast" .' if only_fast else ""
+    name = "fast" if only_fast else "tally"
+    return f"""SELECT ("{name}" AS ?part) ({of_class} AS ?of_class) ?object ?grasp ?held
+      (COUNT(DISTINCT ?attempt) AS ?n) (MAX(?ended) AS ?latest)
+    WHERE {{ {which} ?object rt:hasGrasp ?grasp . {fast} {JUDGED} }}
+    GROUP BY ?object ?grasp ?held"""
+
+
+def _trial_part(tracked: str, robot: str | None, turn: str) -> str:
+    """Return the pattern of one robot's attempts on one object."""
+    return f"""VALUES ?object {{ {values([tracked])} }}
+    ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
+    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
+    ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
+    {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
+    BIND("trial" AS ?part)"""
+
+
+def _view_part(views: Iterable[str]) -> str:
+    """Return the pattern of where stored views were taken from."""
+    return f"""VALUES ?view {{ {values(views)} }}
+    ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
+      rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
+    BIND("view" AS ?part)"""

@@ -1,0 +1,294 @@
+"""Ask the graph once and read the answer: objects, their grasps, outcomes of every robot.
+
+What recognition found goes in; out come the objects, their grasps with every outcome of every
+robot, what this robot just tried, and where stored views were taken from.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import closing_turn, matrix_from_pose, pose_from_planar
+from rtask.engine.memory.question import Question, query_text
+from rtask.rdf.namespaces import RT, local_name
+
+if TYPE_CHECKING:
+    from rtask.knowledge_base import KnowledgeBase
+    from rtask.sparql.results import Row, Solutions
+
+__all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial", "recall"]
+
+_NUMBERS = ("x", "y", "z", "opening", "quality")
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Judged attempts of one grasp that ended alike."""
+
+    held: bool
+    count: int
+    is_fast: bool = False
+    latest: dt.datetime | None = None
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A grasp in the graph.
+
+    Parameters
+    ----------
+    x, y, z, theta
+        In the frame of its object, m and rad.
+    of_class
+        It comes from another object of the class, not from the object itself.
+    size
+        (length, width, height) of its object, m.
+    prior
+        Quality as computed before any attempt, 0..1; None where nobody computed it.
+    quaternion : (x, y, z, w) or None
+        Of a grasp in space; ``theta`` is then the direction of its closing axis seen from above.
+    width
+        Between the contacts, m, where it is known.
+    """
+
+    grasp: str
+    object: str
+    of_class: bool
+    x: float
+    y: float
+    z: float
+    theta: float
+    opening: float
+    quality: float
+    gripper_type: str
+    size: tuple[float, float, float] | None
+    tallies: tuple[Tally, ...] = ()
+    prior: float | None = None
+    quaternion: tuple[float, float, float, float] | None = None
+    width: float | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
+        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
+
+    @property
+    def attempts(self) -> int:
+        """Judged attempts of all robots."""
+        return sum(tally.count for tally in self.tallies)
+
+    @property
+    def successes(self) -> int:
+        """Those that held."""
+        return sum(tally.count for tally in self.tallies if tally.held)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An attempt of this robot on the tracked object."""
+
+    grasp: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    held: bool
+    number: int
+    ended: str
+    is_fast: bool = False
+    quaternion: tuple[float, float, float, float] | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
+        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
+
+
+@dataclass(frozen=True)
+class KnownObject:
+    """What the graph says about an object."""
+
+    iri: str
+    name: str = ""
+    class_iri: str = ""
+    label: str = ""
+    short_id: str = ""
+    size: tuple[float, float, float] | None = None
+    is_round: bool = False
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The answer to a :class:`Question`."""
+
+    objects: Mapping[str, KnownObject] = field(default_factory=dict)
+    grasps: tuple[Remembered, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    viewpoints: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def of(self, iri: str) -> list[Remembered]:
+        """Return the grasps of one object."""
+        return [g for g in self.grasps if g.object == iri and not g.of_class]
+
+
+def recall(kb: KnowledgeBase, question: Question) -> Memory:
+    """Ask the graph once."""
+    if not (question.objects or question.classes or question.views):
+        return Memory()
+    return _memory(kb.select(query_text(question)), question)
+
+
+def _memory(rows: Solutions, question: Question) -> Memory:
+    parts: dict[str, list[Row]] = {
+        name: [] for name in ("object", "grasp", "tally", "fast", "trial", "view")
+    }
+    for row in rows:
+        parts[str(row.value("part"))].append(row)
+    return Memory(
+        objects=_objects(parts["object"]),
+        grasps=_grasps(parts["grasp"], _tallies(parts["tally"], parts["fast"])),
+        trials=_episode(parts["trial"]),
+        viewpoints={_text(row, "view"): _pose(row) for row in parts["view"]},
+    )
+
+
+def _text(row: Row, name: str) -> str:
+    value = row.value(name)
+    return "" if value is None else str(value)
+
+
+def _number(row: Row, name: str, default: float = 0.0) -> float:
+    value: Any = row.value(name)
+    return default if value is None else float(value)
+
+
+def _gripper_pose(
+    x: float, y: float, z: float, theta: float, quaternion: tuple[float, ...] | None
+) -> NDArray[np.float64]:
+    if quaternion is None:
+        return np.asarray(pose_from_planar(x, y, z, theta), dtype=np.float64)
+    return np.asarray(matrix_from_pose(np.array([x, y, z]), np.array(quaternion)), np.float64)
+
+
+def _turn(row: Row) -> tuple[float, tuple[float, float, float, float] | None]:
+    """Return the closing direction about z and, of a grasp in space, the quaternion."""
+    if row["qw"] is None:
+        return _number(row, "theta"), None
+    x, y, z, w = (_number(row, "q" + name) for name in "xyzw")
+    return closing_turn(matrix_from_pose(np.zeros(3), np.array([x, y, z, w]))), (x, y, z, w)
+
+
+def _size(row: Row) -> tuple[float, float, float] | None:
+    if any(row[name] is None for name in ("length", "width", "height")):
+        return None
+    return _number(row, "length"), _number(row, "width"), _number(row, "height")
+
+
+def _pose(row: Row) -> NDArray[np.float64]:
+    position = np.array([_number(row, name) for name in "xyz"])
+    quaternion = np.array([_number(row, "q" + name) for name in "xyzw"])
+    return np.asarray(matrix_from_pose(position, quaternion), dtype=np.float64)
+
+
+def _objects(rows: Iterable[Row]) -> dict[str, KnownObject]:
+    grouped: dict[str, list[Row]] = {}
+    for row in rows:
+        grouped.setdefault(_text(row, "object"), []).append(row)
+    return {iri: _object(iri, grouped[iri]) for iri in sorted(grouped)}
+
+
+def _object(iri: str, mine: list[Row]) -> KnownObject:
+    """Join the rows of one object; of several classes the lowest in the hierarchy wins."""
+    classes: dict[str, set[str]] = {}
+    for row in mine:
+        if row["class"] is not None:
+            classes.setdefault(_text(row, "class"), set()).add(_text(row, "above"))
+    best = min(classes, key=lambda c: (-len(classes[c] - {""}), c), default="")
+    labels = sorted(_text(r, "label") for r in mine if best and _text(r, "class") == best)
+    shorts = sorted(_text(r, "short") for r in mine if best and _text(r, "class") == best)
+    names = sorted(_text(row, "name") for row in mine)
+    sizes = sorted(size for row in mine if (size := _size(row)) is not None)
+    orders = {_number(row, "order") for row in mine if row["order"] is not None}
+    name = names[0] if names else ""
+    return KnownObject(
+        iri=iri,
+        name=name,
+        class_iri=best or RT.ManipulableObject.value,
+        label=name or (labels[0] if labels and labels[0] else local_name(best) if best else ""),
+        short_id=shorts[0] if shorts else "",
+        size=sizes[0] if sizes else None,
+        is_round=0.0 in orders,
+    )
+
+
+Key = tuple[str, str, bool]
+
+
+def _key(row: Row) -> Key:
+    return _text(row, "object"), _text(row, "grasp"), bool(row.value("of_class"))
+
+
+def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Tally]]:
+    """Return what is counted for each grasp, coarse physics apart from the rest."""
+    fast = {(_key(row), row.value("held")): int(_number(row, "n")) for row in fast_rows}
+    tallies: dict[Key, list[Tally]] = {}
+    for row in rows:
+        key, held = _key(row), bool(row.value("held"))
+        latest = row.value("latest")
+        when = None if latest is None else dt.datetime.fromisoformat(str(latest))
+        in_fast = fast.get((key, held), 0)
+        for count, is_fast in ((int(_number(row, "n")) - in_fast, False), (in_fast, True)):
+            if count:
+                tallies.setdefault(key, []).append(Tally(held, count, is_fast, when))
+    return tallies
+
+
+def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Remembered, ...]:
+    """Join grasps with their tallies; the order follows geometry, not the store."""
+    kept: dict[Key, Row] = {}
+    # Two robots may have measured one object differently: the smaller size wins, for any order.
+    for row in sorted(rows, key=lambda row: _size(row) or ()):
+        kept.setdefault(_key(row), row)
+    grasps = [_remembered(key, row, tallies.get(key, [])) for key, row in kept.items()]
+    return tuple(sorted(grasps, key=lambda g: (g.of_class, g.x, g.y, g.z, g.theta, g.grasp)))
+
+
+def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
+    iri, grasp, of_class = key
+    x, y, z, opening, quality = (_number(row, name) for name in _NUMBERS)
+    theta, quaternion = _turn(row)
+    order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count))
+    return Remembered(
+        grasp, iri, of_class, x, y, z, theta, opening, quality,
+        _text(row, "gripper"), _size(row), tuple(order),
+        None if row["quality"] is None else min(max(quality, 0.0), 1.0),
+        quaternion, None if row["contact"] is None else _number(row, "contact"),
+    )  # fmt: skip
+
+
+def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
+    """Return the attempts of the episode under way: the last run with numbers 1, 2, 3 ...
+
+    An episode that held the object is over, so it is nobody's present one.
+    """
+    trials = {
+        _text(row, "attempt"): Trial(
+            _text(row, "grasp"), _number(row, "x"), _number(row, "y"), _number(row, "z"),
+            _turn(row)[0], bool(row.value("held")), int(_number(row, "number")),
+            _text(row, "ended"), bool(row.value("is_fast")), _turn(row)[1],
+        )
+        for row in rows
+    }  # fmt: skip
+    newest_first = sorted(trials.values(), key=lambda t: (t.ended, t.number), reverse=True)
+    run: list[Trial] = []
+    for trial in newest_first:
+        if trial.held or (run and trial.number >= run[-1].number):
+            break
+        run.append(trial)
+    return tuple(reversed(run))

@@ -1,0 +1,204 @@
+"""How often a grasp held: counts that robots keep, and what they say together.
+
+Each robot keeps the count of its own attempts in its own graph (one ``rt:GraspStatistics`` for a
+grasp, a kind of gripper and a robot); over all robots they add up. The attempts themselves are the
+truth, and the counts can be made again from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.memory.question import JUDGED, UNJUDGED
+from rtask.engine.names import tail
+from rtask.engine.records.facts import Facts
+from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
+from rtask.rdf.terms import NamedNode, object_term, python_value
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.commit import Commit
+
+__all__ = [
+    "count",
+    "judged",
+    "judged_counts",
+    "lower_95",
+    "over_all_robots",
+    "rebuild",
+    "statistics_of",
+    "summary",
+    "totalled",
+]
+
+
+def lower_95(successes: int, attempts: int) -> float:
+    """Return the one-sided lower 95 % bound of Clopper and Pearson on the chance of success.
+
+    >>> round(lower_95(12, 14), 3), lower_95(0, 5)
+    (0.615, 0.0)
+    """
+    if not 0 <= successes <= attempts:
+        raise ValueError(f"expected 0 <= successes <= attempts, got {successes} of {attempts}")
+    if successes == 0:
+        return 0.0
+    from scipy.special import betaincinv
+
+    return float(betaincinv(successes, attempts - successes + 1, 0.05))
+
+
+def summary(successes: int, attempts: int) -> dict[str, Any]:
+    """Return the statistics of a grasp as messages carry them."""
+    return {
+        "attempts": attempts,
+        "successes": successes,
+        "mean": successes / attempts if attempts else 0.0,
+        "lower_95": lower_95(successes, attempts),
+    }
+
+
+def statistics_of(engine: Engine, grasp: NamedNode, robot: NamedNode) -> NamedNode:
+    """Return the IRI of one robot's count of a grasp."""
+    return engine.names.named("statistics", f"{tail(grasp)}-{tail(robot)}")
+
+
+def count(
+    engine: Engine, facts: Facts, grasp: NamedNode, gripper_type: str, robot: NamedNode,
+    graph: NamedNode, attempts: int, successes: int,
+) -> list[tuple[NamedNode, NamedNode, Any]]:  # fmt: skip
+    """State a robot's new count of a grasp.
+
+    Parameters
+    ----------
+    graph
+        Where the robot keeps its counts.
+    attempts, successes
+        How many more there are than before; fewer when a person took something back.
+
+    Returns
+    -------
+    The statements of the old count, to withdraw.
+    """
+    node = statistics_of(engine, grasp, robot)
+    counted = (RT.attempts, RT.successes, RT.meanSuccess, RT.lower95)
+    pending = [fact for fact in facts.triples if fact[0] == node and fact[1] in counted]
+    facts.triples = [fact for fact in facts.triples if fact not in pending]
+    old = [
+        (node, quad.predicate, quad.object)
+        for quad in engine.kb.match(node, graph=graph)
+        if quad.predicate in counted
+    ]
+    numbers = {p: float(str(python_value(object_term(v)))) for _, p, v in (*old, *pending)}
+    total = max(int(numbers.get(RT.attempts, 0)) + attempts, 0)
+    held = min(max(int(numbers.get(RT.successes, 0)) + successes, 0), total)
+    state(facts, node, grasp, gripper_type, robot, held, total)
+    return old
+
+
+def state(
+    facts: Facts, node: NamedNode, grasp: NamedNode, gripper_type: str, robot: NamedNode,
+    successes: int, attempts: int,
+) -> None:  # fmt: skip
+    """State one count."""
+    facts.node(
+        node,
+        [RT.GraspStatistics],
+        {
+            RT.statisticsOf: grasp,
+            RT.gripperType: gripper_type,
+            PROV.wasAttributedTo: robot,
+            RT.attempts: attempts,
+            RT.successes: successes,
+            RT.meanSuccess: successes / attempts if attempts else 0.0,
+            RT.lower95: lower_95(successes, attempts),
+        },
+    )
+
+
+def over_all_robots(engine: Engine, grasp: NamedNode) -> dict[str, Any]:
+    """Return the statistics of one grasp, counted from the attempts of all robots."""
+    rows = judged(engine, grasp=[grasp])
+    held = sum(n for *_, won, n in rows if won)
+    return summary(held, sum(n for *_, n in rows))
+
+
+def judged_counts(engine: Engine, grasp: NamedNode) -> dict[tuple[bool, bool], int]:
+    """Return how many judged attempts of a grasp there are, by (held, in coarse physics)."""
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {grasp} }}
+  {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?fast)
+}} GROUP BY ?held ?fast""")
+    return {
+        (bool(row.value("held")), bool(row.value("fast"))): int(str(row.value("n"))) for row in rows
+    }
+
+
+def totalled(counts: Mapping[tuple[bool, bool], int]) -> dict[str, Any]:
+    """Return the statistics that counts by (held, in coarse physics) add up to.
+
+    >>> totalled({(True, False): 2, (False, True): 1})["successes"]
+    2
+    """
+    held = sum(n for (success, _), n in counts.items() if success)
+    return summary(held, sum(counts.values()))
+
+
+def rebuild(engine: Engine) -> Commit:
+    """Count every grasp again from the attempts, people's verdicts included; one commit."""
+    with engine.writing:
+        totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
+        for grasp, robot, gripper_type, won, n in judged(engine):
+            total = totals.setdefault((grasp, robot, gripper_type), [0, 0])
+            total[0] += n if won else 0
+            total[1] += n
+        kb = engine.kb
+        with kb.transaction(note="rebuild statistics") as tx:
+            for node in {q.subject for q in kb.match(None, RT.statisticsOf)}:
+                for quad in kb.match(node):
+                    if isinstance(quad.graph_name, NamedNode) and kb.access().may_write(
+                        quad.graph_name
+                    ):
+                        tx.remove(quad.subject, quad.predicate, quad.object, quad.graph_name)
+            for (grasp, robot, gripper_type), (successes, attempts) in sorted(
+                totals.items(), key=str
+            ):
+                facts = Facts()
+                node = statistics_of(engine, grasp, robot)
+                state(facts, node, grasp, gripper_type, robot, successes, attempts)
+                graph = kb.graphs.agent(tail(robot))
+                for subject, predicate, value in facts.triples:
+                    tx.add(subject, predicate, value, graph)
+        return tx.commit
+
+
+def judged(
+    engine: Engine, **only: Iterable[NamedNode]
+) -> list[tuple[NamedNode, NamedNode, str, bool, int]]:
+    """Return (grasp, robot, gripper type, held, how often) of judged attempts.
+
+    Parameters
+    ----------
+    **only
+        These things, by variable: ``grasp``, ``attempt``.
+    """
+    unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
+    chosen = " ".join(
+        f"VALUES ?{name} {{ {' '.join(map(str, things))} }}" for name, things in only.items()
+    )
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?grasp ?robot ?gripper ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ {chosen}
+  ?attempt rt:executesGrasp ?grasp ; rt:performedBy ?robot ; rt:activates/rt:gripperType ?gripper ;
+    rt:hasOutcome ?outcome . ?outcome rt:hasReason ?reason ; rt:success ?decided
+  OPTIONAL {{ ?outcome rt:judgedSuccess ?verdict }}
+  BIND(COALESCE(?verdict, ?decided) AS ?held)
+  FILTER(?verdict != ?decided || ?reason NOT IN ({unjudged}))
+  FILTER NOT EXISTS {{ ?outcome rt:disputed true }}
+}} GROUP BY ?grasp ?robot ?gripper ?held""")
+    found = []
+    for row in rows:
+        grasp, robot = row["grasp"], row["robot"]
+        if isinstance(grasp, NamedNode) and isinstance(robot, NamedNode):
+            n = int(str(row.value("n")))
+            found.append((grasp, robot, str(row.value("gripper")), bool(row.value("held")), n))
+    return found

@@ -1,0 +1,156 @@
+"""An attempt with everything that was said about it, and what learners count of it."""
+
+from __future__ import annotations
+
+import datetime as dt
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.memory.question import UNJUDGED
+from rtask.engine.records.attempts import Verdict
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import PREFIXES, local_name
+from rtask.rdf.terms import NamedNode, iri, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+
+__all__ = ["Judged", "find_attempt", "label_of"]
+
+_RECENT = 500
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An attempt and what was said about it.
+
+    Parameters
+    ----------
+    decided
+        What the robot reported.
+    reason
+        Code that it gave.
+    is_fast
+        It happened in the coarse physics preset.
+    verdicts
+        Of people, oldest first.
+    """
+
+    attempt: NamedNode
+    outcome: NamedNode
+    grasp: NamedNode
+    robot: NamedNode
+    gripper_type: str
+    decided: bool
+    reason: str
+    is_fast: bool
+    verdicts: tuple[Verdict, ...] = ()
+
+    @property
+    def votes(self) -> tuple[int, int]:
+        """How many people say that it held and that it did not, each by the latest word."""
+        latest = {said.by: said.held for said in self.verdicts}
+        held = sum(latest.values())
+        return held, len(latest) - held
+
+
+def label_of(judged: Judged) -> bool | None:
+    """Return what learners count: success, failure, or None = nothing.
+
+    A disputed outcome counts nowhere, nor does a failure that says nothing about the grasp, unless
+    people say that the grasp held after all.
+    """
+    held, lost = judged.votes
+    if held == lost and judged.verdicts:
+        return None
+    label = held > lost if judged.verdicts else judged.decided
+    return None if label == judged.decided and judged.reason in UNJUDGED else label
+
+
+def find_attempt(engine: Engine, request: Mapping[str, Any]) -> Judged:
+    """Return the latest attempt that a request means, with everything said about it.
+
+    Raises
+    ------
+    UsageError
+        Neither task, object nor grasp is named.
+    UnknownTermError
+        No attempt fits; with the nearest known name.
+    """
+    patterns = []
+    if request["task_id"]:
+        patterns.append(f"?attempt rt:requestId {literal(request['task_id'])} .")
+    if request["grasp"]:
+        patterns.append(f"?attempt rt:executesGrasp {iri(request['grasp'])} .")
+    if request["object"]:
+        patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(request['object'])} .")
+    if not patterns:
+        raise UsageError("task_id is missing: or name the object and the grasp", field="task_id")
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?attempt ?outcome ?grasp ?robot ?gripper ?decided ?code ?fast ?by ?held ?why ?said ?time
+WHERE {{
+  {{ SELECT ?attempt WHERE {{ {" ".join(patterns)}
+     ?attempt rt:executesGrasp ?any ; rt:hasOutcome ?result ; prov:endedAtTime ?ended
+     }} ORDER BY DESC(?ended) DESC(?attempt) LIMIT 1 }}
+  ?attempt rt:executesGrasp ?grasp ; rt:hasOutcome ?outcome ; rt:performedBy ?robot ;
+    rt:activates/rt:gripperType ?gripper .
+  ?outcome rt:success ?decided ; rt:hasReason ?code
+  BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?fast)
+  OPTIONAL {{ ?outcome rt:hasFeedback ?feedback .
+    ?feedback a rt:HumanFeedback ; rt:verdict ?held ; rt:atTime ?time ;
+      prov:wasAttributedTo/rt:name ?by
+    OPTIONAL {{ ?feedback rt:saidReason ?why }} OPTIONAL {{ ?feedback rt:comment ?said }} }}
+}} ORDER BY ?time ?feedback""")
+    found = [row.to_dict() for row in rows]
+    if not found:
+        raise UnknownTermError(_nothing_fits(engine, request))
+    first: dict[str, Any] = found[0]
+    verdicts = {
+        (str(row["time"]), str(row["by"])): Verdict(
+            str(row["by"]), bool(row["held"]), _time(row["time"]), _code(row["why"]),
+            str(row["said"] or ""),
+        )
+        for row in found
+        if row["by"] is not None
+    }  # fmt: skip
+    return Judged(
+        iri(str(first["attempt"])),
+        iri(str(first["outcome"])),
+        iri(str(first["grasp"])),
+        iri(str(first["robot"])),
+        str(first["gripper"]),
+        bool(first["decided"]),
+        _code(first["code"]),
+        bool(first["fast"]),
+        tuple(verdicts.values()),
+    )
+
+
+def _code(name: Any) -> str:
+    return "" if name is None else local_name(str(name)).removeprefix("reason_")
+
+
+def _time(value: Any) -> dt.datetime:
+    time = value if isinstance(value, dt.datetime) else dt.datetime.fromisoformat(str(value))
+    return time if time.tzinfo else time.replace(tzinfo=dt.UTC)
+
+
+def _nothing_fits(engine: Engine, request: Mapping[str, Any]) -> str:
+    """Return why there is nothing to judge, with the nearest name among the latest attempts."""
+    said = {name: request[name] for name in ("task_id", "grasp", "object") if request[name]}
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?task_id ?grasp ?object WHERE {{
+  ?attempt rt:hasOutcome ?outcome ; rt:requestId ?task_id ; rt:executesGrasp ?grasp ;
+    prov:endedAtTime ?ended . ?task rt:through ?attempt ; rt:handles ?object
+}} ORDER BY DESC(?ended) LIMIT {_RECENT}""")
+    hints = []
+    for name, value in said.items():
+        known = sorted({str(row.value(name)) for row in rows})
+        if value not in known:
+            near = difflib.get_close_matches(value, known, n=1, cutoff=0.8)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            hints.append(f"unknown {name} {value!r}{hint}")
+    told = "; ".join(hints) or f"no attempt fits {' and '.join(said)} together"
+    return f"{told}: nothing to judge"

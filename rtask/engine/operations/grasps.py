@@ -1,0 +1,145 @@
+"""What is known about taking one object, without looking at it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from grasp.messages import spatial_grasp_message
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.gripper import ParallelGripper
+from rtask.engine.memory.confidence import Confidence, posterior, stored_confidences
+from rtask.engine.memory.question import Question
+from rtask.engine.memory.recall import Remembered, recall
+from rtask.engine.memory.statistics import lower_95, summary
+from rtask.engine.operations.messages import Field, nearest
+from rtask.engine.records.objects import frame_id_of
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+
+__all__ = ["RECALL_GRASPS", "as_messages", "known_object", "recall_grasps", "recalled"]
+
+RECALL_GRASPS = (
+    Field("object", "string", "IRI, objectId or name of the object", required=True),
+    Field("gripper_id", "string", "only grasps of this gripper's type"),
+    Field("max_grasps", "integer", "length of the answer's list", default=10, low=1, high=50),
+    Field("in_space", "boolean", "grasps from any direction, not only those from above",
+          default=True),
+)  # fmt: skip
+
+
+def recall_grasps(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Return the grasps of an object in its own frame, the surest first."""
+    name = known_object(engine, request["object"])
+    memory = recall(engine.kb, Question(objects=(name,), in_space=request["in_space"]))
+    known = memory.objects[name]
+    grasps = memory.of(name)
+    if request["gripper_id"]:
+        wanted = engine.grippers.find(request["gripper_id"], access.agent).gripper.gripper_type
+        grasps = [g for g in grasps if g.gripper_type == wanted]
+    return {
+        "object": name,
+        "class_iri": known.class_iri,
+        "label": known.label,
+        "grasps": recalled(engine, grasps, request["max_grasps"]),
+    }
+
+
+def recalled(engine: Engine, grasps: Iterable[Remembered], most: int) -> list[dict[str, Any]]:
+    """Return grasps in their object's frame as messages carry them, the surest first.
+
+    Surest is the best lower bound on what happened, then the stored quality.
+    """
+    order = sorted(
+        grasps, key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality)
+    )[:most]
+    return as_messages(engine, order)
+
+
+def as_messages(engine: Engine, grasps: Sequence[Remembered]) -> list[dict[str, Any]]:
+    """Return grasps in their object's frame as messages carry them, in the given order."""
+    stored = stored_confidences(engine, [g.grasp for g in grasps])
+    return [
+        {
+            **_message(engine, g),
+            "id": g.grasp,
+            "kind": "planar" if g.quaternion is None else "spatial",
+            "gripper_type": g.gripper_type,
+            "x": g.x,
+            "y": g.y,
+            "z": g.z,
+            "theta": g.theta,
+            "width": g.width,
+            "opening": g.opening,
+            "grasp_quality": g.quality,
+            "statistics": summary(g.successes, g.attempts),
+            "confidence": _confidence(engine, g, stored.get(g.grasp, Confidence())),
+        }
+        for g in grasps
+    ]
+
+
+def _message(engine: Engine, known: Remembered) -> dict[str, Any]:
+    """Return a grasp as moveit_msgs/Grasp in its object's frame, for its type of gripper."""
+    kind, opening = known.gripper_type, known.opening
+    hands = [one.gripper for one in engine.grippers.all() if one.gripper.gripper_type == kind]
+    hand = hands[0] if hands else ParallelGripper(kind, kind, 0.0, max(opening, 1e-3))
+    width = opening if known.width is None else known.width
+    candidate = GraspCandidate(
+        known.object_from_gripper, width, source="recalled", opening=opening,
+        scores={"confidence": known.quality},
+    )  # fmt: skip
+    return spatial_grasp_message(candidate, hand, frame_id_of(engine, known.object))
+
+
+def _confidence(engine: Engine, grasp: Remembered, stored: Confidence) -> dict[str, Any]:
+    """Return prior and posterior of a grasp; before the first outcome the two are one.
+
+    A belief that was stored under other rules is computed anew from the attempts.
+    """
+    policy, note = engine.policy, ""
+    prior = grasp.prior if stored.prior is None else stored.prior
+    belief = stored.belief
+    if belief is None:
+        belief = posterior(policy, prior, ())
+    elif stored.policy != policy.version:
+        counts = [(t.held, t.count * policy.weight_of(t.is_fast)) for t in grasp.tallies]
+        belief = posterior(policy, prior, counts)
+        note = f"computed anew: stored by the rules {stored.policy or 'of an older release'}"
+    return {
+        "mean": belief.mean,
+        "alpha": belief.alpha,
+        "beta": belief.beta,
+        "prior": prior,
+        "evaluation": stored.evaluation,
+        "updated": stored.updated,
+        "policy": policy.version,
+        "note": note,
+    }
+
+
+def known_object(engine: Engine, name: str) -> str:
+    """Return the IRI of the object with this IRI, objectId or name.
+
+    Raises
+    ------
+    UnknownTermError
+        With the nearest name.
+    """
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
+  OPTIONAL {{ ?object rt:name ?name }}
+  FILTER(STR(?object) = {literal(name)} || ?id = {literal(name)} || ?name = {literal(name)})
+}} ORDER BY ?object""")
+    if rows:
+        return str(rows[0].value("object"))
+    names = engine.kb.select(
+        f"{PREFIXES} SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }} ORDER BY ?n"
+    )
+    hint = nearest(name, [str(row.value("n")) for row in names])
+    raise UnknownTermError(f"unknown object {name!r}{hint}")

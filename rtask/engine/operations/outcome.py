@@ -1,0 +1,118 @@
+"""Report what came of a grasp: one commit in the robot's own graph, once for each task."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.memory.statistics import over_all_robots, totalled
+from rtask.engine.operations.messages import Field, read
+from rtask.engine.records.facts import Facts
+from rtask.engine.records.received import OUTCOME, Outcome, received
+from rtask.engine.records.record import Entry, earlier, home_graph, record
+from rtask.errors import UnknownTermError, UsageError
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+
+__all__ = ["REPORT_OUTCOME", "report_outcome"]
+
+_FLAT = ("success", "reason", "lifted_m", "slip", "duration_s", "confirmed_by", "operator")
+
+REPORT_OUTCOME = (
+    Field("task_id", "string", "of the decision; the same id stores once"),
+    Field("object", "string", "IRI of the object; default: the one of the decision"),
+    Field("grasp", "grasp", "its id, or the whole grasp as received"),
+    Field("grasp_pose", "grasp", "geometry_msgs/PoseStamped of a grasp that was never offered"),
+    Field("gripper_id", "string", "name or IRI of the end effector"),
+    Field("task", "string", "what it was for: pick, place, push", default="pick"),
+    Field("outcome", "record", "what came of it", fields=OUTCOME),
+    Field("success", "boolean", "whether it held, when there is no outcome"),
+    Field("reason", "string", "why it ended as it did, when there is no outcome"),
+    Field("lifted_m", "number", "height reached, m, when there is no outcome"),
+    Field("slip", "number", "slip in the hand, m, when there is no outcome"),
+    Field("duration_s", "number", "of the attempt, s, when there is no outcome", low=0.0),
+    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
+    Field("operator", "string", "the person, when a person says so"),
+    Field("stamp", "time", "when the attempt ended; default: now"),
+)
+
+
+def report_outcome(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
+    gripper = engine.grippers.find(request["gripper_id"], access.agent)
+    outcome = Outcome.of(_fields(request), engine.reasons, "outcome")
+    task_id = request["task_id"]
+    decision = engine.decisions.get(task_id)
+    grasp = received(_grasp(request), "grasp").completed(decision)
+    thing = _object(engine, request["object"] or (decision.object if decision else ""))
+    with engine.writing:
+        author = engine.author(access, gripper.robot_name)
+        before = None
+        if task_id:
+            before = earlier(engine, task_id, [engine.agent_iri(author), gripper.robot])
+        if before is not None and before.has_attempt:
+            statistics = over_all_robots(engine, iri(before.grasp))
+            return {"stored": 0, "commit": "", "statistics": statistics, "grasp": before.grasp}
+        facts = Facts()
+        recorded = record(
+            engine,
+            facts,
+            Entry(
+                thing=thing,
+                gripper=gripper,
+                received=grasp,
+                outcome=outcome,
+                task=request["task"],
+                task_id=task_id or engine.names.unique("task").value,
+                ended=_ended(request["stamp"]),
+                graph=home_graph(engine, author),
+                decision=decision,
+            ),
+        )
+        with engine.kb.transaction(access=author, note="report outcome") as tx:
+            for subject, predicate, value in recorded.withdrawn:
+                tx.remove(subject, predicate, value)
+            facts.write(tx)
+    node, counts = recorded.grasp, recorded.counts
+    return {
+        "stored": 1,
+        "commit": engine.commit_id(tx.commit),
+        "statistics": over_all_robots(engine, node) if counts is None else totalled(counts),
+        "grasp": node.value,
+    }
+
+
+def _fields(request: dict[str, Any]) -> dict[str, Any]:
+    if request["outcome"] is not None:
+        outcome: dict[str, Any] = request["outcome"]
+        return outcome
+    return read(OUTCOME, {name: request[name] for name in _FLAT})
+
+
+def _grasp(request: dict[str, Any]) -> Any:
+    if request["grasp"] is not None:
+        return request["grasp"]
+    if request["grasp_pose"] is None:
+        raise UsageError("grasp is missing: its id, or the grasp as received", field="grasp")
+    return {"grasp_pose": request["grasp_pose"]}
+
+
+def _object(engine: Engine, name: str) -> NamedNode:
+    if not name:
+        raise UsageError(
+            "object is missing: an object that the graph does not know yet is told with "
+            "insert_object", field="object",
+        )  # fmt: skip
+    thing = iri(name)
+    if not engine.kb.match(thing, RT.objectId):
+        raise UnknownTermError(f"object: the graph knows no object {name}")
+    return thing
+
+
+def _ended(stamp_s: float | None) -> dt.datetime:
+    now = dt.datetime.now(dt.UTC)
+    return now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)

@@ -1,0 +1,306 @@
+"""Grasps planned on an object's shape, into the graph: recalled and offered like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import tilt
+from rtask.engine.memory.question import Question
+from rtask.engine.memory.recall import recall
+from rtask.engine.operations.grasps import as_messages
+from rtask.engine.operations.messages import Field
+from rtask.engine.perception.placement import MOST_TILT
+from rtask.engine.records.attempts import find_grasp, state_grasp
+from rtask.engine.records.facts import Facts
+from rtask.engine.records.objects import state_frame
+from rtask.engine.records.received import Received, in_object
+from rtask.engine.records.shapes import ObjectShape, object_shape
+from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
+from rtask.rdf.namespaces import PROV, RT
+from rtask.rdf.terms import NamedNode, iri, object_term, python_value
+
+if TYPE_CHECKING:
+    from grasp.spatial.candidate import GraspCandidate
+    from grasp.spatial.confidence import PoseNoise
+    from rtask.engine.engine import Engine
+
+__all__ = [
+    "PLAN_IN_SPACE",
+    "PlannedGrasp",
+    "PlannedSpatialGrasp",
+    "as_planned",
+    "plan_in_space",
+    "store_planned",
+    "store_planned_in_space",
+]
+
+_PLANNER = "planner"
+_UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+_TRIES, _MOST_SAMPLES = 1500, 1000
+
+PLAN_IN_SPACE = (
+    Field("object", "string", "IRI, objectId or name of the object", required=True),
+    Field("gripper_id", "string", "name or IRI of the end effector; default: the robot's only one"),
+    Field("mass", "number", "of the object, kg, whose weight must be held; default: as stored",
+          low=0.001, high=1000.0),
+    Field("friction", "number", "between pads and object", low=0.01, high=2.0),
+    Field("position_std", "number", "of the object's position, m", default=0.004, low=0.0,
+          high=0.1),
+    Field("rotation_std", "number", "of its rotation, rad", default=0.1, low=0.0, high=1.0),
+    Field("samples", "integer", "perturbed poses of each grasp", default=100, low=1,
+          high=_MOST_SAMPLES),
+    Field("min_confidence", "number", "c_G: grasps below it are not stored", default=0.3,
+          low=0.0, high=1.0),
+    Field("max_grasps", "integer", "how many are stored at most", default=10, low=1, high=50),
+    Field("seed", "integer", "of the draws", default=0, low=0),
+)  # fmt: skip
+Planned = TypeVar("Planned")
+
+
+@dataclass(frozen=True)
+class PlannedGrasp:
+    """A grasp in the object's frame and what was computed about it.
+
+    Parameters
+    ----------
+    x, y, z, theta
+        Point midway between the jaws and closing direction, m and rad.
+    width, opening
+        Between the jaws, closed and before, m.
+    quality
+        Lower bound on the probability of force closure, over ``samples`` perturbations.
+    vertex_sigma
+        Standard deviation of the outline's vertices that was assumed, m.
+    """
+
+    x: float
+    y: float
+    z: float
+    theta: float
+    width: float
+    opening: float
+    quality: float
+    samples: int
+    vertex_sigma: float | None = None
+
+
+@dataclass(frozen=True)
+class PlannedSpatialGrasp:
+    """A grasp in space in the object's frame and what was computed about it.
+
+    Parameters
+    ----------
+    object_from_gripper : (4, 4)
+        Of the tool centre point: z = approach, x = closing direction.
+    width, opening
+        Between the jaws, closed and before, m.
+    confidence, lower_95
+        s_G over ``samples`` poses off by ``position_sigma`` (m) and ``orientation_sigma`` (rad).
+    epsilon
+        Of Ferrari and Canny.
+    """
+
+    object_from_gripper: NDArray[np.float64]
+    width: float
+    opening: float
+    confidence: float
+    lower_95: float
+    epsilon: float
+    samples: int
+    position_sigma: float
+    orientation_sigma: float
+
+
+def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Plan grasps in space on the best stored shape of an object, store them and return them.
+
+    Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
+    """
+    from grasp.spatial.confidence import PoseNoise
+    from grasp.spatial.plan import SpatialOptions
+
+    hand = engine.grippers.find(request["gripper_id"], access.agent).gripper.modelled()
+    if request["friction"] is not None:
+        hand = replace(hand, friction=request["friction"])
+    shape = object_shape(engine, request["object"])
+    noise = PoseNoise(request["position_std"], request["rotation_std"])
+    found = shape.plan(
+        hand,
+        SpatialOptions(
+            noise=noise, samples=request["samples"], mass=request["mass"] or _mass(engine, shape),
+            tries=_TRIES, seed=request["seed"],
+        ),
+    )  # fmt: skip
+    sure = [c for c in found if c.scores["confidence"] >= request["min_confidence"]]
+    reason = found.reason
+    if found and not sure:
+        best = max(c.scores["confidence"] for c in found)
+        reason = f"the best confidence is {best:.2f} < {request['min_confidence']:g}"
+    stored: dict[str, Any] = {"grasps": [], "commit": ""}
+    if sure:
+        planned = as_planned(sure[: request["max_grasps"]], noise, request["samples"])
+        stored = store_planned_in_space(
+            engine, shape.thing, planned, hand.gripper_type, access, shape.sources
+        )
+    memory = recall(engine.kb, Question(objects=(shape.thing,), in_space=True))
+    known = {one.grasp: one for one in memory.of(shape.thing)}
+    return {
+        "object": shape.thing,
+        "shape": shape.kind,
+        "reason": reason,
+        "commit": stored["commit"],
+        "tried": dict(found.counts),
+        "grasps": as_messages(engine, [known[name] for name in dict.fromkeys(stored["grasps"])]),
+    }
+
+
+def _mass(engine: Engine, shape: ObjectShape) -> float | None:
+    for quad in engine.kb.match(iri(shape.thing), RT.mass):
+        mass = float(str(python_value(object_term(quad.object))))
+        return mass if mass > 0 else None
+    return None
+
+
+def as_planned(
+    candidates: Sequence[GraspCandidate], noise: PoseNoise, samples: int
+) -> list[PlannedSpatialGrasp]:
+    """Return candidates with confidences, in an object's frame, as they are stored."""
+    return [
+        PlannedSpatialGrasp(
+            c.frame_from_gripper, c.width, c.width if c.opening is None else c.opening,
+            c.scores["confidence"], c.scores["lower_95"], c.scores.get("epsilon", 0.0),
+            samples, noise.position_std, noise.rotation_std,
+        )
+        for c in candidates
+    ]  # fmt: skip
+
+
+def store_planned(
+    engine: Engine,
+    thing: str,
+    grasps: Sequence[PlannedGrasp],
+    gripper_type: str,
+    access: Access | None = None,
+) -> dict[str, Any]:
+    """Write planned grasps of an object with their evaluations; they are recalled like any other.
+
+    Returns
+    -------
+    ``object``, ``grasps`` (IRIs in the given order), ``commit``.
+    """
+
+    def as_received(planned: PlannedGrasp) -> Received:
+        return Received(
+            in_object=(planned.x, planned.y, planned.z, planned.theta),
+            width=planned.width,
+            opening=planned.opening,
+            quality=planned.quality,
+        )
+
+    def evaluation(planned: PlannedGrasp) -> dict[NamedNode, Any]:
+        return {
+            RT.graspConfidence: planned.quality,
+            RT.forceClosureLowerBound: planned.quality,
+            RT.sampleCount: planned.samples,
+            RT.vertexSigma: planned.vertex_sigma,
+        }
+
+    return _store(engine, thing, grasps, gripper_type, as_received, evaluation, access)
+
+
+def store_planned_in_space(
+    engine: Engine,
+    thing: str,
+    grasps: Sequence[PlannedSpatialGrasp],
+    gripper_type: str,
+    access: Access | None = None,
+    derived_from: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Write grasps in space of an object with their evaluations.
+
+    Those that come within 20 degrees from above are planar grasps as well and are stored as such,
+    the others with their full pose.
+
+    Parameters
+    ----------
+    derived_from
+        IRIs of the mesh, model or views that they were planned on.
+
+    Returns
+    -------
+    ``object``, ``grasps`` (IRIs in the given order), ``commit``.
+    """
+
+    def as_received(planned: PlannedSpatialGrasp) -> Received:
+        at, turn = in_object(planned.object_from_gripper)
+        is_planar = tilt(planned.object_from_gripper @ _UPSIDE_DOWN) < MOST_TILT
+        return Received(
+            in_object=at,
+            turn=None if is_planar else turn,
+            width=planned.width,
+            opening=planned.opening,
+            quality=planned.confidence,
+        )
+
+    def evaluation(planned: PlannedSpatialGrasp) -> dict[NamedNode, Any]:
+        return {
+            RT.graspConfidence: planned.confidence,
+            RT.confidenceLower95: planned.lower_95,
+            RT.epsilonQuality: planned.epsilon,
+            RT.sampleCount: planned.samples,
+            RT.positionSigma: planned.position_sigma,
+            RT.orientationSigma: planned.orientation_sigma,
+        }
+
+    return _store(
+        engine, thing, grasps, gripper_type, as_received, evaluation, access, derived_from
+    )
+
+
+def _store(
+    engine: Engine,
+    thing: str,
+    grasps: Sequence[Planned],
+    gripper_type: str,
+    as_received: Callable[[Planned], Received],
+    evaluation: Callable[[Planned], dict[NamedNode, Any]],
+    access: Access | None,
+    derived_from: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Commit grasps, each with its evaluation, and return what a caller learns of it.
+
+    A grasp that the object has already keeps the evaluation with which its belief began.
+    """
+    if not grasps:
+        raise UsageError("there are no grasps to store")
+    target = iri(thing)
+    named: list[NamedNode] = []
+    with engine.writing:
+        facts = Facts()
+        for planned in grasps:
+            received = as_received(planned)
+            node = find_grasp(engine, target, gripper_type, received)
+            if node is None:
+                node = state_grasp(engine, facts, target, gripper_type, received)
+            named.append(node)
+            if engine.kb.match(node, RT.hasEvaluation):
+                continue
+            judged = iri(node.value + "/evaluation")
+            facts.add(node, RT.hasEvaluation, judged)
+            facts.node(judged, [RT.GraspEvaluation], evaluation(planned))
+            for source in derived_from:
+                facts.add(judged, PROV.wasDerivedFrom, iri(source))
+        commit = ""
+        if facts.triples:
+            state_frame(engine, facts, target)
+            author = engine.author(access or Access(), _PLANNER)
+            with engine.kb.transaction(access=author, note="planned grasps") as tx:
+                facts.write(tx)
+            commit = engine.commit_id(tx.commit)
+    return {"object": thing, "grasps": [node.value for node in named], "commit": commit}

@@ -1,0 +1,355 @@
+"""Resolve a request for a kind or use of thing to one seen object and its grasps (Gatto 2016, 5).
+
+The words become classes and functions; the reasoner's closure says which objects are of them, the
+gripper which of those it can hold, the robot's eyes which are there. One query finds the objects,
+one recalls their grasps. What cannot be met is told in the order of the reasons: no such kind,
+nothing of it seen, seen and not to be held, known and seen elsewhere.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.memory.capability import Bounds, Verdict, can_hold
+from rtask.engine.memory.confidence import posterior
+from rtask.engine.memory.meaning import Meaning, Sense, meaning
+from rtask.engine.memory.proof import proof_lines
+from rtask.engine.memory.question import Question
+from rtask.engine.memory.recall import KnownObject, Memory, Remembered, recall
+from rtask.engine.operations.grasps import recalled
+from rtask.engine.operations.messages import Field
+from rtask.engine.operations.robots import KnownGripper
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
+from rtask.rdf.terms import iri
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+    from rtask.sparql.results import Row
+
+__all__ = ["RESOLVE_REQUEST", "resolve_request"]
+
+_MOST_FOUND = 200
+_MOST_ELSEWHERE = 3
+_MOST_SEEN = 100
+
+RESOLVE_REQUEST = (
+    Field("wanted", "string", "words, or the IRI of a class or function", required=True),
+    Field("gripper_id", "string", "name or IRI of the end effector that is to hold it"),
+    Field("objects", "strings", "IRIs of the objects seen now; an empty list: none",
+          high=_MOST_SEEN),
+    Field("seen_within_s", "number", "without objects: how fresh a look counts, s",
+          default=600.0, low=0.0),
+    Field("exclude", "strings", "IRIs of objects not to offer again", default=[], high=1000),
+    Field("max_grasps", "integer", "length of the list of grasps", default=10, low=1, high=50),
+    Field("prove", "boolean", "ask the reasoner for proofs", default=True),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Found:
+    """An object that the request means, seen or not.
+
+    Parameters
+    ----------
+    is_seen
+        The robot says so, or somebody looked at it a moment ago.
+    seen, seen_by
+        When it was looked at last (ISO 8601) and by whom; empty when nobody did.
+    place
+        ``x``, ``y``, ``z`` (m), ``frame_id`` of its latest pose, or None.
+    chance
+        That its surest known grasp holds, 0..1; None without a grasp of this type of gripper.
+    """
+
+    iri: str
+    verdict: Verdict
+    bounds: Bounds
+    is_seen: bool
+    seen: str = ""
+    seen_by: str = ""
+    place: dict[str, Any] | None = None
+    can_grasp: bool = False
+    label: str = ""
+    class_iri: str = ""
+    chance: float | None = None
+
+    def message(self) -> dict[str, Any]:
+        """Return the object as messages carry it."""
+        return {
+            "object": self.iri,
+            "class_iri": self.class_iri,
+            "label": self.label,
+            "capability": self.verdict.capability,
+            "text": f"{self.label} {self.verdict.text}",
+            "width": self.bounds.width,
+            "mass": self.bounds.mass,
+            "mass_bound": self.bounds.mass_bound,
+            "chance": self.chance,
+            "seen": self.seen,
+        }
+
+
+def resolve_request(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+    """Answer with one object that is seen and can be held, and its grasps, or say why not."""
+    gripper = engine.grippers.find(request["gripper_id"], access.agent)
+    meant = meaning(engine, request["wanted"])
+    found: list[Found] = []
+    memory = Memory()
+    if meant.senses:
+        found = _found(engine, meant, gripper, request)
+        memory = recall(engine.kb, Question(objects=tuple(sorted(one.iri for one in found))))
+        found = sorted((_known(one, memory, gripper, engine) for one in found), key=_order)
+    excluded = set(request["exclude"])
+    offered = [
+        one for one in found
+        if one.is_seen and one.verdict.capability != "no" and one.iri not in excluded
+    ]  # fmt: skip
+    best = offered[0] if offered else None
+    known = memory.objects.get(best.iri, KnownObject(best.iri)) if best else KnownObject("")
+    reasons = _reasons(engine, request["wanted"], meant, found, excluded)
+    return {
+        "task_response": "object" if best else "unmet",
+        "object": best.iri if best else "",
+        "class_iri": known.class_iri,
+        "label": known.label,
+        "grasps": _grasps(engine, memory, best, gripper, request["max_grasps"]),
+        "objects": [one.message() for one in offered],
+        "reasons": reasons,
+        "understood": {
+            "classes": meant.terms("class"),
+            "functions": meant.terms("function"),
+            "ignored": list(meant.ignored),
+        },
+        "explanation": {
+            "text": _sentence(engine, meant, best, reasons),
+            "proof": _proof(engine, meant, best, gripper) if best and request["prove"] else [],
+        },
+        "suggestions": list(meant.suggestions),
+    }
+
+
+# What the graph knows
+
+
+def _found(
+    engine: Engine, meant: Meaning, gripper: KnownGripper, request: dict[str, Any]
+) -> list[Found]:
+    """Return the objects that fit the words, the seen ones first; one query."""
+    given = request["objects"]
+    now = dt.datetime.now(dt.UTC)
+    fresh = now - dt.timedelta(seconds=request["seen_within_s"])
+    known: set[str] = set()
+    found = []
+    for row in engine.kb.select(_query(meant.senses, gripper, given)):
+        name = str(row.value("object"))
+        known.add(name)
+        if not row.value("fits"):
+            continue
+        said, _, who = str(row.value("last") or "").partition(" ")
+        is_seen = name in given if given is not None else bool(said) and _time(said) >= fresh
+        bounds = Bounds(*(_number(row, column) for column in ("width", "mass", "bound")))
+        verdict = can_hold(gripper.gripper, bounds)
+        found.append(
+            Found(name, verdict, bounds, is_seen, said, who, _place(row), bool(row.value("able")))
+        )
+    for name in given or ():
+        if iri(name).value not in known:
+            raise UnknownTermError(f"objects: the graph knows no object {name}")
+    return found
+
+
+def _query(senses: Sequence[Sense], gripper: KnownGripper, given: Sequence[str] | None) -> str:
+    """Return the query for the objects that are meant, and for those that the robot names."""
+    named = f"VALUES ?object {{ {values(given or ())} }}"
+    return f"""{PREFIXES}
+SELECT ?object (MAX(?fit) AS ?fits) (MAX(?can) AS ?able) (MIN(?w) AS ?width) (MAX(?m) AS ?mass)
+  (MIN(?b) AS ?bound) (MAX(?look) AS ?last) (MAX(?at) AS ?pose)
+WHERE {{
+  {{
+    SELECT ?object (MAX(?f) AS ?fit) WHERE {{
+      {{ {_fitting(senses)} BIND(true AS ?f) }}
+      UNION
+      {{ {named} ?object a rt:ManipulableObject BIND(false AS ?f) }}
+    }}
+    GROUP BY ?object
+  }}
+  BIND(EXISTS {{ {gripper.robot} rt:canGrasp ?object }} AS ?can)
+  OPTIONAL {{ ?object rt:graspWidth|rt:effectiveGraspWidth ?w }}
+  OPTIONAL {{ ?object rt:mass|rt:effectiveMass ?m }}
+  OPTIONAL {{ ?object rt:massBound ?b }}
+  OPTIONAL {{
+    ?event sosa:hasFeatureOfInterest ?object ; sosa:resultTime ?time
+    OPTIONAL {{ ?event prov:wasAssociatedWith/rt:name ?name }}
+    BIND(CONCAT(STR(?time), " ", COALESCE(?name, "")) AS ?look)
+  }}
+  OPTIONAL {{
+    ?object rt:currentPose ?p . ?p rt:inFrame/rt:frameId ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z
+    BIND(CONCAT(STR(?x), " ", STR(?y), " ", STR(?z), " ", ?frame) AS ?at)
+  }}
+}}
+GROUP BY ?object ORDER BY DESC(?fits) DESC(?last) ?object LIMIT {_MOST_FOUND + _MOST_SEEN}"""
+
+
+def _fitting(senses: Sequence[Sense]) -> str:
+    """Return the pattern of objects that are all that is asked for."""
+    parts = []
+    for k, sense in enumerate(senses):
+        path = "a" if sense.kind == "class" else "rt:hasFunction"
+        parts.append(f"VALUES ?term{k} {{ {values(sense.terms)} }} ?object {path} ?term{k} .")
+    return " ".join(parts) + " ?object a rt:ManipulableObject ."
+
+
+def _number(row: Row, name: str) -> float | None:
+    value: Any = row.value(name)
+    return None if value is None else float(value)
+
+
+def _time(text: str) -> dt.datetime:
+    time = dt.datetime.fromisoformat(text)
+    return time if time.tzinfo else time.replace(tzinfo=dt.UTC)
+
+
+def _place(row: Row) -> dict[str, Any] | None:
+    if row["pose"] is None:
+        return None
+    x, y, z, frame = str(row.value("pose")).split(" ", 3)
+    return {"x": float(x), "y": float(y), "z": float(z), "frame_id": frame}
+
+
+# Which one
+
+
+def _known(one: Found, memory: Memory, gripper: KnownGripper, engine: Engine) -> Found:
+    """Return an object with its name, kind and the chance of its surest grasp."""
+    known = memory.objects.get(one.iri, KnownObject(one.iri))
+    chances = [
+        _chance(engine, g) for g in memory.of(one.iri)
+        if g.gripper_type == gripper.gripper.gripper_type
+    ]  # fmt: skip
+    return Found(
+        one.iri, one.verdict, one.bounds, one.is_seen, one.seen, one.seen_by, one.place,
+        one.can_grasp, known.label or local_name(one.iri), known.class_iri,
+        max(chances, default=None),
+    )  # fmt: skip
+
+
+def _chance(engine: Engine, grasp: Remembered) -> float:
+    counts = [(t.held, t.count * engine.policy.weight_of(t.is_fast)) for t in grasp.tallies]
+    return round(posterior(engine.policy, grasp.prior, counts).mean, 6)
+
+
+def _order(one: Found) -> tuple[bool, bool, float, str]:
+    """Seen before unseen, sure before likely, then by the chance of the surest grasp."""
+    chance = 0.5 if one.chance is None else one.chance
+    return not one.is_seen, one.verdict.capability != "proven", -chance, one.iri
+
+
+def _grasps(
+    engine: Engine, memory: Memory, best: Found | None, gripper: KnownGripper, most: int
+) -> list[dict[str, Any]]:
+    if best is None:
+        return []
+    kind = gripper.gripper.gripper_type
+    mine = [g for g in memory.of(best.iri) if g.gripper_type == kind]
+    return recalled(engine, mine, most)
+
+
+# What is said
+
+
+def _reasons(
+    engine: Engine, wanted: str, meant: Meaning, found: list[Found], excluded: set[str]
+) -> list[dict[str, Any]]:
+    """Return why what was asked for is not there, or why another object was not taken."""
+    if not meant.senses:
+        near = f"; did you mean {meant.suggestions[0]!r}?" if meant.suggestions else ""
+        return [_reason("no_such_kind", f"{wanted!r} names no kind and no use of things{near}")]
+    reasons = []
+    seen = [one for one in found if one.is_seen]
+    if not seen:
+        text = f"{_asked(engine, meant)}: nothing of that is seen"
+        reasons.append(_reason("not_seen", text))
+    for one in seen:
+        if one.iri in excluded:
+            reasons.append(_reason("excluded", f"{one.label} was not wanted", one))
+        elif one.verdict.capability == "no":
+            reasons.append(_reason(one.verdict.code, f"{one.label} {one.verdict.text}", one))
+    unseen = [one for one in found if not one.is_seen]
+    latest = sorted(unseen, key=lambda one: one.seen, reverse=True)[:_MOST_ELSEWHERE]
+    reasons += [_reason("elsewhere", f"{one.label} {_last_seen(one)}", one) for one in latest]
+    if not found:
+        reasons.append(_reason("none_known", f"{_asked(engine, meant)}: the graph knows none"))
+    return reasons
+
+
+def _last_seen(one: Found) -> str:
+    if not one.seen:
+        return "has never been looked at"
+    by = f" by {one.seen_by}" if one.seen_by else ""
+    said = f"was seen at {one.seen[:19]}Z{by}"
+    if one.place is None:
+        return said
+    x, y, z, frame = (one.place[name] for name in ("x", "y", "z", "frame_id"))
+    return f"{said}, at ({x:.2f}, {y:.2f}, {z:.2f}) of {frame}"
+
+
+def _reason(code: str, text: str, one: Found | None = None) -> dict[str, Any]:
+    return {
+        "code": code,
+        "text": text,
+        "object": one.iri if one else "",
+        "label": one.label if one else "",
+        "value": one.verdict.value if one else None,
+        "limit": one.verdict.limit if one else None,
+        "seen": one.seen if one else "",
+        "seen_by": one.seen_by if one else "",
+        "place": one.place if one else None,
+    }
+
+
+def _asked(engine: Engine, meant: Meaning) -> str:
+    """Return the request in the graph's words: ``a cup to drink from``."""
+    kinds = [
+        " or ".join(f"a {engine.classes.get(term).label}" for term in sense.terms)
+        for sense in meant.senses
+        if sense.kind == "class"
+    ]
+    uses = [
+        "to " + " or ".join(engine.functions.all()[term][0] for term in sense.terms)
+        for sense in meant.senses
+        if sense.kind == "function"
+    ]
+    return " ".join([" and ".join(kinds) or "something", *uses])
+
+
+def _sentence(
+    engine: Engine, meant: Meaning, best: Found | None, reasons: Sequence[dict[str, Any]]
+) -> str:
+    """Return the answer in words."""
+    if best is None:
+        return "; ".join(reason["text"] for reason in reasons)
+    chance = "no grasp of it is known yet"
+    if best.chance is not None:
+        chance = f"its surest grasp holds with a chance of {best.chance:.2f}"
+    said = f"{best.label} is {_asked(engine, meant)}; it {best.verdict.text}; {chance}"
+    over = f"; not understood: {', '.join(meant.ignored)}" if meant.ignored else ""
+    return said + over
+
+
+def _proof(engine: Engine, meant: Meaning, best: Found, gripper: KnownGripper) -> list[str]:
+    """Return why the object is what was asked for and why the robot can hold it, line by line."""
+    thing = iri(best.iri)
+    lines = []
+    for sense in meant.senses:
+        predicate = RDF.type if sense.kind == "class" else RT.hasFunction
+        held = [t for t in sense.terms if engine.kb.match(thing, predicate, iri(t))]
+        for term in held[:1]:
+            lines += proof_lines(engine.kb, thing, predicate, iri(term))
+    if best.can_grasp:
+        lines += proof_lines(engine.kb, gripper.robot, RT.canGrasp, thing)
+    return lines

@@ -1,0 +1,1 @@
+"""What a robot saw: decoded, recognised, identified, and placed in its frame."""

@@ -1,0 +1,89 @@
+"""Whether a view that looks like a known object is that object.
+
+Recognition compares pictures. Before an outcome is written to an object's account, two more things
+must agree: the size that the graph knows, and, while the graph knows one object only, more evidence
+than resemblance, because there is nothing yet that the view could resemble more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rtask.engine.memory.recall import KnownObject, Memory
+from rtask.engine.perception.observation import Observation
+from rtask.engine.policy import Policy
+
+if TYPE_CHECKING:
+    from features.recognition.index import RecognitionIndex
+    from features.recognition.recogniser import Recogniser, Recognition
+
+__all__ = ["has_rivals", "is_plausible", "recognise", "settle"]
+
+
+def recognise(
+    recogniser: Recogniser,
+    seen: Observation,
+    policy: Policy,
+    max_results: int,
+    min_confidence: float | None = None,
+) -> Recognition:
+    """Compare a view with the index, and doubt the answer where there was one object to compare.
+
+    Rivals are counted first: an object that another robot inserts meanwhile took no part.
+    """
+    with_rivals = has_rivals(recogniser.index)
+    found = recogniser.recognise(
+        seen.features, min_confidence=min_confidence, max_results=max_results
+    )
+    if with_rivals or not found.accepted or found.matches[0].inliers >= policy.inliers_when_alone:
+        return found
+    first = found.matches[0]
+    doubted = replace(first, confidence=min(first.confidence, policy.suggestion))
+    return replace(found, accepted=False, matches=(doubted, *found.matches[1:]))
+
+
+def settle(
+    recognition: Recognition, memory: Memory, seen: Observation, policy: Policy
+) -> Recognition:
+    """Return the recognition without what the graph contradicts.
+
+    Matches go that the graph does not know (any more) or whose size is another one. The answer
+    stays accepted only while its first match is still the first.
+    """
+    kept = tuple(
+        match
+        for match in recognition.matches
+        if match.object_iri in memory.objects
+        and is_plausible(memory.objects[match.object_iri], seen, policy)
+    )
+    is_first = bool(kept) and kept[0] is recognition.matches[0]
+    return replace(recognition, accepted=recognition.accepted and is_first, matches=kept)
+
+
+def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:
+    """Tell whether the measured size can be that of a known object.
+
+    An object that has fallen over shows other sides, so the three extents are compared in order of
+    size. One that is cut off by the border of the image may look smaller than it is, and one of
+    which nobody said how the camera stood has no size.
+    """
+    if known.size is None or seen.shape is None or not seen.is_posed:
+        return True
+    here = np.sort([seen.shape.length, seen.shape.width, seen.shape.height])
+    there = np.sort(known.size)
+    too_large = here > there * policy.size_gate + policy.size_gate_m
+    too_small = here < there / policy.size_gate - policy.size_gate_m
+    return not (too_large.any() or (too_small.any() and not seen.features.is_cut))
+
+
+def has_rivals(index: RecognitionIndex) -> bool:
+    """Tell whether the index holds views of more than one object."""
+    first = ""
+    for name in index.views():
+        if first and name.object_iri != first:
+            return True
+        first = name.object_iri
+    return False

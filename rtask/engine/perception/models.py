@@ -1,0 +1,336 @@
+"""One model for each object, grown from the views that fit together (Kehoe 2014, 4.3).
+
+The first view fixes the frame: that of the object's grasps. A later view joins when it is known how
+the camera stood to the object and view and model do not contradict each other; otherwise it stays
+a view like any other. The graph keeps one model for each object and author, as bytes with the views
+that are in it; of several the one with the most views counts. All can be made again from the views.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import tilt
+from rtask.engine.perception.surroundings import surrounded, with_table
+from rtask.engine.perception.views import stored_frame, viewpoint
+from rtask.engine.records.facts import Facts
+from rtask.errors import MissingBlobError
+from rtask.rdf.namespaces import PROV, RT
+from rtask.rdf.terms import NamedNode, Value, iri
+
+if TYPE_CHECKING:
+    from features.geometry import Frame
+    from features.modelling import ObjectModel, Registration
+    from rtask.engine.engine import Engine
+    from rtask.engine.perception.observation import Observation
+    from rtask.kb.commit.commit import Commit
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = [
+    "Growth",
+    "Models",
+    "StoredModel",
+    "grow",
+    "old_models",
+    "posed_views",
+    "rebuild_models",
+    "regrown",
+    "state_model",
+    "stored_models",
+]
+
+log = logging.getLogger(__name__)
+
+_MODEL = "application/vnd.rtask.model"
+_MESH = "model/ply"
+_CODEC = "RTASK-model/1"
+_ENOUGH_VIEWS, _MOST_VIEWS = 8, 48
+_WORTH = 1.02
+_UPRIGHT, _MOST_FLOAT_M = np.deg2rad(20), 0.012
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """A model as the graph names it.
+
+    Parameters
+    ----------
+    views
+        IRIs of the views that are in it.
+    """
+
+    iri: NamedNode
+    blob: str
+    views: frozenset[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """A model with one more view.
+
+    Parameters
+    ----------
+    before
+        Bytes of the model from which it grew; empty = the view is its first.
+    """
+
+    model: ObjectModel
+    registration: Registration
+    before: str = ""
+
+
+def stored_models(kb: KnowledgeBase, thing: NamedNode) -> list[StoredModel]:
+    """Return the models of an object, that with the most views first."""
+    found = []
+    for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:
+        if not isinstance(model, NamedNode):
+            continue
+        blobs = {quad.object for quad in kb.match(model, RT.hasBlob)}
+        if len(blobs) != 1:
+            continue
+        (blob,) = blobs
+        assert isinstance(blob, NamedNode)
+        views = frozenset(
+            quad.object.value
+            for quad in kb.match(model, RT.builtFrom)
+            if isinstance(quad.object, NamedNode)
+        )
+        found.append(StoredModel(model, blob.value, views))
+    return sorted(found, key=lambda model: (-len(model.views), model.iri.value))
+
+
+class Models:
+    """Decoded models by the IRI of their bytes; the last ones used stay."""
+
+    def __init__(self, kb: KnowledgeBase, size: int = 64) -> None:
+        self.kb = kb
+        self._size = size
+        self._kept: OrderedDict[str, ObjectModel] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def of(self, thing: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
+        """Return the model of an object, or None when there is none or its bytes are gone."""
+        for stored in stored_models(self.kb, thing):
+            model = self.read(stored.blob)
+            if model is not None:
+                return stored, model
+        return None
+
+    def read(self, blob: str) -> ObjectModel | None:
+        """Return the model of some bytes, or None when they are gone or of another version."""
+        from features.modelling import ObjectModel
+
+        with self._lock:
+            known = self._kept.get(blob)
+            if known is not None:
+                self._kept.move_to_end(blob)
+                return known
+        try:
+            model = ObjectModel.from_bytes(self.kb.blobs.read(blob))
+        except (MissingBlobError, ValueError) as error:
+            log.warning("no model from %s: %s", blob, error)
+            return None
+        self.keep(blob, model)
+        return model
+
+    def keep(self, blob: str, model: ObjectModel) -> None:
+        """Remember a model that was just stored."""
+        with self._lock:
+            self._kept[blob] = model
+            while len(self._kept) > self._size:
+                self._kept.popitem(last=False)
+
+
+def grow(
+    models: Models,
+    thing: NamedNode | None,
+    seen: Observation,
+    object_from_camera: NDArray[np.float64] | None,
+    view: NamedNode,
+    is_round: bool = False,
+) -> Growth | None:
+    """Let an object's model grow by a view, when it fits and shows something new.
+
+    Parameters
+    ----------
+    thing
+        None = a new object.
+    object_from_camera : (4, 4) float64, m
+        How the camera stood to the object, as far as that is known.
+    is_round
+        Its model is prepared as that of a round thing.
+    """
+    from features.modelling import ObjectModel
+
+    if object_from_camera is None or seen.shape is None:
+        return None
+    known = None if thing is None else models.of(thing)
+    if known is not None and view.value in known[0].views:
+        return None
+    before = ObjectModel() if known is None else known[1]
+    if known is not None and not _stands(seen, object_from_camera):
+        log.info("view %s shows the model above or below the table", view.value)
+        return None
+    found = _extended(before, surrounded(seen)[0], object_from_camera, view.value)
+    if found is None:
+        return None
+    try:
+        # Now rather than when somebody waits for a pose; and no model of what is no object's size.
+        found[0].pose_model(is_round)
+    except ValueError as error:
+        log.info("view %s gives no model: %s", view.value, error)
+        return None
+    return Growth(*found, "" if known is None else known[0].blob)
+
+
+def _stands(seen: Observation, object_from_camera: NDArray[np.float64]) -> bool:
+    """Tell whether an upright object has its origin on the table, where that is known.
+
+    The top of a taller thing fits the model as well, floating.
+    """
+    if not seen.is_posed or seen.shape is None:
+        return True
+    frame_from_object = seen.frame_from_camera @ np.linalg.inv(object_from_camera)
+    off = abs(float(frame_from_object[2, 3]) - seen.shape.support_height)
+    return tilt(frame_from_object) > _UPRIGHT or off < _MOST_FLOAT_M
+
+
+def _extended(
+    before: ObjectModel, frame: Frame, object_from_camera: NDArray[np.float64], view: str
+) -> tuple[ObjectModel, Registration] | None:
+    """Return a model with one more view, or None when it does not fit or shows nothing new."""
+    if len(before.sources) >= _MOST_VIEWS:
+        return None
+    try:
+        grown, registration = before.add(frame, object_from_camera=object_from_camera, name=view)
+    except ValueError as error:
+        log.info("view %s cannot be laid on the model: %s", view, error)
+        return None
+    if registration is None:
+        log.info("view %s does not fit the model", view)
+        return None
+    shows_new = len(grown.cloud) > _WORTH * len(before.cloud)
+    if len(before.sources) >= _ENOUGH_VIEWS and not shows_new:
+        return None
+    return grown, registration
+
+
+def posed_views(kb: KnowledgeBase, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
+    """Return the views of an object whose viewpoint is known, oldest first."""
+    views = {q.object for q in kb.match(thing, RT.hasView) if isinstance(q.object, NamedNode)}
+    found = [(view.value, viewpoint(kb, view)) for view in sorted(views, key=str)]
+    return [(view, pose) for view, pose in found if pose is not None]
+
+
+def regrown(
+    kb: KnowledgeBase, views: Sequence[tuple[str, NDArray[np.float64]]]
+) -> ObjectModel | None:
+    """Return the model that views grow into, made again from their bytes; None without any.
+
+    Parameters
+    ----------
+    views
+        IRI and ``object_from_camera`` (4, 4) of each, the first gives the frame.
+    """
+    from features.modelling import ObjectModel
+
+    model = ObjectModel()
+    for view, pose in views:
+        stored = stored_frame(kb, view)
+        if stored is None:
+            continue
+        frame, is_camera = stored
+        # In the object's frame the table is where z = 0.
+        plane = np.array([*pose[2, :3], pose[2, 3]]) if pose[2, 3] > 0 else None
+        shown = with_table(frame, plane) if is_camera else frame
+        found = _extended(model, shown, pose, view)
+        model = model if found is None else found[0]
+    return None if model.is_empty else model
+
+
+def rebuild_models(engine: Engine) -> tuple[Commit, int]:
+    """Make the models of all objects again from their views; one commit.
+
+    Returns
+    -------
+    Commit
+    Number of models.
+    """
+    kb = engine.kb
+    with engine.writing:
+        things = {q.subject for q in kb.match(None, RT.hasView) if isinstance(q.subject, NamedNode)}
+        things |= {
+            q.subject for q in kb.match(None, RT.hasModel) if isinstance(q.subject, NamedNode)
+        }
+        facts, made = Facts(), 0
+        old: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
+        for thing in sorted(things, key=str):
+            old += old_models(kb, thing)
+            model = regrown(kb, posed_views(kb, thing))
+            if model is not None:
+                state_model(engine, facts, thing, model)
+                made += 1
+        rights = kb.access()
+        with kb.transaction(note="rebuild models") as tx:
+            for subject, predicate, value, graph in old:
+                if rights.may_write(graph):
+                    tx.remove(subject, predicate, value, graph)
+            facts.write(tx)
+        return tx.commit, made
+
+
+def state_model(
+    engine: Engine, facts: Facts, thing: NamedNode, model: ObjectModel
+) -> tuple[NamedNode, str]:
+    """State a model, cloud and mesh; return its IRI and that of its bytes, which are stored."""
+    from features.modelling import mesh_to_ply
+
+    node = engine.names.unique("model")
+    cloud = engine.kb.blobs.put(model.to_bytes(), _MODEL)
+    facts.add(thing, RT.hasModel, node)
+    facts.node(
+        node,
+        [RT.ObjectModel],
+        {RT.hasBlob: facts.blob(cloud), RT.pointCount: len(model.cloud), RT.codec: _CODEC},
+    )
+    for name, _ in model.sources:
+        facts.add(node, RT.builtFrom, iri(name))
+    vertices, faces, colours = model.mesh()
+    if len(faces):
+        mesh = iri(f"{node.value}/mesh")
+        data = engine.kb.blobs.put(mesh_to_ply(vertices, faces, colours), _MESH)
+        facts.add(thing, RT.hasFeature, mesh)
+        facts.node(
+            mesh,
+            [RT.TriangleMesh],
+            {RT.hasBlob: facts.blob(data), RT.vertexCount: len(vertices),
+             RT.faceCount: len(faces), PROV.wasDerivedFrom: node},
+        )  # fmt: skip
+    return node, cloud.iri.value
+
+
+def old_models(
+    kb: KnowledgeBase, thing: NamedNode, graph: NamedNode | None = None
+) -> list[tuple[NamedNode, NamedNode, Value, NamedNode]]:
+    """Return the statements of an object's models, in one graph or in all, to withdraw."""
+    found: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
+    for link in kb.match(thing, RT.hasModel, graph=graph):
+        model, where = link.object, link.graph_name
+        if not isinstance(model, NamedNode) or not isinstance(where, NamedNode):
+            continue
+        mesh = iri(f"{model.value}/mesh")
+        found.append((thing, RT.hasModel, model, where))
+        found.append((thing, RT.hasFeature, mesh, where))
+        for node in (model, mesh):
+            found += [
+                (node, quad.predicate, quad.object, where) for quad in kb.match(node, graph=where)
+            ]
+    return found

@@ -1,0 +1,207 @@
+"""Where the object is now: the frame in which its grasps are kept, seen from the robot.
+
+The frame's origin is the centre of the footprint at the height of the support, z points up, x
+along the longer side. A round thing has no side: its x axis points away from the robot, so that a
+grasp keeps its angle to the direction from which the arm comes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.footprint import ROUND, Footprint
+from grasp.spatial.frames import FloatArray, surface_from_object, tilt, wrap_turn, yaw_of
+
+if TYPE_CHECKING:
+    from features.tabletop import TabletopShape
+    from rtask.engine.perception.observation import Observation
+    from rtask.engine.perception.poses import ObjectPose
+
+__all__ = ["MOST_TILT", "Placement", "classify_shape", "footprint_of", "place", "posed"]
+
+MOST_TILT = np.deg2rad(20)
+"""Off the vertical, rad: what leans less stands."""
+
+_MOST_SHIFT_M = 0.02
+_SNAP = np.deg2rad(15)
+_LEAST_M = 0.002
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The object's frame in the robot's frame.
+
+    Parameters
+    ----------
+    frame_from_object : (4, 4)
+    is_round
+        Its x axis follows the robot, not the object.
+    is_verified
+        The yaw agrees with the frame in which the object was stored: it is the first view, or a
+        rigid match of features fixed it.
+    """
+
+    frame_from_object: NDArray[np.float64]
+    is_round: bool
+    is_verified: bool
+
+    @property
+    def yaw(self) -> float:
+        """Rotation about +z, rad."""
+        return yaw_of(self.frame_from_object)
+
+    def to_frame(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
+        """Return (x, y, theta) of a planar grasp in the robot's frame."""
+        point = self.frame_from_object @ np.array([x, y, 0.0, 1.0])
+        return float(point[0]), float(point[1]), wrap_turn(theta + self.yaw)
+
+    def to_object(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
+        """Return (x, y, theta) of a planar grasp in the object's frame."""
+        height = self.frame_from_object[2, 3]
+        point = np.linalg.inv(self.frame_from_object) @ np.array([x, y, height, 1.0])
+        return float(point[0]), float(point[1]), wrap_turn(theta - self.yaw)
+
+
+def place(
+    observation: Observation,
+    is_round: bool | None = None,
+    query_from_view: NDArray[np.float64] | None = None,
+    object_from_view: NDArray[np.float64] | None = None,
+) -> Placement | None:
+    """Return where the object is.
+
+    Parameters
+    ----------
+    is_round
+        What the graph knows; None = as measured.
+    query_from_view : (4, 4) or None
+        Rigid motion from a stored view's optical frame to this one's.
+    object_from_view : (4, 4) or None
+        Pose of the stored view's optical frame in the object's frame.
+
+    Returns
+    -------
+    None when the object could not be measured.
+    """
+    shape = observation.shape
+    if shape is None:
+        return None
+    centre = np.asarray(shape.centre, dtype=np.float64)
+    upright = surface_from_object(centre[0], centre[1], shape.support_height, 0.0)
+    if is_round if is_round is not None else shape.is_round:
+        bearing = float(np.arctan2(centre[1], centre[0]))
+        return Placement(_turned(upright, bearing), is_round=True, is_verified=True)
+    if query_from_view is not None and object_from_view is not None:
+        matched = observation.frame_from_camera @ query_from_view @ np.linalg.inv(object_from_view)
+        shift = float(np.linalg.norm(matched[:2, 3] - centre))
+        if tilt(matched) < MOST_TILT and shift < _MOST_SHIFT_M:
+            yaw = _snapped(yaw_of(matched), float(shape.yaw))
+            return Placement(_turned(upright, yaw), is_round=False, is_verified=True)
+    is_first = is_round is None
+    return Placement(_turned(upright, float(shape.yaw)), is_round=False, is_verified=is_first)
+
+
+def posed(placement: Placement | None, pose: ObjectPose | None) -> Placement | None:
+    """Return the placement with the turn of an accepted pose, where the object stands upright.
+
+    Where keypoints or measured sides had fixed the turn and the pose agrees, they stand: a side
+    measured over its whole length is the more exact. What is round keeps the robot's direction.
+    """
+    if placement is None or pose is None or not pose.accepted or placement.is_round:
+        return placement
+    matched = pose.frame_from_object
+    shift = float(np.linalg.norm(matched[:2, 3] - placement.frame_from_object[:2, 3]))
+    if tilt(matched) >= MOST_TILT or shift >= _MOST_SHIFT_M:
+        return placement
+    yaw = _snapped(yaw_of(matched), placement.yaw)
+    return Placement(_turned(placement.frame_from_object, yaw), is_round=False, is_verified=True)
+
+
+def _turned(pose: FloatArray, yaw: float) -> NDArray[np.float64]:
+    turned = np.array(pose, dtype=np.float64)
+    turned[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    return turned
+
+
+def _snapped(matched_yaw: float, measured_yaw: float) -> float:
+    """Return the measured side that the match points along, which is the more exact of the two.
+
+    Where no side is near, the match stands: what was measured may be one side of the object only.
+    """
+    steps = np.arange(4) * (np.pi / 2)
+    off = (measured_yaw + steps - matched_yaw + np.pi) % (2 * np.pi) - np.pi
+    best = int(np.argmin(np.abs(off)))
+    return wrap_turn(matched_yaw + float(off[best])) if abs(off[best]) < _SNAP else matched_yaw
+
+
+def footprint_of(shape: TabletopShape, placement: Placement) -> Footprint:
+    """Return the measured shape as :mod:`grasp` wants it: in the robot's frame, z over the support.
+
+    The longer side of a round thing is wherever its frame points, so that candidates keep their
+    angles from one look to the next.
+    """
+    length = max(float(shape.length), float(shape.width), _LEAST_M)
+    width = min(float(shape.length), float(shape.width))
+    return Footprint(
+        centre=(float(shape.centre[0]), float(shape.centre[1])),
+        yaw=placement.yaw if placement.is_round else float(shape.yaw),
+        length=length,
+        width=float(np.clip(width, _LEAST_M, length)),
+        height=max(float(shape.height), _LEAST_M),
+        roundness=1.0 if placement.is_round else min(float(shape.roundness), ROUND - 1e-9),
+        outline=None if shape.outline is None else np.asarray(shape.outline, dtype=np.float64),
+    )
+
+
+def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[str, float] | None:
+    """Name the kind of thing that a shape suggests, when the geometry is clear.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+        Of the object, in the frame of ``shape``.
+
+    Returns
+    -------
+    Local name of a class of the ontology and a confidence 0..1, or None. It is a guess about the
+    kind, never a claim about which object it is.
+    """
+    length, width, height = float(shape.length), float(shape.width), float(shape.height)
+    if shape.is_round:
+        slender = height / max(length, _LEAST_M)
+        top = _top_width(shape, points)
+        if top is None:
+            return None
+        if 0.75 <= slender <= 1.3 and top < 0.8:
+            return "Ball", 0.8
+        if slender >= 1.5 and top < 0.75:
+            return "Bottle", 0.7
+        return ("Cylinder", 0.8) if top >= 0.8 else None
+    if length >= 3 * width and width < 0.03 and height < 0.03:
+        return "Pen", 0.7
+    if length < 3 * width and _fill(shape) >= 0.8:
+        return "Box", 0.7
+    return None
+
+
+def _top_width(shape: TabletopShape, points: NDArray[np.float64]) -> float | None:
+    """Return how wide the top is against the middle, seen from above; None if unseen."""
+    level = (points[:, 2] - shape.support_height) / max(float(shape.height), _LEAST_M)
+    radius = np.linalg.norm(points[:, :2] - np.asarray(shape.centre), axis=1)
+    top, middle = radius[(level > 0.85) & (level < 0.97)], radius[(level > 0.3) & (level < 0.6)]
+    if len(top) < 5 or len(middle) < 5:
+        return None
+    return float(np.percentile(top, 90) / max(float(np.percentile(middle, 90)), _LEAST_M))
+
+
+def _fill(shape: TabletopShape) -> float:
+    """Return the share of its rectangle that the outline fills."""
+    if shape.outline is None or len(shape.outline) < 3:
+        return 0.0
+    x, y = np.asarray(shape.outline, dtype=np.float64).T
+    area = abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) / 2
+    return area / max(float(shape.length) * float(shape.width), 1e-9)

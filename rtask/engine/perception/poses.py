@@ -1,0 +1,204 @@
+"""The pose of a recognised object in six degrees of freedom (Kehoe 2014, 4.3 and 4.4).
+
+Against the model that its views grew into; where there is none, against the stored view that
+matched. A pose below c_T is told as such: it "cannot be determined".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.engine.perception.observation import Observation
+from rtask.engine.perception.placement import Placement
+from rtask.engine.perception.surroundings import surrounded
+from rtask.engine.perception.views import stored_frame
+from rtask.rdf.terms import iri
+
+if TYPE_CHECKING:
+    from features.pose import PoseEstimate, PoseModel
+    from features.recognition.recogniser import Match
+    from rtask.engine.memory.recall import KnownObject, Memory
+    from rtask.engine.perception.models import Models
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["ObjectPose", "find_pose", "pose_fields"]
+
+# Bounded by work, not by the clock: the same observation gives the same pose on a busy machine.
+_STARTS, _KEPT, _POINTS = 160, 12, 800
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPose:
+    """Where a recognised object is.
+
+    Parameters
+    ----------
+    camera_from_object : (4, 4) float64, m
+        Of the object's own frame, that of its grasps.
+    frame_from_object : (4, 4) float64, m
+        The same in the robot's frame.
+    confidence
+        Kehoe's s_T, 0..1.
+    accepted
+        s_T reaches c_T.
+    estimate
+        Fit, contradictions, other poses.
+    source
+        ``model`` or ``view``.
+    views
+        Number of views behind it.
+    """
+
+    camera_from_object: NDArray[np.float64]
+    frame_from_object: NDArray[np.float64]
+    confidence: float
+    accepted: bool
+    estimate: PoseEstimate
+    source: str
+    views: int
+
+    @property
+    def object_from_camera(self) -> NDArray[np.float64]:
+        """Pose of the camera in the object's frame, (4, 4)."""
+        return np.linalg.inv(self.camera_from_object).astype(np.float64)
+
+
+def find_pose(
+    models: Models,
+    seen: Observation,
+    known: KnownObject | None,
+    match: Match | None,
+    memory: Memory,
+    upright: Placement | None = None,
+) -> ObjectPose | None:
+    """Return the pose of a known object, or None when nothing of it is stored to compare with.
+
+    Parameters
+    ----------
+    models
+        Of the knowledge base.
+    match
+        Of recognition: its movement of keypoints is tried first.
+    upright
+        How the object stands as far as its measured sides tell: tried with each side in front.
+    """
+    if known is None:
+        return None
+    viewpoint = None if match is None else memory.viewpoints.get(match.view_iri)
+    movement = None if match is None else match.query_from_view
+    matched = None
+    if movement is not None and viewpoint is not None:
+        matched = np.asarray(movement, np.float64) @ np.linalg.inv(viewpoint)
+    stored = models.of(iri(known.iri))
+    if stored is not None:
+        model = stored[1].pose_model(known.is_round)
+        found = _against_model(seen, model, matched, upright)
+        return None if found is None else _posed(seen, found, "model", len(stored[0].views))
+    if matched is None or viewpoint is None or movement is None or match is None:
+        return None
+    return _against_view(models.kb, seen, match.view_iri, np.asarray(movement, np.float64),
+                         viewpoint)  # fmt: skip
+
+
+def _against_model(
+    seen: Observation,
+    model: PoseModel,
+    matched: NDArray[np.float64] | None,
+    upright: Placement | None,
+) -> PoseEstimate | None:
+    from features.pose import PoseParams, estimate_pose
+
+    frame, plane = surrounded(seen)
+    labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
+    params = PoseParams(starts=_STARTS, keep=_KEPT, most_points=_POINTS, merge=False)
+    return estimate_pose(
+        model, frame, labels, 1, params, plane, initial=_known_poses(seen, matched, upright)
+    )
+
+
+def _known_poses(
+    seen: Observation, matched: NDArray[np.float64] | None, upright: Placement | None
+) -> NDArray[np.float64] | None:
+    """Return the poses worth trying before any search, (k, 4, 4).
+
+    Print tells apart what shape cannot, so a matched movement stands alone.
+    """
+    if matched is not None:
+        return matched[None]
+    if upright is None or not seen.is_posed:
+        return None
+    camera_from_frame = np.linalg.inv(seen.frame_from_camera)
+    poses = []
+    for quarter in range(4):
+        turn, angle = np.eye(4), quarter * np.pi / 2
+        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        poses.append(camera_from_frame @ upright.frame_from_object @ turn)
+    return np.stack(poses)
+
+
+def _against_view(
+    kb: KnowledgeBase,
+    seen: Observation,
+    view: str,
+    movement: NDArray[np.float64],
+    object_from_view: NDArray[np.float64],
+) -> ObjectPose | None:
+    from dataclasses import replace
+
+    from features.pose import estimate_pose_from_views
+
+    stored = stored_frame(kb, view)
+    if stored is None:
+        return None
+    found = estimate_pose_from_views(stored[0], surrounded(seen)[0], movement)
+    if found is None:
+        return None
+    pose = found.camera_from_object @ np.linalg.inv(object_from_view)
+    return _posed(seen, replace(found, camera_from_object=pose), "view", 1)
+
+
+def _posed(seen: Observation, found: PoseEstimate, source: str, views: int) -> ObjectPose:
+    return ObjectPose(
+        camera_from_object=found.camera_from_object,
+        frame_from_object=seen.frame_from_camera @ found.camera_from_object,
+        confidence=found.confidence,
+        accepted=found.accepted,
+        estimate=found,
+        source=source,
+        views=views,
+    )
+
+
+def pose_fields(pose: ObjectPose | None, seen: Observation) -> dict[str, Any]:
+    """Return what an answer of recognition says about the pose."""
+    from grasp.messages import pose_message
+
+    if pose is None:
+        return {"pose": None, "pose_confidence": 0.0, "pose_accepted": False}
+    found = pose.estimate
+    return {
+        "pose": {
+            "camera_from_object": pose_message(pose.camera_from_object),
+            "frame_from_object": pose_message(pose.frame_from_object) if seen.is_posed else None,
+            "fit": found.fit,
+            "violation": found.violation,
+            "coverage": found.coverage,
+            "ambiguous": found.ambiguous,
+            "symmetric_axes": found.symmetric_axes.tolist(),
+            "alternatives": [
+                {
+                    "camera_from_object": pose_message(other.camera_from_object),
+                    "score": other.score,
+                }
+                for other in found.alternatives[:2]
+            ],
+            "source": pose.source,
+            "views": pose.views,
+        },
+        "pose_confidence": pose.confidence,
+        "pose_accepted": pose.accepted,
+    }

@@ -1,0 +1,1 @@
+"""What is written: attempts, objects and outcomes as triples."""

@@ -1,0 +1,287 @@
+"""Grasps tried and what came of them, as the graph keeps them."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_turn
+from rtask.engine.operations.robots import KnownGripper
+from rtask.engine.perception.images import check_picture
+from rtask.engine.records.facts import Facts, stamp
+from rtask.engine.records.objects import body_frame
+from rtask.engine.records.received import TIMES, Outcome, Received
+from rtask.errors import UsageError
+from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
+from rtask.rdf.terms import NamedNode, iri, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+
+__all__ = ["Try", "Verdict", "find_grasp", "state_grasp", "state_try", "state_verdict"]
+
+_GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
+
+
+@dataclass(frozen=True)
+class Try:
+    """One attempt, ready to be stated.
+
+    Parameters
+    ----------
+    thing
+        The object.
+    grasp
+        In the graph, or about to be.
+    task
+        IRI and class of the task it was for.
+    times
+        Durations by the names of :data:`TIMES`, s.
+    """
+
+    attempt: NamedNode
+    thing: NamedNode
+    grasp: NamedNode
+    gripper: KnownGripper
+    task: NamedNode
+    task_class: NamedNode
+    task_name: str
+    request_id: str
+    ended: dt.datetime
+    outcome: Outcome
+    received: Received
+    recognition: NamedNode | None = None
+    times: Mapping[str, float] = field(default_factory=dict)
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a person says about an outcome.
+
+    Parameters
+    ----------
+    by
+        Name of the person.
+    reason
+        Code of why it ended so, in the person's opinion; empty = no opinion.
+    """
+
+    by: str
+    held: bool
+    time: dt.datetime
+    reason: str = ""
+    comment: str = ""
+
+
+def find_grasp(
+    engine: Engine, thing: NamedNode, gripper_type: str, grasp: Received
+) -> NamedNode | None:
+    """Return the grasp of an object that is the same as the given one, if the graph has it."""
+    if grasp.in_object is None:
+        return None
+    turn = "rt:theta ?theta"
+    if grasp.turn is not None:
+        turn = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT * WHERE {{
+  {thing} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
+  ?pose rt:inFrame {body_frame(engine, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn}
+  OPTIONAL {{ ?grasp rt:jawOpening ?opening }}
+  FILTER(?type = {literal(gripper_type)}) }} ORDER BY ?grasp""")
+    x, y, z, _ = grasp.in_object
+    near = engine.policy.same_pose_m
+    for row in rows:
+        there: dict[str, Any] = row.to_dict()
+        apart = max(abs(there["x"] - x), abs(there["y"] - y), abs(there["z"] - z))
+        opening = there["opening"]
+        wider = abs(opening - grasp.opening) if opening and grasp.opening else 0.0
+        if (
+            max(apart, wider) <= near
+            and _turned(grasp, there) <= engine.policy.same_pose_rad
+            and isinstance(row["grasp"], NamedNode)
+        ):
+            return row["grasp"]
+    return None
+
+
+def _turned(grasp: Received, there: Mapping[str, Any]) -> float:
+    """Return the angle between a received and a stored grasp, rad."""
+    from scipy.spatial.transform import Rotation
+
+    if grasp.turn is None:
+        assert grasp.in_object is not None
+        return angle_between_axes(there["theta"], grasp.in_object[3])
+    stored = Rotation.from_quat([float(there["q" + axis]) for axis in "xyzw"])
+    return float((stored.inv() * Rotation.from_quat(grasp.turn)).magnitude())
+
+
+def state_grasp(
+    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, grasp: Received,
+    derived_from: NamedNode | None = None,
+) -> NamedNode:  # fmt: skip
+    """State a new grasp of an object, and return its IRI."""
+    if grasp.in_object is None:
+        raise UsageError("grasp: its pose on the object is not known; send the object's data too")
+    x, y, z, theta = grasp.in_object
+    node = engine.names.counted("grasp")
+    pose = iri(node.value + "/pose")
+    facts.add(thing, RT.hasGrasp, node)
+    facts.node(
+        node,
+        [RT.PlanarGrasp if grasp.turn is None else RT.SpatialGrasp, RT.GraspCandidate],
+        {
+            RT.gripperType: gripper_type,
+            RT.graspPose: pose,
+            RT.jawOpening: grasp.opening,
+            RT.contactWidth: grasp.width,
+            RT.graspQuality: grasp.quality,
+            RT.generator: _GENERATOR if grasp.turn is None else _IN_SPACE,
+            PROV.wasDerivedFrom: derived_from,
+        },
+    )
+    if grasp.turn is not None:
+        at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.turn))
+        facts.pose(pose, body_frame(engine, thing), np.asarray(at, dtype=np.float64))
+        return node
+    facts.node(
+        pose,
+        [RT.PlanarPose],
+        {RT.inFrame: body_frame(engine, thing), RT.x: float(x), RT.y: float(y), RT.z: float(z)},
+    )
+    # Rounding 2 pi - 1e-9 up would leave [0, 2 pi).
+    turned = round(wrap_turn(theta), 6)
+    facts.add(pose, RT.theta, 0.0 if turned >= 2 * np.pi else turned)
+    return node
+
+
+def _kind(grasp: Received) -> str:
+    return "planar outline" if grasp.turn is None else "pose perturbation"
+
+
+def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
+    """State an attempt with its task, outcome, evidence and pictures; return the outcome."""
+    fields = one.outcome.fields
+    outcome, feedback = engine.names.unique("outcome"), engine.names.unique("feedback")
+    robot, belief = one.gripper.robot, one.received.belief
+    facts.node(
+        one.task,
+        [one.task_class],
+        {
+            RT.taskName: one.task_name,
+            RT.assignedTo: robot,
+            RT.handles: one.thing,
+            RT.through: one.attempt,
+        },
+    )
+    started = one.ended - dt.timedelta(seconds=float(fields.get("duration_s") or 0.0))
+    preset = fields.get("preset")
+    facts.node(
+        one.attempt,
+        [RT.GraspAttempt],
+        {
+            RT.performedBy: robot,
+            RT.activates: one.gripper.iri,
+            RT.executesGrasp: one.grasp,
+            RT.hasOutcome: outcome,
+            RT.usedRecognition: one.recognition,
+            RT.requestId: one.request_id,
+            RT.simulated: None if preset is None else preset != "real",
+            RT.attemptNumber: fields.get("attempt_number"),
+            RT.candidateCount: fields.get("candidate_count"),
+            RT.candidateRank: fields.get("candidate_rank"),
+            RT.analyticQuality: one.received.quality,
+            RT.qualityKind: None if one.received.quality is None else _kind(one.received),
+            RT.priorAlpha: belief[0] if belief else None,
+            RT.priorBeta: belief[1] if belief else None,
+            RT.policyVersion: engine.policy.version if belief else None,
+            RT.approachTilt: fields.get("approach_tilt"),
+            RT.seed: one.seed if fields.get("seed") is None else fields["seed"],
+            PROV.startedAtTime: started,
+            PROV.endedAtTime: one.ended,
+            **{TIMES[k]: float(v) for k, v in sorted(one.times.items()) if v is not None},
+        },
+    )
+    facts.node(
+        outcome,
+        [RT.GraspOutcome],
+        {
+            RT.success: one.outcome.held,
+            RT.placed: one.outcome.placed,
+            RT.hasReason: reason(one.outcome.reason),
+            RT.hasFeedback: feedback,
+        },
+    )
+    facts.node(
+        feedback,
+        [RT.PhysicsFeedback],
+        {
+            RT.verdict: one.outcome.held,
+            RT.preset: preset,
+            RT.liftHeight: fields.get("lifted_m"),
+            RT.slipDistance: fields.get("slip"),
+            RT.linksTouching: fields.get("links_touching"),
+            RT.contactForce: fields.get("contact_force"),
+            RT.jawGap: fields.get("jaw_gap"),
+            RT.holdTime: fields.get("hold_s"),
+            RT.placeOffset: fields.get("place_offset"),
+        },
+    )
+    for comment in one.outcome.comments:
+        facts.add(feedback, RT.comment, comment)
+    if fields.get("confirmed_by") == "human":
+        operator = fields.get("operator") or "operator"
+        said = Verdict(operator, one.outcome.held, one.ended)
+        state_verdict(engine, facts, outcome, said, (int(said.held), int(not said.held)))
+    _state_pictures(engine, facts, one)
+    return outcome
+
+
+def state_verdict(
+    engine: Engine, facts: Facts, outcome: NamedNode, said: Verdict, votes: tuple[int, int],
+) -> NamedNode:  # fmt: skip
+    """State what a person says about an outcome; what most people say outweighs the robot.
+
+    Parameters
+    ----------
+    votes
+        How many people, this one too, say that it held and that it did not.
+    """
+    person = engine.kb.graphs.agent_iri(said.by, "teacher")
+    facts.node(person, [RT.Human], {RT.name: said.by})
+    feedback = engine.names.unique("feedback")
+    facts.add(outcome, RT.hasFeedback, feedback)
+    return facts.node(
+        feedback,
+        [RT.HumanFeedback],
+        {
+            RT.verdict: said.held,
+            RT.saidReason: reason(said.reason) if said.reason else None,
+            RT.atTime: stamp(said.time),
+            RT.comment: said.comment or None,
+            RT.heldVotes: votes[0],
+            RT.lostVotes: votes[1],
+            PROV.wasAttributedTo: person,
+        },
+    )
+
+
+def _state_pictures(engine: Engine, facts: Facts, one: Try) -> None:
+    for k, picture in enumerate(one.outcome.fields.get("images") or []):
+        media_type, width, height = check_picture(picture["data"], f"outcome.images[{k}].data")
+        facts.node(
+            iri(f"{one.attempt.value}/image/{k + 1}"),
+            [RT.ColorImage],
+            {
+                RT.name: picture["phase"],
+                RT.hasBlob: facts.blob(engine.kb.blobs.put(picture["data"], media_type)),
+                RT.widthPx: width,
+                RT.heightPx: height,
+                RT.encoding: "rgb8",
+                PROV.wasGeneratedBy: one.attempt,
+            },
+        )

@@ -1,0 +1,107 @@
+"""Statements in the making: triples about individuals, with numbers and times in one form."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ontology
+from grasp.spatial.frames import pose_from_matrix
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import Literal, NamedNode, Triple, Value
+
+if TYPE_CHECKING:
+    from rtask.kb.commit.transaction import Transaction
+    from rtask.kb.durability.blobs import Blob
+
+__all__ = ["Facts", "stamp"]
+
+_STAMP = NamedNode(ontology.PREFIXES["xsd"] + "dateTimeStamp")
+_METRE_DIGITS = 6
+_QUATERNION_DIGITS = 10
+
+
+def stamp(time: dt.datetime) -> Literal:
+    """Return a time as xsd:dateTimeStamp, the type of ``rt:atTime``."""
+    return Literal(time.astimezone(dt.UTC).isoformat().replace("+00:00", "Z"), datatype=_STAMP)
+
+
+class Facts:
+    """Triples that will be stored together.
+
+    Examples
+    --------
+    >>> facts = Facts()
+    >>> facts.add(RT.mug, RT.mass, 0.3)
+    >>> facts.add(RT.mug, RT.name, None)
+    >>> len(facts.triples)
+    1
+    """
+
+    def __init__(self) -> None:
+        self.triples: list[tuple[NamedNode, NamedNode, Value]] = []
+
+    def add(self, subject: NamedNode, predicate: NamedNode, value: Value | None) -> None:
+        """State one thing; None states nothing."""
+        if value is None:
+            return
+        if isinstance(value, float):
+            # -0.0 and 0.0 would be two values of a property that may have one.
+            value = round(value, _METRE_DIGITS) + 0.0
+        self.triples.append((subject, predicate, value))
+
+    def node(
+        self,
+        subject: NamedNode,
+        kinds: Iterable[NamedNode],
+        properties: Mapping[NamedNode, Value | None],
+    ) -> NamedNode:
+        """State the classes and properties of an individual, and return it."""
+        for kind in kinds:
+            self.triples.append((subject, RDF.type, kind))
+        for predicate, value in properties.items():
+            self.add(subject, predicate, value)
+        return subject
+
+    def pose(
+        self, subject: NamedNode, frame: NamedNode, frame_from_body: NDArray[np.float64]
+    ) -> NamedNode:
+        """State an ``rt:Pose``: seven numbers in a frame."""
+        position, quaternion = pose_from_matrix(frame_from_body)
+        self.node(subject, [RT.Pose], {RT.inFrame: frame})
+        for name, number in zip("xyz", position, strict=True):
+            self.add(subject, getattr(RT, name), float(number))
+        for name, number in zip("xyzw", quaternion, strict=True):
+            # A norm of 1 within 1e-6 is asked for; six digits would not keep it.
+            exact = round(float(number), _QUATERNION_DIGITS) + 0.0
+            self.triples.append((subject, getattr(RT, "q" + name), exact))
+        return subject
+
+    def blob(self, blob: Blob) -> NamedNode:
+        """Describe stored bytes."""
+        for subject, predicate, value in blob.statements():
+            assert isinstance(subject, NamedNode)
+            self.triples.append((subject, predicate, value))
+        return blob.iri
+
+    def with_confidence(
+        self,
+        reifier: NamedNode,
+        subject: NamedNode,
+        predicate: NamedNode,
+        value: NamedNode,
+        confidence: float,
+    ) -> None:
+        """State something that is only likely, and how likely, on its reifier (RDF 1.2)."""
+        self.triples.append((subject, predicate, value))
+        self.triples.append((reifier, RDF.reifies, Triple(subject, predicate, value)))
+        self.add(reifier, RT.confidence, confidence)
+
+    def write(self, transaction: Transaction) -> None:
+        """Assert everything in the transaction's own graph."""
+        for subject, predicate, value in self.triples:
+            transaction.add(subject, predicate, value)

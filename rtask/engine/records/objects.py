@@ -1,0 +1,284 @@
+"""What the graph keeps of an object and of each look at it (Gatto 2016, 3.2.2).
+
+One view is enough: the image crop, the compressed cloud and the descriptors are blobs; size and
+frame are numbers. The index of recognition can be made again from these.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.engine.names import tail
+from rtask.engine.perception.images import encode_crop
+from rtask.engine.perception.observation import Observation
+from rtask.engine.perception.placement import Placement, classify_shape
+from rtask.engine.records.facts import Facts, stamp
+from rtask.rdf.namespaces import PROV, RDF, RT, SOSA
+from rtask.rdf.terms import NamedNode, iri, object_term, python_value
+
+if TYPE_CHECKING:
+    from features.recognition.recogniser import Recognition
+    from rtask.engine.engine import Engine
+
+__all__ = [
+    "NewObject",
+    "Sight",
+    "body_frame",
+    "frame_id_of",
+    "guess_class",
+    "state_frame",
+    "state_object",
+    "state_recognition",
+    "state_view",
+    "viewpoint_of",
+]
+
+_CLOUD = "application/vnd.rtask.cloud"
+_MOST_MATCHES = 3
+
+
+@dataclass(frozen=True)
+class NewObject:
+    """What is known about an object that enters the graph.
+
+    Parameters
+    ----------
+    iri, object_id, name
+        ``object_id`` is ``namespace/number``, unique for ever.
+    class_iri
+        Kind of object.
+    class_confidence
+        Of a kind that was guessed from the shape; None = somebody said so.
+    """
+
+    iri: NamedNode
+    object_id: str
+    name: str
+    class_iri: NamedNode | None = None
+    class_confidence: float | None = None
+    function: NamedNode | None = None
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One look, with the IRIs of the things that record it.
+
+    Parameters
+    ----------
+    object_from_camera : (4, 4) or None, m
+        How the camera stood to the object, where the object's model told; else ``placement`` does.
+    """
+
+    observation: Observation
+    placement: Placement | None
+    view: NamedNode
+    event: NamedNode
+    camera: NamedNode | None
+    agent: NamedNode
+    request_id: str | None
+    time: dt.datetime
+    object_from_camera: NDArray[np.float64] | None = None
+
+
+def body_frame(engine: Engine, thing: NamedNode) -> NamedNode:
+    """Return the frame that moves with an object: the one it has, else the one it will get."""
+    for quad in engine.kb.match(thing, RT.bodyFrame):
+        if isinstance(quad.object, NamedNode):
+            return quad.object
+    return engine.names.named("frame", f"object-{tail(thing)}")
+
+
+def frame_id_of(engine: Engine, thing: str) -> str:
+    """Return the name of an object's frame in messages."""
+    for quad in engine.kb.match(body_frame(engine, iri(thing)), RT.frameId):
+        return str(python_value(object_term(quad.object)))
+    return f"object/{tail(iri(thing))}"
+
+
+def state_frame(engine: Engine, facts: Facts, thing: NamedNode) -> None:
+    """State an object's frame, unless it has one: objects of other sources may lack it."""
+    if not engine.kb.match(thing, RT.bodyFrame):
+        frame = body_frame(engine, thing)
+        facts.add(thing, RT.bodyFrame, frame)
+        facts.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(thing)}"})
+
+
+def guess_class(observation: Observation) -> tuple[NamedNode, float] | None:
+    """Return the class that the measured shape suggests, with a confidence."""
+    if observation.shape is None or not observation.is_posed:
+        return None
+    found = classify_shape(observation.shape, observation.points)
+    return None if found is None else (getattr(RT, found[0]), found[1])
+
+
+def state_object(engine: Engine, facts: Facts, new: NewObject, observation: Observation) -> None:
+    """State a new object: identity, kind, size, frame, symmetry."""
+    shape = observation.shape
+    frame = body_frame(engine, new.iri)
+    facts.node(
+        new.iri,
+        [RT.ManipulableObject],
+        {
+            RT.objectId: new.object_id,
+            RT.name: new.name,
+            RT.hasFunction: new.function,
+        },
+    )
+    state_frame(engine, facts, new.iri)
+    if new.class_iri is not None and new.class_confidence is None:
+        facts.node(new.iri, [new.class_iri], {})
+    elif new.class_iri is not None and new.class_confidence is not None:
+        reifier = engine.names.unique("statement")
+        facts.with_confidence(reifier, new.iri, RDF.type, new.class_iri, new.class_confidence)
+    if shape is None or not observation.is_posed:
+        return
+    facts.node(
+        new.iri,
+        [],
+        {
+            RT.extentX: max(float(shape.length), 1e-3),
+            RT.extentY: max(float(shape.width), 1e-3),
+            RT.extentZ: max(float(shape.height), 1e-3),
+            RT.graspWidth: max(float(shape.width), 1e-3),
+            RT.roundness: float(np.clip(shape.roundness, 0.0, 1.0)),
+        },
+    )
+    if shape.is_round:
+        symmetry, axis = engine.names.unique("symmetry"), engine.names.unique("direction")
+        facts.add(new.iri, RT.hasSymmetry, symmetry)
+        facts.node(symmetry, [RT.Symmetry], {RT.symmetryOrder: 0, RT.symmetryAxis: axis})
+        facts.node(
+            axis,
+            [RT.Direction],
+            {RT.inFrame: frame, RT.dirX: 0.0, RT.dirY: 0.0, RT.dirZ: 1.0},
+        )
+
+
+def viewpoint_of(seen: Observation, placement: Placement) -> NDArray[np.float64]:
+    """Return the pose (4, 4) of the camera in the frame of an object that stands so."""
+    pose = np.linalg.inv(placement.frame_from_object) @ seen.frame_from_camera
+    return np.asarray(pose, dtype=np.float64)
+
+
+def state_view(engine: Engine, facts: Facts, thing: NamedNode, sight: Sight) -> None:
+    """State one view of an object: bytes, where it was taken from, who took it when."""
+    seen = sight.observation
+    facts.node(
+        sight.event,
+        [RT.Observation],
+        {
+            SOSA.madeBySensor: sight.camera,
+            SOSA.hasFeatureOfInterest: thing,
+            SOSA.resultTime: sight.time,
+            PROV.wasAssociatedWith: sight.agent,
+            RT.requestId: sight.request_id,
+        },
+    )
+    facts.add(thing, RT.hasView, sight.view)
+    facts.node(sight.view, [RT.View], {PROV.wasDerivedFrom: sight.event})
+    facts.add(sight.view, RT.atTime, stamp(sight.time))
+    object_from_camera = sight.object_from_camera
+    if object_from_camera is None and sight.placement is not None and sight.placement.is_verified:
+        object_from_camera = viewpoint_of(seen, sight.placement)
+    if object_from_camera is not None:
+        pose = iri(sight.view.value + "/viewpoint")
+        facts.add(sight.view, RT.viewpoint, pose)
+        facts.pose(pose, body_frame(engine, thing), object_from_camera)
+    for name, kinds, properties in _contents(engine, facts, seen):
+        content = iri(f"{sight.view.value}/{name}")
+        facts.add(sight.view, RT.viewContent, content)
+        facts.node(
+            content,
+            kinds,
+            {**properties, RT.acquiredBy: sight.camera, PROV.wasGeneratedBy: sight.event},
+        )
+
+
+def _contents(
+    engine: Engine, facts: Facts, seen: Observation
+) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
+    """Return name, classes and properties of what a view holds; its bytes are stored now."""
+    blobs = engine.kb.blobs
+    picture = blobs.put(encode_crop(seen.frame), "image/jpeg")
+    is_own = seen.data.startswith(b"RTKC")
+    cloud = blobs.put(seen.data, _CLOUD if is_own else "application/octet-stream")
+    described = blobs.put(seen.features.to_bytes(), "application/x-npz")
+    height, width = seen.frame.depth_m.shape
+    return [
+        (
+            "image",
+            [RT.ColorImage, *([RT.CloudImage] if seen.is_rendered else [])],
+            {RT.hasBlob: facts.blob(picture), RT.widthPx: width, RT.heightPx: height,
+             RT.encoding: "rgb8"},
+        ),
+        (
+            "cloud",
+            [RT.CompressedPointCloud],
+            {RT.hasBlob: facts.blob(cloud), RT.pointCount: len(seen.points),
+             RT.codec: "RTKC/1" if is_own else "foreign"},
+        ),
+        (
+            "descriptors",
+            [RT.SIFTFeatureSet],
+            {RT.hasBlob: facts.blob(described), RT.descriptorCount: len(seen.features),
+             RT.descriptorLength: 128, RT.elementType: "uint8"},
+        ),
+        *_visual_features(engine, facts, seen),
+    ]  # fmt: skip
+
+
+def _visual_features(
+    engine: Engine, facts: Facts, seen: Observation
+) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
+    """Return HOG, FPFH and B-splines of a view (Gatto 2016, 3.2.2); their bytes are stored now."""
+    from features.recognition.stored import stored_features
+
+    return [
+        (
+            feature.kind.lower(),
+            [getattr(RT, feature.kind)],
+            {
+                RT.hasBlob: facts.blob(engine.kb.blobs.put(feature.data, "application/x-npz")),
+                **{getattr(RT, name): value for name, value in feature.numbers.items()},
+            },
+        )
+        for feature in stored_features(seen.features, seen.frame)
+    ]
+
+
+def state_recognition(
+    engine: Engine, facts: Facts, recognition: Recognition, event: NamedNode | None
+) -> NamedNode:
+    """State what recognition answered, and return the result's IRI."""
+    result = engine.names.unique("recognition")
+    matches = recognition.matches
+    facts.node(
+        result,
+        [RT.RecognitionResult],
+        {
+            RT.recognitionConfidence: float(matches[0].confidence) if matches else 0.0,
+            RT.matchCount: len(matches),
+            RT.recognisedFrom: event,
+        },
+    )
+    for rank, match in enumerate(matches[:_MOST_MATCHES], start=1):
+        node = iri(f"{result.value}/match/{rank}")
+        facts.add(result, RT.hasMatch, node)
+        facts.node(
+            node,
+            [RT.Match],
+            {
+                RT.rank: rank,
+                RT.matchScore: float(match.confidence),
+                RT.inlierCount: int(match.inliers),
+                RT.matchedObject: iri(match.object_iri),
+            },
+        )
+        if rank == 1 and recognition.accepted:
+            facts.add(result, RT.bestMatch, node)
+    return result

@@ -1,0 +1,262 @@
+"""Grasps and outcomes as robots send them back, read and checked."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.messages import matrix_from_message, planar_from_message
+from grasp.spatial.frames import FloatArray, closing_turn, matrix_from_pose, pose_from_matrix
+from rtask.engine.operations.messages import Field, read
+from rtask.engine.perception.placement import Placement
+from rtask.errors import UsageError
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode, iri
+
+if TYPE_CHECKING:
+    from rtask.engine.memory.tasks import Decision
+
+__all__ = ["CANDIDATE", "OUTCOME", "TIMES", "Outcome", "Received", "in_object", "received"]
+
+log = logging.getLogger(__name__)
+
+Quaternion = tuple[float, float, float, float]
+
+CANDIDATE = "candidate:"
+"""How the ids of proposed grasps begin."""
+
+TIMES = {
+    "segmentation_s": RT.segmentationTime,
+    "transfer_s": RT.transferTime,
+    "decode_s": RT.decodingTime,
+    "extraction_s": RT.extractionTime,
+    "matching_s": RT.matchingTime,
+    "query_s": RT.queryTime,
+    "pose_s": RT.poseTime,
+    "generation_s": RT.generationTime,
+    "choice_s": RT.choiceTime,
+    "planning_s": RT.planningTime,
+    "execution_s": RT.executionTime,
+    "total_s": RT.totalTime,
+}
+"""Durations of a message, s, and the properties that keep them."""
+
+OUTCOME = (
+    Field("success", "boolean", "whether the object was held", required=True),
+    Field("placed", "boolean", "whether it arrived where it was to go"),
+    Field("reason", "string", "why it ended as it did: ok, missed, slip_lift, ..."),
+    Field("lifted_m", "number", "height reached, m"),
+    Field("slip", "number", "way that the object slipped in the hand, m"),
+    Field("duration_s", "number", "of the attempt, s", low=0.0),
+    Field("links_touching", "integer", "hand links in contact at the end of the hold", low=0),
+    Field("contact_force", "number", "force at the jaws, N", low=0.0),
+    Field("jaw_gap", "number", "opening after closing, m", low=0.0),
+    Field("hold_s", "number", "time held, s", low=0.0),
+    Field("place_offset", "number", "distance from where it was to be put, m", low=0.0),
+    Field("approach_tilt", "number", "angle of the approach to the vertical, rad"),
+    Field("preset", "string", "physics: faithful, fast, or real",
+          choices=("faithful", "fast", "real")),
+    Field("seed", "integer", "of the simulation", low=0),
+    Field("attempt_number", "integer", "counted from 1 for each object and episode", low=1),
+    Field("candidate_count", "integer", "grasps that there were to choose from", low=1),
+    Field("candidate_rank", "integer", "place of the one taken", low=1),
+    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
+    Field("operator", "string", "the person, when a person says so"),
+    Field("comment", "string", "words of the person or the robot"),
+    Field("times", "record", "durations of the steps, s", default={},
+          fields=tuple(Field(name, "number", f"duration of {name[:-2]}, s") for name in TIMES)),
+    Field("images", "records", "pictures of the attempt", default=[], high=32, fields=(
+        Field("phase", "string", "pre_grasp, closed, lifted, placed, ...", required=True),
+        Field("data", "bytes", "base64 PNG or JPEG", required=True),
+    )),
+)  # fmt: skip
+"""Fields of an outcome."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """A grasp as a robot sent it back.
+
+    Parameters
+    ----------
+    id
+        As it came: an IRI, ``candidate:<k>`` or nothing.
+    iri
+        Of a grasp that the graph knows, or None.
+    in_object
+        (x, y, z, theta) in the object's frame, or None.
+    in_frame
+        (x, y, z, theta) in the robot's frame, z absolute, or None.
+    turn
+        Quaternion (x, y, z, w) in the object's frame of a grasp in space, or None.
+    frame_from_gripper : (4, 4) or None, m
+        Pose in the robot's frame of a grasp in space.
+    belief
+        alpha and beta before the attempt, or None.
+    """
+
+    id: str = ""
+    iri: NamedNode | None = None
+    in_object: tuple[float, float, float, float] | None = None
+    in_frame: tuple[float, float, float, float] | None = None
+    turn: Quaternion | None = None
+    frame_from_gripper: NDArray[np.float64] | None = field(default=None, compare=False)
+    width: float | None = None
+    opening: float | None = None
+    quality: float | None = None
+    belief: tuple[float, float] | None = None
+
+    def completed(self, decision: Decision | None) -> Received:
+        """Return the grasp with what the engine remembers of having offered it."""
+        option = decision.options.get(self.id) if decision is not None else None
+        if option is None or option.choice is None:
+            return self
+        return replace(
+            self,
+            in_object=self.in_object or option.in_object,
+            turn=self.turn or option.quaternion,
+            width=option.grasp.width if self.width is None else self.width,
+            opening=option.opening if self.opening is None else self.opening,
+            quality=option.quality if self.quality is None else self.quality,
+            belief=self.belief or (option.choice.alpha, option.choice.beta),
+        )
+
+    def placed(self, placement: Placement | None) -> Received:
+        """Return the grasp with its pose in the object's frame, if that can be known."""
+        if placement is None:
+            return self
+        if self.frame_from_gripper is not None:
+            pose = np.linalg.inv(placement.frame_from_object) @ self.frame_from_gripper
+            at, turn = in_object(pose)
+            return replace(self, in_object=at, turn=turn)
+        if self.in_frame is None:
+            return self
+        x, y, z, theta = self.in_frame
+        x, y, theta = placement.to_object(x, y, theta)
+        z -= float(placement.frame_from_object[2, 3])
+        return replace(self, in_object=(x, y, z, theta))
+
+
+_NUMBER = ("x", "y", "z", "theta", "width", "opening", "grasp_quality", "alpha", "beta")
+_GRASP = tuple(Field(name, "number", name) for name in _NUMBER)
+_TURN = ("qx", "qy", "qz", "qw")
+_IN_OBJECT = (
+    *(Field(n, "number", n, required=True) for n in ("x", "y", "z", "theta")),
+    *(Field(n, "number", n) for n in _TURN),
+)
+
+
+def received(value: str | Mapping[str, Any], path: str) -> Received:
+    """Read a grasp: its IRI, one of the grasps of an answer, or a bare Grasp message.
+
+    Raises
+    ------
+    UsageError
+        Naming the field.
+    """
+    name = value if isinstance(value, str) else str(value.get("id") or "")
+    known = iri(name) if name and not name.startswith(CANDIDATE) else None
+    if isinstance(value, str):
+        return Received(name, known)
+    numbers = read(_GRASP, {k: value.get(k) for k in _NUMBER}, path + ".")
+    in_frame, in_space = None, _pose_in_space(value, path)
+    if in_space is None and all(numbers[k] is not None for k in ("x", "y", "z", "theta")):
+        in_frame = (numbers["x"], numbers["y"], numbers["z"], numbers["theta"])
+    elif in_space is None and "grasp_pose" in value:
+        try:
+            planar = planar_from_message(dict(value))
+        except ValueError as error:
+            raise UsageError(f"{path}: {error}", field=path) from error
+        in_frame = (planar.x, planar.y, planar.z, planar.theta)
+        numbers.update(width=planar.width, opening=planar.opening, grasp_quality=planar.quality)
+    at_object, turn = None, None
+    if value.get("in_object") is not None:
+        at = read(_IN_OBJECT, value["in_object"], path + ".in_object.")
+        at_object = (at["x"], at["y"], at["z"], at["theta"])
+        turn = _turn(at, path)
+    if not name and in_frame is None and at_object is None and in_space is None:
+        raise UsageError(f"{path}: neither an id nor a pose", field=path)
+    alpha, beta = numbers["alpha"], numbers["beta"]
+    return Received(
+        id=name,
+        iri=known,
+        in_object=at_object,
+        in_frame=in_frame,
+        turn=turn,
+        frame_from_gripper=in_space,
+        width=numbers["width"],
+        opening=numbers["opening"],
+        quality=numbers["grasp_quality"],
+        belief=None if alpha is None or beta is None else (alpha, beta),
+    )
+
+
+def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] | None:
+    """Return the pose (4, 4) of a grasp that says of itself that it is one in space."""
+    if value.get("kind") != "spatial" or "grasp_pose" not in value:
+        return None
+    try:
+        return np.asarray(matrix_from_message(value["grasp_pose"]["pose"]), dtype=np.float64)
+    except (ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{path}.grasp_pose: {error}", field=f"{path}.grasp_pose") from error
+
+
+def _turn(at: Mapping[str, Any], path: str) -> Quaternion | None:
+    given = [at[name] for name in _TURN]
+    if all(one is None for one in given):
+        return None
+    try:
+        pose = matrix_from_pose(np.zeros(3), np.array(given, dtype=np.float64))
+    except (ValueError, TypeError) as error:
+        said = f"{path}.in_object: qx, qy, qz, qw are no unit quaternion: {given}"
+        raise UsageError(said, field=f"{path}.in_object") from error
+    return in_object(pose)[1]
+
+
+def in_object(pose: FloatArray) -> tuple[tuple[float, float, float, float], Quaternion]:
+    """Return (x, y, z, theta) and the quaternion of a pose (4, 4)."""
+    (x, y, z), (qx, qy, qz, qw) = (part.tolist() for part in pose_from_matrix(pose))
+    return (x, y, z, closing_turn(pose)), (qx, qy, qz, qw)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an attempt, checked against the reason codes of the ontology."""
+
+    held: bool
+    reason: str
+    placed: bool | None = None
+    comments: tuple[str, ...] = ()
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any], known: frozenset[str], path: str) -> Outcome:
+        """Read the fields of an outcome.
+
+        A success has the reason ``ok`` and nothing else: what went wrong after holding stands in a
+        comment. An unknown code becomes ``not_judged`` and is kept as a comment.
+
+        Raises
+        ------
+        UsageError
+            When a failure gives ``ok`` as its reason.
+        """
+        held, code = bool(fields["success"]), fields["reason"]
+        comments = [fields["comment"]] if fields.get("comment") else []
+        if held:
+            if code not in (None, "ok"):
+                comments.append(f"after holding: {code}")
+            code = "ok"
+        elif code == "ok":
+            raise UsageError(f"{path}.reason: a failure cannot have the reason ok", field=path)
+        elif code is None or code not in known:
+            if code is not None:
+                log.warning("unknown reason code %r is kept as a comment", code)
+                comments.append(code)
+            code = "not_judged"
+        return cls(held, code, fields.get("placed"), tuple(comments), fields)

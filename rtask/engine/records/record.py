@@ -1,0 +1,233 @@
+"""One attempt into the graph: shared by inserting an object and reporting an outcome."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.memory.confidence import believe
+from rtask.engine.memory.question import UNJUDGED
+from rtask.engine.memory.statistics import count, judged_counts
+from rtask.engine.memory.tasks import Decision
+from rtask.engine.operations.robots import KnownGripper
+from rtask.engine.records.attempts import Try, find_grasp, state_grasp, state_try
+from rtask.engine.records.facts import Facts
+from rtask.engine.records.objects import state_frame, state_recognition
+from rtask.engine.records.received import Outcome, Received
+from rtask.engine.terms import find_task
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import PREFIXES, RT, reason
+from rtask.rdf.terms import NamedNode, Value, iri, literal
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+    from rtask.kb.commit.access import Access
+
+__all__ = [
+    "Earlier",
+    "Entry",
+    "Recorded",
+    "Withdrawn",
+    "earlier",
+    "record",
+    "record_try",
+    "resolve_grasp",
+    "task_iri",
+]
+
+Withdrawn = list[tuple[NamedNode, NamedNode, Value]]
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What a request of the same id stored before."""
+
+    thing: str = ""
+    grasp: str = ""
+    view: str = ""
+    has_attempt: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An attempt as the messages describe it.
+
+    Parameters
+    ----------
+    graph
+        Where it is written.
+    """
+
+    thing: NamedNode
+    gripper: KnownGripper
+    received: Received
+    outcome: Outcome
+    task: str
+    task_id: str
+    ended: dt.datetime
+    graph: NamedNode
+    decision: Decision | None = None
+    event: NamedNode | None = None
+
+
+def earlier(engine: Engine, task_id: str, who: list[NamedNode]) -> Earlier | None:
+    """Return what was stored under a request id by one of these agents, or None."""
+    agents = f"VALUES ?agent {{ {' '.join(map(str, who))} }}"
+    known = f"?event rt:requestId {literal(task_id)}"
+    # Each part by itself: the store would else read every event before it looks at the id.
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?thing ?grasp ?view WHERE {{
+  {{ {agents} {known} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
+     ?task rt:through ?event ; rt:handles ?thing }}
+  UNION
+  {{ {agents} {known} ; prov:wasAssociatedWith ?agent ; sosa:hasFeatureOfInterest ?thing .
+     ?view a rt:View ; prov:wasDerivedFrom ?event }}
+}} ORDER BY ?thing ?grasp ?view""")
+    found = [row.to_dict() for row in rows]
+    if not found:
+        return None
+
+    def first(name: str) -> str:
+        return next((str(row[name]) for row in found if row[name] is not None), "")
+
+    grasp = first("grasp")
+    return Earlier(first("thing"), grasp, first("view"), bool(grasp))
+
+
+def task_iri(engine: Engine, task_id: str) -> NamedNode:
+    """Return the task that an id names; ids of clients' own making get an IRI here."""
+    start = f"{engine.kb.base}task/"
+    return iri(task_id) if task_id.startswith(start) else engine.names.unique("task")
+
+
+def resolve_grasp(
+    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, grasp: Received
+) -> NamedNode:
+    """Return the grasp of an object that a message means, stated anew where it is new.
+
+    A grasp of another object, tried on this one, becomes a grasp of this one that is derived from
+    it.
+
+    Raises
+    ------
+    UnknownTermError
+        When only an id came and it is no grasp of this object.
+    """
+    if grasp.iri is not None and engine.kb.match(thing, RT.hasGrasp, grasp.iri):
+        return grasp.iri
+    if grasp.in_object is None:
+        name = grasp.id or "without an id"
+        raise UnknownTermError(
+            f"grasp {name} is no grasp of {thing.value}, and its pose is missing"
+        )
+    same = find_grasp(engine, thing, gripper_type, grasp)
+    if same is not None:
+        return same
+    state_frame(engine, facts, thing)
+    source = grasp.iri
+    if source is not None and not engine.kb.match(None, RT.hasGrasp, source):
+        source = None
+    return state_grasp(engine, facts, thing, gripper_type, grasp, derived_from=source)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What an attempt that is about to be stored changes.
+
+    Parameters
+    ----------
+    withdrawn
+        The statements of the old count and belief, which go.
+    counts
+        Judged attempts of the grasp by (held, in coarse physics), this one too; None where this
+        one is not judged.
+    """
+
+    grasp: NamedNode
+    withdrawn: Withdrawn
+    counts: Mapping[tuple[bool, bool], int] | None = None
+
+
+def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, Withdrawn]:
+    """State an attempt; see :func:`record`."""
+    recorded = record(engine, facts, entry)
+    return recorded.grasp, recorded.withdrawn
+
+
+def record(engine: Engine, facts: Facts, entry: Entry) -> Recorded:
+    """State an attempt with grasp, outcome, count and belief."""
+    grasp = resolve_grasp(
+        engine, facts, entry.thing, entry.gripper.gripper.gripper_type, entry.received
+    )
+    recognition = None
+    if entry.decision is not None and entry.decision.recognition is not None:
+        recognition = state_recognition(engine, facts, entry.decision.recognition, entry.event)
+    task_class, task_name = find_task(entry.task)
+    state_try(
+        engine,
+        facts,
+        Try(
+            attempt=engine.names.unique("attempt"),
+            thing=entry.thing,
+            grasp=grasp,
+            gripper=entry.gripper,
+            task=task_iri(engine, entry.task_id),
+            task_class=task_class,
+            task_name=task_name,
+            request_id=entry.task_id,
+            ended=entry.ended,
+            outcome=entry.outcome,
+            received=entry.received,
+            recognition=recognition,
+            times=_times(entry),
+            seed=None if entry.decision is None else entry.decision.seed,
+        ),
+    )
+    if entry.outcome.reason in UNJUDGED:
+        return Recorded(grasp, [])
+    gripper, held = entry.gripper, entry.outcome.held
+    withdrawn: Withdrawn = []
+    if entry.graph == engine.kb.graphs.agent(gripper.robot_name):
+        withdrawn += count(
+            engine, facts, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,
+            attempts=1, successes=int(held),
+        )  # fmt: skip
+    counts = Counter(judged_counts(engine, grasp)) + _pending(facts, grasp)
+    withdrawn += believe(engine, facts, grasp, counts, gripper.robot, entry.graph)
+    return Recorded(grasp, withdrawn, counts)
+
+
+def _pending(facts: Facts, grasp: NamedNode) -> Counter[tuple[bool, bool]]:
+    """Count the judged attempts of a grasp that are stated and not stored yet, this one too."""
+    said: dict[NamedNode, dict[NamedNode, list[Any]]] = {}
+    for subject, predicate, value in facts.triples:
+        said.setdefault(subject, {}).setdefault(predicate, []).append(value)
+    unjudged = {reason(code) for code in UNJUDGED}
+    counts: Counter[tuple[bool, bool]] = Counter()
+    for attempt in said.values():
+        if grasp not in attempt.get(RT.executesGrasp, []):
+            continue
+        outcome = said[attempt[RT.hasOutcome][0]]
+        if outcome[RT.hasReason][0] in unjudged:
+            continue
+        presets = [said[f].get(RT.preset, [""])[0] for f in outcome[RT.hasFeedback]]
+        counts[bool(outcome[RT.success][0]), "fast" in presets] += 1
+    return counts
+
+
+def _times(entry: Entry) -> Mapping[str, float]:
+    decided: dict[str, Any] = {}
+    if entry.decision is not None:
+        decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
+    told = {k: v for k, v in entry.outcome.fields.get("times", {}).items() if v is not None}
+    return {**decided, **told}
+
+
+def home_graph(engine: Engine, author: Access) -> NamedNode:
+    """Return the graph that an author writes."""
+    home = author.bind(engine.kb.graphs).home()
+    assert isinstance(home, NamedNode)
+    return home

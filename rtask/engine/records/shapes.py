@@ -1,0 +1,273 @@
+"""The best shape that the graph has of an object, to plan grasps on.
+
+A mesh that is closed all around, else the cloud that its views grew into, else the views' clouds as
+they lie; all in the object's own frame, in which z = 0 is what it stands on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.collision import Support, Surroundings
+from rtask.engine.memory.question import Question
+from rtask.engine.memory.recall import recall
+from rtask.engine.operations.grasps import known_object
+from rtask.engine.perception.views import stored_frame
+from rtask.errors import DataError, MissingBlobError
+from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.terms import iri
+
+if TYPE_CHECKING:
+    from features.modelling import ObjectModel
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.classifier import GraspClassifier
+    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.mesh import Mesh
+    from grasp.spatial.plan import SpatialOptions
+    from rtask.engine.engine import Engine
+
+__all__ = ["ObjectShape", "object_cloud", "object_shape"]
+
+_CLOSED, _LINES, _SLOPE = 0.9, 400, 0.4
+_NEAR_M = 0.002
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectShape:
+    """What is known of an object's surface, in its own frame, m.
+
+    Parameters
+    ----------
+    thing
+        IRI of the object.
+    kind
+        ``mesh``, ``model`` (the cloud that its views grew into) or ``views``.
+    sources
+        IRIs of what it was read from.
+    points : (n, 3)
+        Of the surface; the vertices of a mesh.
+    mesh
+        None unless the surface is closed all around.
+    viewpoints : (k, 3)
+        Where cameras were.
+    note
+        One line for people.
+    """
+
+    thing: str
+    kind: Literal["mesh", "model", "views"]
+    sources: tuple[str, ...]
+    points: NDArray[np.float64]
+    mesh: Mesh | None = None
+    viewpoints: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))
+    note: str = ""
+
+    def plan(
+        self,
+        gripper: ParallelGripper,
+        options: SpatialOptions,
+        classifier: GraspClassifier | None = None,
+        floating: bool = False,
+    ) -> Proposals:
+        """Plan grasps in space; see :mod:`grasp.spatial.plan`.
+
+        Parameters
+        ----------
+        floating
+            Nothing is under the object.
+        """
+        from grasp.spatial.plan import plan_on_cloud, plan_on_mesh
+
+        support = None if floating else Support(0.0)
+        if self.mesh is not None:
+            return plan_on_mesh(self.mesh, gripper, Surroundings(support), options)
+        eyes = self.viewpoints if len(self.viewpoints) else None
+        return plan_on_cloud(self.points, gripper, support, eyes, options, classifier)
+
+
+def object_shape(engine: Engine, name: str) -> ObjectShape:
+    """Return the best shape of an object that the graph has.
+
+    Parameters
+    ----------
+    name
+        IRI, objectId or name.
+
+    Raises
+    ------
+    UnknownTermError
+        When the graph knows no such object.
+    DataError
+        When nothing of it is stored that has a shape.
+    """
+    thing = known_object(engine, name)
+    for node, blob in _meshes(engine, thing):
+        mesh = _read_mesh(engine, blob)
+        if mesh is not None and _is_closed(mesh):
+            note = f"{thing}: closed mesh of {len(mesh.faces)} faces"
+            return ObjectShape(thing, "mesh", (node,), mesh.vertices, mesh, note=note)
+    known = engine.models.of(iri(thing))
+    swept = None
+    if known is not None and _is_round(engine, thing):
+        swept = _swept(known[1])
+    if known is not None and swept is not None:
+        note = f"{thing}: round, {len(swept.faces)} faces swept about its axis"
+        return ObjectShape(thing, "mesh", (known[0].iri.value,), swept.vertices, swept, note=note)
+    if known is None or len(known[1].sources) < 2:
+        # One view as it came is denser than the model that began with it.
+        _, points, views, eyes = _views(engine, thing)
+        note = f"{thing}: {len(points)} points of {len(views)} views"
+        return ObjectShape(thing, "views", views, points, None, eyes, note)
+    stored, model = known
+    seen = [pose[:3, 3] for view, pose in model.sources if _is_of_camera(engine, view)]
+    points = model.cloud[:, :3].astype(np.float64)
+    note = f"{thing}: {len(points)} points grown from {len(model.sources)} views"
+    eyes = np.array(seen).reshape(-1, 3)
+    return ObjectShape(thing, "model", (stored.iri.value,), points, None, eyes, note)
+
+
+def object_cloud(engine: Engine, name: str) -> tuple[str, NDArray[np.float64]]:
+    """Return the IRI of an object and the points (n, 3) of all its views in its own frame, m.
+
+    Parameters
+    ----------
+    name
+        IRI, objectId or name.
+
+    Raises
+    ------
+    UnknownTermError
+        When the graph knows no such object.
+    DataError
+        When no view of it has a cloud whose place is known.
+    """
+    return _views(engine, known_object(engine, name))[:2]
+
+
+Views = tuple[str, NDArray[np.float64], tuple[str, ...], NDArray[np.float64]]
+
+
+def _views(engine: Engine, thing: str) -> Views:
+    """Return the object, the points (n, 3) of its views, their IRIs and where the cameras were."""
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
+  {iri(thing)} rt:hasView ?view . ?view rt:viewContent ?content ; rt:viewpoint ?pose .
+  ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob .
+  ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
+}} ORDER BY ?view""")
+    clouds, views, eyes = [], [], []
+    for row in rows:
+        at: dict[str, Any] = row.to_dict()
+        pose = [float(at[k]) for k in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+        try:
+            points, is_camera = _points(engine.kb.blobs.read(str(row.value("blob"))), pose)
+        except (MissingBlobError, ValueError):
+            continue
+        clouds.append(points)
+        views.append(str(row.value("view")))
+        if is_camera:
+            eyes.append(pose[:3])
+    if not clouds:
+        raise DataError(f"no view of {thing} has a cloud whose place is known: insert one first")
+    return thing, np.vstack(clouds), tuple(views), np.array(eyes).reshape(-1, 3)
+
+
+def _points(data: bytes, pose: Sequence[float]) -> tuple[NDArray[np.float64], bool]:
+    """Return the points (n, 3) of a view in the object's frame, and whether a camera saw them."""
+    from features.codec import decode
+    from features.geometry import Frame
+    from grasp.spatial.frames import matrix_from_pose
+    from rtask.engine.perception.images import frame_of_cloud
+
+    decoded = decode(data)
+    is_camera = isinstance(decoded, Frame)
+    if isinstance(decoded, Frame):
+        frame = decoded
+    else:
+        frame, _ = frame_of_cloud(decoded.points(), decoded.colours)
+    points = frame.points()[frame.object_mask()].astype(np.float64)
+    object_from_camera = matrix_from_pose(np.array(pose[:3]), np.array(pose[3:]))
+    moved = points @ object_from_camera[:3, :3].T + object_from_camera[:3, 3]
+    return np.asarray(moved[np.isfinite(moved).all(axis=1)]), is_camera
+
+
+def _meshes(engine: Engine, thing: str) -> list[tuple[str, str]]:
+    """Return IRIs and bytes of stored meshes: given ones, then those of the most views."""
+    rows = engine.kb.select(f"""{PREFIXES}
+SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
+  {iri(thing)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
+  OPTIONAL {{ ?mesh prov:wasDerivedFrom ?model . ?model rt:builtFrom ?view }}
+}} GROUP BY ?mesh ?blob ?model""")
+    found = [
+        (row["model"] is not None, -int(str(row.value("n"))), str(row.value("mesh")),
+         str(row.value("blob")))
+        for row in rows
+    ]  # fmt: skip
+    return [(mesh, blob) for _, _, mesh, blob in sorted(found)]
+
+
+def _read_mesh(engine: Engine, blob: str) -> Mesh | None:
+    from grasp.spatial.mesh_files import mesh_from_ply
+
+    try:
+        return mesh_from_ply(engine.kb.blobs.read(blob))
+    except (MissingBlobError, ValueError):
+        return None
+
+
+def _is_of_camera(engine: Engine, view: str) -> bool:
+    """Tell whether a camera took a view: what hides nothing has no viewpoint."""
+    found = stored_frame(engine.kb, view)
+    return found is not None and found[1]
+
+
+def _swept(model: ObjectModel) -> Mesh | None:
+    """Return the closed mesh that a round thing's surface sweeps, if it is one."""
+    from scipy.spatial import cKDTree
+
+    from grasp.spatial.mesh import as_mesh
+
+    swept = model.revolved()
+    vertices, faces, _ = swept.mesh()
+    # Beyond the last measurement the surface goes on for two cells, off its true direction.
+    near = cKDTree(swept.cloud[:, :3]).query(vertices, distance_upper_bound=_NEAR_M)[0] < _NEAR_M
+    faces = faces[near[faces].all(axis=1)]
+    mesh = as_mesh(vertices, faces) if len(faces) else None
+    return mesh if mesh is not None and _is_closed(mesh) else None
+
+
+def _is_round(engine: Engine, thing: str) -> bool:
+    known = recall(engine.kb, Question(objects=(thing,))).objects.get(thing)
+    return known is not None and known.is_round
+
+
+def _is_closed(mesh: Mesh) -> bool:
+    """Tell whether nearly every flat line through the body enters and leaves it.
+
+    What an object stands on is seldom seen, and no jaw needs it.
+    """
+    from grasp.spatial.rays import crossings
+
+    if len(mesh.faces) == 0:
+        return False
+    rng = np.random.default_rng(0)
+    turn, rise = rng.uniform(0, 2 * np.pi, _LINES), rng.uniform(-_SLOPE, _SLOPE, _LINES)
+    lines = np.stack([np.cos(turn), np.sin(turn), rise], axis=1)
+    lines /= np.linalg.norm(lines, axis=1, keepdims=True)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    through = low + rng.uniform(0.1, 0.9, (_LINES, 3)) * (high - low)
+    far = float(np.linalg.norm(high - low))
+    _, index, counts = crossings(mesh.tree, through, lines, -far, far)
+    met = np.flatnonzero(counts > 0)
+    if len(met) < _LINES // 10:
+        return False
+    enters, leaves = (
+        np.einsum("ni,ni->n", mesh.tree.normals[index[met, at]], lines[met])
+        for at in (0, counts[met] - 1)
+    )
+    return bool(((enters < 0) & (leaves > 0)).mean() >= _CLOSED)

@@ -1,0 +1,1 @@
+"""Checks of stored data: SHACL validation, quarantine and verification."""

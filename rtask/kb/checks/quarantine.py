@@ -1,0 +1,161 @@
+"""Statements that contradict the rest: kept aside with the reason, until the cause is gone.
+
+The graph ``{base}graph/quarantine`` holds each statement as it was said, and beside it an
+``rdf:Statement`` that names the graph it was meant for, the reason, and the commit that brought
+it. It is no input of the reasoner and no part of the union.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pyoxigraph import Quad
+
+from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.inference import Inference, Staged
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import Overlay
+from rtask.rdf.terms import RDF_TYPE, NamedNode, TripleKey, iri, literal, triple_key
+
+__all__ = ["Quarantined", "reinstate", "set_aside", "statements"]
+
+_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+_STATEMENT = iri(_RDF + "Statement")
+_PARTS = tuple(iri(_RDF + name) for name in ("subject", "predicate", "object"))
+_GRAPH = iri("http://purl.org/dc/terms/isPartOf")
+_REASON = iri("http://www.w3.org/2000/01/rdf-schema#comment")
+_COMMIT = iri("http://www.w3.org/ns/prov#wasGeneratedBy")
+_ROUNDS = 20
+"""Setting statements aside may uncover further clashes, each round at least one fewer."""
+
+
+@dataclass(frozen=True)
+class Quarantined:
+    """A statement that is kept aside.
+
+    Parameters
+    ----------
+    node
+        Its record in the quarantine graph.
+    quad
+        The statement, in the graph it was meant for.
+    reason
+        What it contradicts.
+    activity
+        The commit that brought it.
+    """
+
+    node: NamedNode
+    quad: Quad
+    reason: str
+    activity: NamedNode
+
+
+def set_aside(
+    change: Overlay, inference: Inference, graphs: Graphs, seq: int
+) -> tuple[Overlay, Staged, int]:
+    """Move what clashes from a pending change into the quarantine graph.
+
+    Returns
+    -------
+    The derived change and the staged closure of what is left, and the number of statements moved.
+
+    Raises
+    ------
+    InconsistentError
+        Where none of the added statements is to blame, e.g. after a deletion.
+    """
+    moved = 0
+    for _ in range(_ROUNDS):
+        derived, staged, clashes = inference.try_stage(change)
+        if staged is not None:
+            return derived, staged, moved
+        blamed = _blamed(change, clashes, inference)
+        if not blamed:
+            raise inference.inconsistent(clashes)
+        for quad, reason in blamed.items():
+            del change.added[quad]
+            moved += 1
+            node = iri(f"{graphs.base}quarantine/{seq}/{moved}")
+            for record in _record(graphs, node, quad, reason, seq):
+                change.add(record)
+    raise inference.inconsistent(clashes)
+
+
+def _blamed(change: Overlay, clashes: Sequence[Any], inference: Inference) -> dict[Quad, str]:
+    """Return the added statements behind contradictions, with the first reason of each."""
+    added: dict[TripleKey, list[Quad]] = {}
+    for quad in change.added:
+        if inference.is_input(quad.graph_name):
+            added.setdefault(triple_key(quad), []).append(quad)
+    blamed: dict[Quad, str] = {}
+    for clash in clashes:
+        for triple in (*clash.triples, *clash.culprits(), *clash.axioms):
+            for quad in added.get(triple, ()):
+                blamed.setdefault(quad, clash.message)
+    return blamed
+
+
+def _record(graphs: Graphs, node: NamedNode, quad: Quad, reason: str, seq: int) -> Iterator[Quad]:
+    here = graphs.quarantine
+    yield Quad(quad.subject, quad.predicate, quad.object, here)
+    yield Quad(node, RDF_TYPE, _STATEMENT, here)
+    for predicate, term in zip(_PARTS, triple_key(quad), strict=True):
+        yield Quad(node, predicate, term, here)
+    if isinstance(quad.graph_name, NamedNode):
+        yield Quad(node, _GRAPH, quad.graph_name, here)
+    yield Quad(node, _REASON, literal(reason), here)
+    yield Quad(node, _COMMIT, iri(f"{graphs.base}activity/{seq}"), here)
+
+
+def statements(store: GraphStore, graphs: Graphs) -> list[Quarantined]:
+    """Return what is kept aside, in the order of the commits."""
+    here = graphs.quarantine
+    found = []
+    for quad in store.quads_for_pattern(None, RDF_TYPE, _STATEMENT, here):
+        facts = {
+            q.predicate: q.object for q in store.quads_for_pattern(quad.subject, None, None, here)
+        }
+        if all(part in facts for part in (*_PARTS, _GRAPH, _REASON, _COMMIT)):
+            subject, predicate, value = (facts[part] for part in _PARTS)
+            statement = Quad(subject, predicate, value, facts[_GRAPH])  # type: ignore[arg-type]
+            reason = getattr(facts[_REASON], "value", "")
+            found.append(Quarantined(quad.subject, statement, reason, facts[_COMMIT]))  # type: ignore[arg-type]
+    return sorted(found, key=lambda one: _number(one.node))
+
+
+def _number(node: NamedNode) -> tuple[int, ...]:
+    return tuple(int(part) for part in node.value.rsplit("/", 2)[-2:] if part.isdecimal())
+
+
+def reinstate(
+    overlay: Overlay, graphs: Graphs, nodes: Iterable[str] | None, drop: bool, access: Access
+) -> None:
+    """Put statements back into their graphs, or with ``drop`` forget them, in a pending change.
+
+    Raises
+    ------
+    ForbiddenError
+        Naming a graph that this caller may not write.
+    UsageError
+        There is no such record.
+    """
+    kept = {one.node.value: one for one in statements(overlay.store, graphs)}
+    wanted = set(kept) if nodes is None else set(nodes)
+    if not wanted <= kept.keys():
+        raise UsageError(f"nothing in quarantine is named {min(wanted - kept.keys())}")
+    here = graphs.quarantine
+    staying = {triple_key(one.quad) for name, one in kept.items() if name not in wanted}
+    for one in (kept[name] for name in sorted(wanted)):
+        access.require_write(one.quad.graph_name, "release")
+        for record in list(overlay.store.quads_for_pattern(one.node, None, None, here)):
+            overlay.remove(record)
+        subject, predicate, value = triple_key(one.quad)
+        if (subject, predicate, value) not in staying:
+            overlay.remove(Quad(subject, predicate, value, here))
+        if not drop:
+            overlay.add(one.quad)

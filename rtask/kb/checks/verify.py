@@ -1,0 +1,198 @@
+"""Is everything as it should be? Derived data against a recount, blobs against their digests."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pyoxigraph import NamedNode, Quad
+
+from rtask.errors import StoreError
+from rtask.kb.commit.apply import Writes, apply
+from rtask.kb.commit.commit import Request
+from rtask.kb.durability.blobs import PREFIX, digest_of
+from rtask.kb.durability.journal import JournalFile
+from rtask.kb.store.union import is_joined
+from rtask.rdf.terms import DEFAULT, Graph, triple_key
+
+if TYPE_CHECKING:
+    from rtask.kb.commit.inference import Inference
+    from rtask.kb.commit.writer import Writer
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["PARTS", "Finding", "collect_blobs", "verify"]
+
+PARTS = ("journal", "blobs", "union", "catalogue", "closure", "index")
+_LISTED = 20
+_DAY_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is not as it should be.
+
+    Parameters
+    ----------
+    severity
+        ``error``, or ``note`` for what costs room only.
+    part
+        One of :data:`PARTS`.
+    detail
+        What was found.
+    """
+
+    severity: str
+    part: str
+    detail: str
+
+
+def verify(
+    kb: KnowledgeBase,
+    writer: Writer,
+    inference: Inference | None,
+    repair: bool = False,
+    parts: Collection[str] = PARTS,
+) -> list[Finding]:
+    """Compare what is derived with what it is derived from.
+
+    Parameters
+    ----------
+    repair
+        Put right what follows from the graph: union, catalogue, closure, index. Lost bytes stay
+        lost.
+    parts
+        Only these.
+    """
+    findings: list[Finding] = []
+    if "journal" in parts:
+        findings += _journal(writer.committer.journal, kb.seq)
+    if "blobs" in parts:
+        findings += _blobs(kb)
+    if kb.plain:
+        return findings
+    if "union" in parts:
+        with writer.exclusive():
+            findings += _union(kb, repair)
+    if "catalogue" in parts:
+        findings += _catalogue(kb, repair)
+    if "closure" in parts and inference is not None:
+        findings += _closure(kb, writer, inference, repair)
+    if "index" in parts and repair:
+        kb.index.rebuild()
+    return findings
+
+
+def _journal(journal: object, seq: int) -> Iterator[Finding]:
+    if not isinstance(journal, JournalFile):
+        return
+    last = None
+    try:
+        for record in journal.records():
+            if last is not None and record.seq != last + 1:
+                yield Finding("error", "journal", f"commit {record.seq} follows {last}")
+            last = record.seq
+    except StoreError as error:
+        yield Finding("error", "journal", str(error))
+        return
+    if last is not None and last != seq:
+        yield Finding("error", "journal", f"ends at commit {last}, the store is at {seq}")
+
+
+def _blobs(kb: KnowledgeBase) -> Iterator[Finding]:
+    named = _named_blobs(kb)
+    kept = set(kb.blobs.digests())
+    for digest in sorted(named - kept):
+        yield Finding("error", "blobs", f"{PREFIX}{digest} is named, its bytes are not here")
+    for digest in sorted(kept):
+        if not kb.blobs.is_sound(digest):
+            yield Finding("error", "blobs", f"{PREFIX}{digest} holds other bytes")
+    if kept - named:
+        yield Finding("note", "blobs", f"{len(kept - named)} are named by no statement")
+
+
+def _named_blobs(kb: KnowledgeBase) -> set[str]:
+    return {
+        digest
+        for quad in kb.store.quads_for_pattern(None, None, None, None)
+        for term in (quad.subject, quad.object)
+        if isinstance(term, NamedNode) and term.value.startswith(PREFIX)
+        if (digest := digest_of(term)) is not None
+    }
+
+
+def collect_blobs(kb: KnowledgeBase, writer: Writer, older_than_s: float = _DAY_S) -> int:
+    """Delete the blobs that no statement names; return how many.
+
+    Parameters
+    ----------
+    older_than_s
+        Younger ones stay: somebody may be about to name them. A blob that is put again is young
+        again.
+    """
+    with writer.exclusive():
+        named = _named_blobs(kb)
+        idle = [digest for digest in kb.blobs.digests() if digest not in named]
+        return sum(kb.blobs.discard(digest, older_than_s) for digest in idle)
+
+
+def _union(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
+    store = kb.store
+    if store.is_view:
+        return
+    missing = [
+        Quad(*triple_key(quad), DEFAULT)
+        for quad in store.quads_for_pattern(None, None, None, None)
+        if is_joined(quad.graph_name)
+        if Quad(*triple_key(quad), DEFAULT) not in store
+    ]
+    surplus = [
+        quad
+        for quad in store.quads_for_pattern(None, None, None, DEFAULT)
+        if not any(
+            is_joined(other.graph_name)
+            for other in store.quads_for_pattern(*triple_key(quad), None)
+        )
+    ]
+    if not missing and not surplus:
+        return
+    yield Finding(
+        "error", "union", f"{len(set(missing))} statements missing, {len(surplus)} too many"
+    )
+    if repair:
+        apply(store, Writes(surplus, list(dict.fromkeys(missing))))
+
+
+def _catalogue(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
+    wrong: set[Graph] = set()
+    for graph in kb.store.named_graphs():
+        if graph in (kb.graphs.meta, kb.graphs.provenance):
+            continue
+        found = sum(1 for _ in kb.store.quads_for_pattern(None, None, None, graph))
+        listed = kb.catalogue.triple_count(graph)
+        if found != listed:
+            wrong.add(graph)
+            yield Finding("error", "catalogue", f"{graph} holds {found}, listed with {listed}")
+    if wrong and repair:
+        request = Request(kb.access(), note="verify", trusted=True, recount=frozenset(wrong))
+        with kb.commit_block(request):
+            pass
+
+
+def _closure(
+    kb: KnowledgeBase, writer: Writer, inference: Inference, repair: bool
+) -> Iterator[Finding]:
+    with writer.exclusive():
+        iterator, surplus = inference.difference()
+        missing = list(iterator)
+    examples = [*missing, *surplus][:_LISTED]
+    if not examples:
+        return
+    yield Finding(
+        "error",
+        "closure",
+        f"{len(missing)} derived statements missing, {len(surplus)} too many, "
+        f"e.g. {' '.join(map(str, triple_key(examples[0])))}",
+    )
+    if repair:
+        kb.rebuild("inferred")

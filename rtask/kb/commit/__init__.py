@@ -1,0 +1,1 @@
+"""Writing: transactions, rights, exact deltas, conclusions and commits."""

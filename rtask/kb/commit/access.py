@@ -1,0 +1,114 @@
+"""Who may write which graph. Decided on the exact delta, before anything is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal as OneOf
+from typing import TypeAlias
+
+from rtask.errors import ForbiddenError, UsageError
+from rtask.kb.store.graphs import Graphs
+from rtask.rdf.terms import DEFAULT, DefaultGraph, Graph, NamedNode
+
+__all__ = ["Access", "Role"]
+
+Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
+_ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
+
+
+@dataclass(frozen=True)
+class Access:
+    """One caller's rights.
+
+    Parameters
+    ----------
+    agent
+        Name of the robot or person, or ``None``.
+    role
+        ``reader`` writes nothing; ``robot`` and ``teacher`` write their own agent graph;
+        ``anonymous`` (a server without tokens) writes everything unprotected but ontologies;
+        ``admin`` writes everything unprotected.
+
+    Examples
+    --------
+    >>> access = Access("nao-1", "robot").bind(Graphs("urn:lab/"))
+    >>> access.may_write(NamedNode("urn:lab/graph/agent/nao-1"))
+    True
+    >>> access.may_write(NamedNode("urn:lab/graph/agent/nao-2"))
+    False
+    """
+
+    agent: str | None = None
+    role: Role = "admin"
+    graphs: Graphs | None = field(default=None, compare=False, repr=False)
+    is_ontology: Callable[[Graph], bool] | None = field(default=None, compare=False, repr=False)
+    plain: bool = field(default=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.role not in _ROLES:
+            raise UsageError(f"unknown role {self.role!r}; one of {', '.join(_ROLES)}")
+        if self.role in ("robot", "teacher") and not self.agent:
+            raise UsageError(f"a {self.role} needs a name")
+
+    def bind(
+        self,
+        graphs: Graphs,
+        is_ontology: Callable[[Graph], bool] | None = None,
+        plain: bool = False,
+    ) -> Access:
+        """Return the same rights, applied to one knowledge base."""
+        return replace(self, graphs=graphs, is_ontology=is_ontology, plain=plain)
+
+    def home(self) -> Graph:
+        """Return the graph that a statement without a graph goes to."""
+        if self.plain:
+            return DEFAULT
+        graphs = self._bound()
+        return graphs.agent(self.agent) if self.agent else graphs.shared
+
+    def may_write(self, graph: Graph) -> bool:
+        """Whether this caller may change the graph."""
+        if self.role == "reader":
+            return False
+        if self.plain:
+            return True
+        graphs = self._bound()
+        if not isinstance(graph, NamedNode) or graphs.is_kept_by_commits(graph):
+            return False
+        if self.role in ("robot", "teacher"):
+            return graphs.owner(graph) == self.agent
+        if self.role == "anonymous":
+            return self.is_ontology is None or not self.is_ontology(graph)
+        return True
+
+    def require_write(self, graph: Graph, operation: str) -> None:
+        """Raise unless this caller may change the graph.
+
+        Raises
+        ------
+        ForbiddenError
+            Naming the graph and the operation.
+        """
+        if self.may_write(graph):
+            return
+        name = "the default graph" if isinstance(graph, DefaultGraph) else str(graph)
+        who = f"{self.role} {self.agent}" if self.agent else self.role
+        protected = not self.plain and self._bound().is_kept_by_commits(graph)
+        if protected:
+            reason = "it is kept by the knowledge base itself"
+        elif self.role in ("robot", "teacher"):
+            reason = f"only {self.home()} is its own"
+        else:
+            reason = "its role does not allow it"
+        raise ForbiddenError(
+            f"{operation}: {who} may not write {name}; {reason}",
+            graph=getattr(graph, "value", None),
+            operation=operation,
+            protected=protected,
+        )
+
+    def _bound(self) -> Graphs:
+        if self.graphs is None:
+            raise UsageError("bind the access to a knowledge base first: access.bind(kb.graphs)")
+        return self.graphs

@@ -1,0 +1,325 @@
+"""What the knowledge base records about its own commits.
+
+One ``rt:WriteActivity`` for each commit (PROV-O), and in the catalogue of graphs each graph's
+class, owner, last commit and number of triples; written in the same commit as the change itself.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from pyoxigraph import Quad
+
+import ontology
+from rtask.kb.commit.access import Access
+from rtask.kb.durability.blobs import Blob
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs, graph_class
+from rtask.kb.store.overlay import Overlay
+from rtask.rdf.terms import (
+    RDF_TYPE,
+    DefaultGraph,
+    Graph,
+    NamedNode,
+    Term,
+    iri,
+    literal,
+    python_value,
+    stored,
+)
+
+__all__ = ["Catalogue", "CommitRecord", "GraphFacts"]
+
+_RT = ontology.NS
+_PROV = "http://www.w3.org/ns/prov#"
+_COMMIT_NUMBER = iri(_RT + "commitNumber")
+_TRIPLE_COUNT = iri(_RT + "tripleCount")
+_HAS_BLOB = iri(_RT + "hasBlob")
+_GRAPH_OWNER = iri(_RT + "graphOwner")
+_CHANGED_GRAPH = iri(_RT + "changedGraph")
+_ASSOCIATED = iri(_PROV + "wasAssociatedWith")
+_STARTED = iri(_PROV + "startedAtTime")
+_ENDED = iri(_PROV + "endedAtTime")
+_COMMENT = iri("http://www.w3.org/2000/01/rdf-schema#comment")
+_ACTIVITY_TYPES = (iri(_RT + "WriteActivity"), iri(_PROV + "Activity"))
+
+
+@dataclass(frozen=True)
+class CommitRecord:
+    """What a commit says about itself.
+
+    Parameters
+    ----------
+    seq
+        Number of the commit, from 1, without gaps.
+    started, ended
+        UTC; never before the commit before.
+    access
+        Who wrote.
+    note
+        Free text, or ``None``.
+    """
+
+    seq: int
+    started: dt.datetime
+    ended: dt.datetime
+    access: Access
+    note: str | None = None
+
+
+@dataclass(frozen=True)
+class GraphFacts:
+    """What is known of a commit's graphs beyond its statements.
+
+    Parameters
+    ----------
+    kinds
+        Classes of graphs that do not follow from their IRI, e.g. ``OntologyGraph``.
+    sources
+        The document that a graph was loaded from.
+    sizes
+        Counted sizes of graphs that changed outside of a commit.
+    closure_current
+        Whether the inferred graph now fits the asserted ones; ``None`` where this commit does not
+        matter. The catalogue names the inferred graph's commit only while it fits.
+    """
+
+    kinds: Mapping[Graph, str]
+    sources: Mapping[Graph, Blob]
+    sizes: Mapping[Graph, int]
+    closure_current: bool | None
+
+
+@dataclass
+class _Entry:
+    seq: int | None = None
+    triples: int = 0
+    kind: str = "NamedGraph"
+
+
+@dataclass
+class Catalogue:
+    """The catalogue of graphs, mirrored in memory so that a commit need not read it."""
+
+    store: GraphStore
+    graphs: Graphs
+    _entries: dict[Graph, _Entry] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read the catalogue anew."""
+        self._entries.clear()
+        for quad in self.store.quads_for_pattern(None, None, None, self.graphs.meta):
+            graph = quad.subject
+            if not isinstance(graph, NamedNode):
+                continue
+            entry = self._entries.setdefault(graph, _Entry())
+            if quad.predicate == _COMMIT_NUMBER:
+                entry.seq = _integer(quad.object)
+            elif quad.predicate == _TRIPLE_COUNT:
+                entry.triples = _integer(quad.object)
+            elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
+                entry.kind = quad.object.value.removeprefix(_RT)
+
+    @property
+    def seq(self) -> int:
+        """Number of the last commit."""
+        entry = self._entries.get(self.graphs.meta)
+        return (entry.seq if entry else None) or 0
+
+    def revision(self, graph: Graph) -> int | None:
+        """Return the number of the last commit that changed a graph."""
+        entry = self._entries.get(graph)
+        return entry.seq if entry else None
+
+    def triple_count(self, graph: Graph) -> int:
+        """Return how many triples a graph holds."""
+        entry = self._entries.get(graph)
+        return entry.triples if entry else 0
+
+    def kind(self, graph: Graph) -> str:
+        """Return the local name of a graph's class."""
+        entry = self._entries.get(graph)
+        return entry.kind if entry else self.graphs.kind(graph)
+
+    def is_ontology(self, graph: Graph) -> bool:
+        """Whether a graph holds an ontology."""
+        return self.kind(graph) == "OntologyGraph"
+
+    def last_time(self) -> dt.datetime | None:
+        """Return when the last commit ended; ``None`` if there was none."""
+        activity, graph = self.activity(self.seq), self.graphs.provenance
+        for quad in self.store.quads_for_pattern(activity, _ENDED, None, graph):
+            return dt.datetime.fromisoformat(str(python_value(quad.object)))
+        return None
+
+    def ontologies(self) -> list[NamedNode]:
+        """Return the graphs that hold ontologies, sorted."""
+        found = [g for g in self._entries if isinstance(g, NamedNode) and self.is_ontology(g)]
+        return sorted(found, key=lambda graph: graph.value)
+
+    def activity(self, seq: int) -> NamedNode:
+        """Return the individual that stands for a commit."""
+        return iri(f"{self.graphs.base}activity/{seq}")
+
+    def record(
+        self,
+        change: Overlay,
+        commit: CommitRecord,
+        facts: GraphFacts,
+    ) -> Overlay:
+        """Return what the meta and provenance graphs gain and lose with a commit.
+
+        Parameters
+        ----------
+        change
+            The commit's statements, inferred ones included.
+        """
+        notes = Overlay(self.store)
+        touched = change.touched_graphs() | facts.sizes.keys()
+        changed = [graph for graph in touched if not isinstance(graph, DefaultGraph)]
+        changed.sort(key=str)
+        counts = Counter(quad.graph_name for quad in change.added)
+        counts.subtract(Counter(quad.graph_name for quad in change.removed))
+        self._describe_activity(notes, commit, changed)
+        for graph in changed:
+            if graph in change.dropped:
+                self._forget(notes, graph)
+                continue
+            self._describe_graph(notes, graph, commit, facts.kinds.get(graph))
+            self._name_source(notes, graph, facts.sources.get(graph))
+            self._set_number(notes, graph, _COMMIT_NUMBER, self.revision(graph), commit.seq)
+            before = self.triple_count(graph)
+            known = before if graph in self._entries else None
+            self._set_number(
+                notes, graph, _TRIPLE_COUNT, known, facts.sizes.get(graph, before + counts[graph])
+            )
+        self._mark_closure(notes, commit, facts.closure_current, changed)
+        meta, provenance = self.graphs.meta, self.graphs.provenance
+        self._describe_graph(notes, provenance, commit, None)
+        self._describe_graph(notes, meta, commit, None)
+        self._set_number(notes, meta, _COMMIT_NUMBER, self.revision(meta), commit.seq)
+        return notes
+
+    def _describe_activity(
+        self, notes: Overlay, commit: CommitRecord, changed: Iterable[Graph]
+    ) -> None:
+        activity, graph = self.activity(commit.seq), self.graphs.provenance
+
+        def say(predicate: NamedNode, value: Term) -> None:
+            notes.added[Quad(activity, predicate, stored(value), graph)] = None
+
+        for kind in _ACTIVITY_TYPES:
+            say(RDF_TYPE, kind)
+        say(_COMMIT_NUMBER, literal(commit.seq))
+        say(_STARTED, literal(commit.started))
+        say(_ENDED, literal(commit.ended))
+        if commit.access.agent:
+            agent = self.graphs.agent_iri(commit.access.agent, commit.access.role)
+            say(_ASSOCIATED, agent)
+        for name in changed:
+            if isinstance(name, NamedNode):
+                say(_CHANGED_GRAPH, name)
+        if commit.note:
+            say(_COMMENT, literal(commit.note))
+
+    def _describe_graph(
+        self, notes: Overlay, graph: Graph, commit: CommitRecord, kind: str | None
+    ) -> None:
+        entry = self._entries.get(graph)
+        if not isinstance(graph, NamedNode) or (entry and kind in (None, entry.kind)):
+            return
+        if entry:
+            notes.removed[Quad(graph, RDF_TYPE, graph_class(entry.kind), self.graphs.meta)] = None
+        kind = kind or self.graphs.kind(graph)
+        notes.added[Quad(graph, RDF_TYPE, graph_class(kind), self.graphs.meta)] = None
+        owner = self.graphs.owner(graph)
+        if owner is not None and not entry:
+            role = commit.access.role if commit.access.agent == owner else "robot"
+            agent = self.graphs.agent_iri(owner, role)
+            notes.added[Quad(graph, _GRAPH_OWNER, agent, self.graphs.meta)] = None
+
+    def _name_source(self, notes: Overlay, graph: Graph, source: Blob | None) -> None:
+        if source is None or not isinstance(graph, NamedNode):
+            return
+        meta = self.graphs.meta
+        for old in self.store.quads_for_pattern(graph, _HAS_BLOB, None, meta):
+            if old.object != source.iri:
+                notes.removed[old] = None
+        for triple in ((graph, _HAS_BLOB, source.iri), *source.statements()):
+            quad = Quad(*triple, meta)
+            if quad not in self.store:
+                notes.added[quad] = None
+
+    def source(self, graph: NamedNode) -> NamedNode | None:
+        """Return the blob of the document that a graph was loaded from."""
+        for quad in self.store.quads_for_pattern(graph, _HAS_BLOB, None, self.graphs.meta):
+            if isinstance(quad.object, NamedNode):
+                return quad.object
+        return None
+
+    def _set_number(
+        self, notes: Overlay, graph: Graph, predicate: NamedNode, old: int | None, new: int
+    ) -> None:
+        if old == new or not isinstance(graph, NamedNode):
+            return
+        meta = self.graphs.meta
+        if old is not None:
+            notes.removed[Quad(graph, predicate, literal(old), meta)] = None
+        notes.added[Quad(graph, predicate, literal(new), meta)] = None
+
+    def _forget(self, notes: Overlay, graph: Graph) -> None:
+        if isinstance(graph, NamedNode):
+            for quad in self.store.quads_for_pattern(graph, None, None, self.graphs.meta):
+                notes.removed[quad] = None
+
+    def _mark_closure(
+        self,
+        notes: Overlay,
+        commit: CommitRecord,
+        closure_current: bool | None,
+        changed: Iterable[Graph],
+    ) -> None:
+        inferred = self.graphs.inferred
+        known = self.revision(inferred)
+        if closure_current and known is None and inferred not in changed:
+            self._describe_graph(notes, inferred, commit, None)
+            self._set_number(notes, inferred, _COMMIT_NUMBER, None, commit.seq)
+            if inferred not in self._entries:
+                self._set_number(notes, inferred, _TRIPLE_COUNT, None, 0)
+        elif closure_current is False and known is not None:
+            notes.removed[Quad(inferred, _COMMIT_NUMBER, literal(known), self.graphs.meta)] = None
+
+    def apply(self, notes: Overlay) -> None:
+        """Take over what was recorded, after it has been stored."""
+        for quad in notes.removed:
+            if quad.graph_name == self.graphs.meta and quad.predicate == _COMMIT_NUMBER:
+                assert isinstance(quad.subject, NamedNode)
+                self._entries[quad.subject].seq = None
+        for quad in notes.added:
+            if quad.graph_name != self.graphs.meta or not isinstance(quad.subject, NamedNode):
+                continue
+            entry = self._entries.setdefault(quad.subject, _Entry())
+            if quad.predicate == _COMMIT_NUMBER:
+                entry.seq = _integer(quad.object)
+            elif quad.predicate == _TRIPLE_COUNT:
+                entry.triples = _integer(quad.object)
+            elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
+                entry.kind = quad.object.value.removeprefix(_RT)
+
+    def forget(self, graph: Graph) -> None:
+        """Drop a graph's entry after the graph was dropped."""
+        self._entries.pop(graph, None)
+
+
+def _integer(term: object) -> int:
+    value = getattr(term, "value", "")
+    try:
+        return int(value)
+    except ValueError:
+        return 0

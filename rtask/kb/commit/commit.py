@@ -1,0 +1,330 @@
+"""From a pending change to a stored commit: rights, conclusions, records, journal, store.
+
+Everything is decided before anything is stored, and stored in one atomic step.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from pyoxigraph import Quad
+
+from rtask.errors import (
+    MissingBlobError,
+    StorageFullError,
+    StoreError,
+    TooLargeError,
+    VersionConflictError,
+)
+from rtask.kb.checks.quarantine import set_aside
+from rtask.kb.checks.validation import Validator, Violation
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.apply import Writes, apply
+from rtask.kb.commit.catalogue import Catalogue, CommitRecord, GraphFacts
+from rtask.kb.commit.inference import Inference, Staged
+from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
+from rtask.kb.durability.journal import Journal
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.union import union_change
+from rtask.rdf.terms import Graph, NamedNode
+
+__all__ = ["Change", "Commit", "Committer", "Request"]
+
+_log = logging.getLogger(__name__)
+MAX_QUADS = 200_000
+LONG_AGO = dt.datetime(1, 1, 1, tzinfo=dt.UTC)
+
+
+@dataclass(frozen=True)
+class Commit:
+    """What a write did.
+
+    Parameters
+    ----------
+    seq
+        Number of the commit; the last one's if nothing changed.
+    added, removed
+        Asserted statements that changed.
+    derived
+        Statements that the reasoner added to the inferred graph.
+    time
+        UTC.
+    activity
+        The ``rt:WriteActivity``, or ``None`` where nothing changed or none is kept.
+    quarantined
+        Statements that were kept aside because they contradict the rest.
+    warnings
+        What validation found and did not refuse.
+    """
+
+    seq: int
+    added: int
+    removed: int
+    derived: int
+    time: dt.datetime
+    activity: NamedNode | None
+    quarantined: int = 0
+    warnings: tuple[Violation, ...] = ()
+
+
+@dataclass(frozen=True)
+class Change:
+    """A commit as its subscribers see it: the exact statements."""
+
+    commit: Commit
+    agent: str | None
+    note: str | None
+    added: tuple[Quad, ...]
+    removed: tuple[Quad, ...]
+    inferred_added: tuple[Quad, ...]
+    inferred_removed: tuple[Quad, ...]
+
+    @property
+    def graphs(self) -> frozenset[Graph]:
+        """The asserted graphs that changed."""
+        return frozenset(quad.graph_name for quad in (*self.added, *self.removed))
+
+
+@dataclass(frozen=True)
+class Request:
+    """Who writes, and under which conditions.
+
+    Parameters
+    ----------
+    kinds
+        Classes of graphs that do not follow from their IRI.
+    sources
+        The document that a graph was loaded from.
+    recount
+        Graphs that changed outside of a commit; their size is counted anew.
+    if_version
+        Refuse unless the last commit has this number.
+    check_blobs
+        Refuse statements that name bytes which are not here.
+    max_quads
+        Refuse larger changes.
+    trusted
+        The knowledge base itself writes (derived data); rights are not asked.
+    strict
+        Refuse what contradicts the rest even where the policy is to keep it aside.
+    """
+
+    access: Access
+    note: str | None = None
+    kinds: Mapping[Graph, str] = field(default_factory=dict)
+    sources: Mapping[Graph, Blob] = field(default_factory=dict)
+    recount: frozenset[Graph] = frozenset()
+    if_version: int | None = None
+    check_blobs: bool = True
+    trusted: bool = False
+    strict: bool = False
+    max_quads: int = MAX_QUADS
+    started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
+
+
+@dataclass
+class Committer:
+    """Stores changes of one knowledge base; the caller holds the writer's lock.
+
+    Parameters
+    ----------
+    inference
+        ``None`` where nobody reasons.
+    validator
+        ``None`` where shapes are not asked.
+    journal
+        Takes each change before it is stored.
+    interrupted
+        Ctrl-C came while a commit was being stored. Whether the store has it is not known here;
+        the journal has it, so opening again completes it.
+    quarantines
+        Keep aside what contradicts the rest, instead of refusing the whole commit.
+    """
+
+    store: GraphStore
+    graphs: Graphs
+    plain: bool
+    blobs: BlobStore
+    catalogue: Catalogue
+    inference: Inference | None
+    journal: Journal
+    validator: Validator | None = None
+    last_seq: int = 0
+    last_time: dt.datetime = LONG_AGO
+    interrupted: bool = False
+    quarantines: bool = False
+
+    def commit(self, change: Overlay, request: Request) -> Change:
+        """Store a change wholly, with what follows from it, or raise and store nothing."""
+        if self.interrupted:
+            raise StoreError("a write was interrupted; open the knowledge base again")
+        if self.store.is_stuck:
+            self.store.reopen()
+        self._check_version(request)
+        self._check_rights(change, request)
+        if change.is_empty() and not request.recount:
+            return self._unchanged(request)
+        if request.check_blobs and not self.plain:
+            self._check_blobs(change)
+        derived, staged, aside = self._derive(change, request)
+        try:
+            found = () if self.validator is None else self.validator.check(change, derived)
+            stored = self._store(change, derived, staged, request)
+            return replace(stored, commit=replace(stored.commit, warnings=found, quarantined=aside))
+        except BaseException:
+            if staged is not None:
+                staged.discard()
+            raise
+
+    def _check_version(self, request: Request) -> None:
+        if request.if_version is not None and request.if_version != self.last_seq:
+            raise VersionConflictError(
+                f"expected version {request.if_version}, found {self.last_seq}; "
+                "read again and retry",
+                expected=request.if_version,
+                found=self.last_seq,
+            )
+
+    def _check_rights(self, change: Overlay, request: Request) -> None:
+        if request.trusted:
+            return
+        for graph in sorted(change.touched_graphs(), key=str):
+            request.access.require_write(graph, "write")
+        size = len(change.added) + len(change.removed)
+        if size > request.max_quads:
+            raise TooLargeError(
+                f"a commit of {size} statements; allowed {request.max_quads}, load a file instead",
+                limit="statements",
+                value=size,
+                allowed=request.max_quads,
+            )
+
+    def _check_blobs(self, change: Overlay) -> None:
+        for quad in change.added:
+            named = quad.object
+            if not isinstance(named, NamedNode) or not named.value.startswith(PREFIX):
+                continue
+            digest = digest_of(named)
+            if digest is None or not self.blobs.has(named):
+                raise MissingBlobError(
+                    f"{quad.subject} {quad.predicate} names {named}, whose bytes are not here; "
+                    "store them first with tx.blob() or kb.blobs.put()",
+                    blob=digest,
+                )
+
+    def _derive(self, change: Overlay, request: Request) -> tuple[Overlay, Staged | None, int]:
+        if self.inference is None:
+            return Overlay(self.store), None, 0
+        if self.quarantines and not request.strict:
+            return set_aside(change, self.inference, self.graphs, self.last_seq + 1)
+        return *self.inference.stage(change), 0
+
+    def _store(
+        self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request
+    ) -> Change:
+        record = self._next_record(request)
+        everything = _joined(self.store, change, derived)
+        notes = Overlay(self.store)
+        union = Overlay(self.store)
+        if not self.plain:
+            current = self._closure_state(change, staged, request)
+            facts = GraphFacts(
+                request.kinds, request.sources, self._sizes(request, everything), current
+            )
+            notes = self.catalogue.record(everything, record, facts)
+            everything = _joined(self.store, everything, notes)
+            if not self.store.is_view:
+                fresh = (self.graphs.inferred, self.graphs.provenance)
+                union = union_change(self.store, everything.removed, everything.added, fresh)
+        writes = Writes(
+            [*everything.removed, *union.removed],
+            [*everything.added, *union.added],
+            list(change.created),
+            list(change.dropped),
+        )
+        self.journal.append(record, everything)
+        self.interrupted = True
+        try:
+            apply(self.store, writes)
+        except Exception as error:
+            self.journal.withdraw()
+            self.interrupted = False
+            if "No space left" in str(error):
+                self.store.is_stuck = True
+                raise StorageFullError("no room in the store; nothing was stored") from error
+            raise
+        if staged is not None:
+            staged.apply()
+        self._advance(record, notes, change)
+        self.interrupted = False
+        return self._describe(change, derived, record, request)
+
+    def _closure_state(
+        self, change: Overlay, staged: Staged | None, request: Request
+    ) -> bool | None:
+        """Whether the inferred graph fits after this commit; ``None`` if this does not matter."""
+        if staged is not None or (request.trusted and self.inference is not None):
+            return True
+        touched = change.touched_graphs() | request.recount
+        return False if any(map(self.graphs.is_input, touched)) else None
+
+    def _sizes(self, request: Request, change: Overlay) -> dict[Graph, int]:
+        return {
+            graph: self.store.count(graph)
+            + sum(quad.graph_name == graph for quad in change.added)
+            - sum(quad.graph_name == graph for quad in change.removed)
+            for graph in request.recount
+        }
+
+    def _next_record(self, request: Request) -> CommitRecord:
+        ended = max(dt.datetime.now(dt.UTC), self.last_time)
+        started = min(request.started, ended)
+        return CommitRecord(self.last_seq + 1, started, ended, request.access, request.note)
+
+    def _advance(self, record: CommitRecord, notes: Overlay, change: Overlay) -> None:
+        self.last_seq, self.last_time = record.seq, record.ended
+        if not self.plain:
+            self.catalogue.apply(notes)
+            for graph in change.dropped:
+                self.catalogue.forget(graph)
+
+    def _describe(
+        self, change: Overlay, derived: Overlay, record: CommitRecord, request: Request
+    ) -> Change:
+        commit = Commit(
+            seq=record.seq,
+            added=len(change.added),
+            removed=len(change.removed),
+            derived=len(derived.added),
+            time=record.ended,
+            activity=None if self.plain else self.catalogue.activity(record.seq),
+        )
+        _log.debug("commit %d: +%d -%d", commit.seq, commit.added, commit.removed)
+        return Change(
+            commit,
+            request.access.agent,
+            request.note,
+            tuple(change.added),
+            tuple(change.removed),
+            tuple(derived.added),
+            tuple(derived.removed),
+        )
+
+    def _unchanged(self, request: Request) -> Change:
+        commit = Commit(self.last_seq, 0, 0, 0, dt.datetime.now(dt.UTC), None)
+        return Change(commit, request.access.agent, request.note, (), (), (), ())
+
+
+def _joined(store: GraphStore, *parts: Overlay) -> Overlay:
+    whole = Overlay(store)
+    for part in parts:
+        whole.removed.update(part.removed)
+        whole.added.update(part.added)
+        whole.created.update(part.created)
+        whole.dropped.update(part.dropped)
+    return whole

@@ -1,0 +1,350 @@
+"""The exact change that a SPARQL update makes, before anything is stored.
+
+Templates are filled with the solutions of each WHERE; what earlier operations of the request
+changed is seen by later ones through a dry run, an update that is made to fail (SPARQL 1.1
+Update, 3 and 4). Rights and conclusions are decided on the result.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad
+
+from rtask.errors import DataError, ForbiddenError, QuerySyntaxError
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.apply import Functions, Writes, as_update
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.union import union_change
+from rtask.rdf.terms import DEFAULT, Graph, Term, stored_quad
+from rtask.sparql import templates
+from rtask.sparql.service_guard import without_services
+from rtask.sparql.syntax import check_update, syntax_error
+from rtask.sparql.update_outline import Operation, Target, Update, read_update
+
+__all__ = ["UpdateDataset", "run_update"]
+
+_ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
+# no text can call these, since nobody can guess their names
+_SECRET = secrets.token_hex(8)
+_RECORD = NamedNode(f"urn:rtask-dry:{_SECRET}:record")
+_UNBOUND = NamedNode(f"urn:rtask-dry:{_SECRET}:unbound")
+
+
+@dataclass(frozen=True)
+class UpdateDataset:
+    """What an update reads when its own text says nothing.
+
+    Parameters
+    ----------
+    using, using_named
+        Graphs given by the protocol (SPARQL 1.1 Protocol, 2.2.3); they and ``USING`` or ``WITH``
+        in the text exclude each other.
+    base
+        IRI against which relative IRIs are resolved.
+    """
+
+    using: tuple[NamedNode, ...] = ()
+    using_named: tuple[NamedNode, ...] = ()
+    base: str | None = None
+
+
+def run_update(
+    overlay: Overlay,
+    text: str,
+    access: Access,
+    dataset: UpdateDataset | None = None,
+) -> None:
+    """Add the change that an update makes to an overlay.
+
+    Parameters
+    ----------
+    overlay
+        Pending changes that the update sees and extends.
+    access
+        The caller; bound to the knowledge base.
+
+    Raises
+    ------
+    QuerySyntaxError
+        With line and column.
+    ForbiddenError
+        If the text names a graph that the caller may not write, or calls out.
+    DataError
+        A graph exists, or is missing, where the operation says otherwise.
+    """
+    dataset = dataset or UpdateDataset()
+    update = read_update(without_services(text))
+    check_update(update, dataset.base)
+    _refuse_two_datasets(update, dataset)
+    runner = _Runner(overlay, update, access, dataset)
+    for operation in update.operations:
+        runner.run(operation)
+
+
+def _refuse_two_datasets(update: Update, dataset: UpdateDataset) -> None:
+    if not (dataset.using or dataset.using_named):
+        return
+    if any(o.using or o.using_named or o.with_graph for o in update.operations):
+        raise DataError(
+            "using-graph-uri cannot go together with USING or WITH in the update",
+            conflict="dataset",
+        )
+
+
+@dataclass
+class _Runner:
+    overlay: Overlay
+    update: Update
+    access: Access
+    dataset: UpdateDataset
+    home: Graph = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.home = self.access.home()
+
+    def run(self, operation: Operation) -> None:
+        if operation.kind in ("INSERT DATA", "DELETE DATA"):
+            self._data(operation)
+        elif operation.kind == "MODIFY":
+            self._modify(operation)
+        elif operation.kind == "LOAD":
+            self._load(operation)
+        elif operation.kind == "CREATE":
+            self._create(operation)
+        elif operation.kind in ("CLEAR", "DROP"):
+            self._clear(operation)
+        else:
+            self._transfer(operation)
+
+    def _data(self, operation: Operation) -> None:
+        block = operation.insert or operation.delete
+        assert block is not None
+        template = self._template(operation, block, self.home)
+        insert = operation.insert is not None
+        change = self.overlay.add if insert else self.overlay.remove
+        for quad in templates.fill(template, {}, self.home, fresh=insert):
+            change(stored_quad(quad))
+
+    def _template(self, operation: Operation, block: Any, home: Graph) -> list[Quad]:
+        if block is None:
+            return []
+        template = templates.read_template(
+            self.update, block, operation.prologue, self.dataset.base
+        )
+        for graph in templates.constant_graphs(template, home):
+            self.access.require_write(graph, operation.kind)
+        return template
+
+    def _modify(self, operation: Operation) -> None:
+        scope = operation.with_graph
+        home = self._resolve(scope, operation) if scope else self.home
+        delete = self._template(operation, operation.delete, home)
+        insert = self._template(operation, operation.insert, home)
+        names = templates.variables([*delete, *insert])
+        removed: list[Quad] = []
+        added: list[Quad] = []
+        for solution in self._solutions(operation, names):
+            removed += templates.fill(delete, solution, home, fresh=False)
+            added += templates.fill(insert, solution, home, fresh=True)
+        for quad in removed:
+            self.overlay.remove(stored_quad(quad))
+        for quad in added:
+            self.overlay.add(stored_quad(quad))
+
+    def _solutions(self, operation: Operation, names: list[str]) -> list[dict[str, Term]]:
+        assert operation.where is not None
+        where = self.update.source(operation.where)
+        default, named = self._dataset(operation)
+        if self.overlay.is_empty():
+            return _select(
+                self.overlay.store, operation, where, names, default, named, self.dataset.base
+            )
+        return self._dry_run(operation, where, names, default, named)
+
+    def _dataset(
+        self, operation: Operation
+    ) -> tuple[list[NamedNode] | None, list[NamedNode] | None]:
+        if operation.using or operation.using_named:
+            return (
+                [self._resolve(name, operation) for name in operation.using],
+                [self._resolve(name, operation) for name in operation.using_named],
+            )
+        if self.dataset.using or self.dataset.using_named:
+            return list(self.dataset.using), list(self.dataset.using_named)
+        if operation.with_graph:
+            return [self._resolve(operation.with_graph, operation)], None
+        return None, None
+
+    def _dry_run(
+        self,
+        operation: Operation,
+        where: str,
+        names: list[str],
+        default: list[NamedNode] | None,
+        named: list[NamedNode] | None,
+    ) -> list[dict[str, Term]]:
+        """Evaluate WHERE on the pending state: apply, record the solutions, fail, roll back."""
+        solutions: list[dict[str, Term]] = []
+        unbound = BlankNode()
+
+        def record(*terms: Term) -> Literal:
+            pairs = zip(names, terms, strict=False)
+            solutions.append({name: term for name, term in pairs if term != unbound})
+            return Literal(1)
+
+        operations, functions = as_update(self._pending())
+        if default is None and self.overlay.store.is_view:
+            names_now = self.overlay.named_graphs()
+            default = named = [g for g in names_now if isinstance(g, NamedNode)]
+        functions[_RECORD] = record
+        functions[_UNBOUND] = lambda: unbound
+        values = ", ".join(f"COALESCE(?{name}, {_UNBOUND}())" for name in names)
+        scope, clauses = _scope(default, named)
+        operations.append(
+            f"{scope}INSERT {{ <urn:x> <urn:x> ?rtaskRecord }} {clauses} WHERE {{ {where} "
+            f"BIND({_RECORD}({values}) AS ?rtaskRecord) FILTER(?rtaskRecord = 0) }}"
+        )
+        text = operation.prologue + " ;\n".join([*operations, *_ABORT])
+        _run_and_roll_back(self.overlay.store, text, functions, self.dataset.base)
+        return solutions
+
+    def _pending(self) -> Writes:
+        pending = self.overlay
+        union = Overlay(pending.store)
+        if not (self.access.plain or pending.store.is_view):
+            union = union_change(pending.store, pending.removed, pending.added)
+        return Writes(
+            [*pending.removed, *union.removed],
+            [*pending.added, *union.added],
+            list(pending.created),
+            list(pending.dropped),
+        )
+
+    def _create(self, operation: Operation) -> None:
+        graph = self._graph(operation.target, operation)
+        self.access.require_write(graph, "CREATE")
+        if not self.overlay.has_graph(graph):
+            self.overlay.create(graph)
+        elif not operation.silent:
+            raise DataError(f"CREATE: graph {graph} exists already", exists=str(graph))
+
+    def _clear(self, operation: Operation) -> None:
+        drop = operation.kind == "DROP"
+        assert operation.target is not None
+        for graph in self._targets(operation):
+            if operation.target.scope == "GRAPH" and not self._exists(graph, operation):
+                continue
+            self.overlay.clear(graph, drop)
+
+    def _targets(self, operation: Operation) -> list[Graph]:
+        """Return the graphs that CLEAR or DROP means; ALL and NAMED = all the caller may write."""
+        target = operation.target
+        assert target is not None
+        if target.scope in ("GRAPH", "DEFAULT"):
+            graph = self._graph(target, operation)
+            self.access.require_write(graph, operation.kind)
+            return [graph]
+        graphs = [g for g in self.overlay.named_graphs() if self.access.may_write(g)]
+        if target.scope == "ALL" and isinstance(self.home, DefaultGraph):
+            graphs.append(DEFAULT)
+        return graphs
+
+    def _transfer(self, operation: Operation) -> None:
+        source = self._graph(operation.source, operation)
+        target = self._graph(operation.target, operation)
+        self.access.require_write(target, operation.kind)
+        if operation.kind == "MOVE":
+            self.access.require_write(source, operation.kind)
+        if source == target:
+            return
+        is_default = operation.source is not None and operation.source.scope == "DEFAULT"
+        if not is_default and not self._exists(source, operation):
+            return
+        quads = list(self.overlay.quads(source))
+        if operation.kind != "ADD":
+            self.overlay.clear(target, drop=False)
+        for quad in quads:
+            self.overlay.add(Quad(quad.subject, quad.predicate, quad.object, target))
+        self.overlay.create(target)
+        if operation.kind == "MOVE":
+            self.overlay.clear(source, drop=True)
+
+    def _exists(self, graph: Graph, operation: Operation) -> bool:
+        if self.overlay.has_graph(graph):
+            return True
+        if operation.silent:
+            return False
+        raise DataError(f"{operation.kind}: no graph {graph}", missing=str(graph))
+
+    def _load(self, operation: Operation) -> None:
+        if not operation.silent:
+            raise ForbiddenError(
+                "LOAD is switched off; load a file with `rtask load` or kb.load()",
+                operation="LOAD",
+            )
+
+    def _graph(self, target: Target | None, operation: Operation) -> Graph:
+        assert target is not None
+        if target.scope == "DEFAULT":
+            return self.home
+        return self._resolve(target.name, operation)
+
+    def _resolve(self, name: str, operation: Operation) -> NamedNode:
+        return templates.resolve(name, operation.prologue, self.dataset.base)
+
+
+def _scope(
+    default: Sequence[NamedNode] | None, named: Sequence[NamedNode] | None
+) -> tuple[str, str]:
+    """Return the WITH or USING text for a dataset."""
+    if default is None:
+        return "", ""
+    if named is None and len(default) == 1:
+        return f"WITH {default[0]} ", ""
+    clauses = [f"USING {graph}" for graph in default]
+    clauses += [f"USING NAMED {graph}" for graph in named or ()]
+    return "", " ".join(clauses)
+
+
+def _select(
+    store: GraphStore,
+    operation: Operation,
+    where: str,
+    names: list[str],
+    default: list[NamedNode] | None,
+    named: list[NamedNode] | None,
+    base: str | None,
+) -> list[dict[str, Term]]:
+    projection = " ".join(f"?{name}" for name in names) or "(1 AS ?one)"
+    dataset: dict[str, Any] = {}
+    if default is not None:
+        dataset["default_graph"] = default
+    if named is not None:
+        dataset["named_graphs"] = named
+    text = f"{operation.prologue}SELECT {projection} WHERE {where}"
+    try:
+        rows: Any = store.query(text, base_iri=base, **dataset)
+        return [{name: row[name] for name in names if row[name] is not None} for row in rows]
+    except SyntaxError as error:
+        raise syntax_error(error, "WHERE", text) from error
+    except RuntimeError as error:
+        raise DataError(f"WHERE cannot be evaluated: {error}") from error
+
+
+def _run_and_roll_back(
+    store: GraphStore, text: str, functions: Functions, base: str | None
+) -> None:
+    try:
+        store.update(text, base_iri=base, custom_functions=functions)
+    except RuntimeError as error:
+        if "already exists" not in str(error):
+            raise DataError(f"the update cannot be evaluated: {error}") from error
+        return
+    except SyntaxError as error:
+        raise QuerySyntaxError(f"in WHERE: {error}") from error
+    raise AssertionError("a dry run was kept")

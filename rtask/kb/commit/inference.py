@@ -1,0 +1,182 @@
+"""The reasoner beside the store: what follows from a change, found before the change is stored."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Protocol, cast
+
+from pyoxigraph import NamedNode, Quad
+
+import ontology
+from rtask.errors import InconsistentError, TooLargeError
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.union import input_change
+from rtask.rdf.terms import Graph, TripleKey, triple_key
+
+__all__ = ["Inference", "Staged"]
+
+_log = logging.getLogger(__name__)
+
+
+class Staged(Protocol):
+    """A derivation that is not yet visible; see :class:`reasoner.Closure`."""
+
+    inferred_added: Iterable[TripleKey]
+    inferred_removed: Iterable[TripleKey]
+    contradictions: list[Any]
+
+    def apply(self) -> None:
+        """Make it visible, after the store's commit."""
+
+    def discard(self) -> None:
+        """Forget it."""
+
+
+class Inference:
+    """Keeps the closure of all asserted graphs current.
+
+    The closure is built from the asserted graphs when the first write or question needs it; the
+    inferred graph itself lives in the store, so reading needs no closure.
+
+    Parameters
+    ----------
+    store, graphs
+        The knowledge base.
+    is_ontology
+        Whether a graph holds schema.
+    """
+
+    def __init__(
+        self, store: GraphStore, graphs: Graphs, is_ontology: Callable[[Graph], bool]
+    ) -> None:
+        self._store = store
+        self._graphs = graphs
+        self._is_ontology = is_ontology
+        self._closure: Any = None
+
+    def closure(self) -> Any:
+        """Return the closure of what the store asserts."""
+        if self._closure is None:
+            self._closure = self._build()
+        return self._closure
+
+    def _build(self) -> Any:
+        from reasoner import Closure, ClosureTooLargeError
+
+        schema: list[TripleKey] = []
+        data: list[TripleKey] = []
+        for graph in self._store.named_graphs():
+            if not self._graphs.is_input(graph):
+                continue
+            target = schema if self._is_ontology(graph) else data
+            for quad in self._store.quads_for_pattern(None, None, None, graph):
+                target.append((quad.subject, quad.predicate, quad.object))
+        _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
+        try:
+            # triple terms are left out by the reasoner itself, its signature knows only the rest
+            closure = Closure.build(cast("Any", schema), cast("Any", data), rules=rule_texts())
+        except ClosureTooLargeError as error:
+            raise TooLargeError(str(error)) from error
+        clashes = closure.contradictions()
+        if clashes:
+            _log.warning("%d contradictions, e.g. %s", len(clashes), clashes[0].message)
+        return closure
+
+    def forget(self) -> None:
+        """Build the closure anew when it is needed next."""
+        self._closure = None
+
+    def is_input(self, graph: Graph) -> bool:
+        """Whether conclusions are drawn from a graph."""
+        return self._graphs.is_input(graph)
+
+    def stage(self, change: Overlay) -> tuple[Overlay, Staged]:
+        """Return what the inferred graph gains and loses with a change.
+
+        Raises
+        ------
+        InconsistentError
+            If the change contradicts what is there; nothing is kept.
+        """
+        derived, staged, clashes = self.try_stage(change)
+        if staged is None:
+            raise self.inconsistent(clashes)
+        return derived, staged
+
+    def try_stage(self, change: Overlay) -> tuple[Overlay, Staged | None, list[Any]]:
+        """As `stage`; without a staged closure but with contradictions where there are some."""
+        closure = self.closure()
+        gained, lost = input_change(change, self._graphs.is_input)
+        staged = _stage(closure, gained, lost)
+        if staged.contradictions:
+            staged.discard()
+            return Overlay(self._store), None, staged.contradictions
+        derived = Overlay(self._store)
+        graph = self._graphs.inferred
+        for key in staged.inferred_removed:
+            quad = Quad(*key, graph)
+            if quad in self._store:
+                derived.removed[quad] = None
+        derived.added.update(dict.fromkeys(Quad(*key, graph) for key in staged.inferred_added))
+        return derived, staged, []
+
+    def inconsistent(self, contradictions: Sequence[Any]) -> InconsistentError:
+        """Return the error that says what clashes."""
+        message = contradictions[0].message
+        more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
+        hint = ""
+        if "XMLSchema#decimal" in message:
+            hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
+        return InconsistentError(
+            f"contradicts the ontology: {message}{more}{hint}; nothing was stored",
+            contradictions=[self._describe(found) for found in contradictions],
+        )
+
+    def _describe(self, contradiction: Any) -> dict[str, Any]:
+        """Return a contradiction as JSON-able values; graphs say whose statements it meets."""
+        culprits: list[TripleKey] = [*contradiction.culprits()]
+        return {
+            "rule": contradiction.rule,
+            "message": contradiction.message,
+            "triples": [[str(term) for term in triple] for triple in contradiction.triples],
+            "axioms": [[str(term) for term in triple] for triple in contradiction.axioms],
+            "graphs": sorted({graph for triple in culprits for graph in self.graphs_of(triple)}),
+        }
+
+    def explain(self, triple: TripleKey) -> Any | None:
+        """Return the proof of a triple, or ``None`` if it does not hold."""
+        return self.closure().explain(triple, graphs_of=self.graphs_of)
+
+    def graphs_of(self, triple: TripleKey) -> list[str]:
+        """Return the names of the graphs that assert a triple."""
+        quads = self._store.quads_for_pattern(*triple, None)
+        names = (quad.graph_name for quad in quads if self._graphs.is_input(quad.graph_name))
+        return sorted(name.value for name in names if isinstance(name, NamedNode))
+
+    def difference(self) -> tuple[Iterator[Quad], list[Quad]]:
+        """Build the closure anew; return what the inferred graph lacks, and holds too much."""
+        self.forget()
+        closure, graph = self.closure(), self._graphs.inferred
+        found = self._store.quads_for_pattern(None, None, None, graph)
+        missing, surplus = closure.compare(map(triple_key, found))
+        return (Quad(s, p, o, graph) for s, p, o in missing), [
+            Quad(s, p, o, graph) for s, p, o in surplus
+        ]
+
+
+def _stage(closure: Any, gained: list[TripleKey], lost: list[TripleKey]) -> Staged:
+    from reasoner import ClosureTooLargeError
+
+    try:
+        staged: Staged = closure.stage(add=gained, remove=lost)
+    except ClosureTooLargeError as error:
+        raise TooLargeError(str(error)) from error
+    return staged
+
+
+def rule_texts() -> list[str]:
+    """Return the CONSTRUCT rules that ship with the ontology."""
+    return [path.read_text("utf-8") for path in ontology.rules()]

@@ -1,0 +1,102 @@
+"""The reasoning side of a knowledge base: proofs, contradictions, deriving anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rtask.errors import UnsupportedError, UsageError
+from rtask.kb.checks.quarantine import Quarantined, reinstate, statements
+from rtask.kb.commit.bulk import complete, finish_bulk
+from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.writing import Writing
+from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
+
+__all__ = ["Reasoning"]
+
+
+class Reasoning(Writing):
+    """What follows from the asserted graphs."""
+
+    @property
+    def reasons(self) -> bool:
+        """Whether commits derive what follows from them."""
+        return self._inference is not None
+
+    def contradictions(self) -> list[Any]:
+        """Return the contradictions in the asserted graphs."""
+        with self._writer.exclusive():
+            found: list[Any] = self._reasoner().closure().contradictions()
+        return found
+
+    def explain(
+        self, subject: Subject | str, predicate: NamedNode | str, value: Value
+    ) -> Any | None:
+        """Return the proof of a statement, or ``None`` if it does not hold.
+
+        See :class:`reasoner.proofs.Proof`; its leaves name the graphs that assert them.
+        """
+        triple = (subject_term(subject), iri(predicate), stored(object_term(value)))
+        with self._writer.exclusive():
+            return self._reasoner().explain(triple)
+
+    def quarantined(self) -> list[Quarantined]:
+        """Return the statements that are kept aside because they contradict the rest."""
+        return statements(self.store, self.graphs)
+
+    def release(
+        self, nodes: Iterable[str] | None = None, agent: str | None = None, drop: bool = False
+    ) -> Commit:
+        """Put statements from the quarantine back into their graphs; one commit.
+
+        Parameters
+        ----------
+        nodes
+            IRIs of their records, see :meth:`quarantined`; all of them if not given.
+        agent
+            Who does it; needs the right to write these graphs.
+        drop
+            Forget them instead.
+
+        Raises
+        ------
+        InconsistentError
+            The cause is still there; nothing changes.
+        """
+        access = self.access(agent)
+        overlay = self._writer.begin()
+        try:
+            reinstate(overlay, self.graphs, nodes, drop, access)
+        except BaseException:
+            self._writer.cancel()
+            raise
+        note = "forget what is in quarantine" if drop else "release from quarantine"
+        request = Request(access, note=note, trusted=True, strict=True)
+        return self._writer.finish(overlay, request)
+
+    def _reasoner(self) -> Inference:
+        if self._inference is None:
+            raise UnsupportedError("this knowledge base was opened without reasoning")
+        return self._inference
+
+    def rebuild(self, what: str = "inferred") -> Commit:
+        """Derive the inferred graph again from the asserted ones; one commit of the difference.
+
+        Raises
+        ------
+        UsageError
+            If there is nothing of that name to rebuild.
+        """
+        if what not in ("inferred", "all"):
+            raise UsageError(f"cannot rebuild {what!r}; one of inferred, all")
+        self._reasoner()
+        request = Request(self.access(), note="rebuild inferred", trusted=True)
+        try:
+            return finish_bulk(self._writer, self._inference, request)
+        finally:
+            self.readers.invalidate()
+
+    def complete_interrupted(self) -> bool:
+        """Finish a large load that a crash interrupted; whether there was one."""
+        return complete(self._writer, self._files, self._inference, self.access())

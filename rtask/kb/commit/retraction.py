@@ -1,0 +1,100 @@
+"""Single statements of a knowledge base: what is said about them, withdrawing them."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+from pyoxigraph import Quad
+
+from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.commit import Commit
+from rtask.kb.commit.statements import (
+    INVALIDATED,
+    Annotation,
+    held_by,
+    read_annotations,
+    reifiers,
+    stamp,
+)
+from rtask.kb.commit.writing import Writing
+from rtask.rdf.terms import (
+    NamedNode,
+    Subject,
+    Term,
+    TripleKey,
+    Value,
+    iri,
+    object_term,
+    stored,
+    subject_term,
+)
+
+__all__ = ["Stating"]
+
+
+class Stating(Writing):
+    """What is said about statements, and withdrawing them with a reason."""
+
+    def annotations(
+        self, subject: Subject | str, predicate: NamedNode | str, value: Value
+    ) -> list[Annotation]:
+        """Return what each graph says about a statement: confidence, validity, source."""
+        return read_annotations(self.store, _key(subject, predicate, value))
+
+    def retract(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        *,
+        reason: str | None = None,
+        agent: str | None = None,
+        graph: NamedNode | str | None = None,
+        access: Access | None = None,
+    ) -> Commit:
+        """Withdraw a statement from the graphs that hold it and that the caller may write.
+
+        What was said about it stays and is marked as invalidated; the reason is kept with the
+        commit, see :meth:`history`.
+
+        Parameters
+        ----------
+        reason
+            Needed for what is not the caller's own.
+        graph
+            Only from this graph.
+
+        Raises
+        ------
+        DataError
+            Nobody states it.
+        ForbiddenError
+            Only others do: say what you think of it in a statement of your own.
+        """
+        key = _key(subject, predicate, value)
+        rights = self.access(agent, access)
+        holders = held_by(self.store, key) if graph is None else [iri(graph)]
+        allowed = [g for g in holders if rights.may_write(g)]
+        if not allowed:
+            rights.require_write(_asserting(self, holders), "retract")
+        foreign = [g for g in allowed if g != rights.home()]
+        if foreign and not reason:
+            raise UsageError(f"a reason is needed to retract a statement of {foreign[0]}")
+        with self.transaction(agent, reason or "retracted", access=access) as tx:
+            for holder in allowed:
+                tx.remove(*key, graph=holder)
+                for named in reifiers(self.store, key, holder):
+                    now = stamp(dt.datetime.now(dt.UTC))
+                    tx.add_quads([Quad(named.subject, INVALIDATED, now, holder)])
+        return tx.commit
+
+
+def _asserting(kb: Writing, holders: list[NamedNode]) -> NamedNode:
+    """Return the graph that an error should name: one that asserts, if there is one."""
+    return next((g for g in holders if not kb.graphs.is_kept_by_commits(g)), holders[0])
+
+
+def _key(subject: Subject | str, predicate: NamedNode | str, value: Value) -> TripleKey:
+    kept: Term = stored(object_term(value))
+    return (subject_term(subject), iri(predicate), kept)

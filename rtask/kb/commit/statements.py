@@ -1,0 +1,189 @@
+"""What is said about single statements: confidence, validity, source (RDF 1.2, reifiers).
+
+A reifier is an IRI that names a statement of one graph: ``<r> rdf:reifies <<( s p o )>>``, with
+``rt:confidence``, ``rt:validUntil``, ``prov:wasDerivedFrom`` and, once it is withdrawn,
+``prov:invalidatedAtTime`` on it. Statements of which nothing is said have none.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from pyoxigraph import Quad
+
+import ontology
+from rtask.errors import DataError, UsageError
+from rtask.kb.store.graph_store import GraphStore
+from rtask.rdf.terms import (
+    Graph,
+    Literal,
+    NamedNode,
+    Subject,
+    Term,
+    Triple,
+    TripleKey,
+    literal,
+    stored,
+    written,
+)
+from rtask.rdf.times import moment
+
+__all__ = [
+    "CONFIDENCE",
+    "INVALIDATED",
+    "REIFIES",
+    "VALID_UNTIL",
+    "Annotation",
+    "held_by",
+    "notes",
+    "read_annotations",
+    "reification",
+    "reifier_of",
+    "reifiers",
+    "stamp",
+    "when",
+]
+
+REIFIES = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#reifies")
+CONFIDENCE = NamedNode(ontology.NS + "confidence")
+VALID_UNTIL = NamedNode(ontology.NS + "validUntil")
+_PROV = "http://www.w3.org/ns/prov#"
+SOURCE = NamedNode(_PROV + "wasDerivedFrom")
+INVALIDATED = NamedNode(_PROV + "invalidatedAtTime")
+_STAMP = NamedNode("http://www.w3.org/2001/XMLSchema#dateTimeStamp")
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """What one graph says about a statement.
+
+    Parameters
+    ----------
+    reifier
+        IRI that stands for the statement.
+    confidence
+        In [0, 1].
+    valid_until, invalidated
+        When it expires, and when it was withdrawn.
+    source
+        What it was derived from.
+    """
+
+    graph: Graph
+    reifier: Subject
+    confidence: float | None = None
+    valid_until: dt.datetime | None = None
+    source: NamedNode | None = None
+    invalidated: dt.datetime | None = None
+
+
+def stamp(value: dt.datetime | str) -> Literal:
+    """Return a moment as the ontology wants it; a time zone is needed."""
+    text = moment(value).isoformat().replace("+00:00", "Z")
+    kept = stored(Literal(text, datatype=_STAMP))
+    assert isinstance(kept, Literal)
+    return kept
+
+
+def notes(
+    confidence: float | None = None,
+    valid_until: dt.datetime | str | None = None,
+    source: NamedNode | str | None = None,
+) -> dict[NamedNode, Term]:
+    """Return what is to be said, by property.
+
+    Raises
+    ------
+    UsageError
+        If a confidence is not in [0, 1].
+    """
+    said: dict[NamedNode, Term] = {}
+    if confidence is not None:
+        if not 0.0 <= confidence <= 1.0:
+            raise UsageError(f"a confidence lies in [0, 1], got {confidence}")
+        said[CONFIDENCE] = stored(literal(float(confidence)))
+    if valid_until is not None:
+        said[VALID_UNTIL] = stamp(valid_until)
+    if source is not None:
+        said[SOURCE] = source if isinstance(source, NamedNode) else NamedNode(source)
+    return said
+
+
+def reifier_of(base: str, quad: Quad) -> NamedNode:
+    """Return the IRI that stands for a statement of a graph; always the same one."""
+    key = f"{written(_triple(quad))} {quad.graph_name}"
+    return NamedNode(f"{base}statement/{hashlib.sha256(key.encode()).hexdigest()[:32]}")
+
+
+def _triple(quad: Quad) -> Triple:
+    return Triple(quad.subject, quad.predicate, quad.object)
+
+
+def reification(reifier: NamedNode, quad: Quad) -> Quad:
+    """Return the quad that ties a reifier to its statement."""
+    return Quad(reifier, REIFIES, _triple(quad), quad.graph_name)
+
+
+def reifiers(store: GraphStore, key: TripleKey, graph: Graph | None = None) -> Iterator[Quad]:
+    """Yield the quads that name a statement."""
+    yield from store.quads_for_pattern(None, REIFIES, Triple(*key), graph)
+
+
+def read_annotations(store: GraphStore, key: TripleKey) -> list[Annotation]:
+    """Return what each graph says about a statement."""
+    found = []
+    for quad in [q for q in reifiers(store, key) if isinstance(q.graph_name, NamedNode)]:
+        said: dict[NamedNode, Term] = {}
+        for note in store.quads_for_pattern(quad.subject, None, None, quad.graph_name):
+            said[note.predicate] = note.object
+        source = said.get(SOURCE)
+        found.append(
+            Annotation(
+                quad.graph_name,
+                quad.subject,
+                _number(said.get(CONFIDENCE)),
+                when(said.get(VALID_UNTIL)),
+                source if isinstance(source, NamedNode) else None,
+                when(said.get(INVALIDATED)),
+            )
+        )
+    return sorted(found, key=lambda annotation: str(annotation.reifier))
+
+
+def _number(term: Term | None) -> float | None:
+    try:
+        return float(term.value) if isinstance(term, Literal) else None
+    except ValueError:
+        return None
+
+
+def when(term: Term | None) -> dt.datetime | None:
+    """Return the moment of a literal; ``None`` if it is none."""
+    if not isinstance(term, Literal):
+        return None
+    try:
+        return moment(term.value)
+    except UsageError:
+        return None
+
+
+def held_by(store: GraphStore, key: TripleKey) -> list[NamedNode]:
+    """Return the named graphs that hold a statement.
+
+    Raises
+    ------
+    DataError
+        If none does.
+    """
+    graphs = [
+        quad.graph_name
+        for quad in store.quads_for_pattern(*key, None)
+        if isinstance(quad.graph_name, NamedNode)
+    ]
+    if not graphs:
+        text = " ".join(written(term) for term in key)
+        raise DataError(f"nobody states {text}; nothing to retract")
+    return sorted(graphs, key=str)

@@ -1,0 +1,226 @@
+"""A transaction: several changes that become one commit, or nothing.
+
+The writer's lock is held from entering to leaving the block: what is read inside cannot change
+before the commit. Do slow work before.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO
+
+from pyoxigraph import NamedNode, Quad, RdfFormat
+
+from rtask.errors import ClosedError, UsageError
+from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.commit.delta import UpdateDataset, run_update
+from rtask.kb.commit.statements import notes, reification, reifier_of
+from rtask.kb.commit.writer import Writer
+from rtask.kb.durability.blobs import BlobStore
+from rtask.kb.store.overlay import Overlay
+from rtask.rdf.terms import (
+    DEFAULT,
+    Graph,
+    Subject,
+    Term,
+    Value,
+    iri,
+    object_term,
+    stored_quad,
+    subject_term,
+)
+
+__all__ = ["Transaction"]
+
+
+class Transaction:
+    """One commit in the making; made by :meth:`KnowledgeBase.transaction`.
+
+    Examples
+    --------
+    >>> import rtask
+    >>> with rtask.open(":memory:", reason=False) as kb:
+    ...     with kb.transaction(agent="nao-1", note="first sight") as tx:
+    ...         tx.add("urn:mug", "urn:mass", 0.3)
+    ...     tx.commit.added
+    1
+    """
+
+    def __init__(self, writer: Writer, blobs: BlobStore, request: Request) -> None:
+        self._writer = writer
+        self._blobs = blobs
+        self._request = request
+        self._overlay: Overlay | None = None
+        self._commit: Commit | None = None
+        self._said: dict[tuple[NamedNode, NamedNode], list[Quad]] = {}
+
+    @property
+    def commit(self) -> Commit:
+        """What was stored; known once the block has been left."""
+        if self._commit is None:
+            raise UsageError("the transaction has not been committed")
+        return self._commit
+
+    @property
+    def home(self) -> Graph:
+        """The graph of statements that name none."""
+        return self._request.access.home()
+
+    def __enter__(self) -> Transaction:
+        self._overlay = self._writer.begin()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        overlay, self._overlay = self._pending(), None
+        if kind is not None:
+            self._writer.cancel()
+            return
+        self._commit = self._writer.finish(overlay, self._request)
+
+    def _pending(self) -> Overlay:
+        if self._overlay is None:
+            raise ClosedError("use the transaction inside its with block")
+        return self._overlay
+
+    def add(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None = None,
+        *,
+        confidence: float | None = None,
+        valid_until: dt.datetime | str | None = None,
+        source: NamedNode | str | None = None,
+    ) -> None:
+        """Assert a statement.
+
+        Parameters
+        ----------
+        subject, predicate
+            Terms; text is taken as an IRI.
+        value
+            A term, or a Python value that becomes a literal.
+        graph
+            Where; the caller's own graph if it is not given.
+        confidence
+            In [0, 1]; said about the statement, as ``valid_until`` and ``source``, on its reifier.
+            Saying it again replaces what was said.
+        valid_until
+            The statement is withdrawn then.
+        source
+            IRI of what it was derived from.
+        """
+        quad = self._quad(subject, predicate, value, graph)
+        self._pending().add(quad)
+        said = notes(confidence, valid_until, source)
+        if said:
+            self._annotate(quad, said)
+
+    def _annotate(self, quad: Quad, said: Mapping[NamedNode, Term]) -> None:
+        pending, where = self._pending(), quad.graph_name
+        base = self._request.access.graphs.base if self._request.access.graphs else ""
+        reifier = reifier_of(base, quad)
+        pending.add(reification(reifier, quad))
+        for predicate, value in said.items():
+            own = self._said.setdefault((reifier, predicate), [])
+            before = list(pending.store.quads_for_pattern(reifier, predicate, None, where))
+            for old in (*before, *own):
+                pending.remove(old)
+            note = Quad(reifier, predicate, value, where)
+            pending.add(note)
+            own.append(note)
+
+    def remove(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None = None,
+    ) -> None:
+        """Withdraw a statement from one graph; nothing happens if it is not there."""
+        self._pending().remove(self._quad(subject, predicate, value, graph))
+
+    def _quad(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None,
+    ) -> Quad:
+        where = self.home if graph is None else iri(graph)
+        return stored_quad(Quad(subject_term(subject), iri(predicate), object_term(value), where))
+
+    def add_quads(self, quads: Iterable[Quad], graph: NamedNode | str | None = None) -> None:
+        """Assert many statements; those of the default graph go to ``graph`` or the own one."""
+        pending = self._pending()
+        where = self.home if graph is None else iri(graph)
+        for quad in quads:
+            if quad.graph_name == DEFAULT:
+                quad = Quad(quad.subject, quad.predicate, quad.object, where)
+            pending.add(stored_quad(quad))
+
+    def clear(self, graph: Graph | str) -> None:
+        """Withdraw all statements of a graph."""
+        name = iri(graph) if isinstance(graph, str) else graph
+        self._pending().clear(name, drop=False)
+
+    def update(
+        self,
+        text: str,
+        using: Iterable[NamedNode | str] = (),
+        named: Iterable[NamedNode | str] = (),
+        base: str | None = None,
+    ) -> None:
+        """Run a SPARQL update on the pending state.
+
+        What the reasoner will derive from pending changes is not visible to it yet.
+        """
+        dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
+        run_update(self._pending(), text, self._request.access, dataset)
+
+    def load(
+        self,
+        data: bytes | str | Path,
+        format: RdfFormat | str | None = None,
+        graph: NamedNode | str | None = None,
+        base: str | None = None,
+    ) -> int:
+        """Assert the statements of a document; return how many it holds."""
+        from rtask.rdf.formats import read_document
+
+        quads = read_document(data, format, base)
+        self.add_quads(quads, graph)
+        return len(quads)
+
+    def blob(
+        self, data: bytes | Path | BinaryIO, media_type: str, graph: NamedNode | str | None = None
+    ) -> NamedNode:
+        """Store bytes and describe them; return the IRI that names them."""
+        blob = self._blobs.put(data, media_type)
+        for subject, predicate, value in blob.statements():
+            self.add(subject, predicate, value, graph)
+        return blob.iri
+
+    def counts(self) -> tuple[int, int]:
+        """Return how many statements would be added and removed."""
+        pending = self._pending()
+        return len(pending.added), len(pending.removed)
+
+    def contains(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None = None,
+    ) -> bool:
+        """Whether a statement holds in the pending state."""
+        return self._quad(subject, predicate, value, graph) in self._pending()

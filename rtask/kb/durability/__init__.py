@@ -1,0 +1,1 @@
+"""Files of a knowledge base: journal, checkpoints, blobs, lock, backup and recovery."""

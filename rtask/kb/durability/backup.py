@@ -1,0 +1,153 @@
+"""Backup and restore: a folder that can be opened by itself, made while others read and write."""
+
+from __future__ import annotations
+
+import datetime as dt
+import errno
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pyoxigraph import Store
+
+from rtask.errors import (
+    StorageFullError,
+    StoreError,
+    StoreFormatError,
+    UnsupportedError,
+    UsageError,
+)
+from rtask.kb.commit.writer import Writer
+from rtask.kb.durability.blobs import BlobStore, copy_blob
+from rtask.kb.durability.folder import Files
+from rtask.kb.durability.journal import JournalFile
+from rtask.kb.durability.recovery import Checkpoint, Checkpoints, boot_id
+from rtask.kb.durability.settings import Settings, write_durably
+
+__all__ = ["backup", "restore"]
+
+_FILE = "backup.json"
+
+
+def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
+    """Copy an open knowledge base; writers wait a moment, readers do not.
+
+    The copy is opened and counted before it counts as complete.
+
+    Returns
+    -------
+    ``seq`` (the last commit it holds), ``created``, ``store_id``, ``quads``.
+
+    Raises
+    ------
+    UnsupportedError
+        For a store in memory; dump it instead.
+    UsageError
+        If the target exists.
+    """
+    if files.folder is None or files.checkpoints is None:
+        raise UnsupportedError(
+            "only a folder open for writing is backed up; export a store in memory"
+        )
+    if target.exists():
+        raise UsageError(f"{target} exists{_what_it_is(target)}; name a new folder")
+    try:
+        return _copy(files, writer, files.folder, files.checkpoints, target)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise StorageFullError(f"no room for a backup in {target}; remove it") from error
+        raise
+
+
+def _what_it_is(target: Path) -> str:
+    if (target / "store").is_dir() and not (target / _FILE).exists():
+        return " and is a backup that was interrupted"
+    return ""
+
+
+def _copy(
+    files: Files, writer: Writer, folder: Path, checkpoints: Checkpoints, target: Path
+) -> dict[str, Any]:
+    target.mkdir(parents=True)
+    with writer.exclusive():
+        seq = writer.committer.last_seq
+        checkpoints.make(seq)
+        files.store.raw.backup(str(target / "store"))
+        _copy_journal(files.journal, target / "journal")
+    for blob in sorted((folder / "blobs").glob("??/??/*")):
+        copy_blob(blob, target / "blobs" / blob.relative_to(folder / "blobs"))
+    (target / "blobs" / "tmp").mkdir(parents=True, exist_ok=True)
+    files.settings.save(target)
+    Checkpoint(seq, True, boot_id()).save(target)
+    created = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
+    record: dict[str, Any] = {"seq": seq, "created": created}
+    record |= {"store_id": files.settings.store_id, "quads": _count(target)}
+    write_durably(target / _FILE, json.dumps(record, indent=2) + "\n")
+    return record
+
+
+def _copy_journal(journal: object, target: Path) -> None:
+    target.mkdir()
+    if isinstance(journal, JournalFile):
+        for segment in journal.segments():
+            shutil.copyfile(segment, target / segment.name)
+
+
+def _count(folder: Path) -> int:
+    try:
+        return len(Store.read_only(str(folder / "store")))
+    except (OSError, RuntimeError) as error:
+        raise StoreFormatError(f"the store in {folder} cannot be read: {error}") from error
+
+
+def check(source: Path) -> dict[str, Any]:
+    """Return the record of a backup whose store, journal and blobs are whole.
+
+    Raises
+    ------
+    StoreFormatError
+        Saying what is missing or damaged.
+    """
+    try:
+        record: dict[str, Any] = json.loads((source / _FILE).read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise StoreFormatError(f"{source} is no complete backup (no {_FILE})") from error
+    found = _count(source)
+    if found != record.get("quads", found):
+        raise StoreFormatError(f"{source} holds {found} statements, not {record['quads']}")
+    blobs = BlobStore(source / "blobs", writable=False)
+    for digest in blobs.digests():
+        if not blobs.is_sound(digest):
+            raise StoreFormatError(f"{source}: the blob {digest} holds other bytes")
+    journal = JournalFile(source / "journal")
+    last = 0 if journal.segments() else record["seq"]
+    try:
+        for entry in journal.records():
+            last = entry.seq
+    except StoreError as error:
+        raise StoreFormatError(f"{source}: {error}") from error
+    if last != record["seq"]:
+        raise StoreFormatError(f"{source}: its journal ends at {last}, not at {record['seq']}")
+    return record
+
+
+def restore(source: Path, target: Path) -> dict[str, Any]:
+    """Make a knowledge base from a backup; it gets a new epoch and knows where it comes from.
+
+    Raises
+    ------
+    StoreFormatError
+        If the source is no complete backup, or a damaged one.
+    UsageError
+        If the target is not empty.
+    """
+    record = check(source)
+    settings = Settings.load(source)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise UsageError(f"{target} is not empty; name a new folder")
+    shutil.copytree(source, target, dirs_exist_ok=True, ignore=shutil.ignore_patterns(_FILE))
+    parent = f"{record['store_id']}@{record['seq']}"
+    replace(settings, epoch=Settings.new().epoch, parent=parent).save(target)
+    return record

@@ -1,0 +1,236 @@
+"""Byte strings that the graph names by their digest: images, clouds, meshes.
+
+A blob is durable before any statement may name it: temporary file, hash while writing, fsync,
+rename, fsync of the folder.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import re
+import secrets
+import shutil
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import ontology
+from rtask.errors import DataError, MissingBlobError, StorageFullError, UsageError
+from rtask.rdf.terms import RDF_TYPE, NamedNode, TripleKey, iri, literal
+
+__all__ = ["Blob", "BlobStore", "digest_of"]
+
+PREFIX = "urn:sha256:"
+_IRI = re.compile(PREFIX + r"([0-9a-f]{64})")
+_CHUNK = 1 << 20
+
+
+def digest_of(term: NamedNode | str) -> str | None:
+    """Return the digest that a blob's IRI names, or ``None`` if it names no blob.
+
+    >>> digest_of("urn:sha256:" + "0" * 64) == "0" * 64, digest_of("urn:mug")
+    (True, None)
+    """
+    found = _IRI.fullmatch(term.value if isinstance(term, NamedNode) else term)
+    return found[1] if found else None
+
+
+@dataclass(frozen=True)
+class Blob:
+    """One stored byte string.
+
+    Parameters
+    ----------
+    sha256
+        64 lower-case hexadecimal digits.
+    size
+        Length in bytes.
+    media_type
+        IANA media type, e.g. ``image/png``.
+    """
+
+    sha256: str
+    size: int
+    media_type: str
+
+    @property
+    def iri(self) -> NamedNode:
+        """The name of the blob in the graph."""
+        return NamedNode(PREFIX + self.sha256)
+
+    def statements(self) -> list[TripleKey]:
+        """Return the triples that describe the blob."""
+        rt = ontology.NS
+        return [
+            (self.iri, RDF_TYPE, iri(rt + "Blob")),
+            (self.iri, iri(rt + "sha256"), literal(self.sha256)),
+            (self.iri, iri(rt + "byteLength"), literal(self.size)),
+            (self.iri, iri(rt + "mediaType"), literal(self.media_type)),
+        ]
+
+
+class BlobStore:
+    """Content-addressed files below one folder; in memory where there is no folder."""
+
+    def __init__(self, folder: Path | None, writable: bool = True) -> None:
+        self._folder = folder
+        self._writable = writable
+        self._memory: dict[str, bytes] = {}
+        if folder is not None and writable:
+            (folder / "tmp").mkdir(parents=True, exist_ok=True)
+
+    def put(
+        self, data: bytes | Path | BinaryIO, media_type: str = "application/octet-stream"
+    ) -> Blob:
+        """Store bytes, the content of a file, or a stream; known bytes are stored once.
+
+        Raises
+        ------
+        StorageFullError
+            If the disk is full; nothing is kept.
+        """
+        if not self._writable:
+            raise UsageError("the knowledge base is open for reading only")
+        if self._folder is None:
+            content = data if isinstance(data, bytes) else _read_all(data)
+            digest = hashlib.sha256(content).hexdigest()
+            self._memory[digest] = content
+            return Blob(digest, len(content), media_type)
+        try:
+            return self._put_file(self._folder, data, media_type)
+        except OSError as error:
+            if error.errno == errno.ENOSPC:
+                raise StorageFullError(f"no room for a blob in {self._folder}") from error
+            raise
+
+    def _put_file(self, folder: Path, data: bytes | Path | BinaryIO, media_type: str) -> Blob:
+        temporary = folder / "tmp" / secrets.token_hex(8)
+        digest, size = hashlib.sha256(), 0
+        try:
+            with temporary.open("xb") as out:
+                for chunk in _chunks(data):
+                    digest.update(chunk)
+                    size += len(chunk)
+                    out.write(chunk)
+                out.flush()
+                os.fsync(out.fileno())
+            final = self._place(digest.hexdigest())
+            final.parent.mkdir(parents=True, exist_ok=True)
+            temporary.replace(final)
+        finally:
+            temporary.unlink(missing_ok=True)
+        for parent in (final.parent, final.parent.parent, folder):
+            sync_folder(parent)
+        return Blob(digest.hexdigest(), size, media_type)
+
+    def _place(self, digest: str) -> Path:
+        assert self._folder is not None
+        return self._folder / digest[:2] / digest[2:4] / digest
+
+    def has(self, name: NamedNode | str) -> bool:
+        """Whether the bytes of this IRI are here."""
+        digest = digest_of(name)
+        if digest is None:
+            return False
+        return digest in self._memory if self._folder is None else self._place(digest).is_file()
+
+    def path(self, name: NamedNode | str) -> Path:
+        """Return the file of a blob.
+
+        Raises
+        ------
+        MissingBlobError
+            If it is not here, or this store keeps its blobs in memory.
+        """
+        digest = self._require(name)
+        if self._folder is None:
+            raise MissingBlobError(f"{name}: a store in memory has no files; use read()")
+        return self._place(digest)
+
+    def open(self, name: NamedNode | str) -> BinaryIO:
+        """Open a blob for reading."""
+        if self._folder is None:
+            return io.BytesIO(self.read(name))
+        return self.path(name).open("rb")
+
+    def read(self, name: NamedNode | str) -> bytes:
+        """Return the bytes of a blob.
+
+        Raises
+        ------
+        MissingBlobError
+            If they are not here.
+        """
+        digest = self._require(name)
+        return self._memory[digest] if self._folder is None else self._place(digest).read_bytes()
+
+    def _require(self, name: NamedNode | str) -> str:
+        digest = digest_of(name)
+        if digest is None:
+            raise DataError(f"not the IRI of a blob: {name} (expected {PREFIX}<64 hex digits>)")
+        if not self.has(name):
+            raise MissingBlobError(f"no bytes for {PREFIX}{digest}", blob=digest)
+        return digest
+
+    def digests(self) -> Iterator[str]:
+        """Yield the digest of every stored blob."""
+        if self._folder is None:
+            yield from list(self._memory)
+            return
+        for file in sorted(self._folder.glob("??/??/*")):
+            yield file.name
+
+    def discard(self, digest: str, older_than_s: float) -> bool:
+        """Delete a blob that was put long enough ago; whether it was."""
+        if self._folder is None:
+            return older_than_s <= 0 and self._memory.pop(digest, None) is not None
+        file = self._place(digest)
+        if time.time() - file.stat().st_mtime < older_than_s:
+            return False
+        file.unlink()
+        return True
+
+    def is_sound(self, digest: str) -> bool:
+        """Whether the bytes still have the digest that they are filed under."""
+        found = hashlib.sha256()
+        with self.open(PREFIX + digest) as file:
+            for chunk in iter(lambda: file.read(_CHUNK), b""):
+                found.update(chunk)
+        return found.hexdigest() == digest
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _read_all(data: Path | BinaryIO) -> bytes:
+    return data.read_bytes() if isinstance(data, Path) else data.read()
+
+
+def _chunks(data: bytes | Path | BinaryIO) -> Iterator[bytes]:
+    if isinstance(data, bytes):
+        yield data
+    elif isinstance(data, Path):
+        with data.open("rb") as file:
+            yield from iter(lambda: file.read(_CHUNK), b"")
+    else:
+        yield from iter(lambda: data.read(_CHUNK), b"")
+
+
+def copy_blob(source: Path, target: Path) -> None:
+    """Copy a blob's file, sharing its bytes where the file system can."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

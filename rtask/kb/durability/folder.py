@@ -1,0 +1,147 @@
+"""A knowledge base on disk: its files, opened and closed in order.
+
+::
+
+    DIR/kb.json           what it is
+        lock              who has it open
+        store/            the quads
+        journal/          every commit as text
+        checkpoint.json   up to where the store is durable by itself
+        blobs/            byte strings by digest
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import Store
+
+from rtask.errors import StoreError, StoreFormatError
+from rtask.kb.durability.blobs import BlobStore
+from rtask.kb.durability.journal import JournalFile, NoJournal
+from rtask.kb.durability.lock import FolderLock
+from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
+from rtask.kb.durability.settings import Settings
+from rtask.kb.store.graph_store import GraphStore
+
+__all__ = ["Files", "find", "make", "open_for_reading", "open_for_writing", "open_in_memory"]
+
+
+@dataclass
+class Files:
+    """What an open knowledge base holds on to.
+
+    Parameters
+    ----------
+    last_seq
+        Number of the last commit in the journal.
+    """
+
+    settings: Settings
+    store: GraphStore
+    blobs: BlobStore
+    journal: JournalFile | NoJournal
+    folder: Path | None = None
+    lock: FolderLock | None = None
+    checkpoints: Checkpoints | None = None
+    last_seq: int = 0
+
+    def close(self, seq: int) -> None:
+        """Make everything durable, then let the files go."""
+        try:
+            if self.checkpoints is not None and self.store.is_open and not self.store.is_stuck:
+                self.checkpoints.make(seq, clean=True)
+        finally:
+            self.abandon()
+
+    def abandon(self) -> None:
+        """Let the files go as they are."""
+        if isinstance(self.journal, JournalFile):
+            self.journal.close()
+        self.store.close()
+        if self.lock is not None:
+            self.lock.release()
+
+
+def find(folder: Path, mode: str) -> Settings | None:
+    """Return the settings of a knowledge base, ``None`` where one may be made.
+
+    Raises
+    ------
+    StoreFormatError
+        Neither; says what the folder is.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise StoreFormatError(f"{folder} is a file; a knowledge base is a folder")
+    if (folder / "kb.json").exists():
+        if mode == "new":
+            raise StoreFormatError(f"{folder} is a knowledge base already; open it with mode='rw'")
+        return Settings.load(folder)
+    if mode == "r" or (folder.is_dir() and any(map(_is_kept, folder.iterdir()))):
+        return Settings.load(folder)
+    return None
+
+
+def _is_kept(path: Path) -> bool:
+    """Whether a folder that holds this is in use; a crash while making one leaves the other."""
+    return path.name != "kb.tmp"
+
+
+def make(folder: Path, settings: Settings) -> None:
+    """Make a folder that holds nothing but its settings."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        settings.save(folder)
+    except OSError as error:
+        raise StoreError(f"cannot make a knowledge base in {folder}: {error.strerror}") from error
+
+
+def open_in_memory(settings: Settings) -> Files:
+    """Open a knowledge base that ends with the process."""
+    return Files(settings, GraphStore(Store()), BlobStore(None), NoJournal())
+
+
+def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
+    """Open a folder, replaying the journal if it was not closed in order."""
+    lock = _lock(folder, shared=False)
+    journal = JournalFile(folder / "journal", durable)
+    try:
+        store = _open_store(folder, reading=False)
+        settings, last_seq = recover(folder, store, journal, settings)
+        checkpoints = Checkpoints(folder, store, journal, durable)
+        blobs = BlobStore(folder / "blobs")
+    except BaseException:
+        journal.close()
+        lock.release()
+        raise
+    return Files(settings, store, blobs, journal, folder, lock, checkpoints, last_seq)
+
+
+def open_for_reading(folder: Path, settings: Settings) -> Files:
+    """Open a folder beside other readers."""
+    lock = _lock(folder, shared=True)
+    try:
+        require_clean(folder)
+        store = _open_store(folder, reading=True)
+    except BaseException:
+        lock.release()
+        raise
+    blobs = BlobStore(folder / "blobs", writable=False)
+    journal = JournalFile(folder / "journal")
+    return Files(settings, store, blobs, journal, folder, lock)
+
+
+def _lock(folder: Path, shared: bool) -> FolderLock:
+    try:
+        return FolderLock(folder, shared)
+    except PermissionError as error:
+        raise StoreError(f"{folder} cannot be opened: {error.strerror}") from error
+
+
+def _open_store(folder: Path, reading: bool) -> GraphStore:
+    path = str(folder / "store")
+    try:
+        return GraphStore(Store.read_only(path)) if reading else GraphStore(Store(path), path)
+    except OSError as error:
+        raise StoreError(f"the store in {folder} cannot be opened: {error}") from error

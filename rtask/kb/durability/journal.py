@@ -1,0 +1,295 @@
+"""The journal: every commit as text, on disk before it is acknowledged.
+
+A record is a JSON line, then ``D`` and ``A`` lines, one N-Quads statement each, with the store's
+own blank node labels. Segments are named after the first commit they hold. Derived copies (the
+union in the default graph) are left out; replaying computes them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import itertools
+import json
+import os
+import threading
+import time
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pyoxigraph import Quad, RdfFormat, parse, serialize
+
+from rtask.errors import StorageFullError, StoreError
+from rtask.kb.commit.catalogue import CommitRecord
+from rtask.kb.durability.blobs import sync_folder
+from rtask.kb.store.overlay import Overlay
+from rtask.rdf.terms import Graph, iri
+
+__all__ = ["Journal", "JournalFile", "NoJournal", "Record"]
+
+SEGMENT_BYTES = 64 << 20
+_KEPT_BYTES = 1 << 30
+_KEPT_S = 30 * 86_400
+
+
+@dataclass(frozen=True)
+class Record:
+    """One commit, read back.
+
+    Parameters
+    ----------
+    header
+        ``seq, time, agent, note, kind, removed, added, created, dropped, bytes, crc32``.
+    body
+        The ``D`` and ``A`` lines.
+    """
+
+    header: dict[str, Any]
+    body: bytes
+
+    @property
+    def seq(self) -> int:
+        """Number of the commit."""
+        return int(self.header["seq"])
+
+    def removed(self) -> list[Quad]:
+        """Return the statements that the commit withdrew."""
+        return self._quads(b"D ")
+
+    def added(self) -> list[Quad]:
+        """Return the statements that the commit asserted or derived."""
+        return self._quads(b"A ")
+
+    def graphs(self, key: str) -> list[Graph]:
+        """Return the graphs that the commit ``created`` or ``dropped``."""
+        return [iri(name) for name in self.header.get(key, ())]
+
+    def _quads(self, mark: bytes) -> list[Quad]:
+        lines = [line[2:] for line in self.body.splitlines() if line.startswith(mark)]
+        return list(parse(b"\n".join(lines), format=RdfFormat.N_QUADS))
+
+
+class Journal(Protocol):
+    """Where commits are recorded before they are stored."""
+
+    def append(self, record: CommitRecord, change: Overlay) -> None:
+        """Write one commit's record; not durable yet."""
+
+    def withdraw(self) -> None:
+        """Take the last record back, after storing it failed."""
+
+    def sync(self, seq: int) -> None:
+        """Return once the record of this commit survives a power cut."""
+
+
+class NoJournal:
+    """The journal of a store in memory."""
+
+    def append(self, record: CommitRecord, change: Overlay) -> None:
+        """Nothing to record."""
+
+    def withdraw(self) -> None:
+        """Nothing to take back."""
+
+    def sync(self, seq: int) -> None:
+        """Nothing to wait for."""
+
+
+class JournalFile:
+    """The journal of a folder.
+
+    Parameters
+    ----------
+    folder
+        Where the segments lie.
+    durable
+        Whether :meth:`sync` forces the disk; otherwise commits survive the end of the process
+        only.
+    """
+
+    def __init__(self, folder: Path, durable: bool = True) -> None:
+        folder.mkdir(exist_ok=True)
+        self._folder = folder
+        self._durable = durable
+        self._syncing = threading.Lock()
+        self._handle = -1
+        self._size = self._before = 0
+        self._written = self._written_before = self._synced = 0
+        self.written_bytes = 0
+
+    def append(self, record: CommitRecord, change: Overlay) -> None:
+        """Write one commit's record; not durable yet.
+
+        Raises
+        ------
+        StorageFullError
+            Nothing is kept of it.
+        """
+        self.append_record(_encode(record, change), record.seq)
+
+    def append_record(self, data: bytes, seq: int) -> None:
+        """Write an encoded record."""
+        self._open(seq)
+        self._before, self._written_before = self._size, self._written
+        try:
+            view = memoryview(data)
+            while view:
+                view = view[os.write(self._handle, view) :]
+        except BaseException as error:
+            self.withdraw()
+            if not isinstance(error, OSError):
+                raise
+            if error.errno == errno.ENOSPC:
+                raise StorageFullError(f"no room for the journal in {self._folder}") from error
+            raise StoreError(f"the journal in {self._folder} cannot be written: {error}") from error
+        self._size += len(data)
+        self.written_bytes += len(data)
+        self._written = seq
+
+    def withdraw(self) -> None:
+        """Take the last record back; its number will be used again."""
+        with self._syncing:
+            os.ftruncate(self._handle, self._before)
+            self._size = self._before
+            self._written = self._written_before
+            self._synced = min(self._synced, self._written)
+
+    def sync(self, seq: int) -> None:
+        """Return once this commit's record survives a power cut; threads share one fsync."""
+        if not self._durable:
+            return
+        with self._syncing:
+            if self._synced >= seq or self._handle < 0:
+                return
+            written = self._written
+            try:
+                os.fdatasync(self._handle)
+            except OSError as error:
+                raise StoreError(f"the journal in {self._folder} is not safe: {error}") from error
+            self._synced = max(written, self._synced)
+
+    def _open(self, seq: int) -> None:
+        if self._handle >= 0 and self._size < SEGMENT_BYTES:
+            return
+        last = self.segments()[-1:]
+        if self._handle < 0 and last and last[0].stat().st_size < SEGMENT_BYTES:
+            path = last[0]
+        else:
+            path = self._folder / f"{seq:016d}.log"
+        with self._syncing:
+            self._close_segment()
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC)
+            self._size = os.fstat(self._handle).st_size
+        sync_folder(self._folder)
+
+    def _close_segment(self) -> None:
+        if self._handle < 0:
+            return
+        os.fdatasync(self._handle)
+        self._synced = self._written
+        os.close(self._handle)
+        self._handle = -1
+
+    def close(self) -> None:
+        """Make everything durable and let the file go."""
+        with self._syncing:
+            self._close_segment()
+
+    def segments(self) -> list[Path]:
+        """Return the segments, oldest first."""
+        return sorted(self._folder.glob("*.log"))
+
+    def records(self, since: int = 0) -> Iterator[Record]:
+        """Yield the records of commits after ``since``, oldest first.
+
+        Raises
+        ------
+        StoreError
+            At a damaged record that is not the torn end of the journal.
+        """
+        segments = self.segments()
+        for at, path in enumerate(segments):
+            following = segments[at + 1] if at + 1 < len(segments) else None
+            if following is not None and int(following.stem) <= since + 1:
+                continue
+            for record, _ in read_segment(path, torn_end=following is None):
+                if record.seq > since:
+                    yield record
+
+    def cut_torn_end(self) -> None:
+        """Remove what a crash left of a record that was never written to its end."""
+        for path in self.segments()[-1:]:
+            ends = [end for _, end in read_segment(path, torn_end=True)]
+            end = ends[-1] if ends else 0
+            if end < path.stat().st_size:
+                with path.open("rb+") as file:
+                    file.truncate(end)
+                    os.fsync(file.fileno())
+
+    def prune(self, checkpoint: int) -> None:
+        """Forget old segments: beyond 30 days or 1 GiB, never after the last checkpoint."""
+        segments = self.segments()
+        total = sum(path.stat().st_size for path in segments)
+        for path, following in itertools.pairwise(segments):
+            old = time.time() - path.stat().st_mtime > _KEPT_S or total > _KEPT_BYTES
+            if not old or int(following.stem) > checkpoint:
+                return
+            total -= path.stat().st_size
+            path.unlink()
+
+
+def _encode(record: CommitRecord, change: Overlay) -> bytes:
+    body = _lines(b"D ", list(change.removed)) + _lines(b"A ", list(change.added))
+    header = {
+        "seq": record.seq,
+        "time": record.ended.isoformat(),
+        "agent": record.access.agent,
+        "note": record.note,
+        "kind": "delta",
+        "removed": len(change.removed),
+        "added": len(change.added),
+    }
+    for key, graphs in (("created", change.created), ("dropped", change.dropped)):
+        if graphs:
+            header[key] = [getattr(graph, "value", "") for graph in graphs]
+    return encode(header, body)
+
+
+def encode(header: dict[str, Any], body: bytes) -> bytes:
+    """Return a record as it is written."""
+    whole = {**header, "bytes": len(body), "crc32": zlib.crc32(body)}
+    return json.dumps(whole, ensure_ascii=False).encode() + b"\n" + body
+
+
+def _lines(mark: bytes, quads: Sequence[Quad]) -> bytes:
+    if not quads:
+        return b""
+    text = serialize(quads, format=RdfFormat.N_QUADS)
+    assert text is not None
+    return mark + text.rstrip(b"\n").replace(b"\n", b"\n" + mark) + b"\n"
+
+
+def read_segment(path: Path, torn_end: bool) -> Iterator[tuple[Record, int]]:
+    """Yield each record of a segment and the offset behind it.
+
+    Parameters
+    ----------
+    torn_end
+        Whether the last record may be incomplete; it is left out then.
+    """
+    with path.open("rb") as file:
+        while line := file.readline():
+            record = None
+            with contextlib.suppress(ValueError, KeyError, TypeError):
+                header = json.loads(line)
+                body = file.read(int(header["bytes"]))
+                if zlib.crc32(body) == header["crc32"] and len(body) == header["bytes"]:
+                    record = Record(header, body)
+            if record is None:
+                if torn_end:
+                    return
+                raise StoreError(f"{path} is damaged before its end; restore a backup")
+            yield record, file.tell()

@@ -1,0 +1,165 @@
+"""Checkpoints, and what is done after an unclean end.
+
+After a checkpoint the store needs no journal before it. Replaying is idempotent: of all records
+that touch a statement the last decides.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from rtask.errors import StoreError, StoreFormatError
+from rtask.kb.commit.apply import Writes, apply
+from rtask.kb.durability.blobs import sync_folder
+from rtask.kb.durability.journal import JournalFile, Record, encode
+from rtask.kb.durability.settings import Settings, write_durably
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.union import union_change
+
+__all__ = ["Checkpoint", "Checkpoints", "recover", "replay"]
+
+_log = logging.getLogger(__name__)
+_FILE = "checkpoint.json"
+_EVERY_S = 60.0
+_EVERY_BYTES = 64 << 20
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Up to where the store is durable by itself.
+
+    Parameters
+    ----------
+    seq
+        Number of the last commit that the store surely holds.
+    clean
+        Whether the knowledge base was closed in order.
+    boot
+        Which start of the machine this was.
+    durable
+        Whether commits were acknowledged only when safe from power cuts.
+    """
+
+    seq: int = 0
+    clean: bool = True
+    boot: str = ""
+    durable: bool = True
+
+    @classmethod
+    def load(cls, folder: Path) -> Checkpoint:
+        """Read the checkpoint of a folder; a folder without one is new."""
+        try:
+            record = json.loads((folder / _FILE).read_text("utf-8"))
+            return cls(**record)
+        except FileNotFoundError:
+            return cls()
+        except (ValueError, TypeError) as error:
+            raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
+
+    def save(self, folder: Path) -> None:
+        """Write the checkpoint durably."""
+        write_durably(folder / _FILE, json.dumps(asdict(self)) + "\n")
+
+
+class Checkpoints:
+    """Makes checkpoints of one open knowledge base when they are due."""
+
+    def __init__(
+        self, folder: Path, store: GraphStore, journal: JournalFile, durable: bool
+    ) -> None:
+        self._folder = folder
+        self._store = store
+        self._journal = journal
+        self._durable = durable
+        self._time = time.monotonic()
+
+    @property
+    def journal(self) -> JournalFile:
+        """The journal whose commits the checkpoints cover."""
+        return self._journal
+
+    def make(self, seq: int, clean: bool = False) -> None:
+        """Make the store durable and say so."""
+        self._journal.sync(seq)
+        self._store.flush()
+        Checkpoint(seq, clean, boot_id(), self._durable).save(self._folder)
+        self._journal.prune(seq)
+        self._journal.written_bytes = 0
+        self._time = time.monotonic()
+
+    def is_due(self) -> bool:
+        """Whether a minute or 64 MiB of journal have passed."""
+        if self._journal.written_bytes == 0:
+            return False
+        waited = time.monotonic() - self._time
+        return waited > _EVERY_S or self._journal.written_bytes > _EVERY_BYTES
+
+
+def boot_id() -> str:
+    """Return which start of the machine this is; empty where the system does not say."""
+    try:
+        return _BOOT_ID.read_text("ascii").strip()
+    except OSError:
+        return ""
+
+
+def require_clean(folder: Path) -> None:
+    """Raise unless the folder was closed in order, so that it can be read as it is."""
+    if not Checkpoint.load(folder).clean:
+        raise StoreError(
+            f"{folder} was not closed; open it once for writing to recover it", recover=True
+        )
+
+
+def recover(
+    folder: Path, store: GraphStore, journal: JournalFile, settings: Settings
+) -> tuple[Settings, int]:
+    """Bring the store up to the end of the journal after an unclean end.
+
+    Returns
+    -------
+    The settings, with a new epoch if acknowledged commits may be lost, and the number of the last
+    commit in the journal.
+    """
+    checkpoint = Checkpoint.load(folder)
+    if checkpoint.clean:
+        return settings, checkpoint.seq
+    journal.cut_torn_end()
+    last, redone = checkpoint.seq, 0
+    for record in journal.records(checkpoint.seq):
+        replay(store, record, settings.is_merged)
+        last, redone = record.seq, redone + 1
+    _log.info("recovered after an unclean end: %d commits replayed", redone)
+    if not checkpoint.durable and checkpoint.boot != boot_id():
+        settings = replace(settings, epoch=Settings.new().epoch)
+        settings.save(folder)
+        _log.warning("the machine stopped: the newest commits may be lost; new epoch")
+    sync_folder(folder)
+    return settings, last
+
+
+def replay(store: GraphStore, record: Record, merged: bool) -> None:
+    """Apply a record to a store that may hold it already."""
+    removed = [quad for quad in record.removed() if quad in store]
+    added = [quad for quad in record.added() if quad not in store]
+    union = union_change(store, removed, added) if merged else Overlay(store)
+    created, dropped = record.graphs("created"), record.graphs("dropped")
+    writes = Writes([*removed, *union.removed], [*added, *union.added], created, dropped)
+    if removed or added or created or dropped:
+        apply(store, writes)
+
+
+def fill_gap(journal: JournalFile, journalled: int, stored: int) -> None:
+    """Record commits that reached the store but not the journal before a power cut.
+
+    They were never acknowledged; the numbers stay without a gap.
+    """
+    for seq in range(journalled + 1, stored + 1):
+        header = {"seq": seq, "time": "", "agent": None, "note": None, "kind": "recovered"}
+        journal.append_record(encode({**header, "removed": 0, "added": 0}, b""), seq)

@@ -1,0 +1,136 @@
+"""``kb.json``: what a knowledge base is, fixed when it is made."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import os
+import secrets
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import ontology
+from rtask.errors import StoreFormatError, UsageError
+from rtask.kb.durability.blobs import sync_folder
+
+__all__ = ["Settings"]
+
+FORMAT = 1
+UNIONS = ("merged", "view")
+_FILE = "kb.json"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Identity and kind of a knowledge base.
+
+    Parameters
+    ----------
+    store_id
+        Random; part of the base unless one was given.
+    epoch
+        Changes when the order of commits may have been lost (restore from a backup).
+    base
+        IRI that starts every instance and graph.
+    plain
+        A bare SPARQL 1.1 dataset: no union, inference, provenance.
+    created
+        UTC, ISO 8601.
+    union
+        ``merged`` keeps each distinct triple once in the default graph; ``view`` lets each query
+        compute it.
+    parent
+        Store and commit of the backup that this was restored from.
+    """
+
+    store_id: str
+    epoch: str
+    base: str
+    plain: bool
+    created: str
+    format: int = FORMAT
+    union: str = "merged"
+    parent: str | None = None
+
+    @classmethod
+    def new(
+        cls, base: str | None = None, plain: bool = False, union: str | None = None
+    ) -> Settings:
+        """Make the settings of a new knowledge base."""
+        store_id = secrets.token_hex(6)
+        if base is None:
+            base = f"{ontology.BASE}{store_id}/"
+        if not base.endswith(("/", "#", ":")):
+            raise UsageError(f"a base must end in '/', '#' or ':', got {base!r}")
+        union = union or "merged"
+        if union not in UNIONS:
+            raise UsageError(f"unknown union {union!r}; one of {', '.join(UNIONS)}")
+        now = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
+        return cls(store_id, secrets.token_hex(4), base, plain, now, union=union)
+
+    @property
+    def is_view(self) -> bool:
+        """Whether queries compute the union."""
+        return self.union == "view" and not self.plain
+
+    @property
+    def is_merged(self) -> bool:
+        """Whether the union is kept."""
+        return self.union == "merged" and not self.plain
+
+    @classmethod
+    def load(cls, folder: Path) -> Settings:
+        """Read the settings of a folder.
+
+        Raises
+        ------
+        StoreFormatError
+            If the folder is no knowledge base, or one of another format.
+        """
+        try:
+            record = json.loads((folder / _FILE).read_text("utf-8"))
+            found = int(record["format"])
+        except FileNotFoundError:
+            raise StoreFormatError(
+                f"{folder} is not a knowledge base (no {_FILE}); name an empty or new folder, "
+                "or one that RTASK made"
+            ) from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
+        if found != FORMAT:
+            age = "newer" if found > FORMAT else "older"
+            cure = "update RTASK" if found > FORMAT else "export it with the version that made it"
+            raise StoreFormatError(
+                f"{folder} has the {age} format {found}, this version reads {FORMAT}; {cure}",
+                format=found,
+            )
+        try:
+            return cls(**{n: record[n] for n in cls.__dataclass_fields__ if n in record})
+        except TypeError as error:
+            raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
+
+    def save(self, folder: Path) -> None:
+        """Write the settings durably."""
+        write_durably(folder / _FILE, json.dumps(asdict(self), indent=2) + "\n")
+
+    def require(
+        self, folder: Path, base: str | None, plain: bool, union: str | None = None
+    ) -> None:
+        """Raise unless this is the kind of knowledge base that the caller asked for."""
+        if base is not None and base != self.base:
+            raise StoreFormatError(f"{folder} has the base {self.base}, not {base}")
+        if union is not None and union != self.union:
+            raise StoreFormatError(f"{folder} was made with union={self.union!r}, not {union!r}")
+        if plain and not self.plain:
+            raise StoreFormatError(f"{folder} was not made with plain=True and cannot become so")
+
+
+def write_durably(path: Path, text: str) -> None:
+    """Replace a small file so that a power cut leaves the old or the new one."""
+    temporary = path.with_suffix(".tmp")
+    with temporary.open("w", encoding="utf-8") as out:
+        out.write(text)
+        out.flush()
+        os.fsync(out.fileno())
+    temporary.replace(path)
+    sync_folder(path.parent)

@@ -1,0 +1,1 @@
+"""The change feed: commits in order, subscriptions, live queries and history."""

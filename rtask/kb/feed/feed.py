@@ -1,0 +1,285 @@
+"""The change feed: commits in their order, to everybody who asked for them.
+
+A commit is announced after it is stored and durable. Subscribers that were away catch up from the
+journal; those of a store in memory from the commits that are still remembered.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+
+from pyoxigraph import Quad
+
+from rtask.errors import EpochChangedError, GoneError, UsageError
+from rtask.kb.commit.catalogue import Catalogue
+from rtask.kb.commit.commit import Change, Commit
+from rtask.kb.durability.journal import JournalFile, Record
+from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
+from rtask.kb.store.graph_store import GraphStore
+from rtask.rdf.terms import RDF_TYPE, Graph, NamedNode, Subject, Term
+from rtask.rdf.times import moment
+
+__all__ = ["Feed"]
+
+_REMEMBERED = 100_000
+_REMEMBERED_QUADS = 1_000_000
+_Key = tuple[Term | None, NamedNode | None, Term | None, Graph | None]
+_Mask = tuple[bool, bool, bool, bool]
+
+
+class Feed:
+    """Tells subscribers of commits; one for each open knowledge base.
+
+    Parameters
+    ----------
+    epoch
+        Under which the commits are numbered.
+    journal
+        ``None`` in memory.
+    last_seq
+        Number of the last commit.
+    """
+
+    def __init__(
+        self,
+        epoch: str,
+        store: GraphStore,
+        catalogue: Catalogue,
+        journal: JournalFile | None,
+        plain: bool,
+        last_seq: int,
+    ) -> None:
+        self.epoch = epoch
+        self._store = store
+        self._catalogue = catalogue
+        self._journal = journal
+        self._plain = plain
+        self._announced = last_seq
+        self._oldest = last_seq + 1
+        self._remembered: deque[Change] = deque()
+        self._remembered_quads = 0
+        self._lock = threading.Lock()
+        self._by_pattern: dict[_Mask, dict[_Key, list[_Subscriber]]] = {}
+        self._closed = False
+
+    @property
+    def last_seq(self) -> int:
+        """Number of the last commit that was announced."""
+        return self._announced
+
+    def position(self, seq: int) -> str:
+        """Return what :meth:`subscribe` takes as ``since``."""
+        return f"{self.epoch}:{seq}"
+
+    # Announcing
+
+    def announce(self, change: Change) -> None:
+        """Tell everybody; called with each commit, in order."""
+        seq = change.commit.seq
+        with self._lock:
+            before, self._announced = self._announced, seq
+            if self._journal is None:
+                self._remember(change)
+            found = self._interested(change) if self._by_pattern else []
+        resume = self.position(before)
+        is_instance = self._instances(change)
+        for subscriber in found:
+            part = subscriber.wanted.applied(change, is_instance)
+            if part is not None:
+                subscriber.queue.put(part, seq, resume)
+
+    def _remember(self, change: Change) -> None:
+        self._remembered.append(change)
+        self._remembered_quads += _size(change)
+        while len(self._remembered) > _REMEMBERED or (
+            self._remembered_quads > _REMEMBERED_QUADS and len(self._remembered) > 1
+        ):
+            gone = self._remembered.popleft()
+            self._remembered_quads -= _size(gone)
+            self._oldest = gone.commit.seq + 1
+
+    def _interested(self, change: Change) -> list[_Subscriber]:
+        """Return who asked for a pattern that some statement fits: a look-up for each mask."""
+        found: dict[int, _Subscriber] = {}
+        for mask, by_key in self._by_pattern.items():
+            if not any(mask):
+                chosen = [subscriber for group in by_key.values() for subscriber in group]
+            else:
+                keys = {_masked(quad, mask) for quad in _quads(change)}
+                chosen = [subscriber for key in keys for subscriber in by_key.get(key, ())]
+            found.update((id(subscriber), subscriber) for subscriber in chosen)
+        return list(found.values())
+
+    def _instances(self, change: Change) -> Callable[[Subject, NamedNode], bool]:
+        """Return whether something is an instance of a class, or was before the commit."""
+        types: set[tuple[Subject, Term]] | None = None
+
+        def is_instance(subject: Subject, cls: NamedNode) -> bool:
+            nonlocal types
+            if types is None:
+                types = {(q.subject, q.object) for q in _quads(change) if q.predicate == RDF_TYPE}
+            if (subject, cls) in types:
+                return True
+            return any(True for _ in self._store.quads_for_pattern(subject, RDF_TYPE, cls, None))
+
+        return is_instance
+
+    # Subscribing
+
+    def subscribe(
+        self,
+        wanted: Filter,
+        *,
+        since: int | str | None = None,
+        once: bool = False,
+        size: int = QUEUE,
+        on_ready: Callable[[], None] | None = None,
+    ) -> Subscription[Change]:
+        """Return a subscription; see :meth:`KnowledgeBase.subscribe`."""
+        after = None if since is None else self._after(since)
+        subscriber = _Subscriber(wanted)
+        with self._lock:
+            if after is not None:
+                self.require_kept(after)
+            upto = self._announced
+            past = None if after is None else self._past(wanted, after, upto)
+            queue: Subscription[Change] = Subscription(
+                lambda: self._remove(subscriber), past, once, size, on_ready
+            )
+            subscriber.queue = queue
+            self._group(wanted).append(subscriber)
+        return queue
+
+    def _group(self, wanted: Filter) -> list[_Subscriber]:
+        key = wanted.key
+        s, p, o, g = key
+        mask = (s is not None, p is not None, o is not None, g is not None)
+        return self._by_pattern.setdefault(mask, {}).setdefault(key, [])
+
+    def _remove(self, subscriber: _Subscriber) -> None:
+        with self._lock:
+            group = self._group(subscriber.wanted)
+            if subscriber in group:
+                group.remove(subscriber)
+            for mask, by_key in list(self._by_pattern.items()):
+                for key in [key for key, members in by_key.items() if not members]:
+                    del by_key[key]
+                if not by_key:
+                    del self._by_pattern[mask]
+
+    def _after(self, since: int | str) -> int:
+        """Return the commit's number of ``since``."""
+        epoch, colon, number = str(since).rpartition(":")
+        if not number.isdigit():
+            raise UsageError(f"since={since!r}: expected a commit's number or epoch:number")
+        if colon and epoch != self.epoch:
+            raise EpochChangedError(
+                f"commits are numbered anew since {since}; read everything again, then subscribe "
+                f"with since={self.position(self._announced)!r}",
+                epoch=self.epoch,
+                seq=self._announced,
+            )
+        return int(number)
+
+    def require_kept(self, after: int) -> None:
+        """Raise unless every commit after this number is still known."""
+        oldest = self._oldest_kept()
+        if after > self._announced:
+            raise UsageError(f"there is no commit {after}; the last one is {self._announced}")
+        if after + 1 < oldest:
+            raise GoneError(
+                f"commits before {oldest} are no longer kept; read everything again, then "
+                f"subscribe with since={self.position(self._announced)!r}",
+                oldest=oldest,
+                seq=self._announced,
+            )
+
+    def _oldest_kept(self) -> int:
+        if self._journal is None:
+            return self._oldest
+        segments = self._journal.segments()
+        return int(segments[0].stem) if segments else self._announced + 1
+
+    def _past(self, wanted: Filter, after: int, upto: int) -> Iterator[Change]:
+        for change in self.changes(after, upto):
+            part = wanted.applied(change, self._instances(change))
+            if part is not None:
+                yield part
+
+    def changes(self, after: int, upto: int) -> Iterator[Change]:
+        """Yield the kept commits after one number up to another."""
+        if self._journal is None:
+            yield from [c for c in self._remembered if after < c.commit.seq <= upto]
+            return
+        for record in self._journal.records(after):
+            if record.seq > upto:
+                return
+            yield self._read(record)
+
+    def _read(self, record: Record) -> Change:
+        """Return a commit of the journal as it was announced."""
+        graphs = self._catalogue.graphs
+        derived = {graphs.inferred}
+        kept = set() if self._plain else {graphs.inferred, graphs.meta, graphs.provenance}
+        added, removed = record.added(), record.removed()
+        asserted = [
+            tuple(q for q in quads if q.graph_name not in kept) for quads in (added, removed)
+        ]
+        inferred = [
+            () if self._plain else tuple(q for q in quads if q.graph_name in derived)
+            for quads in (added, removed)
+        ]
+        commit = Commit(
+            seq=record.seq,
+            added=len(asserted[0]),
+            removed=len(asserted[1]),
+            derived=len(inferred[0]),
+            time=moment(record.header.get("time")),
+            activity=None if self._plain else self._catalogue.activity(record.seq),
+        )
+        agent, note = record.header.get("agent"), record.header.get("note")
+        return Change(commit, agent, note, *asserted, *inferred)
+
+    def close(self) -> None:
+        """End every subscription."""
+        with self._lock:
+            self._closed = True
+            queues = [
+                subscriber.queue
+                for by_key in self._by_pattern.values()
+                for group in by_key.values()
+                for subscriber in group
+            ]
+        for queue in queues:
+            queue.close()
+
+
+class _Subscriber:
+    """A filter and the queue behind it."""
+
+    queue: Subscription[Change]
+
+    def __init__(self, wanted: Filter) -> None:
+        self.wanted = wanted
+
+
+def _quads(change: Change) -> Iterator[Quad]:
+    yield from change.added
+    yield from change.removed
+    yield from change.inferred_added
+    yield from change.inferred_removed
+
+
+def _size(change: Change) -> int:
+    return sum(1 for _ in _quads(change))
+
+
+def _masked(quad: Quad, mask: _Mask) -> _Key:
+    return (
+        quad.subject if mask[0] else None,
+        quad.predicate if mask[1] else None,
+        quad.object if mask[2] else None,
+        quad.graph_name if mask[3] else None,
+    )

@@ -1,0 +1,123 @@
+"""Who wrote or withdrew what, and when: read from the journal."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from pyoxigraph import Quad
+
+from rtask.kb.durability.journal import JournalFile
+from rtask.kb.feed.feed import Feed
+from rtask.rdf.terms import Graph
+from rtask.rdf.times import moment
+
+__all__ = ["HistoryEntry", "Period", "history", "matcher"]
+
+
+@dataclass(frozen=True)
+class HistoryEntry:
+    """What one commit did to the statements that were asked for.
+
+    Parameters
+    ----------
+    time
+        ISO 8601, UTC.
+    agent
+        Name of the writer, ``None`` for the program itself.
+    """
+
+    seq: int
+    time: str
+    agent: str | None
+    note: str | None
+    added: tuple[Quad, ...]
+    removed: tuple[Quad, ...]
+
+
+@dataclass(frozen=True)
+class Period:
+    """Which commits are asked for.
+
+    Parameters
+    ----------
+    after, upto
+        Numbers of commits: those behind ``after``, up to ``upto``.
+    start, end
+        Moments: those at ``start`` or later, before ``end``.
+    agent
+        Name of the writer.
+    """
+
+    after: int = 0
+    upto: int | None = None
+    start: dt.datetime | None = None
+    end: dt.datetime | None = None
+    agent: str | None = None
+
+    def holds(self, time: object, agent: object) -> bool:
+        """Whether a commit of this time and writer is meant."""
+        if self.agent is not None and agent != self.agent:
+            return False
+        if self.start is None and self.end is None:
+            return True
+        at = moment(str(time or ""))
+        return (self.start is None or at >= self.start) and (self.end is None or at < self.end)
+
+
+def history(
+    feed: Feed, journal: object, matches: Callable[[Quad], bool], period: Period
+) -> Iterator[HistoryEntry]:
+    """Yield the commits that touched matching statements, oldest first.
+
+    A store in memory keeps no journal; there it reaches back as far as the feed remembers.
+    """
+    for entry in _entries(feed, journal, period):
+        added = tuple(filter(matches, entry.added))
+        removed = tuple(filter(matches, entry.removed))
+        if added or removed:
+            yield replace(entry, added=added, removed=removed)
+
+
+def _entries(feed: Feed, journal: object, period: Period) -> Iterator[HistoryEntry]:
+    upto = feed.last_seq if period.upto is None else period.upto
+    if not isinstance(journal, JournalFile):
+        for change in feed.changes(period.after, upto):
+            time = change.commit.time.isoformat()
+            if period.holds(time, change.agent):
+                added = (*change.added, *change.inferred_added)
+                removed = (*change.removed, *change.inferred_removed)
+                yield HistoryEntry(
+                    change.commit.seq, time, change.agent, change.note, added, removed
+                )
+        return
+    for record in journal.records(period.after):
+        if record.seq > upto:
+            return
+        header = record.header
+        if period.holds(header.get("time"), header.get("agent")):
+            yield HistoryEntry(
+                record.seq,
+                str(header.get("time", "")),
+                header.get("agent"),
+                header.get("note"),
+                tuple(record.added()),
+                tuple(record.removed()),
+            )
+
+
+def matcher(
+    subject: object, predicate: object, value: object, graph: Graph | None, kept: set[Graph]
+) -> Callable[[Quad], bool]:
+    """Return a test for a pattern; ``None`` fits everything but the graphs in ``kept``."""
+
+    def fits(quad: Quad) -> bool:
+        return (
+            (subject is None or quad.subject == subject)
+            and (predicate is None or quad.predicate == predicate)
+            and (value is None or quad.object == value)
+            and (quad.graph_name == graph if graph is not None else quad.graph_name not in kept)
+        )
+
+    return fits

@@ -1,0 +1,234 @@
+"""Standing queries: a SELECT whose rows are followed.
+
+It is asked again when a commit touches a predicate that it may read, and what came and went since
+the last time is sent.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rtask.errors import QuerySyntaxError, RtaskError, TooLargeError
+from rtask.kb.commit.commit import Change
+from rtask.kb.feed.subscriptions import QUEUE, Subscription
+from rtask.rdf.terms import RDF_TYPE, NamedNode, Term
+from rtask.sparql.lexer import body_start, tokenise
+from rtask.sparql.results import Solutions
+from rtask.sparql.templates import resolve
+
+__all__ = ["RowChange", "StandingQueries", "predicates_of"]
+
+_log = logging.getLogger(__name__)
+MAX_ROWS = 1_000
+_Row = tuple[Term | None, ...]
+
+
+@dataclass(frozen=True)
+class RowChange:
+    """What became of a standing query's rows.
+
+    Parameters
+    ----------
+    seq
+        Of the last commit that is taken into account.
+    added, removed
+        Rows; at the beginning every row is an added one.
+    """
+
+    seq: int
+    added: Solutions
+    removed: Solutions
+
+
+def predicates_of(text: str) -> frozenset[NamedNode] | None:
+    """Return every IRI that a query names, or ``None`` if it may read any predicate.
+
+    All of them are taken for predicates: asking once too often does no harm. A variable, a negated
+    property set or ``DESCRIBE`` may read anything.
+
+    >>> sorted(p.value for p in predicates_of("SELECT * { ?s <urn:p>/<urn:q> <urn:o> }"))
+    ['urn:o', 'urn:p', 'urn:q']
+    >>> predicates_of("SELECT * { ?s ?p 1 }") is None
+    True
+    """
+    tokens = tokenise(text)
+    start = body_start(tokens)
+    prologue = text[: tokens[start].start]
+    named: set[NamedNode] = set()
+    place = 0  # of the next term in its triple: subject, predicate, object
+    parens = depth = 0
+    for at in range(start, len(tokens)):
+        kind, mark, _, _ = tokens[at]
+        if kind in ("iri", "name"):
+            named.add(resolve(mark, prologue, None))
+        elif kind == "word" and mark == "a":
+            named.add(RDF_TYPE)
+        if kind == "mark":
+            if mark == "!" and place == 1:
+                return None
+            depth += (mark == "{") - (mark == "}")
+            parens += (mark == "(") - (mark == ")")
+            place = _place_after(mark, place)
+        elif kind == "word" and mark != "a":
+            if mark.upper() == "FILTER" and tokens[at + 1].kind in ("iri", "name"):
+                return None
+            place = 0
+        elif depth and not parens:
+            if kind == "variable" and place == 1:
+                return None
+            place = min(2, place + 1)
+    return frozenset(named)
+
+
+def _place_after(mark: str, place: int) -> int:
+    if mark in ("{", "}", "."):
+        return 0
+    if mark in (";", "[", "]", "{|", "|}"):
+        return 1
+    return 2 if mark == ")" and place == 1 else place
+
+
+class _Standing:
+    """One query, its rows, and who follows them."""
+
+    subscription: Subscription[RowChange]
+
+    def __init__(self, ask: Callable[[], Solutions], reads: frozenset[NamedNode] | None) -> None:
+        self.ask = ask
+        self.reads = reads
+        self.rows: Counter[_Row] = Counter()
+        self.is_due = True
+        self.is_new = True
+
+
+class StandingQueries:
+    """Asks the standing queries of one knowledge base again, in a thread of its own.
+
+    Parameters
+    ----------
+    last_seq
+        Number of the last commit that was announced.
+    """
+
+    def __init__(self, last_seq: Callable[[], int], position: Callable[[int], str]) -> None:
+        self._last_seq = last_seq
+        self._position = position
+        self._changed = threading.Condition()
+        self._standing: list[_Standing] = []
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def announce(self, change: Change) -> None:
+        """Note which queries a commit concerns."""
+        if not self._standing:
+            return
+        parts = (change.added, change.removed, change.inferred_added, change.inferred_removed)
+        touched = {quad.predicate for quads in parts for quad in quads}
+        with self._changed:
+            for one in self._standing:
+                one.is_due |= one.reads is None or not touched.isdisjoint(one.reads)
+            self._changed.notify()
+
+    def add(
+        self,
+        text: str,
+        ask: Callable[[], Solutions],
+        on_ready: Callable[[], None] | None = None,
+        size: int = QUEUE,
+    ) -> Subscription[RowChange]:
+        """Follow a query; its rows of now are the first change.
+
+        Raises
+        ------
+        TooLargeError
+            More than 1,000 rows.
+        """
+        one = _Standing(ask, predicates_of(text))
+        one.subscription = Subscription(lambda: self._remove(one), size=size, on_ready=on_ready)
+        with self._changed:
+            self._standing.append(one)
+            one.is_due = False
+        try:
+            self._ask(one)
+        except BaseException:
+            self._remove(one)
+            raise
+        with self._changed:
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._run, name="rtask-standing-queries", daemon=True
+                )
+                self._thread.start()
+        return one.subscription
+
+    def _remove(self, one: _Standing) -> None:
+        with self._changed:
+            if one in self._standing:
+                self._standing.remove(one)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                due = [one for one in self._standing if one.is_due]
+                if self._closed:
+                    return
+                if not due:
+                    self._changed.wait()
+                    continue
+                for one in due:
+                    one.is_due = False
+            for one in due:
+                try:
+                    self._ask(one)
+                except RtaskError as error:
+                    one.subscription.fail(error)
+                    self._remove(one)
+                except Exception:  # noqa: BLE001 - one query must not end the others
+                    _log.exception("a standing query failed")
+                    one.subscription.fail(RtaskError("the query failed"))
+                    self._remove(one)
+
+    def _ask(self, one: _Standing) -> None:
+        seq = self._last_seq()
+        answer = one.ask()
+        if len(answer) > MAX_ROWS:
+            raise TooLargeError(
+                f"a standing query may have {MAX_ROWS} rows, this one has more; add a LIMIT",
+                limit="rows",
+                value=len(answer),
+                allowed=MAX_ROWS,
+            )
+        rows: Counter[_Row] = Counter(tuple(row) for row in answer)
+        added, removed = rows - one.rows, one.rows - rows
+        one.rows = rows
+        if added or removed or one.is_new:
+            one.is_new = False
+            change = RowChange(
+                seq,
+                Solutions(answer.variables, list(added.elements())),
+                Solutions(answer.variables, list(removed.elements())),
+            )
+            one.subscription.put(change, seq, self._position(seq))
+
+    def close(self) -> None:
+        """End the thread and every subscription."""
+        with self._changed:
+            self._closed = True
+            standing = list(self._standing)
+            self._changed.notify()
+        for one in standing:
+            one.subscription.close()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(timeout=10.0)
+
+
+def require_select(text: str) -> None:
+    """Raise unless a text is a SELECT."""
+    tokens = tokenise(text)
+    if not tokens[body_start(tokens)].is_word("SELECT"):
+        raise QuerySyntaxError("only a SELECT can be followed")

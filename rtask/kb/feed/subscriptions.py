@@ -1,0 +1,268 @@
+"""Subscriptions: the queue between the commits and somebody who follows them.
+
+The writer never waits: a subscriber that is too slow is told so and ends, and may resume from the
+last commit it saw.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+from pyoxigraph import Quad
+
+from rtask.errors import ClosedError, Lagged, RtaskError
+from rtask.kb.commit.commit import Change
+from rtask.rdf.terms import Graph, NamedNode, Subject, Term
+
+__all__ = ["Filter", "Subscription"]
+
+QUEUE = 10_000
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which statements of a commit are meant; ``None`` fits everything.
+
+    Parameters
+    ----------
+    cls
+        Statements about instances of a class, derived ones included.
+    inferred
+        Whether derived statements count.
+    """
+
+    subject: Subject | None = None
+    predicate: NamedNode | None = None
+    value: Term | None = None
+    graph: Graph | None = None
+    cls: NamedNode | None = None
+    inferred: bool = True
+
+    @property
+    def is_open(self) -> bool:
+        """Whether every commit fits."""
+        return self.key == (None, None, None, None) and self.cls is None
+
+    @property
+    def key(self) -> tuple[Term | None, NamedNode | None, Term | None, Graph | None]:
+        """Return the pattern."""
+        return (self.subject, self.predicate, self.value, self.graph)
+
+    def fits(self, quad: Quad, is_instance: Callable[[Subject, NamedNode], bool]) -> bool:
+        """Whether a statement is meant."""
+        return (
+            (self.subject is None or quad.subject == self.subject)
+            and (self.predicate is None or quad.predicate == self.predicate)
+            and (self.value is None or quad.object == self.value)
+            and (self.graph is None or quad.graph_name == self.graph)
+            and (self.cls is None or is_instance(quad.subject, self.cls))
+        )
+
+    def applied(
+        self, change: Change, is_instance: Callable[[Subject, NamedNode], bool]
+    ) -> Change | None:
+        """Return what is meant of a commit, ``None`` if nothing is."""
+        if self.is_open and self.inferred:
+            return change
+
+        def chosen(quads: tuple[Quad, ...]) -> tuple[Quad, ...]:
+            return tuple(quad for quad in quads if self.fits(quad, is_instance))
+
+        part = replace(
+            change,
+            added=chosen(change.added),
+            removed=chosen(change.removed),
+            inferred_added=chosen(change.inferred_added) if self.inferred else (),
+            inferred_removed=chosen(change.inferred_removed) if self.inferred else (),
+        )
+        touched = part.added or part.removed or part.inferred_added or part.inferred_removed
+        return part if touched or self.is_open else None
+
+
+class Subscription(Generic[_T]):
+    """Things that arrive one after another; iterate, or :meth:`get`, or :meth:`drain`.
+
+    Works from threads (``for change in subscription``) and from an event loop
+    (``async for change in subscription``). Iterating ends when it is closed from either side.
+
+    Parameters
+    ----------
+    past
+        What comes before the first thing that is put.
+    once
+        End after the first.
+    end
+        Called once when it ends.
+    on_ready
+        Called from another thread whenever something has come, or the end has. It must not block;
+        ``loop.call_soon_threadsafe(event.set)`` is meant.
+    """
+
+    def __init__(
+        self,
+        end: Callable[[], None],
+        past: Iterator[_T] | None = None,
+        once: bool = False,
+        size: int = QUEUE,
+        on_ready: Callable[[], None] | None = None,
+    ) -> None:
+        self.on_ready = on_ready
+        self._end: Callable[[], None] | None = end
+        self._past = past
+        self._once = once
+        self._size = size
+        self._changed = threading.Condition()
+        self._waiting: deque[_T] = deque()
+        self._error: RtaskError | None = None
+        self._closed = False
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing more comes."""
+        return self._closed
+
+    def put(self, item: _T, seq: int, resume: str) -> None:
+        """Add something; called by the feed, never waits."""
+        with self._changed:
+            if self._closed or self._error is not None:
+                return
+            if len(self._waiting) >= self._size:
+                self._error = Lagged(
+                    f"{self._size} changes wait already; subscribe again with since={resume!r}",
+                    seq=seq,
+                    since=resume,
+                )
+            else:
+                self._waiting.append(item)
+            self._changed.notify_all()
+        self._tell()
+
+    def fail(self, error: RtaskError) -> None:
+        """End with an error, after what waits has been read."""
+        with self._changed:
+            if self._error is None:
+                self._error = error
+            self._changed.notify_all()
+        self._tell()
+
+    def _tell(self) -> None:
+        ready = self.on_ready
+        if ready is not None:
+            with contextlib.suppress(RuntimeError):  # the loop it belongs to has ended
+                ready()
+
+    def get(self, timeout_s: float | None = None) -> _T | None:
+        """Return the next thing, ``None`` if none comes in time; zero does not wait.
+
+        Raises
+        ------
+        Lagged
+            Too much waited; everything before has been read.
+        ClosedError
+            Nothing more comes.
+        """
+        item = self._next_past()
+        if item is None:
+            item = self._next_waiting(timeout_s)
+        if item is not None and self._once:
+            self.close()
+        return item
+
+    def _next_past(self) -> _T | None:
+        past = self._past
+        if past is None or self._closed:
+            return None
+        item = next(past, None)
+        if item is None:
+            self._past = None
+        return item
+
+    def _next_waiting(self, timeout_s: float | None) -> _T | None:
+        until = None if timeout_s is None else time.monotonic() + timeout_s
+        with self._changed:
+            while not self._waiting:
+                if self._closed:
+                    raise ClosedError("the subscription has ended")
+                if self._error is not None:
+                    break
+                left = None if until is None else until - time.monotonic()
+                if left is not None and left <= 0:
+                    return None
+                self._changed.wait(left)
+            else:
+                return self._waiting.popleft()
+        error = self._error
+        self.close()
+        raise error
+
+    def drain(self, limit: int = 1_000) -> list[_T]:
+        """Return what has come, at most ``limit``, without waiting; errors as in :meth:`get`."""
+        items: list[_T] = []
+        while len(items) < limit:
+            if items and not self._has_more():
+                break
+            item = self.get(0.0)
+            if item is None:
+                break
+            items.append(item)
+        return items
+
+    def _has_more(self) -> bool:
+        return not self._closed and (self._past is not None or bool(self._waiting))
+
+    def close(self) -> None:
+        """End it; from any thread."""
+        with self._changed:
+            self._closed = True
+            self._waiting.clear()
+            self._past = None
+            self._changed.notify_all()
+            end, self._end = self._end, None
+        if end is not None:
+            end()
+        self._tell()
+
+    def __iter__(self) -> Iterator[_T]:
+        with contextlib.suppress(ClosedError):
+            while True:
+                item = self.get()
+                if item is not None:
+                    yield item
+
+    def __aiter__(self) -> AsyncIterator[_T]:
+        return self._follow()
+
+    async def _follow(self) -> AsyncIterator[_T]:
+        import asyncio
+
+        event = asyncio.Event()
+        loop = asyncio.get_running_loop()
+
+        def ready() -> None:
+            loop.call_soon_threadsafe(event.set)
+
+        self.on_ready = ready
+        with contextlib.suppress(ClosedError):
+            while True:
+                event.clear()
+                if self._past is not None:  # reads files
+                    item = await asyncio.to_thread(self.get, 0.0)
+                else:
+                    item = self.get(0.0)
+                if item is not None:
+                    yield item
+                else:
+                    await event.wait()
+
+    def __enter__(self) -> Subscription[_T]:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

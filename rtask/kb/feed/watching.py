@@ -1,0 +1,121 @@
+"""The watching side of a knowledge base: who is told of commits, what happened before."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable
+
+from rtask.kb.base import Parts
+from rtask.kb.commit.commit import Change
+from rtask.kb.feed.history import HistoryEntry, Period, history, matcher
+from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
+from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
+from rtask.rdf.times import moment
+
+__all__ = ["Watching"]
+
+
+class Watching(Parts):
+    """Commits as they come, and as they were."""
+
+    def on_commit(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Call ``listener`` with each commit, in order, after it is stored and durable.
+
+        Returns
+        -------
+        A function that ends it.
+        """
+        return self._writer.listen(listener)
+
+    def subscribe(
+        self,
+        subject: Subject | str | None = None,
+        predicate: NamedNode | str | None = None,
+        value: Value | None = None,
+        graph: NamedNode | str | None = None,
+        *,
+        cls: NamedNode | str | None = None,
+        inferred: bool = True,
+        once: bool = False,
+        since: int | str | None = None,
+        size: int = QUEUE,
+        on_ready: Callable[[], None] | None = None,
+    ) -> Subscription[Change]:
+        """Follow the commits that touch matching statements, in order, after they are stored.
+
+        Parameters
+        ----------
+        subject, predicate, value, graph
+            What is followed; ``None`` fits everything.
+        cls
+            Statements about instances of a class, derived ones included.
+        inferred
+            Whether derived statements count.
+        once
+            End after the first.
+        since
+            Begin after this commit: its number, or ``epoch:number`` as in
+            :meth:`Feed.position <rtask.kb.feed.feed.Feed.position>`; without it, with the next one.
+        size
+            How much may wait to be read.
+        on_ready
+            Called from the writer's thread when something has come; see :class:`Subscription`.
+
+        Raises
+        ------
+        GoneError
+            The commits after ``since`` are no longer kept.
+        EpochChangedError
+            ``since`` names commits of before a restored backup.
+        """
+        wanted = Filter(
+            None if subject is None else subject_term(subject),
+            None if predicate is None else iri(predicate),
+            None if value is None else stored(object_term(value)),
+            None if graph is None else iri(graph),
+            None if cls is None else iri(cls),
+            inferred,
+        )
+        return self.feed.subscribe(wanted, since=since, once=once, size=size, on_ready=on_ready)
+
+    def history(
+        self,
+        subject: Subject | str | None = None,
+        predicate: NamedNode | str | None = None,
+        value: Value | None = None,
+        graph: NamedNode | str | None = None,
+        agent: str | None = None,
+        since: int = 0,
+        *,
+        upto: int | None = None,
+        start: dt.datetime | str | None = None,
+        end: dt.datetime | str | None = None,
+    ) -> list[HistoryEntry]:
+        """Return the commits that touched matching statements, oldest first.
+
+        Without a graph, derived statements and the commits' own records are left out.
+
+        Parameters
+        ----------
+        agent
+            Only what this robot or person wrote.
+        since, upto
+            Only commits after one number, up to another.
+        start, end
+            Only commits at this moment or later, before that one.
+        """
+        matches = matcher(
+            None if subject is None else subject_term(subject),
+            None if predicate is None else iri(predicate),
+            None if value is None else stored(object_term(value)),
+            None if graph is None else iri(graph),
+            {self.graphs.inferred, self.graphs.meta, self.graphs.provenance},
+        )
+        period = Period(
+            since,
+            upto,
+            None if start is None else moment(start),
+            None if end is None else moment(end),
+            agent,
+        )
+        return list(history(self.feed, self._files.journal, matches, period))

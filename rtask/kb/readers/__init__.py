@@ -1,0 +1,1 @@
+"""Reading: queries evaluated in reader processes, with deadlines and streamed results."""

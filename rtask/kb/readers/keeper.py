@@ -1,0 +1,436 @@
+"""The keeper and its readers as the knowledge base's own process sees them.
+
+Everything to the keeper goes through one thread: the dump, the commits and the orders to fork
+keep their order, so a reader forked after a commit has it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyoxigraph as ox
+from pyoxigraph import NamedNode, Quad, RdfFormat
+
+from rtask.errors import ClosedError
+from rtask.kb.commit.apply import Writes
+from rtask.kb.readers import main as reader_main
+from rtask.kb.readers.main import Incoming, encode_commit, message
+from rtask.kb.store.graph_store import GraphStore
+
+if TYPE_CHECKING:
+    import subprocess
+
+__all__ = ["CommitFrame", "KeeperProcess", "ReaderGone", "ReaderProcess"]
+
+_log = logging.getLogger(__name__)
+_PIPE_BYTES = 1 << 20
+_DUMP_PIECE = 256 << 10
+_SEND_TIMEOUT_S = 30.0
+_COALESCE_S = 0.005
+_FEW = 64
+# -I: the folder of the script and the environment must not get in front of the standard library
+_START = "import runpy, sys; sys.path.append(sys.argv.pop()); runpy.run_path(sys.argv.pop(), None, '__main__')"  # noqa: E501
+
+
+class ReaderGone(Exception):
+    """A reader ended before its answer did."""
+
+
+class CommitFrame:
+    """A commit on its way to the replicas; made into bytes once, when it is first sent."""
+
+    __slots__ = ("_data", "_writes", "weight")
+
+    def __init__(self, writes: Writes) -> None:
+        self._writes: Writes | None = writes
+        self._data = b""
+        self.weight = 256 * (1 + len(writes.added) + len(writes.removed))
+
+    def encode(self) -> bytes:
+        """Return the message."""
+        writes = self._writes
+        if writes is not None:
+            names = [
+                [graph.value for graph in graphs if isinstance(graph, NamedNode)]
+                for graphs in (writes.created, writes.dropped)
+            ]
+            payload = encode_commit(_n_quads(writes.removed), _n_quads(writes.added), *names)
+            self._data, self._writes = message(b"F", payload), None
+        return self._data
+
+
+def _n_quads(quads: Any) -> bytes:
+    if not quads:
+        return b""
+    text = ox.serialize(_quads(quads), format=RdfFormat.N_QUADS)
+    assert text is not None
+    return text
+
+
+def _quads(quads: Any) -> list[Quad]:
+    return quads if isinstance(quads, list) else list(quads)
+
+
+class ReaderProcess:
+    """One reader: asked by one query at a time.
+
+    Parameters
+    ----------
+    snapshot_seq
+        Commit of the snapshot that it reads; ``None`` if it follows the commits.
+    """
+
+    def __init__(self, keeper: KeeperProcess, number: int, snapshot_seq: int | None = None) -> None:
+        self.keeper = keeper
+        self.number = number
+        self.snapshot_seq = snapshot_seq
+        self.killed = False
+        self.waiting_bytes = 0
+        self.grown_bytes = 0
+        self.exit_code: int | None = None
+        self.ended = threading.Event()
+        self.busy = False
+        self._lock = threading.RLock()
+        self._frames: deque[CommitFrame] = deque()
+        self._pid = self._pid_handle = -1
+        self._closed = False
+        self._control, theirs = socket.socketpair()
+        self._control.settimeout(_SEND_TIMEOUT_S)
+        self.answers, their_answers = os.pipe()
+        with contextlib.suppress(OSError, AttributeError):
+            fcntl.fcntl(self.answers, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        self.given = (theirs.detach(), their_answers)
+
+    @property
+    def pid(self) -> int:
+        """The process, once it has said hello."""
+        return self._pid
+
+    def add(self, frame: CommitFrame) -> None:
+        """Put a commit in front of the next query."""
+        self._frames.append(frame)
+        self.waiting_bytes += frame.weight
+
+    def say_hello(self, timeout_s: float | None) -> None:
+        """Wait until the process is there.
+
+        Raises
+        ------
+        ReaderGone
+            It is not, within the time.
+        """
+        if self._pid > 0:
+            return
+        try:
+            self._control.settimeout(timeout_s)
+            _, payload, descriptors = Incoming(self._control).next()
+            self._control.settimeout(_SEND_TIMEOUT_S)
+        except (EOFError, OSError) as error:
+            raise ReaderGone from error
+        facts = json.loads(payload)
+        with self._lock:
+            self._pid, self._rss = facts["pid"], facts["rss"]
+            self._pid_handle = descriptors[0] if descriptors else -1
+
+    def ask(self, question: bytes) -> None:
+        """Send the waiting commits, then a query."""
+        with self._lock:
+            self._flush(message(b"Q", question))
+
+    def follow(self) -> None:
+        """Send the waiting commits now, if nobody uses the reader; a few may wait."""
+        if len(self._frames) < _FEW or not self._lock.acquire(blocking=False):
+            return
+        try:
+            if not self.busy and self._pid > 0 and not self._closed:
+                self._flush(b"")
+        except ReaderGone:
+            self.killed = True
+        finally:
+            self._lock.release()
+
+    def _flush(self, last: bytes) -> None:
+        parts = []
+        while self._frames:
+            parts.append(self._frames.popleft().encode())
+        self.waiting_bytes = 0
+        try:
+            self._control.sendall(b"".join([*parts, last]))
+        except OSError as error:
+            raise ReaderGone from error
+
+    def measured(self, rss: int) -> None:
+        """Note how large the process is after a query."""
+        self.grown_bytes = rss - self._rss
+
+    def kill(self) -> None:
+        """End the process at once; whoever reads its answer finds the end of the pipe."""
+        with self._lock:
+            self.killed = True
+            if self._closed or self._pid < 0:
+                # one that has not said hello ends when it finds its socket closed
+                with contextlib.suppress(OSError):
+                    self._control.shutdown(socket.SHUT_RDWR)
+                return
+            with contextlib.suppress(ProcessLookupError):
+                if self._pid_handle >= 0:
+                    signal.pidfd_send_signal(self._pid_handle, signal.SIGKILL)
+                elif not self.ended.is_set():
+                    os.kill(self._pid, signal.SIGKILL)
+
+    def close(self) -> None:
+        """Kill the process and let its descriptors go; nobody may be reading its answer."""
+        self.kill()
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._control.close()
+            os.close(self.answers)
+            if self._pid_handle >= 0:
+                os.close(self._pid_handle)
+
+
+class _DumpSink:
+    """The file that the store is dumped into: ``D`` messages to the keeper."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def write(self, data: bytes) -> int:
+        self._parts.append(data)
+        self._size += len(data)
+        if self._size >= _DUMP_PIECE:
+            self.flush()
+        return len(data)
+
+    def flush(self) -> None:
+        if self._parts:
+            self._connection.sendall(message(b"D", b"".join(self._parts)))
+        self._parts, self._size = [], 0
+
+
+class KeeperProcess:
+    """The process that forks readers.
+
+    Parameters
+    ----------
+    store
+        What it copies and follows; ``None`` if its readers open snapshots.
+    memory_bytes
+        How much a reader may take for itself.
+    """
+
+    def __init__(self, store: GraphStore | None, memory_bytes: int, max_waiting: int) -> None:
+        self.memory_bytes = memory_bytes
+        self.ready = threading.Event()
+        self.retired = False
+        self.failed = False
+        self.follows = store is not None
+        self.waiting_bytes = 0
+        self._max_waiting = max_waiting
+        self._readers: dict[int, ReaderProcess] = {}
+        self._numbers = 0
+        self._changed = threading.Condition()
+        self._outbox: deque[CommitFrame | ReaderProcess] = deque()
+        self._orders: dict[int, dict[str, Any]] = {}
+        self._connection, theirs = socket.socketpair()
+        with theirs:
+            self.process = _start(theirs)
+        if store is None:
+            self.ready.set()
+        self._sender = threading.Thread(
+            target=self._send_all, args=(store,), name="rtask-keeper-send", daemon=True
+        )
+        self._receiver = threading.Thread(
+            target=self._receive, name="rtask-keeper-receive", daemon=True
+        )
+
+    def start(self) -> None:
+        """Begin to copy the store; commits must reach :meth:`add` from here on."""
+        self._sender.start()
+        self._receiver.start()
+
+    @property
+    def readers(self) -> list[ReaderProcess]:
+        """The readers that have not ended."""
+        return list(self._readers.values())
+
+    def add(self, frame: CommitFrame) -> None:
+        """Send a commit to the replica and all its readers; never waits."""
+        with self._changed:
+            if self.failed:
+                return
+            self._outbox.append(frame)
+            self.waiting_bytes += frame.weight
+            for reader in self._readers.values():
+                reader.add(frame)
+            if self.waiting_bytes > self._max_waiting:
+                _log.info("the replica is too far behind and will be built anew")
+                self.failed = True
+            self._changed.notify()
+
+    def fork(self, snapshot: Path | None = None, snapshot_seq: int | None = None) -> ReaderProcess:
+        """Order a reader; it has every commit that was added before."""
+        with self._changed:
+            if self.failed:
+                raise ReaderGone
+            self._numbers += 1
+            reader = ReaderProcess(self, self._numbers, snapshot_seq)
+            self._readers[reader.number] = reader
+            self._orders[reader.number] = {
+                "number": reader.number,
+                "memory": self.memory_bytes,
+                "snapshot": None if snapshot is None else str(snapshot),
+            }
+            self._outbox.append(reader)
+            self._changed.notify()
+        return reader
+
+    def _send_all(self, store: GraphStore | None) -> None:
+        try:
+            if store is not None:
+                self._send_dump(store)
+            while True:
+                with self._changed:
+                    while not self._outbox and not self.failed:
+                        self._changed.wait()
+                    if self.failed:
+                        return
+                    batch = list(self._outbox)
+                    self._outbox.clear()
+                    self.waiting_bytes = 0
+                self._send_batch(batch)
+                for reader in self.readers:
+                    reader.follow()
+                with self._changed:  # so that commits in quick succession go together
+                    self._changed.wait_for(self._is_urgent, _COALESCE_S)
+        except (OSError, ClosedError) as error:
+            _log.debug("the keeper cannot be reached: %s", error)
+        finally:
+            self._fail()
+
+    def _is_urgent(self) -> bool:
+        return self.failed or bool(self._orders)
+
+    def _send_dump(self, store: GraphStore) -> None:
+        # Commits stored from now on wait in the outbox. Some may be in the dump, too; applying
+        # them again in order leads to the same state.
+        graphs = [g.value for g in store.named_graphs() if isinstance(g, NamedNode)]
+        self._connection.sendall(message(b"L", json.dumps(graphs).encode()))
+        sink: Any = _DumpSink(self._connection)
+        store.raw.dump(sink, RdfFormat.N_QUADS)
+        sink.flush()
+        self._connection.sendall(message(b"D"))
+
+    def _send_batch(self, batch: list[CommitFrame | ReaderProcess]) -> None:
+        waiting: list[bytes] = []
+        for item in batch:
+            if isinstance(item, CommitFrame):
+                waiting.append(item.encode())
+                continue
+            if waiting:
+                self._connection.sendall(b"".join(waiting))
+                waiting.clear()
+            order = message(b"K", json.dumps(self._orders.pop(item.number)).encode())
+            try:
+                sent = socket.send_fds(self._connection, [order], list(item.given))
+                self._connection.sendall(order[sent:])
+            finally:
+                _close_all(item.given)
+                item.given = (-1, -1)
+        if waiting:
+            self._connection.sendall(b"".join(waiting))
+
+    def _receive(self) -> None:
+        incoming = Incoming(self._connection)
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                kind, payload, _ = incoming.next()
+                if kind == b"R":
+                    self.ready.set()
+                elif kind == b"E":
+                    self._note_end(**json.loads(payload))
+        self._fail()
+        self.process.wait()
+
+    def _note_end(self, number: int, code: int) -> None:
+        with self._changed:
+            reader = self._readers.pop(number, None)
+            last = self.retired and not self._readers
+        if reader is not None:
+            reader.exit_code = code
+            reader.ended.set()
+        if last:
+            self.close()
+
+    def _fail(self) -> None:
+        """Note that nothing can be had from the keeper any more."""
+        with self._changed:
+            self.failed = True
+            unsent = [item for item in self._outbox if isinstance(item, ReaderProcess)]
+            for reader in self._readers.values():
+                reader.ended.set()
+            self._outbox.clear()
+            self._changed.notify_all()
+        for reader in unsent:
+            _close_all(reader.given)
+            reader.given = (-1, -1)
+        self.ready.set()
+
+    def retire(self) -> None:
+        """End as soon as the running queries have ended; their readers are its children."""
+        self.retired = True
+        if not self.readers:
+            self.close()
+
+    def close(self) -> None:
+        """End the keeper and with it its readers; returns when the process is gone."""
+        import subprocess
+
+        with contextlib.suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        self._fail()
+        try:
+            self.process.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        own = threading.current_thread()
+        for thread in (self._sender, self._receiver):
+            if thread is not own and thread.ident is not None:
+                thread.join(timeout=10.0)
+        self._connection.close()
+
+
+def _start(connection: socket.socket) -> subprocess.Popen[bytes]:
+    import subprocess
+
+    site = str(Path(ox.__file__).parent.parent)
+    script = str(Path(reader_main.__file__))
+    descriptor = connection.fileno()
+    return subprocess.Popen(
+        [sys.executable, "-I", "-c", _START, str(descriptor), script, site],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=[descriptor],
+    )
+
+
+def _close_all(descriptors: tuple[int, ...]) -> None:
+    for descriptor in descriptors:
+        if descriptor >= 0:
+            os.close(descriptor)

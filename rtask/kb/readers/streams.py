@@ -1,0 +1,256 @@
+"""Answers as they come out of a reader: pieces of bytes, one after another.
+
+Nothing is read ahead, so a slow client stops the reader and memory stays flat.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rtask.errors import (
+    ClosedError,
+    DataError,
+    QueryTimeout,
+    QueryTooExpensive,
+    RtaskError,
+    TooLargeError,
+    UsageError,
+)
+from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
+from rtask.kb.readers.main import HEADER
+from rtask.sparql.syntax import syntax_error
+
+__all__ = ["Stream", "WholeStream"]
+
+_READ_AHEAD = 8 << 10
+
+
+class Stream(Iterator[bytes]):
+    """The answer of a query, in pieces; made by :meth:`KnowledgeBase.stream`.
+
+    Read it from one thread at a time; :meth:`close` may be called from any.
+
+    Attributes
+    ----------
+    kind
+        ``"rows"``, ``"boolean"`` or ``"triples"``.
+    media_type
+        What the bytes are.
+    gzip
+        Whether they are packed; small answers never are.
+    """
+
+    kind = ""
+    media_type = ""
+    gzip = False
+
+    def __next__(self) -> bytes:
+        raise NotImplementedError
+
+    def __iter__(self) -> Stream:
+        return self
+
+    def close(self) -> None:
+        """Stop; a reader that is still at work is killed."""
+
+    def read(self) -> bytes:
+        """Return everything that is left."""
+        return b"".join(self)
+
+    def __enter__(self) -> Stream:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class WholeStream(Stream):
+    """An answer that is there already."""
+
+    def __init__(self, data: bytes, media_type: str) -> None:
+        self.media_type = media_type
+        self._pieces = iter([data[i : i + (256 << 10)] for i in range(0, len(data), 256 << 10)])
+
+    def __next__(self) -> bytes:
+        return next(self._pieces)
+
+
+class ReaderStream(Stream):
+    """An answer from a reader.
+
+    Parameters
+    ----------
+    text
+        The query, for errors.
+    done
+        Called once with whether the reader can be used again.
+    crash
+        Makes the error for a reader that ended without a word.
+    """
+
+    def __init__(
+        self,
+        reader: ReaderProcess,
+        text: str,
+        timeout_s: float | None,
+        done: Callable[[ReaderProcess, bool], None],
+        crash: Callable[[ReaderProcess], RtaskError],
+    ) -> None:
+        self.reader = reader
+        self.expired = False
+        self.closed = False
+        self._text = text
+        self._timeout_s = timeout_s
+        self._done: Callable[[ReaderProcess, bool], None] | None = done
+        self._crash = crash
+        self._release: Callable[[], None] | None = None
+        self._first: bytes | None = None
+        self._read_ahead = b""
+        self._reading = threading.Lock()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the reader has been given back."""
+        return self._done is None
+
+    def hold(self, release: Callable[[], None]) -> None:
+        """Call this when the query has ended."""
+        with self._reading:
+            if self._done is not None:
+                self._release = release
+                return
+        release()
+
+    def start(self) -> None:
+        """Wait for the first piece.
+
+        Raises
+        ------
+        ReaderGone
+            The reader ended without a word.
+        RtaskError
+            There is no answer; says why.
+        """
+        with self._reading:
+            kind, payload = self._next_message()
+            if kind == b"M":
+                facts = json.loads(payload)
+                self.kind, self.media_type = facts["kind"], facts["type"]
+                self.gzip = facts["gzip"]
+                kind, payload = self._next_message()
+            self._first = self._take(kind, payload)
+
+    def __next__(self) -> bytes:
+        with self._reading:
+            if self._first is not None:
+                piece, self._first = self._first, None
+            elif self._done is None:
+                if self.closed:
+                    raise ClosedError("the query was stopped")
+                raise StopIteration
+            else:
+                try:
+                    piece = self._take(*self._next_message()) or b""
+                except ReaderGone:
+                    raise self._crash(self.reader) from None
+            if not piece:
+                raise StopIteration
+            return piece
+
+    def _take(self, kind: bytes, payload: bytes) -> bytes:
+        """Return a piece, nothing at the end."""
+        if kind == b"C":
+            return payload
+        facts = json.loads(payload)
+        if kind == b"X":
+            self._finish(facts["reason"] not in ("memory", "limit"))
+            raise self._error(facts)
+        self.reader.measured(facts["rss"])
+        self._finish(True)
+        return b""
+
+    def _error(self, facts: dict[str, Any]) -> RtaskError:
+        reason, text = facts["reason"], facts["text"]
+        if reason == "syntax":
+            return syntax_error(SyntaxError(text), "query", self._text)
+        if reason == "type":
+            return UsageError(text)
+        if reason == "limit":
+            limit, value, allowed = facts["limit"], facts["value"], facts["allowed"]
+            return TooLargeError(
+                f"the answer has more than {allowed} {limit}; add a LIMIT",
+                limit=limit,
+                value=value,
+                allowed=allowed,
+            )
+        if reason == "memory":
+            return QueryTooExpensive("the query needs more memory than it may have")
+        return DataError(f"the query cannot be evaluated: {text}")
+
+    def _next_message(self) -> tuple[bytes, bytes]:
+        try:
+            kind, length = HEADER.unpack(self._exactly(HEADER.size))
+            return kind, self._exactly(length)
+        except EOFError:
+            was_expired = self.expired
+            self._finish(False)
+            if self.closed:
+                raise ClosedError("the query was stopped") from None
+            if was_expired:
+                raise QueryTimeout(
+                    f"the query did not end within {self._timeout_s:g} s; narrow it, or give it "
+                    "more time",
+                    timeout_s=self._timeout_s,
+                ) from None
+            raise ReaderGone from None
+
+    def _exactly(self, length: int) -> bytes:
+        """Return so many bytes; small messages that come together are read together."""
+        if self._done is None:
+            raise EOFError
+        have = self._read_ahead
+        parts, left = [have[:length]], length - len(have)
+        self._read_ahead = have[length:]
+        while left > 0:
+            data = os.read(self.reader.answers, max(left, _READ_AHEAD))
+            if not data:
+                raise EOFError
+            parts.append(data[:left])
+            self._read_ahead = data[left:]
+            left -= len(data)
+        return b"".join(parts) if len(parts) > 1 else parts[0]
+
+    def expire(self) -> None:
+        """The deadline has come."""
+        self.expired = True
+        if self._done is not None:
+            self.reader.kill()
+
+    def _finish(self, reusable: bool) -> None:
+        done, self._done = self._done, None
+        if done is not None:
+            done(self.reader, reusable)
+        release, self._release = self._release, None
+        if release is not None:
+            release()
+
+    def abandon(self) -> None:
+        """Give the reader back as useless."""
+        with self._reading:
+            self._finish(False)
+
+    def close(self) -> None:
+        """Stop; a reader that is still at work is killed at once. From any thread."""
+        if self._done is None:
+            return
+        self.closed = True
+        self.reader.kill()
+        with self._reading:  # a thread that is reading finds the end of the pipe
+            self._finish(False)
+
+    def __del__(self) -> None:
+        self.close()

@@ -1,0 +1,333 @@
+"""The same interface over a SPARQL 1.1 server, so that storage can leave the machine.
+
+Queries, updates, transactions and loads go over SPARQL 1.1 Protocol. Rights, reasoning and
+provenance are the server's. What needs the embedded store raises :class:`UnsupportedError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import TracebackType
+from typing import Any
+from urllib.parse import parse_qs, urljoin, urlsplit
+
+from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
+
+from rtask.errors import UnsupportedError, UsageError
+from rtask.kb.readers.query import Bindings, bind
+from rtask.kb.remote.transport import Wire, read_rows, read_triples
+from rtask.rdf.terms import (
+    Subject,
+    Value,
+    iri,
+    is_ground,
+    object_term,
+    subject_term,
+    written,
+)
+from rtask.sparql.lexer import query_form
+from rtask.sparql.results import Solutions, Triples
+from rtask.sparql.syntax import check_query, check_update
+from rtask.sparql.update_outline import read_update
+
+__all__ = ["RemoteKnowledgeBase", "open_remote"]
+
+_ROWS = "application/sparql-results+json"
+_TRIPLES = "application/n-triples"
+_PIECE = 20_000
+_WITHOUT = {
+    "annotations": "query the reifiers",
+    "as_of": "restore a backup on the server",
+    "backup": "back up the server's folder",
+    "blobs": "keep blobs on the server",
+    "catalogue": "query the meta graph",
+    "contradictions": "ask the server",
+    "explain": "ask the server",
+    "graphs": "name the graph by its IRI",
+    "history": "query the provenance graph",
+    "on_commit": "subscribe at the server",
+    "near": "ask the server",
+    "rebuild": "run `rtask rebuild` on the server",
+    "retract": "send an update",
+    "search": "run `rtask search` on the server",
+    "session": "open a folder",
+    "stream": "use serialize()",
+    "subscribe": "subscribe at the server",
+    "subscribe_query": "subscribe at the server",
+    "verify": "run `rtask verify` on the server",
+}
+
+
+class RemoteKnowledgeBase:
+    """A SPARQL 1.1 server, used like an embedded knowledge base.
+
+    Parameters
+    ----------
+    query_url, update_url
+        Addresses of the protocol.
+    token
+        Sent as a bearer token.
+    timeout_s
+        For one answer.
+    """
+
+    folder = None
+
+    def __init__(
+        self,
+        query_url: str,
+        update_url: str | None = None,
+        token: str | None = None,
+        timeout_s: float = 30.0,
+    ) -> None:
+        self.query_url = query_url
+        self.update_url = update_url or query_url
+        self._wire = Wire(token, timeout_s)
+
+    def query(
+        self,
+        text: str,
+        *,
+        default_graphs: Iterable[NamedNode | str] | None = None,
+        named_graphs: Iterable[NamedNode | str] | None = None,
+        bindings: Bindings | None = None,
+        base: str | None = None,
+        timeout_s: float | None = None,
+    ) -> Solutions | bool | Triples:
+        """Evaluate a SPARQL query; see :meth:`KnowledgeBase.query`.
+
+        Raises
+        ------
+        QuerySyntaxError
+            Found here, before anything is sent.
+        RemoteUnavailableError
+            No whole answer after three tries.
+        QueryTimeout
+            No whole answer within ``timeout_s``.
+        """
+        text = bind(text, bindings or {})
+        check_query(text, base or self.query_url)
+        rows = query_form(text) in ("select", "ask")
+        parameters = _dataset("default-graph-uri", default_graphs)
+        parameters += _dataset("named-graph-uri", named_graphs)
+        answer = self._wire.send(
+            self.query_url,
+            parameters,
+            text,
+            {"Content-Type": "application/sparql-query", "Accept": _ROWS if rows else _TRIPLES},
+            repeat=True,
+            timeout_s=timeout_s,
+        )
+        return read_rows(answer) if rows else read_triples(answer)
+
+    def select(self, text: str, **options: Any) -> Solutions:
+        """Evaluate a SELECT; the same as :meth:`query`, typed for rows."""
+        answer = self.query(text, **options)
+        if not isinstance(answer, Solutions):
+            raise UnsupportedError("select() is for SELECT queries")
+        return answer
+
+    def serialize(self, text: str, media_type: str, bindings: Bindings | None = None) -> bytes:
+        """Evaluate a query and return its answer in a media type."""
+        text = bind(text, bindings or {})
+        check_query(text, self.query_url)
+        headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
+        return self._wire.send(self.query_url, [], text, headers, repeat=True)
+
+    def match(
+        self,
+        subject: Subject | str | None = None,
+        predicate: NamedNode | str | None = None,
+        value: Value | None = None,
+        graph: NamedNode | str | None = None,
+    ) -> list[Quad]:
+        """Return the statements of named graphs that fit a pattern; ``None`` fits everything."""
+        given: Mapping[str, Any] = {
+            "s": None if subject is None else subject_term(subject),
+            "p": None if predicate is None else iri(predicate),
+            "o": None if value is None else object_term(value),
+            "g": None if graph is None else iri(graph),
+        }
+        known = {name: term for name, term in given.items() if term is not None}
+        rows = self.select("SELECT ?s ?p ?o ?g { GRAPH ?g { ?s ?p ?o } }", bindings=known)
+        return [Quad(*row) for row in rows]
+
+    def update(
+        self,
+        text: str,
+        agent: str | None = None,
+        note: str | None = None,
+        using: Iterable[NamedNode | str] = (),
+        named: Iterable[NamedNode | str] = (),
+        *,
+        base: str | None = None,
+    ) -> None:
+        """Run a SPARQL update as one request.
+
+        It is sent again only if it surely did not run. Whose it is, the token says.
+
+        Raises
+        ------
+        UnsupportedError
+            If an agent or a note is given; the server records them for itself.
+        """
+        if agent is not None or note is not None:
+            raise UnsupportedError("a remote server takes the agent from the token, and no note")
+        check_update(read_update(text), base or self.update_url)
+        parameters = _dataset("using-graph-uri", using) + _dataset("using-named-graph-uri", named)
+        headers = {"Content-Type": "application/sparql-update"}
+        self._wire.send(self.update_url, parameters, text, headers, repeat=False)
+
+    def transaction(self) -> RemoteTransaction:
+        """Return a context manager whose changes become one update request."""
+        return RemoteTransaction(self)
+
+    def load(
+        self,
+        data: Any,
+        format: RdfFormat | str | None = None,
+        graph: NamedNode | str | None = None,
+        base: str | None = None,
+    ) -> int:
+        """Add a document's statements; return how many.
+
+        In pieces, each atomic; statements with blank nodes all in the first one, so that what
+        they have in common stays common.
+        """
+        from rtask.rdf.formats import read_document
+
+        quads = read_document(data, format, base)
+        blank = [quad for quad in quads if not _is_ground(quad)]
+        ground = [quad for quad in quads if _is_ground(quad)]
+        first = max(0, _PIECE - len(blank))
+        pieces = [[*blank, *ground[:first]]]
+        pieces += [ground[at : at + _PIECE] for at in range(first, len(ground), _PIECE)]
+        target = None if graph is None else iri(graph)
+        for piece in filter(None, pieces):
+            self.update(_insert_data(piece, target))
+        return len(quads)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._wire.close()
+
+    def __enter__(self) -> RemoteKnowledgeBase:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _WITHOUT:
+            raise UnsupportedError(f"{name} needs the embedded store; {_WITHOUT[name]}")
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __repr__(self) -> str:
+        return f"<RemoteKnowledgeBase {self.query_url}>"
+
+
+class RemoteTransaction:
+    """Changes collected here and sent as one update."""
+
+    def __init__(self, kb: RemoteKnowledgeBase) -> None:
+        self._kb = kb
+        self._operations: list[str] = []
+
+    def add(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None = None,
+    ) -> None:
+        """Assert a statement; without a graph, where the server puts it."""
+        self._data("INSERT", subject, predicate, value, graph)
+
+    def remove(
+        self,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None = None,
+    ) -> None:
+        """Withdraw a statement."""
+        self._data("DELETE", subject, predicate, value, graph)
+
+    def _data(
+        self,
+        verb: str,
+        subject: Subject | str,
+        predicate: NamedNode | str,
+        value: Value,
+        graph: NamedNode | str | None,
+    ) -> None:
+        quad = Quad(subject_term(subject), iri(predicate), object_term(value))
+        if not _is_ground(quad):
+            raise UnsupportedError("blank nodes cannot be named to a server; use an IRI")
+        text = _insert_data([quad], None if graph is None else iri(graph))
+        self._operations.append(text.replace("INSERT", verb, 1))
+
+    def update(self, text: str) -> None:
+        """Add an update; it sees what the operations before it changed."""
+        check_update(read_update(text))
+        self._operations.append(text)
+
+    def __enter__(self) -> RemoteTransaction:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None and self._operations:
+            self._kb.update(" ;\n".join(self._operations))
+
+
+def open_remote(
+    address: str, token: str | None = None, timeout_s: float = 30.0
+) -> RemoteKnowledgeBase:
+    """Return the server at an address; nothing is sent yet.
+
+    >>> open_remote("sparql+http://host:81/?query=/q&update=/u").update_url
+    'http://host:81/u'
+    """
+    if not address.startswith("sparql+"):
+        return RemoteKnowledgeBase(address, token=token, timeout_s=timeout_s)
+    plain = address.removeprefix("sparql+")
+    named = parse_qs(urlsplit(plain).query)
+    if "query" not in named:
+        raise UsageError(f"{address}: name at least ?query=")
+    query, update = (urljoin(plain, named.get(key, [""])[0]) for key in ("query", "update"))
+    return RemoteKnowledgeBase(query, update if "update" in named else None, token, timeout_s)
+
+
+def _dataset(name: str, graphs: Iterable[NamedNode | str] | None) -> list[tuple[str, str]]:
+    return [(name, iri(graph).value) for graph in graphs or ()]
+
+
+def _is_ground(quad: Quad) -> bool:
+    return is_ground(quad.subject) and is_ground(quad.object)
+
+
+def _term(term: Any) -> str:
+    return f"_:{term.value}" if isinstance(term, BlankNode) else written(term)
+
+
+def _insert_data(quads: Iterable[Quad], graph: NamedNode | None) -> str:
+    by_graph: dict[str, list[str]] = {}
+    for quad in quads:
+        named = quad.graph_name if isinstance(quad.graph_name, NamedNode) else graph
+        line = f"{_term(quad.subject)} {quad.predicate} {_term(quad.object)} ."
+        by_graph.setdefault("" if named is None else str(named), []).append(line)
+    blocks = []
+    for name, lines in by_graph.items():
+        body = "\n".join(lines)
+        blocks.append(f"GRAPH {name} {{ {body} }}" if name else body)
+    return "INSERT DATA { " + "\n".join(blocks) + " }"

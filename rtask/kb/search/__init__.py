@@ -1,0 +1,1 @@
+"""Full-text and spatial search beside the store."""

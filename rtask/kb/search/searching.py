@@ -1,0 +1,77 @@
+"""The searching side of a knowledge base: words and places."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from rtask.kb.base import Parts
+from rtask.kb.search.places import Place
+from rtask.kb.search.text import TextHit
+from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
+from rtask.sparql.text_service import with_found_texts
+
+__all__ = ["Searching"]
+
+
+class Searching(Parts):
+    """What the side index finds."""
+
+    def search(
+        self,
+        text: str,
+        *,
+        cls: NamedNode | str | None = None,
+        lang: str | None = None,
+        limit: int = 20,
+    ) -> list[TextHit]:
+        """Return things whose label, comment or description holds all words, best first.
+
+        Parameters
+        ----------
+        text
+            Words; ``*`` at the end of one stands for any ending. Case and accents do not matter.
+        cls
+            Only instances of a class, derived ones included.
+        lang
+            Only texts in this language; ``en`` includes ``en-GB``.
+
+        Returns
+        -------
+        One hit for each thing, the best of its texts.
+        """
+        wanted = None if cls is None else iri(cls)
+        found: dict[NamedNode, TextHit] = {}
+        with self.index.reading() as db:
+            hits = self.texts.search(db, text, lang)
+            fitting = (h for h in hits if h.subject not in found and self._is_a(h.subject, wanted))
+            for hit in fitting:
+                found[hit.subject] = hit
+                if len(found) >= limit:
+                    break
+        return list(found.values())
+
+    def _is_a(self, subject: NamedNode, cls: NamedNode | None) -> bool:
+        if cls is None:
+            return True
+        quads = self.store.quads_for_pattern(subject, RDF_TYPE, cls, None)
+        return bool(list(itertools.islice(quads, 1)))
+
+    def near(self, frame: NamedNode | str, point: Sequence[float], radius: float) -> list[Place]:
+        """Return the poses in a frame within a radius of a point, nearest first.
+
+        Parameters
+        ----------
+        frame
+            IRI of the ``rt:Frame``; poses in other frames are not transformed.
+        point
+            (3,) x, y, z in metres, in ``frame``.
+        radius
+            In metres.
+        """
+        with self.index.reading() as db:
+            return self.places.near(db, iri(frame), point, radius)
+
+    def _looked_up(self, text: str) -> str:
+        """Return a query or update without ``SERVICE <urn:rtask:text>``."""
+        return with_found_texts(text, self.search)

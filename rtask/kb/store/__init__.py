@@ -1,0 +1,1 @@
+"""The quad store: named graphs, their union, pending changes and snapshots."""

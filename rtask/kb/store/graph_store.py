@@ -1,0 +1,190 @@
+"""The store, closable.
+
+pyoxigraph closes a store when its last reference goes, and a traceback may hold one for long. So
+everything else holds this, which lets go when told.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
+
+from rtask.errors import ClosedError, StorageFullError
+from rtask.kb.store.graphs import Graphs
+from rtask.rdf.terms import Graph, Subject, Term, stored
+from rtask.sparql.lexer import names_dataset
+
+__all__ = ["GraphStore"]
+
+_ATTEMPTS = 20
+_PAUSE_S = 0.05
+
+
+class GraphStore:
+    """The quads of a knowledge base.
+
+    Parameters
+    ----------
+    store
+        The only reference to it.
+
+    Attributes
+    ----------
+    is_stuck
+        Whether the disk was full; see :meth:`reopen`.
+    is_view
+        Whether the default graph is a view of all named graphs, computed by each query, and not
+        kept; see :mod:`rtask.kb.store.union`.
+    followers
+        Called with what each commit wrote, right after it, by :func:`rtask.kb.commit.apply.apply`.
+    """
+
+    __slots__ = ("_path", "_store", "followers", "is_stuck", "is_view")
+
+    def __init__(self, store: Store, path: str | None = None) -> None:
+        self._store: Store | None = store
+        self._path = path
+        self.is_stuck = False
+        self.followers: list[Callable[[Any], None]] = []
+        self.is_view = False
+
+    @property
+    def raw(self) -> Store:
+        """The store itself; do not keep it.
+
+        Raises
+        ------
+        ClosedError
+            After :meth:`close`.
+        """
+        if self._store is None:
+            raise ClosedError("the knowledge base is closed")
+        return self._store
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can still be used."""
+        return self._store is not None
+
+    def reopen(self) -> None:
+        """Start the store again; after a full disk it refuses every write until then.
+
+        Raises
+        ------
+        StorageFullError
+            There is still no room, or somebody still reads.
+        """
+        if self._path is None:
+            return
+        self._store = None
+        for attempt in range(_ATTEMPTS):
+            try:
+                self._store = Store(self._path)
+                self.is_stuck = False
+                return
+            except OSError as error:
+                if attempt + 1 == _ATTEMPTS or "lock" not in str(error).lower():
+                    self._store = Store.read_only(self._path)
+                    raise StorageFullError(f"the store cannot be written: {error}") from error
+                time.sleep(_PAUSE_S)
+
+    def close(self) -> None:
+        """Let the files go."""
+        self._store = None
+
+    def __contains__(self, quad: Quad) -> bool:
+        return quad in self.raw
+
+    def __len__(self) -> int:
+        return len(self.raw)
+
+    def quads_for_pattern(
+        self,
+        subject: Subject | None,
+        predicate: NamedNode | None,
+        value: Term | None,
+        graph: Graph | None = None,
+    ) -> Iterator[Quad]:
+        """Yield the quads that fit; consume them in this thread.
+
+        Read to its end, the iterator lets the store go.
+        """
+        if self.is_view and isinstance(graph, DefaultGraph):
+            yield from self._view(subject, predicate, value)
+            return
+        if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
+            yield from self.raw.quads_for_pattern(subject, predicate, value, graph)
+            return
+        found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+        yield from _fitting(found, subject, value, graph)
+
+    def _view(
+        self, subject: Subject | None, predicate: NamedNode | None, value: Term | None
+    ) -> Iterator[Quad]:
+        seen: set[Quad] = set()
+        for quad in self.quads_for_pattern(subject, predicate, value, None):
+            one = Quad(quad.subject, quad.predicate, quad.object)
+            if one not in seen and not Graphs.is_quarantine(quad.graph_name):
+                seen.add(one)
+                yield one
+
+    def count(self, graph: Graph) -> int:
+        """Return the number of triples in a named graph."""
+        if not isinstance(graph, NamedNode):
+            return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
+        text = f"SELECT (COUNT(*) AS ?n) {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
+        [row] = self.raw.query(text)  # type: ignore[misc]
+        return int(row["n"].value)
+
+    def named_graphs(self) -> Iterator[Graph]:
+        """Yield the names of the named graphs, empty ones included."""
+        return self.raw.named_graphs()
+
+    def contains_named_graph(self, graph: Graph) -> bool:
+        """Whether a named graph exists."""
+        return self.raw.contains_named_graph(graph)
+
+    def query(self, text: str, **options: Any) -> Any:
+        """Evaluate a query; consume the answer in this thread."""
+        if self.is_view and "default_graph" not in options and not names_dataset(text):
+            options["use_default_graph_as_union"] = True
+        return self.raw.query(text, **options)
+
+    def update(self, text: str, **options: Any) -> None:
+        """Run an update, wholly or not at all."""
+        self.raw.update(text, **options)
+
+    def extend(self, quads: Iterable[Quad]) -> None:
+        """Add quads, all or none."""
+        self.raw.extend(quads)
+
+    def flush(self) -> None:
+        """Force everything to disk."""
+        self.raw.flush()
+
+
+def _is_named(term: Subject | Term | None) -> bool:
+    return term is None or isinstance(term, NamedNode)
+
+
+def _fitting(
+    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: Graph | None
+) -> Iterator[Quad]:
+    """Leave out what does not fit.
+
+    On disk the store reads past a term whose last byte is 255: the pattern of the number 255 yields
+    256 to 510, too. So it is with dates, short texts and short names of blank nodes. Terms that are
+    stored by their hash are not affected, nor is SPARQL.
+    """
+    wanted = None if value is None else stored(value)
+    for quad in found:
+        if wanted is not None and quad.object != wanted:
+            continue
+        if subject is not None and quad.subject != subject:
+            continue
+        if graph is not None and quad.graph_name != graph:
+            continue
+        yield quad

@@ -1,0 +1,141 @@
+"""The named graphs of a knowledge base: their IRIs, kinds and owners.
+
+Code never spells a graph's IRI; it asks :class:`Graphs`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from urllib.parse import quote, unquote
+
+from pyoxigraph import NamedNode
+
+import ontology
+from rtask.errors import UsageError
+from rtask.rdf.terms import Graph, iri
+
+__all__ = ["Graphs"]
+
+_RT = ontology.NS
+_QUARANTINE = "quarantine"
+_KEPT_BY_COMMITS = frozenset(
+    {"InferredGraph", "MetaGraph", "ProvenanceGraph", "RuleGraph", "QuarantineGraph"}
+)
+
+
+@dataclass(frozen=True)
+class Graphs:
+    """Names of the graphs below one base.
+
+    Parameters
+    ----------
+    base
+        IRI that starts every instance and graph of the knowledge base; ends in ``/``.
+
+    Examples
+    --------
+    >>> graphs = Graphs("urn:lab/")
+    >>> graphs.agent("nao-1").value, graphs.kind(graphs.inferred)
+    ('urn:lab/graph/agent/nao-1', 'InferredGraph')
+    """
+
+    base: str
+
+    @property
+    def inferred(self) -> NamedNode:
+        """What the reasoner derived; no other writer."""
+        return self._named("inferred")
+
+    @property
+    def shared(self) -> NamedNode:
+        """What is taught for everybody; where nameless writers write."""
+        return self._named("shared")
+
+    @property
+    def meta(self) -> NamedNode:
+        """Catalogue of graphs; written by commits only."""
+        return self._named("meta")
+
+    @property
+    def provenance(self) -> NamedNode:
+        """One activity for each commit; written by commits only."""
+        return self._named("provenance")
+
+    @property
+    def quarantine(self) -> NamedNode:
+        """Statements that contradict the rest; written by commits only, outside of the union."""
+        return self._named(_QUARANTINE)
+
+    @staticmethod
+    def is_quarantine(graph: Graph) -> bool:
+        """Whether this is the quarantine graph of a knowledge base."""
+        return isinstance(graph, NamedNode) and graph.value.endswith("/graph/" + _QUARANTINE)
+
+    def agent(self, name: str) -> NamedNode:
+        """Return the graph that one robot or person writes."""
+        if not name:
+            raise UsageError("an agent needs a name")
+        return self._named("agent/" + quote(name, safe=""))
+
+    def imported(self, name: str) -> NamedNode:
+        """Return the graph of data taken over from elsewhere."""
+        return self._named("import/" + quote(name, safe=""))
+
+    def _named(self, path: str) -> NamedNode:
+        return iri(f"{self.base}graph/{path}")
+
+    def agent_iri(self, name: str, role: str = "robot") -> NamedNode:
+        """Return the individual that stands for an agent.
+
+        Teachers are ``{base}person/<name>``. Everybody else is ``{base}robot/<name>``: callers of
+        a server without tokens and the program that owns the store write in a robot's name.
+        """
+        folder = "person" if role == "teacher" else "robot"
+        return iri(f"{self.base}{folder}/{quote(name, safe='')}")
+
+    def owner(self, graph: Graph) -> str | None:
+        """Return the name of the agent whose graph this is, if it is an agent's."""
+        path = self._path(graph)
+        return unquote(path[len("agent/") :]) if path.startswith("agent/") else None
+
+    def _path(self, graph: Graph) -> str:
+        start = self.base + "graph/"
+        if isinstance(graph, NamedNode) and graph.value.startswith(start):
+            return graph.value[len(start) :]
+        return ""
+
+    def kind(self, graph: Graph) -> str:
+        """Return the local name of the graph's class."""
+        path = self._path(graph)
+        fixed = {
+            "inferred": "InferredGraph",
+            "shared": "SharedGraph",
+            "meta": "MetaGraph",
+            "provenance": "ProvenanceGraph",
+            _QUARANTINE: "QuarantineGraph",
+        }
+        if path in fixed:
+            return fixed[path]
+        for start, name in (("agent", "AgentGraph"), ("import", "ImportGraph")):
+            if path.startswith(start + "/"):
+                return name
+        if path.startswith("rules/"):
+            return "RuleGraph"
+        return "NamedGraph"
+
+    def is_kept_by_commits(self, graph: Graph) -> bool:
+        """Whether only the knowledge base itself writes this graph."""
+        return self.kind(graph) in _KEPT_BY_COMMITS
+
+    def is_input(self, graph: Graph) -> bool:
+        """Whether the reasoner draws conclusions from this graph.
+
+        The commits' own records are left out: they grow with every write and state nothing about
+        the world.
+        """
+        return isinstance(graph, NamedNode) and not self.is_kept_by_commits(graph)
+
+
+def graph_class(kind: str) -> NamedNode:
+    """Return the ontology's class for a kind of graph."""
+    return NamedNode(_RT + kind)

@@ -1,0 +1,95 @@
+"""A pending change on top of a store: what a transaction has added and removed so far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from pyoxigraph import DefaultGraph, Quad
+
+from rtask.kb.store.graph_store import GraphStore
+from rtask.rdf.terms import Graph
+
+__all__ = ["Overlay"]
+
+
+@dataclass
+class Overlay:
+    """Quads and graphs that differ from the store.
+
+    ``removed`` holds quads of the store, ``added`` quads that it lacks; adding what was removed
+    cancels out, so both stay exact. Dictionaries keep the order of the changes.
+    """
+
+    store: GraphStore
+    removed: dict[Quad, None] = field(default_factory=dict)
+    added: dict[Quad, None] = field(default_factory=dict)
+    created: dict[Graph, None] = field(default_factory=dict)
+    dropped: dict[Graph, None] = field(default_factory=dict)
+
+    def is_empty(self) -> bool:
+        """Whether nothing differs."""
+        return not (self.removed or self.added or self.created or self.dropped)
+
+    def __contains__(self, quad: Quad) -> bool:
+        return quad in self.added or (quad in self.store and quad not in self.removed)
+
+    def remove(self, quad: Quad) -> None:
+        """Take a quad away, if it is there."""
+        if quad in self.added:
+            del self.added[quad]
+        elif quad in self.store:
+            self.removed[quad] = None
+
+    def add(self, quad: Quad) -> None:
+        """Put a quad in, if it is not there; its graph comes into being."""
+        if quad in self.removed:
+            del self.removed[quad]
+        elif quad not in self.store:
+            self.added[quad] = None
+        self.create(quad.graph_name)
+
+    def has_graph(self, graph: Graph) -> bool:
+        """Whether the graph exists; the default graph always does."""
+        if isinstance(graph, DefaultGraph) or graph in self.created:
+            return True
+        return self.store.contains_named_graph(graph) and graph not in self.dropped
+
+    def create(self, graph: Graph) -> None:
+        """Make a graph exist."""
+        if self.has_graph(graph):
+            return
+        if graph in self.dropped:
+            del self.dropped[graph]
+        else:
+            self.created[graph] = None
+
+    def clear(self, graph: Graph, drop: bool) -> None:
+        """Take away all quads of a graph, and with ``drop`` the graph itself."""
+        for quad in list(self.quads(graph)):
+            self.remove(quad)
+        if not drop or isinstance(graph, DefaultGraph):
+            return
+        if graph in self.created:
+            del self.created[graph]
+        else:
+            self.dropped[graph] = None
+
+    def quads(self, graph: Graph) -> Iterator[Quad]:
+        """Yield the quads of one graph as they would be."""
+        for quad in self.store.quads_for_pattern(None, None, None, graph):
+            if quad not in self.removed:
+                yield quad
+        yield from [quad for quad in self.added if quad.graph_name == graph]
+
+    def named_graphs(self) -> list[Graph]:
+        """Return the named graphs as they would be."""
+        kept = [g for g in self.store.named_graphs() if g not in self.dropped]
+        return [*kept, *self.created]
+
+    def touched_graphs(self) -> set[Graph]:
+        """Return every graph that the change concerns."""
+        graphs: set[Graph] = {*self.created, *self.dropped}
+        graphs.update(quad.graph_name for quad in self.removed)
+        graphs.update(quad.graph_name for quad in self.added)
+        return graphs

@@ -1,0 +1,79 @@
+"""The union of all named graphs, kept exactly in the store's default graph.
+
+One copy of each distinct triple, so that COUNT counts statements and not the graphs that hold
+them. A triple goes when the last graph lets go of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+
+from pyoxigraph import DefaultGraph, Quad
+
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import Overlay
+from rtask.rdf.terms import DEFAULT, Graph, TripleKey, triple_key
+
+__all__ = ["input_change", "is_joined", "union_change"]
+
+
+def union_change(
+    store: GraphStore,
+    removed: Iterable[Quad],
+    added: Iterable[Quad],
+    fresh: Collection[Graph] = (),
+) -> Overlay:
+    """Return what changes in the default graph when these quads of named graphs change.
+
+    Parameters
+    ----------
+    removed, added
+        Exact: ``removed`` are in the store, ``added`` are not.
+    fresh
+        Graphs whose added statements hardly ever hold elsewhere, so that looking costs more than
+        adding one once more.
+    """
+    change = Overlay(store)
+    new = {triple_key(quad): quad for quad in added if is_joined(quad.graph_name)}
+    gone = {quad: None for quad in removed if is_joined(quad.graph_name)}
+    for key, quad in new.items():
+        in_union = Quad(*key, DEFAULT)
+        if quad.graph_name in fresh or in_union not in store:
+            change.added[in_union] = None
+    for key in {triple_key(quad): None for quad in gone}:
+        if key not in new and not _is_held(store, key, gone, is_joined):
+            change.removed[Quad(*key, DEFAULT)] = None
+    return change
+
+
+def input_change(
+    overlay: Overlay, is_input: Callable[[Graph], bool]
+) -> tuple[list[TripleKey], list[TripleKey]]:
+    """Return the triples that the asserted graphs together gain and lose.
+
+    A triple asserted in two graphs is lost only when the last lets go.
+    """
+    new = {triple_key(quad): None for quad in overlay.added if is_input(quad.graph_name)}
+    gone = {quad: None for quad in overlay.removed if is_input(quad.graph_name)}
+    lost_keys = {triple_key(quad): None for quad in gone}
+    gained = [key for key in new if not _is_held(overlay.store, key, {}, is_input)]
+    lost = [
+        key
+        for key in lost_keys
+        if key not in new and not _is_held(overlay.store, key, gone, is_input)
+    ]
+    return gained, lost
+
+
+def is_joined(graph: Graph) -> bool:
+    """Whether the union holds what this graph holds."""
+    return not isinstance(graph, DefaultGraph) and not Graphs.is_quarantine(graph)
+
+
+def _is_held(
+    store: GraphStore, key: TripleKey, gone: dict[Quad, None], counts: Callable[[Graph], bool]
+) -> bool:
+    return any(
+        counts(quad.graph_name) and quad not in gone for quad in store.quads_for_pattern(*key, None)
+    )

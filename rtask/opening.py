@@ -1,0 +1,192 @@
+"""Opening: a folder, memory, or a server; every failure says what to do."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from rtask.errors import UsageError
+from rtask.kb.checks.validation import Validator, policy
+from rtask.kb.commit.catalogue import Catalogue
+from rtask.kb.commit.commit import LONG_AGO, Committer
+from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.writer import Writer
+from rtask.kb.durability.folder import (
+    Files,
+    find,
+    make,
+    open_for_reading,
+    open_for_writing,
+    open_in_memory,
+)
+from rtask.kb.durability.recovery import fill_gap
+from rtask.kb.durability.settings import Settings
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.statistics import closure_state
+from rtask.knowledge_base import KnowledgeBase
+from rtask.loader.bundled import refresh
+
+__all__ = ["open_knowledge_base"]
+
+_log = logging.getLogger(__name__)
+_MODES = ("rw", "r", "new")
+
+
+@dataclass(frozen=True)
+class _Options:
+    mode: str
+    durable: bool
+    reason: bool
+    ontologies: bool
+    quarantines: bool
+    validate: str
+
+
+def open_knowledge_base(
+    target: str | Path,
+    *,
+    mode: str = "rw",
+    base: str | None = None,
+    flush: str = "commit",
+    plain: bool = False,
+    union: str | None = None,
+    reason: bool = True,
+    validate: bool | str = False,
+    on_inconsistency: str = "error",
+    ontologies: bool = True,
+    token: str | None = None,
+    timeout_s: float = 30.0,
+) -> KnowledgeBase:
+    """Open a knowledge base.
+
+    Parameters
+    ----------
+    target
+        A folder, ``":memory:"``, the address of a SPARQL 1.1 server (query and update at one
+        address), or ``sparql+https://host/?query=/q&update=/u`` where they differ.
+    mode
+        ``"rw"`` makes the folder if it does not exist, ``"new"`` refuses one that does, ``"r"``
+        reads beside other readers.
+    base
+        IRI that starts every instance; random where it is not given. Fixed when the folder is
+        made.
+    flush
+        When a commit is acknowledged: ``"commit"`` after it survives a power cut, ``"os"`` after
+        it survives the end of the process.
+    plain
+        A bare SPARQL 1.1 dataset: no union default graph, inference or provenance.
+    union
+        What triple patterns outside ``GRAPH`` see: ``"merged"`` (default) keeps one copy of each
+        distinct triple; ``"view"`` loads faster and takes less room, but a triple that two graphs
+        hold comes twice. Fixed when the folder is made.
+    reason
+        Derive what follows within each commit.
+    validate
+        Hold what a commit touches against the SHACL shapes: ``True`` or ``"refuse"`` refuses
+        violations, ``"warn"`` reports them in the commit. A millisecond for each shape concerned.
+    on_inconsistency
+        What becomes of a commit that contradicts the ontology or what is known: ``"error"``
+        refuses it, ``"quarantine"`` keeps the statements to blame aside and stores the rest.
+    ontologies
+        Load the ontology that comes with RTASK into a new knowledge base, and its newer version
+        into an old one.
+    token, timeout_s
+        Of a remote server: who asks, and how long to wait for an answer. The other options are
+        the server's own.
+
+    Raises
+    ------
+    StoreLockedError
+        Another process has the folder open; says which.
+    StoreFormatError
+        The folder is no knowledge base, or one of another format.
+    """
+    if mode not in _MODES:
+        raise UsageError(f"unknown mode {mode!r}; one of {', '.join(_MODES)}")
+    if flush not in ("commit", "os"):
+        raise UsageError(f"unknown flush policy {flush!r}; one of commit, os")
+    if on_inconsistency not in ("error", "quarantine"):
+        raise UsageError(
+            f"unknown policy on_inconsistency={on_inconsistency!r}; one of error, quarantine"
+        )
+    text = str(target)
+    if text.startswith(("http://", "https://", "sparql+http")):
+        from rtask.kb.remote.knowledge_base import open_remote
+
+        # The same methods; those that need the embedded store raise UnsupportedError.
+        return cast("KnowledgeBase", open_remote(text, token, timeout_s))
+    quarantines = on_inconsistency == "quarantine"
+    options = _Options(mode, flush == "commit", reason, ontologies, quarantines, policy(validate))
+    if text == ":memory:":
+        return _assemble(open_in_memory(Settings.new(base, plain, union)), options)
+    folder = Path(text)
+    settings = find(folder, mode)
+    if settings is None:
+        settings = Settings.new(base, plain, union)
+        make(folder, settings)
+    settings.require(folder, base, plain, union)
+    if mode == "r":
+        return _assemble(open_for_reading(folder, settings), options)
+    return _assemble(open_for_writing(folder, settings, options.durable), options)
+
+
+def _assemble(files: Files, options: _Options) -> KnowledgeBase:
+    try:
+        kb = _connect(files, options)
+        if options.mode != "r":
+            _bring_up_to_date(kb, files, options)
+            kb.expiry.start()
+    except BaseException:
+        files.abandon()
+        raise
+    return kb
+
+
+def _connect(files: Files, options: _Options) -> KnowledgeBase:
+    files.store.is_view = files.settings.is_view
+    graphs = Graphs(files.settings.base)
+    catalogue = Catalogue(files.store, graphs)
+    inference = None
+    if options.reason and not files.settings.plain:
+        inference = Inference(files.store, graphs, catalogue.is_ontology)
+    committer = Committer(
+        files.store,
+        graphs,
+        files.settings.plain,
+        files.blobs,
+        catalogue,
+        inference,
+        files.journal,
+        _validator(files, graphs, options.validate),
+        last_seq=max(catalogue.seq, files.last_seq),
+        last_time=catalogue.last_time() or LONG_AGO,
+        quarantines=options.quarantines,
+    )
+    writer = Writer(committer, files.checkpoints)
+    if options.mode == "r":
+        writer.close()
+    return KnowledgeBase(files, catalogue, inference, writer)
+
+
+def _validator(files: Files, graphs: Graphs, validate: str) -> Validator | None:
+    if validate == "off" or files.settings.plain:
+        return None
+    return Validator(files.store, graphs, refuse=validate == "refuse")
+
+
+def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> None:
+    """Number what a power cut left, mark the folder as open, renew what is derived."""
+    if files.checkpoints is not None:
+        fill_gap(files.checkpoints.journal, files.last_seq, kb.seq)
+        files.checkpoints.make(kb.seq)
+    if kb.complete_interrupted():
+        _log.warning("completed a load that was interrupted")
+    if kb.plain:
+        return
+    if options.ontologies:
+        refresh(kb)
+    if closure_state(kb) == "behind":
+        commit = kb.rebuild("inferred")
+        _log.info("derived again: +%d -%d", commit.added, commit.removed)

@@ -1,0 +1,1 @@
+"""RDF terms, namespaces, times and file formats."""

@@ -1,0 +1,86 @@
+"""The ontology's terms as Python attributes: ``RT.GraspAttempt`` is an IRI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+import ontology
+from rtask.errors import UnknownTermError
+from rtask.rdf.terms import NamedNode, prologue
+
+__all__ = [
+    "CORA",
+    "PREFIXES",
+    "PROV",
+    "RDF",
+    "RDFS",
+    "RT",
+    "SOSA",
+    "Namespace",
+    "local_name",
+    "reason",
+    "values",
+]
+
+PREFIXES = prologue(ontology.PREFIXES)
+"""``PREFIX`` lines for every query of the engine."""
+
+
+class Namespace:
+    """IRIs of one namespace by local name.
+
+    >>> Namespace("urn:x#").mug
+    <NamedNode value=urn:x#mug>
+    """
+
+    def __init__(self, start: str) -> None:
+        self._start = start
+
+    def __getattr__(self, name: str) -> NamedNode:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return NamedNode(self._start + name)
+
+
+RT = Namespace(ontology.NS)
+RDF = Namespace(ontology.PREFIXES["rdf"])
+RDFS = Namespace(ontology.PREFIXES["rdfs"])
+PROV = Namespace(ontology.PREFIXES["prov"])
+SOSA = Namespace(ontology.PREFIXES["sosa"])
+CORA = Namespace(ontology.PREFIXES["cora"])
+
+_CODE = re.compile(r"[a-z][a-z0-9_]*")
+
+
+def reason(code: str) -> NamedNode:
+    """Return the individual of an outcome reason, ``ok`` or ``slip_lift``.
+
+    Raises
+    ------
+    UnknownTermError
+        When the text cannot be a code at all.
+    """
+    if not _CODE.fullmatch(code):
+        raise UnknownTermError(f"{code!r} is no reason code; one word such as slip_lift is wanted")
+    return NamedNode(f"{ontology.NS}reason_{code}")
+
+
+def local_name(iri: NamedNode | str) -> str:
+    """Return what follows the last ``#`` or ``/``.
+
+    >>> local_name("urn:x/y#Mug")
+    'Mug'
+    """
+    text = iri.value if isinstance(iri, NamedNode) else iri
+    return re.split(r"[#/]", text)[-1]
+
+
+def values(iris: Iterable[NamedNode | str]) -> str:
+    """Return IRIs as the rows of a ``VALUES`` clause, sorted, so that equal sets read alike.
+
+    >>> values(["urn:b", "urn:a"])
+    '<urn:a> <urn:b>'
+    """
+    terms = {iri if isinstance(iri, NamedNode) else NamedNode(iri) for iri in iris}
+    return " ".join(sorted(str(term) for term in terms))

@@ -1,0 +1,181 @@
+"""SPARQL text into tokens, without a parser (SPARQL 1.1 Query Language, 19.8).
+
+The store's own parser cannot be asked what it read, and very deep nesting ends the process that
+parses it. So the knowledge base reads tokens itself: linear in the text, no recursion.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+
+from rtask.errors import QuerySyntaxError
+from rtask.sparql.complexity import check_complexity, limit
+from rtask.sparql.tokens import Token
+
+__all__ = ["Token", "find_block_end", "names_dataset", "query_form", "tokenise"]
+
+_TOKEN = re.compile(
+    r"""
+    (?P<space>(?:[\x20\t\r\n]|\#[^\n\r]*)+)
+  | (?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*>)
+  | (?P<string>\"\"\"(?:(?:"|"")?(?:[^"\\]|\\.))*\"\"\"|'''(?:(?:'|'')?(?:[^'\\]|\\.))*'''
+      |"(?:[^"\\\n\r]|\\.)*"|'(?:[^'\\\n\r]|\\.)*')
+  | (?P<variable>[?$][\w\u00b7]+)
+  | (?P<blank>_:\w(?:[\w.\-\u00b7]*[\w\-\u00b7])?)
+  | (?P<language>@[A-Za-z]+(?:-[A-Za-z0-9]+)*(?:--[a-z]+)?)
+  | (?P<number>(?:\d+\.\d*|\.\d+|\d+)(?:[eE][+-]?\d+)?)
+  | (?P<name>(?:[^\W\d_](?:[\w.\-\u00b7]*[\w\-\u00b7])?)?:
+      (?:(?:[\w:]|%[0-9A-Fa-f]{2}|\\.)
+         (?:(?:[\w:.\-\u00b7]|%[0-9A-Fa-f]{2}|\\.)*(?:[\w:\-\u00b7]|%[0-9A-Fa-f]{2}|\\.))?)?)
+  | (?P<word>[A-Za-z_][A-Za-z_0-9]*)
+  | (?P<mark><<\(|\)>>|<<|>>|\{\||\|\}|\^\^|&&|\|\||!=|<=|>=|[{}()\[\].;,*/|^+\-?!=<>~$])
+    """,
+    re.X | re.S,
+)
+_OPENERS = {"{", "(", "[", "<<", "<<(", "{|"}
+_CLOSERS = {"}", ")", "]", ">>", ")>>", "|}"}
+_OPERATORS = {"+", "-", "*", "/", "&&", "||", "=", "!=", "<", ">", "<=", ">=", "|", "^"}
+_SEPARATORS = {"{", "}", ".", ";", ","}
+_MAX_NESTING = 128
+_MAX_OPERATORS = 1_000
+_MAX_NEGATIONS = 64
+_HARMLESS = 64
+_LONG = 1_000
+_CACHED = 16_000
+
+
+def tokenise(text: str) -> list[Token]:
+    """Return the tokens of a query or update, ended by one of kind ``end``.
+
+    >>> [token.text for token in tokenise("ASK { ?s a <urn:Mug> }")]
+    ['ASK', '{', '?s', 'a', '<urn:Mug>', '}', '']
+
+    Raises
+    ------
+    QuerySyntaxError
+        At characters that begin no token.
+    TooLargeError
+        Nested deeper, or with longer expressions, than the store's parser survives.
+    """
+    tokens = list(_scan(text))
+    _check_limits(tokens)
+    tokens.append(Token("end", "", len(text), len(text)))
+    return tokens
+
+
+def _scan(text: str) -> Iterator[Token]:
+    position, match = 0, _TOKEN.match
+    while position < len(text):
+        found = match(text, position)
+        if found is None:
+            line, column = line_and_column(text, position)
+            near = text[position : position + 20]
+            raise QuerySyntaxError(
+                f"{line}:{column}: cannot read {near!r}", line=line, column=column
+            )
+        if found.lastgroup != "space":
+            assert found.lastgroup is not None
+            yield Token(found.lastgroup, found.group(), position, found.end())
+        position = found.end()
+
+
+def _check_limits(tokens: list[Token]) -> None:
+    depth = operators = negations = 0
+    for kind, text, _, _ in tokens:
+        if kind != "mark":
+            negations = 0
+            continue
+        negations = negations + 1 if text == "!" else 0
+        if text in _OPENERS:
+            depth += 1
+        elif text in _CLOSERS:
+            depth -= 1
+        if text in _SEPARATORS:
+            operators = 0
+        elif text in _OPERATORS:
+            operators += 1
+        limit("nesting", depth, _MAX_NESTING)
+        limit("operators in one expression", operators, _MAX_OPERATORS)
+        limit("negations in a row", negations, _MAX_NEGATIONS)
+    check_complexity(tokens)
+
+
+def guard(text: str) -> None:
+    """Refuse text that would end the process in the store's parser or planner.
+
+    Counting characters settles most texts; only suspicious ones are read token by token.
+    """
+    if len(text) > _CACHED:
+        tokenise(text)
+    else:
+        _guard(text)
+
+
+@lru_cache(maxsize=1024)
+def _guard(text: str) -> None:
+    if len(text) < _HARMLESS:
+        return
+    brackets = text.count("{") + text.count("(") + text.count("[") + text.count("<<")
+    operators = sum(text.count(mark) for mark in "+-*/!=|&^<")
+    separators = text.count(".") + text.count(";") + text.count(",")
+    many = max(brackets, separators) > _MAX_NESTING or operators > _MAX_NEGATIONS
+    if many or len(text) > _LONG:
+        tokenise(text)
+
+
+def line_and_column(text: str, position: int) -> tuple[int, int]:
+    """Return the 1-based line and column of a position."""
+    start = text.rfind("\n", 0, position) + 1
+    return text.count("\n", 0, position) + 1, position - start + 1
+
+
+def find_block_end(tokens: list[Token], start: int) -> int:
+    """Return the index behind the ``}`` that closes the ``{`` at ``start``.
+
+    Raises
+    ------
+    QuerySyntaxError
+        If the block never ends.
+    """
+    depth = 0
+    for index in range(start, len(tokens)):
+        if tokens[index].is_mark("{"):
+            depth += 1
+        elif tokens[index].is_mark("}"):
+            depth -= 1
+            if depth == 0:
+                return index + 1
+    raise QuerySyntaxError("a block { is never closed")
+
+
+def body_start(tokens: list[Token]) -> int:
+    """Return the index of the first token behind the prologue (BASE, PREFIX, VERSION)."""
+    index = 0
+    while tokens[index].is_word("BASE", "PREFIX", "VERSION"):
+        index += 3 if tokens[index].is_word("PREFIX") else 2
+    return index
+
+
+def query_form(text: str) -> str:
+    """Return ``select``, ``ask``, ``construct`` or ``describe``; empty if it is none of them.
+
+    >>> query_form("PREFIX : <urn:> SELECT * { ?s ?p ?o }")
+    'select'
+    """
+    tokens = tokenise(text)
+    start = body_start(tokens)
+    word = tokens[min(start, len(tokens) - 1)].text.lower()
+    return word if word in ("select", "ask", "construct", "describe") else ""
+
+
+def names_dataset(text: str) -> bool:
+    """Whether a query names its own dataset by ``FROM`` or ``FROM NAMED``.
+
+    >>> names_dataset("SELECT * FROM <urn:g> { ?s ?p ?o }"), names_dataset("ASK { ?from ?p ?o }")
+    (True, False)
+    """
+    if "from" not in text.lower():
+        return False
+    return any(token.is_word("FROM") for token in tokenise(text))

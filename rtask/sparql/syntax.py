@@ -1,0 +1,104 @@
+"""Is this SPARQL text well formed? Asked of the store's own parser, without evaluating it."""
+
+from __future__ import annotations
+
+import re
+import threading
+from itertools import pairwise
+
+from pyoxigraph import Store
+
+from rtask.errors import QuerySyntaxError, RtaskError
+from rtask.sparql.lexer import guard, line_and_column, tokenise
+from rtask.sparql.tokens import Token
+from rtask.sparql.update_outline import Update
+
+__all__ = ["check_query", "check_update", "syntax_error"]
+
+_FAILS = "CREATE GRAPH <urn:rtask:twice> ; CREATE GRAPH <urn:rtask:twice> ;\n"
+_POSITION = re.compile(r"error at (\d+):(\d+): ?(.*)", re.S)
+_scratch = threading.local()
+
+
+def _empty_store() -> Store:
+    if not hasattr(_scratch, "store"):
+        _scratch.store = Store()
+    store: Store = _scratch.store
+    return store
+
+
+def syntax_error(
+    error: Exception, what: str, text: str, skipped_lines: int = 0
+) -> QuerySyntaxError:
+    """Return the store's complaint with line and column.
+
+    Parameters
+    ----------
+    text
+        What the caller wrote.
+    skipped_lines
+        Lines put in front of it for the store's parser.
+    """
+    unknown = _undeclared_prefix(text)
+    if unknown is not None:
+        name, line, column = unknown
+        message = f"undeclared prefix {name!r}"
+    else:
+        found = _POSITION.search(str(error))
+        if found is None or int(found[1]) <= skipped_lines:
+            return QuerySyntaxError(f"{what}: {error}")
+        line, column, message = int(found[1]) - skipped_lines, int(found[2]), found[3]
+    return QuerySyntaxError(f"{what} {line}:{column}: {message}", line=line, column=column)
+
+
+def _undeclared_prefix(text: str) -> tuple[str, int, int] | None:
+    """Return the first prefix that is used and not declared, with its line and column."""
+    try:
+        tokens = tokenise(text)
+    except RtaskError:
+        return None
+    declared: set[str] = set()
+    for before, token in pairwise([Token("", "", 0, 0), *tokens]):
+        if token.kind != "name":
+            continue
+        prefix = token.text.partition(":")[0] + ":"
+        if before.is_word("PREFIX"):
+            declared.add(prefix)
+        elif prefix not in declared:
+            return (prefix, *line_and_column(text, token.start))
+    return None
+
+
+def check_update(update: Update, base: str | None = None) -> None:
+    """Raise unless the text is a SPARQL 1.1 update.
+
+    The second CREATE in front of it always fails, so nothing is executed. Declarations go before
+    everything, since the store's parser takes none between two operations.
+
+    Raises
+    ------
+    QuerySyntaxError
+        With line and column.
+    """
+    head = update.declarations + _FAILS
+    try:
+        _empty_store().update(head + update.body, base_iri=base)
+    except SyntaxError as error:
+        raise syntax_error(error, "update", update.text, head.count("\n")) from error
+    except RuntimeError:
+        return
+
+
+def check_query(text: str, base: str | None = None) -> None:
+    """Raise unless the text is a SPARQL 1.1 query; nothing is read.
+
+    Raises
+    ------
+    QuerySyntaxError
+        With line and column.
+    """
+    guard(text)
+    try:
+        _empty_store().query(text, base_iri=base)
+    except SyntaxError as error:
+        raise syntax_error(error, "query", text) from error

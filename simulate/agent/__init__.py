@@ -1,0 +1,1 @@
+"""The agent: look, ask the graph, grasp, judge, report."""

@@ -1,0 +1,394 @@
+"""The robot's mind: look, ask the graph, grasp, report (ARCHITECTURE: one observation, end to end).
+
+The agent knows what its camera, its joints and the server tell it, and nothing else. Ground truth
+about the scene reaches it nowhere; :mod:`simulate.agent.scoring` uses that afterwards, from
+outside.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from itertools import product
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec import encode_frame, to_wire
+from features.geometry import FloatArray, Frame
+from simulate.agent.encounter import Attempt, Encounter
+from simulate.agent.messages import (
+    distinct,
+    grasp_request,
+    mix_seed,
+    neighbour_points,
+    outcome_message,
+    pose_message,
+)
+from simulate.agent.perception import Ignored, Perceived, Seen, perceive
+from simulate.agent.tracking import Thing, Tracker
+from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
+
+__all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
+
+log = logging.getLogger(__name__)
+
+_CONFIDENT = 0.9
+_STANCES: tuple[Literal["own", "other"], ...] = ("own", "other")
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """How patient the agent is.
+
+    Parameters
+    ----------
+    max_attempts
+        Physical attempts at one object.
+    max_plans
+        Grasps of one answer that are planned before the object counts as out of reach.
+    max_looks
+        Looks at one side of the table, a guard against a scene that never settles.
+    seed
+        Of every choice that the server makes for this robot.
+    """
+
+    max_attempts: int = 4
+    max_plans: int = 10
+    max_looks: int = 40
+    seed: int = 0
+
+
+class Body(Protocol):
+    """What the agent needs of a robot; :class:`simulate.agent.simulated_body.SimulatedBody` is one."""
+
+    @property
+    def gripper_ids(self) -> Mapping[str, str]:
+        """Name of the end effector of each side."""
+
+    @property
+    def base_frame(self) -> str:
+        """Name of the base frame (tf)."""
+
+    @property
+    def ignored(self) -> tuple[Ignored, ...]:
+        """Parts of the table that are the robot's own."""
+
+    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
+        """Turn the head and return a frame with base_from_camera (4, 4)."""
+
+    def plan(
+        self, request: GraspRequest, obstacles: list[FloatArray], seed: int
+    ) -> PlannedGrasp | str:
+        """Return a plan, or the reason code why there is none."""
+
+    def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
+        """Carry a plan out; return its record and pictures (phase, PNG) of it."""
+
+
+class Server(Protocol):
+    """What the agent needs of the engine; any :func:`rtask.connect` client is one."""
+
+    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]: ...
+
+    def insert_object(self, **request: Any) -> dict[str, Any]: ...
+
+    def report_outcome(self, **request: Any) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class _Planning:
+    """What planning through the learner's order found.
+
+    Parameters
+    ----------
+    plan
+        None = no grasp can be reached.
+    grasp
+        The one planned, else the learner's first; None when the server proposed nothing.
+    reason
+        ``ok``, or why the learner's first grasp cannot be reached.
+    """
+
+    plan: PlannedGrasp | None
+    grasp: dict[str, Any] | None
+    reason: str
+
+
+class Agent:
+    """Clears a table: for each object asks the graph, grasps, reports.
+
+    Parameters
+    ----------
+    body
+        Eyes and hands.
+    server
+        The shared graph.
+    config
+        Patience and seed.
+    on_event
+        Called with (name, data) at every step worth telling.
+    on_sight
+        Called with the frame and an object's pixels when it is first recognised or not; scoring
+        hangs on here and returns nothing to the agent.
+    on_frame
+        Called with every frame taken, for those who watch.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        server: Server,
+        config: AgentConfig,
+        on_event: Callable[[str, dict[str, Any]], None] = lambda name, data: None,
+        on_sight: Callable[[Encounter, Seen], None] = lambda encounter, seen: None,
+        on_frame: Callable[[Frame], None] = lambda frame: None,
+    ) -> None:
+        self.body = body
+        self.server = server
+        self.config = config
+        self.encounters: dict[int, Encounter] = {}
+        self._tell = on_event
+        self._on_sight = on_sight
+        self._on_frame = on_frame
+        self._tracker = Tracker()
+        self._runs = 0
+
+    def clear_table(self) -> list[Encounter]:
+        """Handle every object on both sides; return what happened, in order."""
+        for side in ("right", "left"):
+            self._clear_side(side)
+        return list(self.encounters.values())
+
+    def _clear_side(self, side: str) -> None:
+        handled: Thing | None = None
+        sign = -1 if side == "right" else 1
+        for _ in range(self.config.max_looks):
+            started = time.perf_counter()
+            frame, base_from_camera = self.body.look(side)
+            view = perceive(frame, base_from_camera, self.body.ignored)
+            looked_s = time.perf_counter() - started
+            self._on_frame(frame)
+            mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
+            things = self._tracker.update(mine, handled, sign)
+            self._tell("look", {"side": side, "status": view.status, "objects": len(mine)})
+            todo = [thing for thing in things if not thing.finished]
+            if not todo:
+                return
+            # The outermost first: the hand comes from outside, and each success clears its way.
+            # What was out of reach behind others waits until they are gone.
+            handled = max(todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign))
+            may_wait = any(not t.waiting for t in todo if t is not handled)
+            self._attempt(handled, side, view, base_from_camera, looked_s, may_wait)
+
+    def _attempt(
+        self,
+        thing: Thing,
+        side: str,
+        view: Perceived,
+        base_from_camera: NDArray[np.float64],
+        looked_s: float,
+        may_wait: bool,
+    ) -> None:
+        """Ask, plan, grasp and report once."""
+        encounter = self._encounter(thing, side)
+        seconds = {"look": looked_s}
+        started = time.perf_counter()
+        observation = self._observation(thing, view, base_from_camera)
+        seconds["encode"] = time.perf_counter() - started
+        number = encounter.tries + 1
+        started = time.perf_counter()
+        answer = self.server.recognise_for_grasp(
+            task="pick",
+            gripper_id=self.body.gripper_ids[side],
+            propose=True,
+            max_grasps=50,
+            seed=mix_seed(self.config.seed, thing.number, number),
+            neighbours=neighbour_points(thing, view),
+            **observation,
+            **({"object": thing.object_iri} if thing.object_iri else {}),
+        )
+        seconds["ask"] = time.perf_counter() - started
+        if not encounter.is_seen:
+            encounter = self._first_sight(encounter, thing, answer)
+            number = encounter.tries + 1
+        planned = self._plan(thing, view, answer, seconds)
+        if planned.plan is None or planned.grasp is None:
+            if may_wait and not thing.waiting:
+                thing.waiting = True
+                return
+            self._give_up(encounter, thing, observation, answer, planned, number, seconds)
+            return
+        grasp = planned.grasp
+        self._tell(
+            "grasping",
+            {
+                "object": thing.number,
+                "attempt": number,
+                "source": grasp["source"],
+                "doing": f"grasping object {thing.number}",
+            },
+        )
+        started = time.perf_counter()
+        record, pictures = self.body.execute(planned.plan)
+        seconds["move"] = time.perf_counter() - started
+        outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
+        if record.reason != "not_judged":  # physics broke down: the grasp has not failed
+            self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
+        self._runs += 1
+        held, lost = grasp.get("explanation", {}).get("graph", (0.0, 0.0))
+        attempt = Attempt(
+            number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
+            True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
+            record.place_reason, (float(held), float(lost)), self._runs,
+        )  # fmt: skip
+        encounter.attempts.append(attempt)
+        thing.finished = record.placed or encounter.tries >= self.config.max_attempts
+        self._tell(
+            "attempt",
+            {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},
+        )
+
+    def _encounter(self, thing: Thing, side: str) -> Encounter:
+        if thing.number not in self.encounters:
+            shape = thing.seen.shape
+            self.encounters[thing.number] = Encounter(
+                thing.number,
+                side,
+                (float(shape.centre[0]), float(shape.centre[1])),
+                (shape.length, shape.width, shape.height),
+            )
+        return self.encounters[thing.number]
+
+    def _observation(
+        self, thing: Thing, view: Perceived, base_from_camera: NDArray[np.float64]
+    ) -> dict[str, Any]:
+        return {
+            "data": to_wire(encode_frame(thing.seen.crop)),
+            "sensor_pose": pose_message(base_from_camera),
+            "frame_id": self.body.base_frame,
+            "support_height": view.table_height,
+        }
+
+    def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> Encounter:
+        """Note what the server made of a new thing; one that was lost before is met again."""
+        recognition = answer["recognition"]
+        lost = self._tracker.lost(answer["object"]) if recognition["accepted"] else None
+        if lost is not None:
+            del self.encounters[thing.number]
+            self._tracker.join(lost, thing)
+            return self.encounters[thing.number]
+        matches = recognition["matches"]
+        encounter.is_seen = True
+        encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
+        if recognition["accepted"]:
+            encounter.recognised = thing.object_iri = answer["object"]
+            encounter.label = answer["label"]
+        self._on_sight(encounter, thing.seen)
+        self._tell(
+            "recognised",
+            {
+                "object": thing.number,
+                "recognised": encounter.recognised,
+                "label": encounter.label,
+                "confidence": encounter.confidence,
+                "doing": f"planning a grasp of object {thing.number}",
+            },
+        )
+        return encounter
+
+    def _plan(
+        self,
+        thing: Thing,
+        view: Perceived,
+        answer: dict[str, Any],
+        seconds: dict[str, float],
+    ) -> _Planning:
+        """Return the first grasp in the learner's order that the robot can reach well.
+
+        As it stands; only where that gives none it may take another stance.
+        """
+        started = time.perf_counter()
+        obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
+        grasps = distinct(answer["grasps"])[: self.config.max_plans]
+        first: dict[str, Any] | None = None
+        best: _Planning | None = None
+        reason = "no_grasp"
+        for stances, (rank, grasp) in product(_STANCES, grasps):
+            request = grasp_request(thing, grasp, view.table_height, stances)
+            planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
+            ranked = {**grasp, "rank": rank + 1}
+            if not isinstance(planned, str):
+                found = _Planning(planned, ranked, "ok")
+                if not planned.is_doubtful:
+                    best = found
+                    break
+                best = best or found
+            elif first is None:
+                first, reason = ranked, planned
+        seconds["plan"] = time.perf_counter() - started
+        return best or _Planning(None, first, reason)
+
+    def _give_up(
+        self,
+        encounter: Encounter,
+        thing: Thing,
+        observation: dict[str, Any],
+        answer: dict[str, Any],
+        planned: _Planning,
+        number: int,
+        seconds: dict[str, float],
+    ) -> None:
+        """Record that no grasp can be reached: the object as it was seen, and why."""
+        thing.finished = True
+        grasp, reason = planned.grasp, planned.reason
+        source = "none" if grasp is None else str(grasp["source"])
+        attempt = Attempt(number, source, "", reason, False, False, False, 0.0, seconds)
+        encounter.attempts.append(attempt)
+        if grasp is not None:
+            outcome = {
+                "success": False,
+                "placed": False,
+                "reason": reason,
+                "attempt_number": number,
+            }
+            gripper_id = self.body.gripper_ids[encounter.side]
+            self._report(encounter, thing, observation, answer, grasp, outcome, gripper_id)
+        self._tell("attempt", {"object": thing.number, **asdict(attempt), "doing": "looking on"})
+
+    def _report(
+        self,
+        encounter: Encounter,
+        thing: Thing,
+        observation: dict[str, Any],
+        answer: dict[str, Any],
+        grasp: dict[str, Any],
+        outcome: dict[str, Any],
+        gripper_id: str,
+    ) -> None:
+        """Write the outcome; with it the view, unless the graph knew the object well already."""
+        started = time.perf_counter()
+        common = {"gripper_id": gripper_id, "task": "pick"}
+        well_known = encounter.recognised and encounter.confidence >= _CONFIDENT
+        if thing.object_iri and well_known:
+            self.server.report_outcome(
+                task_id=answer["task_id"],
+                object=thing.object_iri,
+                grasp=grasp,
+                outcome=outcome,
+                **common,
+            )
+        else:
+            item = {**observation, **common, "grasp": grasp, "outcome": outcome,
+                    "task_id": answer["task_id"]}  # fmt: skip
+            if thing.object_iri:
+                item["object"] = thing.object_iri
+            stored = self.server.insert_object(objects=[item])
+            thing.object_iri = stored["objects"][0]["object"]
+        encounter.object_iri = thing.object_iri
+        encounter.seconds["report"] = (
+            encounter.seconds.get("report", 0.0) + time.perf_counter() - started
+        )

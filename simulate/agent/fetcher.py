@@ -1,0 +1,173 @@
+"""Bring me something of a kind: look, name what is there, ask which of it serves, take that.
+
+The words are understood by the engine, by reasoning over classes and functions (Gatto 2016, 5);
+the robot supplies what it sees now and acts on the answer. When it cannot, it says why.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.agent.agent import Agent, AgentConfig, Body, Server
+from simulate.agent.messages import mix_seed
+from simulate.agent.perception import Perceived, perceive
+from simulate.agent.tracking import Thing
+
+__all__ = ["Fetched", "Fetcher"]
+
+_SIDES = ("right", "left")
+
+
+class RequestServer(Server, Protocol):
+    """A server that also understands requests."""
+
+    def resolve_request(self, **request: Any) -> dict[str, Any]: ...
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """What came of a request.
+
+    Parameters
+    ----------
+    wanted
+        The words.
+    seen
+        IRIs of what stood there, in the order in which it was looked at.
+    object, label
+        What was taken; empty when nothing was.
+    placed
+        It lies where it was asked for.
+    text
+        In words: what was chosen and why, or why nothing could be brought.
+    tried
+        For each object that was tried: ``object``, ``label``, ``reason`` (``ok`` = placed).
+    answer
+        The engine's last answer.
+    """
+
+    wanted: str
+    seen: tuple[str, ...]
+    object: str
+    label: str
+    placed: bool
+    text: str
+    tried: tuple[dict[str, str], ...]
+    answer: dict[str, Any]
+
+
+class Fetcher(Agent):
+    """An agent that takes one object on request and leaves the others.
+
+    Parameters
+    ----------
+    body, server, config
+        As of :class:`simulate.agent.agent.Agent`.
+    """
+
+    def __init__(self, body: Body, server: RequestServer, config: AgentConfig) -> None:
+        super().__init__(body, cast(Server, server), config)
+        self._requests = server
+
+    def fetch(self, wanted: str) -> Fetched:
+        """Bring one thing that the words mean, or say why not.
+
+        When the first choice cannot be taken the next one is tried, as long as there is one.
+        """
+        things = {thing.object_iri: (thing, side) for thing, side in self._survey()}
+        tried: list[dict[str, str]] = []
+        while True:
+            answer = self._requests.resolve_request(
+                wanted=wanted,
+                gripper_id=next(iter(self.body.gripper_ids.values())),
+                objects=list(things),
+                exclude=[one["object"] for one in tried],
+            )
+            chosen = str(answer["object"])
+            if chosen not in things:
+                return self._sum_up(wanted, tuple(things), tried, answer)
+            reason = self._take(*things[chosen])
+            tried.append({"object": chosen, "label": str(answer["label"]), "reason": reason})
+            if reason == "ok":
+                return self._sum_up(wanted, tuple(things), tried, answer)
+
+    def _survey(self) -> list[tuple[Thing, str]]:
+        """Look at both sides and give everything that stands there a name in the graph."""
+        found = []
+        for side in _SIDES:
+            view, base_from_camera, things = self._look(side, None)
+            for thing in things:
+                self._name(thing, side, view, base_from_camera)
+                found.append((thing, side))
+        return [(thing, side) for thing, side in found if thing.object_iri]
+
+    def _look(
+        self, side: str, handled: Thing | None
+    ) -> tuple[Perceived, NDArray[np.float64], list[Thing]]:
+        sign = -1 if side == "right" else 1
+        frame, base_from_camera = self.body.look(side)
+        view = perceive(frame, base_from_camera, self.body.ignored)
+        mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
+        things = self._tracker.update(mine, handled, sign)
+        here = [thing for thing in things if thing.seen.position[1] * sign >= 0]
+        return view, base_from_camera, here
+
+    def _name(
+        self, thing: Thing, side: str, view: Perceived, base_from_camera: NDArray[np.float64]
+    ) -> None:
+        """Ask what a thing is; what nobody knows yet is told to the graph as it looks."""
+        encounter = self._encounter(thing, side)
+        observation = self._observation(thing, view, base_from_camera)
+        gripper_id = self.body.gripper_ids[side]
+        answer = self.server.recognise_for_grasp(
+            gripper_id=gripper_id, seed=mix_seed(self.config.seed, thing.number), **observation
+        )
+        self._first_sight(encounter, thing, answer)
+        if not thing.object_iri:
+            told = self.server.insert_object(objects=[{**observation, "gripper_id": gripper_id}])
+            thing.object_iri = told["objects"][0]["object"]
+        encounter.object_iri = thing.object_iri
+
+    def _take(self, thing: Thing, side: str) -> str:
+        """Take one thing and place it; return ``ok``, or why not."""
+        encounter = self._encounter(thing, side)
+        for _ in range(self.config.max_looks):
+            started = time.perf_counter()
+            view, base_from_camera, things = self._look(side, thing)
+            if thing not in things:
+                return "gone"
+            looked_s = time.perf_counter() - started
+            self._attempt(thing, side, view, base_from_camera, looked_s, may_wait=False)
+            if thing.finished:
+                break
+        if encounter.placed:
+            return "ok"
+        last = encounter.attempts[-1]
+        return last.place_reason or last.reason if last.held else last.reason
+
+    def _sum_up(
+        self,
+        wanted: str,
+        seen: tuple[str, ...],
+        tried: list[dict[str, str]],
+        answer: dict[str, Any],
+    ) -> Fetched:
+        last = tried[-1] if tried else {"object": "", "label": "", "reason": ""}
+        placed = last["reason"] == "ok"
+        lines = [] if placed else [f"{t['label'] or t['object']}: {t['reason']}" for t in tried]
+        lines.append(str(answer["explanation"]["text"]))
+        return Fetched(
+            wanted,
+            seen,
+            last["object"] if placed else "",
+            last["label"] if placed else "",
+            placed,
+            "; ".join(lines),
+            tuple(tried),
+            answer,
+        )

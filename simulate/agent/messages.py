@@ -1,0 +1,122 @@
+"""Between what a robot measures and what it says: requests to the engine and to the planner."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from simulate.agent.perception import Perceived
+from simulate.agent.tracking import Thing
+from simulate.grasping.executor import GraspRecord, GraspRequest
+
+__all__ = [
+    "distinct",
+    "grasp_request",
+    "mix_seed",
+    "neighbour_points",
+    "outcome_message",
+    "pose_message",
+]
+
+_MAX_NEIGHBOUR_POINTS = 400
+_NEIGHBOUR_RADIUS_M = 0.12
+
+
+def mix_seed(*parts: int) -> int:
+    """Mix numbers into one seed below 2^31, the same on every machine."""
+    return int(np.random.SeedSequence(parts).generate_state(1)[0] >> 1)
+
+
+def neighbour_points(thing: Thing, view: Perceived) -> list[list[float]]:
+    """Return points of the other objects near the thing, m, base frame."""
+    others = [seen.points for seen in view.objects if seen is not thing.seen]
+    if not others:
+        return []
+    points = np.concatenate(others)
+    near = points[np.linalg.norm(points[:, :2] - thing.seen.position, axis=1) < _NEIGHBOUR_RADIUS_M]
+    step = max(1, -(-len(near) // _MAX_NEIGHBOUR_POINTS))
+    return [[round(float(x), 4) for x in point] for point in near[::step]]
+
+
+def grasp_request(
+    thing: Thing, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
+) -> GraspRequest:
+    shape = thing.seen.shape
+    return GraspRequest(
+        x=float(grasp["x"]),
+        y=float(grasp["y"]),
+        z=float(grasp["z"]),
+        theta=float(grasp["theta"]),
+        width=float(grasp["width"]),
+        opening=float(grasp["opening"]),
+        height=shape.height,
+        length=shape.length,
+        table_height=table,
+        arm="auto",
+        round=shape.is_round,
+        stances=stances,
+    )
+
+
+def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
+    """Return grasps with their ranks, of those alike but for height and opening the first.
+
+    The planner tries other heights and openings by itself.
+    """
+    kept: list[tuple[int, dict[str, Any]]] = []
+    seen: set[tuple[float, ...]] = set()
+    for rank, grasp in enumerate(grasps):
+        aim = tuple(round(float(grasp[name]), 4) for name in ("x", "y", "theta"))
+        if aim not in seen:
+            seen.add(aim)
+            kept.append((rank, grasp))
+    return kept
+
+
+def pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, float]]:
+    """Return a (4, 4) pose as geometry_msgs/Pose."""
+    x, y, z = (float(v) for v in base_from_camera[:3, 3])
+    q = [float(v) for v in Rotation.from_matrix(base_from_camera[:3, :3]).as_quat()]
+    return {
+        "position": {"x": x, "y": y, "z": z},
+        "orientation": {"x": q[0], "y": q[1], "z": q[2], "w": q[3]},
+    }
+
+
+def outcome_message(
+    record: GraspRecord,
+    number: int,
+    answer: dict[str, Any],
+    grasp: dict[str, Any],
+    seconds: dict[str, float],
+    pictures: list[tuple[str, bytes]],
+) -> dict[str, Any]:
+    """Return what a physical attempt is reported with."""
+    return {
+        "success": record.held,
+        "placed": record.placed,
+        "reason": record.reason,
+        "lifted_m": record.lifted_m,
+        "slip": record.slip_m,
+        "duration_s": record.duration_s,
+        "links_touching": record.links_touching,
+        "contact_force": record.contact_force_n,
+        "preset": record.preset,
+        "seed": record.seed,
+        "attempt_number": number,
+        "candidate_count": len(answer["grasps"]),
+        "candidate_rank": grasp["rank"],
+        "times": {
+            "planning_s": seconds.get("plan", 0.0),
+            "execution_s": record.duration_s,
+            "transfer_s": seconds["ask"] - answer["times"].get("total_s", 0.0),
+        },
+        "images": [
+            {"phase": phase, "data": base64.b64encode(png).decode()} for phase, png in pictures
+        ],
+    }

@@ -1,0 +1,1 @@
+"""Grasp planning and execution with a robot's arm."""

@@ -1,0 +1,185 @@
+"""Postures at an object, found for every height, direction and opening, and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.grasping.hand_rules import HandRules, rules_for
+from simulate.grasping.rules import GraspRequest
+from simulate.motion.arm_space import ALLOWED, ArmSpace
+from simulate.motion.collision import Obstacle, Surroundings
+from simulate.motion.kinematics import Goal, IkOptions, solve_ik
+
+__all__ = ["AT_OBJECT", "Candidate", "find_candidates", "most_promising", "target_obstacle"]
+
+Floats = NDArray[np.float64]
+
+_POSTURES_TRIED = 14
+_DIFFERENT = 0.15
+_ANGLE_TOLERANCE = 0.4
+_PURPOSE_IK = 0
+
+AT_OBJECT: Mapping[tuple[str, str], float] = {
+    **ALLOWED,
+    ("table", "finger"): 0.008,
+    ("target", "finger"): 0.012,
+    ("target", "palm"): 0.008,
+}
+"""Penetration (m) that is no collision around the grasp: fingers comply, the object gives way."""
+
+_TOUCHING: Mapping[tuple[str, str], float] = {
+    **ALLOWED,
+    ("table", "finger"): 0.008,
+    ("target", "finger"): 0.002,
+    ("target", "palm"): 0.0,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One posture at the object, and what speaks against it.
+
+    Parameters
+    ----------
+    posture : (dof,) float, rad
+    opening
+        Of the hand, 0..1.
+    height
+        Of the tool over the table, m.
+    tilt
+        Of the approach from the vertical, rad.
+    off
+        Angle between the closing axis and the wanted one, rad.
+    depth
+        How deep the open hand sits in the object or anything else, m.
+    collides
+        Deeper than fingers give way.
+    raised, turned, widened
+        Number of the height, closing direction and opening tried; 0 = the rule's first choice.
+    """
+
+    posture: Floats
+    opening: float
+    height: float
+    tilt: float
+    off: float
+    depth: float
+    raised: int
+    turned: int
+    widened: int
+    collides: bool = False
+
+    def cost(self, request: GraspRequest, rules: HandRules) -> float:
+        """Return what makes a grasp fail, summed: lower is better."""
+        return (
+            rules.cost(request, self.tilt, self.height, self.turned)
+            + 1.5 * self.off
+            + 60.0 * self.depth
+            + 0.2 * self.raised
+            + 0.2 * self.widened
+        )
+
+
+def find_candidates(
+    space: ArmSpace, arm: str, request: GraspRequest, around: Surroundings, seed: int
+) -> list[Candidate]:
+    """Return the postures for all heights, closing directions and openings.
+
+    Parameters
+    ----------
+    space
+        Of the robot.
+    arm
+        Name.
+    request
+        What to grasp.
+    around
+        Everything in the way, the object itself as ``target``.
+    seed
+        Of the starts of inverse kinematics.
+    """
+    chain = space.chains[arm]
+    rules = rules_for(space.robot.arm(arm))
+    approach = rules.approach(request)
+    options = IkOptions(
+        angle_tolerance=_ANGLE_TOLERANCE, position_tolerance=request.position_tolerance
+    )
+    rng = np.random.default_rng((seed, _PURPOSE_IK))
+    found: list[Candidate] = []
+    for raised, height in enumerate(rules.heights(request)):
+        for turned, angle in enumerate(rules.angles(request)):
+            position = np.array([request.x, request.y, request.table_height + height])
+            closing = None if angle is None else np.array([np.cos(angle), np.sin(angle), 0.0])
+            goal = Goal(position, closing, approach, approach is not None)
+            postures = solve_ik(chain, goal, rng, options)
+            if len(postures):
+                draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, turned, 0)
+                found += _judged(space, arm, request, around, draft, postures, closing)
+    return found
+
+
+def _judged(
+    space: ArmSpace,
+    arm: str,
+    request: GraspRequest,
+    around: Surroundings,
+    draft: Candidate,
+    postures: Floats,
+    closing: Floats | None,
+) -> list[Candidate]:
+    rotation, _ = space.chains[arm].tool_poses(postures)
+    tilts = np.arccos(np.clip(-rotation[:, 2, 2], -1, 1))
+    axes = rotation[:, :, 0]
+    if closing is None:
+        off = np.abs(axes[:, 2])
+    else:
+        off = np.sqrt(np.maximum(1 - (axes @ closing) ** 2, 0))
+    judged = []
+    for widened, opening in enumerate(rules_for(space.robot.arm(arm)).openings(request)):
+        spheres = space.spheres(arm, opening)
+        depths = -spheres.clearances(postures, around, spheres.slack(around, _TOUCHING))
+        spaces = spheres.clearances(postures, around, spheres.slack(around, AT_OBJECT))
+        judged += [
+            replace(
+                draft,
+                posture=posture,
+                opening=opening,
+                tilt=float(tilts[i]),
+                off=float(off[i]),
+                depth=float(max(depths[i], 0.0)),
+                collides=bool(spaces[i] < 0),
+                widened=widened,
+            )
+            for i, posture in enumerate(postures)
+        ]
+    return judged
+
+
+def most_promising(
+    candidates: Sequence[Candidate], request: GraspRequest, rules: HandRules
+) -> list[Candidate]:
+    """Return the cheapest few that are not almost the posture of a cheaper one."""
+    kept: list[Candidate] = []
+    for candidate in sorted(candidates, key=lambda c: c.cost(request, rules)):
+        if all(np.abs(candidate.posture - k.posture).max() >= _DIFFERENT for k in kept):
+            kept.append(candidate)
+            if len(kept) == _POSTURES_TRIED:
+                break
+    return kept
+
+
+def target_obstacle(request: GraspRequest) -> Obstacle:
+    """Return the object itself as an obstacle."""
+    if request.round:
+        diameter = max(request.width, 1e-3)
+        return Obstacle.upright(
+            "target", request.x, request.y, request.table_height, (diameter, request.height)
+        )
+    centre = (request.x, request.y, request.table_height + request.height / 2)
+    # The hand closes across the width, so the longer side lies at a right angle to theta.
+    size = (request.width, max(request.length, request.width), request.height)
+    return Obstacle.box("target", centre, size, request.theta)

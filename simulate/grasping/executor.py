@@ -1,0 +1,147 @@
+"""Planning grasps in a world and carrying them out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.grasping.attempt_run import Execution
+from simulate.grasping.planning import GraspPlanner
+from simulate.grasping.record import GraspRecord
+from simulate.grasping.rules import GraspRequest, PlannedGrasp
+from simulate.motion.arm_space import ArmSpace
+from simulate.motion.collision import Obstacle
+from simulate.motion.stance import UPRIGHT, standing
+
+if TYPE_CHECKING:
+    from simulate.robots.body import RobotBody
+    from simulate.world.world import World
+
+__all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp"]
+
+Floats = NDArray[np.float64]
+
+_ANY_STANCE = frozenset({"too_heavy", "too_wide"})
+
+
+class Executor:
+    """Plans and carries out grasps of one robot in its world.
+
+    Parameters
+    ----------
+    world, robot
+        The world and the robot that stands in it.
+
+    Notes
+    -----
+    Planning sees the request, the caller's obstacles, and the furniture that the robot was set up
+    with: the table and its boxes. Poses of objects are read during execution only, to judge.
+    """
+
+    def __init__(self, world: World, robot: RobotBody) -> None:
+        self.world = world
+        self.robot = robot
+        walls = [
+            Obstacle.box("box", centre, size)
+            for box in world.place_boxes.values()
+            for centre, size in box.walls()
+        ]
+        self._furniture = walls
+        self.space = ArmSpace(robot.description, walls)
+        self.planner = GraspPlanner(self.space)
+        self._planners = {UPRIGHT: self.planner}
+        self._placed_before = dict.fromkeys(world.place_boxes, 0)
+
+    def plan(
+        self,
+        request: GraspRequest,
+        obstacles: Sequence[Obstacle | Floats] = (),
+        seed: int = 0,
+    ) -> PlannedGrasp | str:
+        """Plan a grasp as the robot stands, else in one of its other stances.
+
+        Parameters
+        ----------
+        request
+            What to grasp.
+        obstacles
+            What else stands there: boxes, or point clouds (n, 3), m, base frame, of one object
+            each, which become upright prisms down to the table.
+        seed
+            Of every random choice of the planner.
+
+        Returns
+        -------
+        PlannedGrasp or str
+            The plan, or the reason code why there is none.
+        """
+        started = time.process_time()
+        boxes = []
+        for thing in obstacles:
+            if isinstance(thing, Obstacle):
+                boxes.append(thing)
+            elif len(thing):
+                boxes.append(Obstacle.around("neighbour", thing, request.table_height))
+        planned: PlannedGrasp | str = "ik"
+        if request.stances != "other":
+            planned = self.planner.plan(request, boxes, seed)
+        if not isinstance(planned, str) or request.stances == "own" or planned in _ANY_STANCE:
+            return planned
+        for stance in self.robot.described.stances:
+            leaning = self._planner(stance).plan(request, boxes, seed)
+            if not isinstance(leaning, str):
+                return replace(leaning, planning_s=time.process_time() - started)
+        return planned
+
+    def space_of(self, stance: str) -> ArmSpace:
+        """Return where the arms can go in a stance."""
+        return self._planner(stance).space
+
+    def _planner(self, stance: str) -> GraspPlanner:
+        if stance not in self._planners:
+            space = ArmSpace(standing(self.robot.described, stance), self._furniture)
+            self._planners[stance] = GraspPlanner(space, stance)
+        return self._planners[stance]
+
+    def execute(
+        self,
+        plan: PlannedGrasp,
+        on_phase: Callable[[str], None] = lambda phase: None,
+        *,
+        place: bool = True,
+    ) -> GraspRecord:
+        """Carry out a plan: grasp, lift, hold, put into the box of that side, go home.
+
+        Parameters
+        ----------
+        plan
+            From :meth:`plan`.
+        on_phase
+            Called with the name of each phase when it ends.
+        place
+            False puts the object back where it was instead.
+        """
+        execution = self.begin(plan, on_phase)
+        if execution.grasp() == "ok":
+            if place:
+                execution.place_in_box()
+            else:
+                execution.put_back()
+        return execution.record
+
+    def begin(
+        self, plan: PlannedGrasp, on_phase: Callable[[str], None] = lambda phase: None
+    ) -> Execution:
+        """Return a plan's execution, to be driven phase by phase; nothing moves yet."""
+        return Execution(self, plan, on_phase)
+
+    def next_spot(self, side: str) -> int:
+        """Return how many objects were put into a box before, and count one more."""
+        used = self._placed_before[side]
+        self._placed_before[side] = used + 1
+        return used

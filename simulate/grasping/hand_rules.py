@@ -1,0 +1,135 @@
+"""How a kind of hand takes an object: heights, openings, directions, and what it dislikes.
+
+The planner asks these rules and knows nothing else of a hand. All go by measured size and never
+by the name of a kind.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.grasping.rules import GraspRequest, closing_angles, grasp_heights, openings
+from simulate.robots.description import Arm
+
+__all__ = ["DiagonalMouth", "HandRules", "ParallelJaws", "rules_for"]
+
+Floats = NDArray[np.float64]
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+class HandRules(Protocol):
+    """What the planner wants to know of a hand."""
+
+    def heights(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return heights of the tool over the table, m, best first."""
+
+    def openings(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return how far (0..1) to open before the grasp, best first."""
+
+    def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
+        """Return closing directions (rad) to try, best first; None leaves the direction free."""
+
+    def approach(self, request: GraspRequest) -> Floats | None:
+        """Return the direction (3,) from which the hand must come; None = as the arm can."""
+
+    def largest_tilt(self, request: GraspRequest) -> float:
+        """Return the flattest approach (rad from the vertical) that is worth a try."""
+
+    def cost(self, request: GraspRequest, tilt: float, height: float, turned: int) -> float:
+        """Return what speaks against a tilt (rad), a height (m) and the n-th direction tried."""
+
+
+class DiagonalMouth:
+    """A hand whose thumb and fingers meet below its own axis, like a child's from above."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def heights(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return heights by the measured size; see :func:`grasp_heights`."""
+        return tuple(grasp_heights(request))
+
+    def openings(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return wide openings; see :func:`openings`."""
+        return openings(request)
+
+    def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
+        """Return directions with detours for thin things; see :func:`closing_angles`."""
+        return closing_angles(request)
+
+    def approach(self, request: GraspRequest) -> Floats | None:
+        """Return None: an arm of five joints comes as it can."""
+        return None
+
+    def largest_tilt(self, request: GraspRequest) -> float:
+        """Return what the request says."""
+        return request.largest_tilt
+
+    def cost(self, request: GraspRequest, tilt: float, height: float, turned: int) -> float:
+        """Return the distance from the tilt that holds best, and from the wanted direction."""
+        off = abs(tilt - request.preferred_tilt(height))
+        return request.tilt_weight * off + request.turn_weight * turned
+
+
+class ParallelJaws:
+    """Two plates that come straight down and close along one axis."""
+
+    _TIP_BELOW_TOOL = 0.008
+    _CLEAR = 0.002
+    _USABLE_DEPTH = 0.033
+    _SPARE = 0.008
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def heights(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return the middle of the object, or as deep as the fingers are long, and 7 mm more."""
+        lowest = self._TIP_BELOW_TOOL + self._CLEAR
+        rule = max(0.5 * request.height, request.height - self._USABLE_DEPTH, lowest)
+        wanted = request.z - request.table_height
+        if not np.isnan(wanted):
+            highest = max(request.height - 0.01, lowest)
+            rule = float(np.clip(wanted, max(request.height - self._USABLE_DEPTH, lowest), highest))
+        return (rule, rule + 0.007)
+
+    def openings(self, request: GraspRequest) -> tuple[float, ...]:
+        """Return fully open, then just wide enough: neighbours may stand close."""
+        narrow = (request.width + 2 * self._SPARE) / self._arm.mouth
+        return (1.0, narrow) if narrow < 0.9 else (1.0,)
+
+    def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
+        """Return the wanted direction, and across the other side where that fits too."""
+        if request.only_theta:
+            return (request.theta,)
+        if request.round:
+            return (None,)
+        if max(request.length, request.width) < self._arm.mouth - self._SPARE:
+            return (request.theta, request.theta + np.pi / 2)
+        return (request.theta, request.theta + 0.2, request.theta - 0.2)
+
+    def approach(self, request: GraspRequest) -> Floats | None:
+        """Return straight down."""
+        return _DOWN
+
+    def largest_tilt(self, request: GraspRequest) -> float:
+        """Return 0.4 rad."""
+        return 0.4
+
+    def cost(self, request: GraspRequest, tilt: float, height: float, turned: int) -> float:
+        """Return the tilt and the turn."""
+        return tilt + 0.2 * turned
+
+
+def rules_for(arm: Arm) -> HandRules:
+    """Return the rules of an arm's hand."""
+    return _RULES[arm.grip](arm)
+
+
+_RULES: dict[str, type[DiagonalMouth] | type[ParallelJaws]] = {
+    "diagonal_mouth": DiagonalMouth,
+    "parallel_jaws": ParallelJaws,
+}

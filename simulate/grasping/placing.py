@@ -1,0 +1,203 @@
+"""Carrying an object to where it shall stand, and setting it down: the paths of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.grasping.rules import PlannedGrasp
+from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
+from simulate.motion.collision import ArmSpheres, Surroundings
+from simulate.motion.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
+from simulate.motion.trajectory import CARRYING_ACCELERATION, Trajectory, join, time_path
+from simulate.world.world import PlaceBox
+
+__all__ = ["PlacePlan", "PlaceSpot", "plan_place"]
+
+Floats = NDArray[np.float64]
+
+_SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
+_DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
+"""Bottom of the object over the ground of the box when the hand opens, and the straight way down
+to there, m. Low is gentle; long things may only fit over the walls."""
+_GENTLE = (0.003, 0.055)
+_POSTURES_TRIED = 6
+_TURN_WEIGHT, _JOINT_WEIGHT = 3.0, 0.3
+_LOAD_TOLERANCE = 0.012
+_LARGE = 0.08
+_IK = IkOptions(angle_tolerance=0.6, position_tolerance=0.004)
+_PURPOSE = 2
+
+_CARRYING: Mapping[tuple[str, str], float] = {
+    **ALLOWED,
+    ("table", "finger"): 0.006,
+    ("box", "finger"): 0.002,
+    ("neighbour", "load"): 0.004,
+}
+
+
+@dataclass(frozen=True)
+class PlaceSpot:
+    """Where an object may go.
+
+    Parameters
+    ----------
+    floor
+        Height of what it will stand on, m, base frame.
+    centres
+        Places (x, y) m to try, best first.
+    descents
+        Bottom of the object over the floor when the hand opens, and the straight way down to
+        there, m; best first.
+    """
+
+    floor: float
+    centres: tuple[tuple[float, float], ...]
+    descents: tuple[tuple[float, float], ...] = _DESCENTS
+
+    @classmethod
+    def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
+        """Return one place on a table, to be met gently: what drops from 1 cm may topple."""
+        return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS))
+
+    @classmethod
+    def in_box(cls, box: PlaceBox, used: int, size: float) -> PlaceSpot:
+        """Return the places in a box into which ``used`` objects were put before.
+
+        Each next one goes to another spot; something large (``size`` m) goes to the middle,
+        whatever lies there, for it would not clear the walls.
+        """
+        first = 0 if size > _LARGE else used
+        x, y = box.centre
+        spots = [_SPOTS[(first + shift) % len(_SPOTS)] for shift in range(len(_SPOTS))]
+        return cls(box.floor, tuple((x + dx, y + dy) for dx, dy in spots))
+
+
+@dataclass(frozen=True, eq=False)
+class PlacePlan:
+    """Way points over the box, down into it, and home once the hand is open.
+
+    ``tool`` (3,) m, base frame, is where the tool shall be when it opens.
+    """
+
+    transport: Trajectory
+    lower: Trajectory
+    retreat: Trajectory
+    tool: Floats
+
+
+def plan_place(
+    space: ArmSpace,
+    plan: PlannedGrasp,
+    start: Floats,
+    spot: PlaceSpot,
+) -> PlacePlan | str:
+    """Plan the way of a held object to where it shall stand.
+
+    Parameters
+    ----------
+    space
+        Of the robot.
+    plan
+        The grasp that holds the object.
+    start : (dof,) float, rad
+        Posture at the top of the lift.
+    spot
+        Where to.
+
+    Returns
+    -------
+    PlacePlan or str
+        ``place_plan`` when there is no way.
+    """
+    chain, request = space.chains[plan.arm], plan.request
+    empty = space.spheres(plan.arm, plan.opening)
+    loaded = empty.carrying(*_load(plan, chain))
+    around = space.surroundings(plan.arm, request.table_height, plan.obstacles)
+    slack = loaded.slack(around, _CARRYING)
+    rng = np.random.default_rng((plan.seed, _PURPOSE))
+    tool, _ = chain.tool_poses(start[None])
+    upright = tool[0, 2]
+    for release, above in spot.descents:
+        for x, y in spot.centres:
+            height = spot.floor + plan.tool_height + release
+            approach = tool[0, :, 2] if chain.orients_freely else None
+            goal = Goal(np.array([x, y, height]), None, approach, chain.orients_freely)
+            found = solve_ik(chain, goal, rng, _IK, warm=start[None])
+            for posture in _most_upright(chain, found, upright, start):
+                line = follow_line(chain, posture, np.array([0.0, 0.0, above]), tolerance=0.006)
+                if line is None or (loaded.clearances(line, around, slack) < 0).any():
+                    continue
+                planned = _complete(space, plan, loaded, around, start, line, goal.position)
+                if planned is not None:
+                    return planned
+    return "place_plan"
+
+
+def _complete(
+    space: ArmSpace,
+    plan: PlannedGrasp,
+    loaded: ArmSpheres,
+    around: Surroundings,
+    start: Floats,
+    line: Floats,
+    tool: Floats,
+) -> PlacePlan | None:
+    chain = space.chains[plan.arm]
+    transport = space.path(
+        plan.arm,
+        loaded,
+        around,
+        start,
+        line[-1],
+        plan.seed,
+        SPEED["transport"],
+        CARRYING_ACCELERATION,
+        _LOAD_TOLERANCE,
+        _CARRYING,
+    )
+    if isinstance(transport, str):
+        return None
+    home = np.array(space.robot.arm(plan.arm).home)
+    empty = space.spheres(plan.arm, plan.opening)
+    back = space.path(
+        plan.arm, empty, around, line[-1], home, plan.seed, SPEED["return"], allowed=_CARRYING
+    )
+    if isinstance(back, str):
+        return None
+    return PlacePlan(
+        transport,
+        time_path(line[::-1], SPEED["approach"] * chain.velocity, CARRYING_ACCELERATION),
+        join([time_path(line, 2 * SPEED["approach"] * chain.velocity), back]),
+        tool,
+    )
+
+
+def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -> Floats:
+    """Return postures ordered by how little they tip the object and turn the joints; best few."""
+    if len(found) == 0:
+        return found
+    tip = np.linalg.norm(chain.tool_poses(found)[0][:, 2] - upright, axis=1)
+    travel = np.abs(found - start).max(axis=1)
+    order = np.argsort(_TURN_WEIGHT * tip + _JOINT_WEIGHT * travel, kind="stable")
+    return found[order[:_POSTURES_TRIED]]
+
+
+def _load(plan: PlannedGrasp, chain: Chain) -> tuple[Floats, Floats]:
+    """Cover the held object with spheres: centres (k, 3) in the wrist frame, radii (k,), m."""
+    request = plan.request
+    size = np.array([request.width, max(request.length, request.width), request.height])
+    radius = float(size.min()) / 2
+    reach = size / 2 - radius
+    counts = np.minimum(np.ceil(2 * reach / (1.6 * radius)).astype(int) + 1, 8)
+    grid = np.meshgrid(*[np.linspace(-r, r, n) for r, n in zip(reach, counts, strict=True)])
+    local = np.stack([axis.ravel() for axis in grid], axis=1)
+    cos, sin = np.cos(request.theta), np.sin(request.theta)
+    across = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    middle = np.array([request.x, request.y, request.table_height + request.height / 2])
+    rotations, positions = chain.link_frames(plan.posture[None])
+    points = local @ across.T + middle
+    return (points - positions[0, -1]) @ rotations[0, -1], np.full(len(points), radius)

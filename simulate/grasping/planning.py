@@ -1,0 +1,258 @@
+"""From a request to way points: postures, straight lines, free paths (Gatto 2016, 4.2 and 4.3)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.grasping.candidates import (
+    AT_OBJECT,
+    Candidate,
+    find_candidates,
+    most_promising,
+    target_obstacle,
+)
+from simulate.grasping.hand_rules import rules_for
+from simulate.grasping.rules import GraspRequest, PlannedGrasp
+from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
+from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings
+from simulate.motion.kinematics import Chain, follow_line
+from simulate.motion.stance import UPRIGHT, balance_margin
+from simulate.motion.trajectory import CARRYING_ACCELERATION, time_path
+
+__all__ = ["REASONS", "GraspPlanner"]
+
+Floats = NDArray[np.float64]
+
+REASONS = (
+    "too_heavy",
+    "too_wide",
+    "ik",
+    "tilt",
+    "grasp_collision",
+    "approach_ik",
+    "approach_collision",
+    "pregrasp_collision",
+    "lift_ik",
+    "rrt_start",
+    "rrt_goal",
+    "rrt_time",
+)
+"""Why there is no plan; a later one means that the planner got further."""
+
+
+@dataclass(frozen=True)
+class _Retreats:
+    """Ways out from the object: back along the approach, aside along the open mouth, up, m."""
+
+    offsets: tuple[tuple[float, float, float], ...]
+    touch: float
+    """How deep the fingers may run into the object on the way, m."""
+
+
+# The mouth is open on three sides, but what comes from the side sweeps the object away when it
+# stands a little elsewhere; so that comes second, and with a touch last.
+_ASIDE = ((0.030, 0.030, 0.0), (0.030, -0.030, 0.0), (0.0, 0.050, 0.005), (0.0, -0.050, 0.005))
+_BACKWARDS = _Retreats(((0.055, 0.0, 0.0), (0.033, 0.0, 0.0), (0.020, 0.0, 0.050)), 0.012)
+_SIDEWAYS = _Retreats(_ASIDE, 0.002)
+_SWEEPING = _Retreats(_ASIDE, 0.010)
+# Up and away from the shoulder, m; and whether the hand may turn about the vertical.
+_LIFTS = (
+    (0.060, 0.0, False),
+    (0.060, 0.030, True),
+    (0.045, 0.0, True),
+    (0.045, 0.045, True),
+    (0.035, 0.0, True),
+)
+
+_LIFTING: Mapping[tuple[str, str], float] = {
+    **ALLOWED,
+    ("table", "finger"): 0.008,
+    ("target", "finger"): np.inf,
+    ("target", "palm"): np.inf,
+}
+_BALANCED_M = 0.010
+"""Of the centre of mass inside the edge of the feet: the hand goes on moving by some cm."""
+
+
+class GraspPlanner:
+    """Plans grasps of one robot in one stance, from its arms' homes.
+
+    Parameters
+    ----------
+    space
+        Where its arms can go.
+    stance
+        Name of it. One that is not the robot's own must leave all arms free at home, and the
+        robot on its feet, wherever the arm goes.
+    """
+
+    def __init__(self, space: ArmSpace, stance: str = UPRIGHT) -> None:
+        self.space = space
+        self.robot = space.robot
+        self.stance = stance
+
+    def plan(
+        self, request: GraspRequest, obstacles: Sequence[Obstacle], seed: int
+    ) -> PlannedGrasp | str:
+        """Plan a grasp from the arm's home.
+
+        Returns
+        -------
+        PlannedGrasp or str
+            A code of :data:`REASONS`.
+        """
+        started = time.process_time()
+        reason = "ik"
+        for arm in self._arms_for(request):
+            planned = self._plan_with(arm, request, tuple(obstacles), seed)
+            if not isinstance(planned, str):
+                return replace(planned, planning_s=time.process_time() - started)
+            reason = max(reason, planned, key=REASONS.index) if reason != "ik" else planned
+        return reason
+
+    def _arms_for(self, request: GraspRequest) -> tuple[str, ...]:
+        if request.arm != "auto":
+            return (self.robot.arm(request.arm).name,)
+        near = sorted(self.robot.arms.values(), key=lambda arm: -arm.side * request.y)
+        return tuple(arm.name for arm in near)
+
+    def _plan_with(
+        self, arm: str, request: GraspRequest, obstacles: tuple[Obstacle, ...], seed: int
+    ) -> PlannedGrasp | str:
+        parts = self.robot.arm(arm)
+        if request.mass is not None and request.mass > parts.max_payload:
+            return "too_heavy"
+        if request.width > parts.mouth:
+            return "too_wide"
+        if self.stance and not self._is_home_free(request, obstacles):
+            return "rrt_start"
+        around = self.space.surroundings(arm, request.table_height, obstacles)
+        with_target = around.with_obstacles([target_obstacle(request)])
+        candidates = find_candidates(self.space, arm, request, with_target, seed)
+        rules = rules_for(parts)
+        steep = [c for c in candidates if c.tilt <= rules.largest_tilt(request)]
+        if self.stance:
+            steep = [c for c in steep if self._balances(arm, request, c)]
+        best = most_promising([c for c in steep if not c.collides], request, rules)
+        reason = "grasp_collision" if steep else "tilt" if candidates else "ik"
+        for retreats in (_BACKWARDS, _SIDEWAYS, _SWEEPING):
+            for candidate in best:
+                planned = self._complete(arm, request, with_target, candidate, retreats, seed)
+                if not isinstance(planned, str):
+                    return replace(planned, obstacles=obstacles, ik_solutions=len(candidates))
+                reason = max(reason, planned, key=REASONS.index)
+        return reason
+
+    def _is_home_free(self, request: GraspRequest, obstacles: tuple[Obstacle, ...]) -> bool:
+        """Tell whether every arm can be at home in this stance."""
+        everything = (*obstacles, target_obstacle(request))
+        for name, parts in self.robot.arms.items():
+            around = self.space.surroundings(name, request.table_height, everything)
+            spheres = self.space.spheres(name, 1.0)
+            home = np.array(parts.home)[None]
+            if spheres.clearances(home, around, spheres.slack(around, ALLOWED))[0] < 0:
+                return False
+        return True
+
+    def _balances(self, arm: str, request: GraspRequest, candidate: Candidate) -> bool:
+        """Tell whether the robot stays on its feet in a posture at the object."""
+        homes = {
+            joint: value
+            for parts in self.robot.arms.values()
+            for joint, value in zip(parts.joints, parts.home, strict=True)
+        }
+        chain = self.space.chains[arm]
+        values = {**homes, **dict(zip(chain.names, candidate.posture, strict=True))}
+        _, tool = chain.tool_poses(candidate.posture[None])
+        margin = balance_margin(self.robot, values, request.mass or 0.0, tool[0])
+        return margin >= _BALANCED_M
+
+    def _complete(
+        self,
+        arm: str,
+        request: GraspRequest,
+        with_target: Surroundings,
+        candidate: Candidate,
+        retreats: _Retreats,
+        seed: int,
+    ) -> PlannedGrasp | str:
+        """Find the lines and the free path of one posture, or say what fails."""
+        chain = self.space.chains[arm]
+        spheres = self.space.spheres(arm, candidate.opening)
+        back = self._approach(chain, candidate.posture, retreats, spheres, with_target)
+        if isinstance(back, str):
+            return back
+        lift = self._lift(chain, candidate.posture, spheres, with_target)
+        if lift is None:
+            return "lift_ik"
+        free = self.space.path(
+            arm, spheres, with_target, np.array(self.robot.arm(arm).home), back[-1], seed
+        )
+        if isinstance(free, str):
+            return "pregrasp_collision" if free == "rrt_goal" else free
+        rotation, _ = chain.tool_poses(candidate.posture[None])
+        closing = rotation[0, :, 0]
+        return PlannedGrasp(
+            request=request,
+            arm=arm,
+            opening=candidate.opening,
+            closing_angle=float(np.arctan2(closing[1], closing[0]) % np.pi),
+            tilt=candidate.tilt,
+            tool_height=candidate.height,
+            posture=candidate.posture,
+            free=free,
+            approach=time_path(back[::-1], SPEED["approach"] * chain.velocity),
+            lift=time_path(lift, SPEED["lift"] * chain.velocity, CARRYING_ACCELERATION),
+            obstacles=(),
+            ik_solutions=0,
+            planning_s=0.0,
+            seed=seed,
+            stance=self.stance,
+        )
+
+    def _approach(
+        self,
+        chain: Chain,
+        posture: Floats,
+        retreats: _Retreats,
+        spheres: ArmSpheres,
+        around: Surroundings,
+    ) -> Floats | str:
+        """Return the line (k, dof) from the grasp back to the pre-grasp, or why there is none."""
+        rotation, _ = chain.tool_poses(posture[None])
+        near = spheres.slack(around, {**AT_OBJECT, ("target", "finger"): retreats.touch})
+        far = spheres.slack(around, ALLOWED)
+        reason = "approach_ik"
+        for back, aside, up in retreats.offsets:
+            offset = rotation[0] @ np.array([0.0, aside, -back]) + np.array([0.0, 0.0, up])
+            line = follow_line(chain, posture, offset)
+            if line is None:
+                continue
+            if (spheres.clearances(line, around, near) < 0).any():
+                reason = max(reason, "approach_collision", key=REASONS.index)
+            elif spheres.clearances(line[-1:], around, far)[0] < 0:
+                reason = "pregrasp_collision"
+            else:
+                return line
+        return reason
+
+    def _lift(
+        self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
+    ) -> Floats | None:
+        """Return the line (k, dof) up; where the arm is too folded for that, up and away."""
+        slack = spheres.slack(around, _LIFTING)
+        _, positions = chain.link_frames(posture[None])
+        _, tool = chain.tool_poses(posture[None])
+        away = (tool[0] - positions[0, 0]) * [1.0, 1.0, 0.0]
+        away /= max(float(np.linalg.norm(away)), 1e-6)
+        for up, out, level in _LIFTS:
+            offset = np.array([0.0, 0.0, up]) + out * away
+            line = follow_line(chain, posture, offset, level=level)
+            if line is not None and (spheres.clearances(line, around, slack) >= 0).all():
+                return line
+        return None

@@ -1,0 +1,1 @@
+"""Arm motion: kinematics, collision checks, paths and trajectories."""

@@ -1,0 +1,127 @@
+"""What an arm moves in: its own body, the table, furniture, what was perceived; and paths in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
+from simulate.motion.kinematics import Chain
+from simulate.motion.rrt import plan_path
+from simulate.motion.trajectory import ACCELERATION, Trajectory, time_path
+from simulate.robots.description import RobotDescription
+
+__all__ = ["ALLOWED", "SPEED", "ArmSpace"]
+
+Floats = NDArray[np.float64]
+
+SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "return": 0.30}
+"""Share of the joints' velocity limits, by phase."""
+
+ALLOWED: Mapping[tuple[str, str], float] = {("trunk", "upper"): np.inf}
+"""Penetration (m) by obstacle and group of spheres that is none: the shoulder sits in the trunk."""
+
+_MARGIN = 0.004
+_TABLE_THICK = 0.10
+_LIMIT_SLACK = 1e-6
+_PURPOSE_PATH = 1
+
+
+class ArmSpace:
+    """Where the arms of one robot can go.
+
+    Parameters
+    ----------
+    robot
+        Its description; nothing here has other access to it.
+    furniture
+        What stands around for good (walls of the boxes), base frame.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        furniture: Sequence[Obstacle] = (),
+    ) -> None:
+        self.robot = robot
+        self.furniture = tuple(furniture)
+        self.chains = {name: Chain.of(robot, name) for name in robot.arms}
+        self._spheres: dict[tuple[str, float], ArmSpheres] = {}
+        homes = {
+            joint: value
+            for arm in robot.arms.values()
+            for joint, value in zip(arm.joints, arm.home, strict=True)
+        }
+        self._body = {name: body_obstacles(robot, arm, homes) for name, arm in robot.arms.items()}
+
+    def spheres(self, arm: str, opening: float) -> ArmSpheres:
+        """Return the cover of an arm with its hand opened so far; made once."""
+        key = (arm, opening)
+        if key not in self._spheres:
+            self._spheres[key] = ArmSpheres.of(self.robot, self.robot.arm(arm), opening)
+        return self._spheres[key]
+
+    def surroundings(
+        self, arm: str, table_height: float, obstacles: Sequence[Obstacle]
+    ) -> Surroundings:
+        """Return all that an arm can hit: body, table, furniture, perceived obstacles."""
+        (x0, x1), (y0, y1) = self.robot.workplace.table_x, self.robot.workplace.table_y
+        table = Obstacle.box(
+            "table",
+            ((x0 + x1) / 2, (y0 + y1) / 2, table_height - _TABLE_THICK / 2),
+            (x1 - x0, y1 - y0, _TABLE_THICK),
+        )
+        return Surroundings((*self._body[arm], table, *self.furniture, *obstacles))
+
+    def path(
+        self,
+        arm: str,
+        spheres: ArmSpheres,
+        around: Surroundings,
+        start: Floats,
+        goal: Floats,
+        seed: int,
+        speed: float = SPEED["free"],
+        acceleration: float = ACCELERATION,
+        tolerance: float = 0.0,
+        allowed: Mapping[tuple[str, str], float] = ALLOWED,
+    ) -> Trajectory | str:
+        """Return a timed free path between two postures, or the reason code why there is none.
+
+        Parameters
+        ----------
+        arm, spheres, around
+            What moves among what.
+        start, goal : (dof,) float, rad
+        seed
+            Of the samples.
+        speed, acceleration
+            Share of the velocity limits; rad/s^2.
+        tolerance
+            Collision (m) that the start may have: something held hangs where it hangs.
+        allowed
+            Penetration (m) by obstacle name and sphere group.
+        """
+        chain = self.chains[arm]
+        slack = spheres.slack(around, allowed)
+        # The margin fades towards the ends: a pre-grasp may stand closer to its object than that.
+        ends = spheres.clearances(np.stack([start, goal]), around, slack)
+        if ends[0] < -tolerance:
+            return "rrt_start"
+        if ends[1] < 0:
+            return "rrt_goal"
+        margin = min(_MARGIN, float(ends.min()) - 1e-9)
+
+        low, high = chain.lower - _LIMIT_SLACK, chain.upper + _LIMIT_SLACK
+
+        def is_free(q: Floats) -> NDArray[np.bool_]:
+            within = ((q >= low) & (q <= high)).all(axis=1)  # a spline may swing beyond its corners
+            return np.asarray(within & (spheres.clearances(q, around, slack) >= margin))
+
+        rng = np.random.default_rng((seed, _PURPOSE_PATH))
+        corners = plan_path(start, goal, chain.lower, chain.upper, is_free, rng)
+        if isinstance(corners, str):
+            return corners
+        return time_path(corners, speed * chain.velocity, acceleration, is_free)

@@ -1,0 +1,350 @@
+"""Clearance of an arm: spheres on its links against rounded boxes around it.
+
+The arm is covered by spheres, everything else is a box with rounded edges (a sphere and a capsule
+are such boxes too), so that the signed distance of many postures to the whole surrounding is a
+handful of array operations. Nothing here asks a simulator: obstacles are what the robot perceived
+and what it knows about its own body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.motion.kinematics import Chain
+from simulate.motion.mesh_cover import cover_mesh
+from simulate.robots.description import (
+    Arm,
+    Joint,
+    RobotDescription,
+    Shape,
+    rotation_from_rpy,
+    transform_from,
+)
+
+__all__ = ["ArmSpheres", "Obstacle", "Surroundings", "body_obstacles", "link_poses"]
+
+Floats = NDArray[np.float64]
+
+_BALL = 0.2
+_BOX_SPHERE = 0.0125
+_PRISM_ANGLES = np.deg2rad(np.arange(0, 90, 5))
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A box with rounded edges in the base frame.
+
+    Parameters
+    ----------
+    name
+        For messages and for slack: ``table``, ``target``, ``neighbour`` ...
+    centre : (3,) float, m
+    half : (3,) float, m
+        Half sizes without the rounding; zeros make a sphere or a capsule.
+    rotation : (3, 3) float
+    radius
+        Rounding, m.
+    is_cylinder
+        Round about its z axis, ``half[0]`` being the radius: a can has a sharp rim.
+    """
+
+    name: str
+    centre: Floats
+    half: Floats
+    rotation: Floats
+    radius: float = 0.0
+    is_cylinder: bool = False
+
+    @classmethod
+    def box(
+        cls,
+        name: str,
+        centre: Sequence[float],
+        size: Sequence[float],
+        yaw: float = 0.0,
+        radius: float = 0.0,
+    ) -> Obstacle:
+        """Return an upright box of full ``size`` (m), turned by ``yaw`` (rad)."""
+        half = np.asarray(size, dtype=np.float64) / 2
+        return cls(name, np.asarray(centre, float), half, rotation_from_rpy((0, 0, yaw)), radius)
+
+    @classmethod
+    def around(cls, name: str, points: Floats, floor: float, margin: float = 0.0) -> Obstacle:
+        """Return the upright prism over the smallest rectangle around seen points.
+
+        Parameters
+        ----------
+        name
+            Of the obstacle.
+        points : (n, 3) float, m, base frame
+        floor
+            Height (m) down to which the thing reaches, unseen: the table.
+        margin
+            m, added on every side.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        points = points[np.isfinite(points).all(axis=1)] if points.ndim == 2 else points
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+            raise ValueError(f"expected points of shape (n, 3) in m, got {points.shape}")
+        cos, sin = np.cos(_PRISM_ANGLES), np.sin(_PRISM_ANGLES)
+        axes = np.stack([np.stack([cos, sin], 1), np.stack([-sin, cos], 1)], axis=1)
+        along = axes @ points[:, :2].T
+        low, high = along.min(axis=2), along.max(axis=2)
+        best = int(np.argmin(np.prod(high - low, axis=1)))
+        middle = (low[best] + high[best]) / 2 @ axes[best]
+        top = max(float(points[:, 2].max()), floor)
+        size = [*(high[best] - low[best] + 2 * margin), top - floor + margin]
+        centre = [*middle, floor + size[2] / 2]
+        return cls.box(name, centre, size, float(_PRISM_ANGLES[best]))
+
+    @classmethod
+    def upright(
+        cls, name: str, x: float, y: float, floor: float, size: Sequence[float]
+    ) -> Obstacle:
+        """Return an upright round thing of (diameter, height) m standing at (x, y) on a floor.
+
+        One as high as it is wide is a ball, anything else a cylinder.
+        """
+        diameter, height = size
+        centre = np.array([x, y, floor + height / 2])
+        if abs(height - diameter) < _BALL * diameter:
+            return cls(name, centre, np.zeros(3), np.eye(3), diameter / 2)
+        half = np.array([diameter / 2, diameter / 2, height / 2])
+        return cls(name, centre, half, np.eye(3), is_cylinder=True)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Everything that an arm can hit, with the distance to all of it at once."""
+
+    obstacles: tuple[Obstacle, ...]
+
+    def with_obstacles(self, more: Iterable[Obstacle]) -> Surroundings:
+        """Return these surroundings with more in them."""
+        return Surroundings((*self.obstacles, *more))
+
+    def distances(self, points: Floats) -> Floats:
+        """Return signed distances (m obstacles, n) of points (n, 3), m, base frame."""
+        inverse = np.concatenate([o.rotation.T for o in self.obstacles])
+        local = (inverse @ points.T).reshape(len(self.obstacles), 3, len(points))
+        centres = np.stack([o.rotation.T @ o.centre for o in self.obstacles])
+        halves = np.stack([o.half for o in self.obstacles])
+        local = local - centres[:, :, None]
+        outside = np.abs(local) - halves[:, :, None]
+        for row, obstacle in enumerate(self.obstacles):
+            if obstacle.is_cylinder:
+                outside[row, 0] = np.hypot(local[row, 0], local[row, 1]) - obstacle.half[0]
+                outside[row, 1] = -np.inf
+        positive = np.maximum(outside, 0.0)
+        away = np.sqrt(np.einsum("mdn,mdn->mn", positive, positive))
+        radii = np.array([o.radius for o in self.obstacles])[:, None]
+        distances: Floats = away + np.minimum(outside.max(axis=1), 0.0) - radii
+        return distances
+
+
+@dataclass(frozen=True)
+class ArmSpheres:
+    """Spheres that cover an arm, its hand at one opening, and what it carries.
+
+    Parameters
+    ----------
+    chain
+        The arm.
+    link : (n,) int
+        Index of the chain's link that a sphere rides on.
+    centres : (n, 3) float, m
+        In the frame of that link.
+    radii : (n,) float, m
+    group : (n,) str
+        ``upper`` (up to the elbow), ``forearm``, ``palm``, ``finger`` or ``load``.
+    """
+
+    chain: Chain
+    link: NDArray[np.int64]
+    centres: Floats
+    radii: Floats
+    group: NDArray[np.str_]
+
+    @classmethod
+    def of(cls, robot: RobotDescription, arm: Arm, opening: float) -> ArmSpheres:
+        """Cover an arm whose hand is open by a fraction 0 (closed) to 1."""
+        chain = Chain.of(robot, arm.name)
+        rows: list[tuple[int, Floats, float, str]] = []
+        last = chain.dof - 1
+        for index, name in enumerate(chain.links):
+            group = "palm" if index == last else "forearm" if index == last - 1 else "upper"
+            for shape in robot.link(name).shapes:
+                rows += [(index, c, r, group) for c, r in _spheres(shape)]
+        fingers = [joint for joint in robot.joints if joint.name in arm.fingers]
+        values = {joint.name: opening * arm.finger_range for joint in fingers}
+        for name, wrist_from_link in link_poses(arm.wrist, fingers, values).items():
+            for shape in robot.link(name).shapes:
+                for centre, radius in _spheres(shape):
+                    moved = wrist_from_link[:3, :3] @ centre + wrist_from_link[:3, 3]
+                    rows.append((last, moved, radius, "finger"))
+        link, centres, radii, group_names = zip(*rows, strict=True)
+        return cls(chain, np.array(link), np.array(centres), np.array(radii), np.array(group_names))
+
+    def carrying(self, centres: Floats, radii: Floats) -> ArmSpheres:
+        """Return the arm with a load: spheres (k, 3) m in the wrist frame, radii (k,) m."""
+        k = len(radii)
+        return replace(
+            self,
+            link=np.concatenate([self.link, np.full(k, self.chain.dof - 1)]),
+            centres=np.concatenate([self.centres, centres]),
+            radii=np.concatenate([self.radii, radii]),
+            group=np.concatenate([self.group, np.full(k, "load")]),
+        )
+
+    def slack(self, surroundings: Surroundings, allowed: Mapping[tuple[str, str], float]) -> Floats:
+        """Return the allowed penetration (m obstacles, n spheres), m.
+
+        ``allowed`` maps (obstacle name, sphere group) to m; ``inf`` ignores the pair.
+        """
+        slack = np.zeros((len(surroundings.obstacles), len(self.radii)))
+        names = np.array([obstacle.name for obstacle in surroundings.obstacles])
+        for (name, group), depth in allowed.items():
+            slack[np.ix_(names == name, self.group == group)] = depth
+        return slack
+
+    def clearances(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:
+        """Return the smallest distance less the allowed one, per posture.
+
+        Parameters
+        ----------
+        q : (b, dof) float, rad
+        surroundings
+            What to stay clear of.
+        slack : (m, n) float, m
+            From :meth:`slack`.
+
+        Returns
+        -------
+        (b,) float, m
+            Negative = collision.
+        """
+        return np.asarray(self._pairs(q, surroundings, slack).min(axis=(1, 2)))
+
+    def nearest(self, q: Floats, surroundings: Surroundings, slack: Floats) -> tuple[str, str]:
+        """Return (obstacle name, sphere group) of the tightest pair of one posture (dof,)."""
+        pairs = self._pairs(q[None], surroundings, slack)[0]
+        row, column = np.unravel_index(int(np.argmin(pairs)), pairs.shape)
+        return surroundings.obstacles[int(row)].name, str(self.group[column])
+
+    def _pairs(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:
+        rotations, positions = self.chain.link_frames(q)
+        turned = (rotations[:, self.link] @ self.centres[None, :, :, None])[..., 0]
+        points = turned + positions[:, self.link]
+        batch, count = points.shape[:2]
+        distances = surroundings.distances(points.reshape(-1, 3)).reshape(-1, batch, count)
+        pairs: Floats = (distances - self.radii + slack[:, None, :]).transpose(1, 0, 2)
+        return pairs
+
+
+def link_poses(
+    root: str, joints: Sequence[Joint], values: Mapping[str, float]
+) -> dict[str, Floats]:
+    """Return ``root_from_link`` (4, 4) of every link below ``root`` over the given joints.
+
+    Parameters
+    ----------
+    root
+        Name of the link to start from.
+    joints
+        In an order in which parents come first.
+    values
+        Joint values, rad (prismatic: m); 0 where absent.
+    """
+    poses: dict[str, Floats] = {root: np.eye(4)}
+    for joint in joints:
+        if joint.parent not in poses:
+            continue
+        pose = poses[joint.parent] @ transform_from(joint.pose.xyz, joint.pose.rpy)
+        angle = values.get(joint.name, 0.0)
+        if joint.kind == "prismatic":
+            pose = pose @ transform_from(tuple(angle * np.array(joint.axis)))
+        elif joint.kind != "fixed" and angle:
+            spin = np.eye(4)
+            x, y, z = np.array(joint.axis) / np.linalg.norm(joint.axis)
+            skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            spin[:3, :3] += np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+            pose = pose @ spin
+        poses[joint.child] = pose
+    del poses[root]
+    return poses
+
+
+def body_obstacles(
+    robot: RobotDescription, arm: Arm, values: Mapping[str, float]
+) -> tuple[Obstacle, ...]:
+    """Return the robot's own body as obstacles to one of its arms.
+
+    The links of that arm are left out. Obstacles are called ``body``, those that carry the
+    shoulder ``trunk``: the upper arm always touches them.
+    """
+    own = {joint.child for joint in robot.path(arm.wrist)} | {
+        joint.child for joint in robot.joints if joint.name in arm.fingers
+    }
+    base_from_root = robot.base_from_root.matrix
+    poses = link_poses(robot.root, robot.joints, values)
+    poses[robot.root] = np.eye(4)
+    found: list[Obstacle] = []
+    for link in robot.links:
+        if link.name in own:
+            continue
+        name = "trunk" if link.name == robot.root else "body"
+        pose = base_from_root @ poses[link.name]
+        found += [o for shape in link.shapes for o in _rounded(name, shape, pose)]
+    return tuple(found)
+
+
+def _rounded(name: str, shape: Shape, base_from_link: Floats) -> list[Obstacle]:
+    """Return a shape as rounded boxes; the end spheres of a capsule are in its cylinder already."""
+    pose = base_from_link @ transform_from(shape.pose.xyz, shape.pose.rpy)
+    if shape.kind == "mesh":
+        return [
+            Obstacle(
+                name, base_from_link[:3, :3] @ c + base_from_link[:3, 3], np.zeros(3), np.eye(3), r
+            )
+            for c, r in _spheres(shape)
+        ]
+    if shape.kind == "box":
+        return [Obstacle(name, pose[:3, 3], np.array(shape.size) / 2, pose[:3, :3])]
+    half = np.zeros(3)
+    if shape.kind == "cylinder":
+        half[2] = shape.size[1] / 2
+    return [Obstacle(name, pose[:3, 3], half, pose[:3, :3], shape.size[0])]
+
+
+def _spheres(shape: Shape) -> list[tuple[Floats, float]]:
+    """Cover a primitive with spheres: (centre (3,) m in the link frame, radius m)."""
+    pose = transform_from(shape.pose.xyz, shape.pose.rpy)
+    if shape.kind == "sphere":
+        return [(pose[:3, 3], shape.size[0])]
+    if shape.kind == "mesh":
+        centres, radii = cover_mesh(shape.path, shape.size)
+        moved = centres @ pose[:3, :3].T + pose[:3, 3]
+        return list(zip(moved, (float(r) for r in radii), strict=True))
+    if shape.kind == "cylinder":
+        radius, length = shape.size
+        count = max(int(np.ceil(length / radius)), 1)
+        local = np.zeros((count, 3))
+        local[:, 2] = (np.arange(count) + 0.5) * length / count - length / 2
+    else:
+        radius = min(_BOX_SPHERE, min(shape.size) / 2)
+        # Centres sit deeper than the face by less than the radius: faces bulge by a third of it,
+        # edges lack as much.
+        reach = np.maximum(np.array(shape.size) / 2 - 0.7 * radius, 0.0)
+        counts = np.ceil(2 * reach / (1.4 * radius)).astype(int) + 1
+        grids = np.meshgrid(
+            *[
+                np.linspace(-r, r, n) if n > 1 else np.zeros(1)
+                for r, n in zip(reach, counts, strict=True)
+            ]
+        )
+        local = np.stack([g.ravel() for g in grids], axis=1)
+    return [(pose[:3, :3] @ point + pose[:3, 3], float(radius)) for point in local]

@@ -1,0 +1,370 @@
+"""A described robot in a world: its joints, its hands, what touches them.
+
+All of pybullet that is needed here goes through the world's client.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import Intrinsics
+from rtask.errors import RobotError
+from simulate.motion.collision import link_poses
+from simulate.motion.kinematics import Chain
+from simulate.motion.stance import UPRIGHT, on_moving_legs, stance_of, standing
+from simulate.robots.description import (
+    Arm,
+    CameraMount,
+    Pose,
+    RobotDescription,
+    Stance,
+    transform_from,
+)
+
+if TYPE_CHECKING:
+    from simulate.world.world import World
+
+__all__ = ["REST_OPENING", "HandTouch", "RobotBody"]
+
+Floats = NDArray[np.float64]
+
+_ARM_GAINS = (0.5, 1.0)
+_FINGER_GAINS = (0.3, 1.0)
+_HEAD_FORCE = 2.0
+_LEG_FORCE = 100.0
+"""N m: the feet stand on nothing in this world, so the hips only have to keep the legs in place."""
+_STANCE_TICK_S = 0.02
+REST_OPENING = 0.95
+"""Of an idle hand: eight fingers that lean on their limits cost a quarter of the physics."""
+_REST_EFFORT = 0.7
+"""Share of the opening effort with which an idle hand stays open."""
+_FINGER_FRICTION = {"lateralFriction": 1.2, "spinningFriction": 0.002, "rollingFriction": 0.0002}
+_FRAME_FROM_OPTICAL = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+
+
+@dataclass(frozen=True)
+class HandTouch:
+    """What a hand feels of one body: number of links that touch, sum of normal forces in N."""
+
+    links: int
+    force_n: float
+
+
+class RobotBody:
+    """A robot with a fixed base in a physics world.
+
+    Parameters
+    ----------
+    world
+        Where it stands.
+    description
+        What it is.
+    world_from_base : (4, 4) float or None
+        Where its base frame (on the floor, z up) is; None = at the world's origin.
+    """
+
+    def __init__(
+        self, world: World, description: RobotDescription, world_from_base: Floats | None = None
+    ) -> None:
+        self.world = world
+        self.described = self.description = description
+        self.stance = UPRIGHT
+        self.base_frame = description.base_frame
+        self.world_from_base = np.eye(4) if world_from_base is None else world_from_base
+        self.arms: Mapping[str, Arm] = description.arms
+        self.chains = {name: Chain.of(description, name) for name in description.arms}
+        self._client: Any = world.client
+        self._head = self._head_joints()
+        self._legs: RobotDescription | None = None
+        self._load(description)
+        self._set_up()
+
+    def _load(self, description: RobotDescription) -> None:
+        self.body = self.world.load_urdf(description.welded(), self.world_from_base)
+        self.joint_index, self.link_index = self._indices()
+        self.hand_links = {name: self._hand_links(arm) for name, arm in self.arms.items()}
+
+    def _indices(self) -> tuple[dict[str, int], dict[str, int]]:
+        joints, links = {}, {}
+        for index in range(self._client.getNumJoints(self.body)):
+            info = self._client.getJointInfo(self.body, index)
+            joints[info[1].decode()] = index
+            links[info[12].decode()] = index
+        return joints, links
+
+    def _hand_links(self, arm: Arm) -> tuple[int, ...]:
+        fingers = [self.description.joint(name).child for name in arm.fingers]
+        return tuple(self.link_index[link] for link in (arm.wrist, *fingers))
+
+    def _head_joints(self) -> tuple[str, ...]:
+        """Return the moving joints that carry the camera."""
+        for camera in self.description.cameras.values():
+            path = self.description.path(camera.parent)
+            return tuple(joint.name for joint in path if joint.kind != "fixed")
+        return ()
+
+    def _set_up(self) -> None:
+        """Put arms at home, hands open, motors on; make fingertips grip."""
+        for index in self.joint_index.values():
+            self._client.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0)
+        for arm in self.arms.values():
+            self.reset_arm(arm.name, np.array(arm.home))
+            for name in arm.fingers:
+                index = self.joint_index[name]
+                self._client.changeDynamics(self.body, index, **_FINGER_FRICTION)
+                self._client.resetJointState(self.body, index, REST_OPENING * arm.finger_range)
+            self.rest_hand(arm.name)
+        self.set_head(np.zeros(len(self._head)))
+
+    # -- stance -----------------------------------------------------------------------------
+
+    def take_stance(self, name: str, seconds: float = 1.0) -> None:
+        """Lean, or stand as described; hands should be empty and arms at home.
+
+        The legs follow without physics: the feet stay where they are, and nothing else hangs on
+        them. They are welded until the first stance is taken, since joints cost time.
+        """
+        if name == self.stance:
+            return
+        if self._legs is None:
+            self._let_legs_move()
+        before, after = stance_of(self.described, self.stance), stance_of(self.described, name)
+        ticks = max(round(seconds / _STANCE_TICK_S), 1)
+        for tick in range(1, ticks + 1):
+            share = 0.5 - 0.5 * np.cos(np.pi * tick / ticks)
+            self._stand_between(before, after, float(share))
+            self.world.step(seconds / ticks)
+        self.stance = name
+        self.description = standing(self.described, name)
+        self.chains = {arm: Chain.of(self.description, arm) for arm in self.arms}
+
+    def _let_legs_move(self) -> None:
+        """Load the robot anew with legs that move, as it is now."""
+        arms = {name: self.arm_joints(name) for name in self.arms}
+        self._legs = on_moving_legs(self.described)
+        self._client.removeBody(self.body)
+        self._load(self._legs)
+        self._set_up()
+        for name, q in arms.items():
+            self.reset_arm(name, q)
+
+    def _stand_between(self, before: Stance, after: Stance, share: float) -> None:
+        """Put the root and the joints of the legs on the way from one stance to another."""
+        poses = [np.array([s.base_from_root.xyz, s.base_from_root.rpy]) for s in (before, after)]
+        xyz, rpy = (1 - share) * poses[0] + share * poses[1]
+        root = self.world_from_base @ transform_from(tuple(xyz), tuple(rpy))
+        pose = Pose.of(root)
+        client = self._client
+        inertial = client.getDynamicsInfo(self.body, -1)
+        at, turn = client.multiplyTransforms(
+            pose.xyz, client.getQuaternionFromEuler(pose.rpy), inertial[3], inertial[4]
+        )
+        client.resetBasePositionAndOrientation(self.body, at, turn)
+        for joint in {**before.joints, **after.joints}:
+            value = (1 - share) * before.joints.get(joint, 0.0) + share * after.joints.get(joint, 0)
+            index = self.joint_index[joint]
+            client.resetJointState(self.body, index, value)
+            client.setJointMotorControl2(
+                self.body, index, client.POSITION_CONTROL, targetPosition=value, force=_LEG_FORCE
+            )
+
+    # -- arms -------------------------------------------------------------------------------
+
+    def arm(self, name: str) -> Arm:
+        """Return an arm by its name or its side, ``left`` or ``right``."""
+        return self.description.arm(name)
+
+    def home(self, arm: str) -> Floats:
+        """Return the joint values (dof,) rad of an arm between grasps."""
+        return np.array(self.arm(arm).home)
+
+    def arm_joints(self, arm: str) -> Floats:
+        """Return the measured joint values (dof,) rad of an arm."""
+        indices = [self.joint_index[name] for name in self.arm(arm).joints]
+        return np.array([state[0] for state in self._client.getJointStates(self.body, indices)])
+
+    def joint_values(self) -> dict[str, float]:
+        """Return the measured value (rad) of every moving joint by name."""
+        names = [joint.name for joint in self.description.moving_joints()]
+        states = self._client.getJointStates(self.body, [self.joint_index[n] for n in names])
+        return {name: float(state[0]) for name, state in zip(names, states, strict=True)}
+
+    def reset_arm(self, arm: str, q: Floats) -> None:
+        """Set an arm's joints (dof,) rad without physics, and hold them there."""
+        for name, value in zip(self.arm(arm).joints, q, strict=True):
+            self._client.resetJointState(self.body, self.joint_index[name], float(value))
+        self.command_arm(arm, q)
+
+    def command_arm(self, arm: str, q: Floats, velocity: Floats | None = None) -> None:
+        """Give the motors of an arm a set point: q (dof,) rad, velocity (dof,) rad/s."""
+        names = self.arm(arm).joints
+        position_gain, velocity_gain = _ARM_GAINS
+        self._client.setJointMotorControlArray(
+            self.body,
+            [self.joint_index[name] for name in names],
+            self._client.POSITION_CONTROL,
+            targetPositions=[float(v) for v in q],
+            targetVelocities=[0.0] * len(names)
+            if velocity is None
+            else [float(v) for v in velocity],
+            forces=[self.description.joint(name).effort for name in names],
+            positionGains=[position_gain] * len(names),
+            velocityGains=[velocity_gain] * len(names),
+        )
+
+    # -- hands ------------------------------------------------------------------------------
+
+    def move_fingers(self, arm: str, opening: float, effort: float) -> None:
+        """Drive all finger joints towards an opening 0..1, each with at most ``effort``.
+
+        Each has its motor: a phalanx that touches stops, the others go on. Closing
+        fingers anchor their contacts, which undoes the drift of the contact solver: without it a
+        held object creeps 4.5 mm in 2 s (with it .9 mm), and every tenth creeps out on the way.
+        """
+        parts = self.arm(arm)
+        position_gain, velocity_gain = _FINGER_GAINS
+        for name in parts.fingers:
+            index = self.joint_index[name]
+            self._client.changeDynamics(self.body, index, frictionAnchor=int(opening < 0.5))
+            self._client.setJointMotorControl2(
+                self.body,
+                index,
+                self._client.POSITION_CONTROL,
+                targetPosition=opening * parts.finger_range,
+                force=effort,
+                positionGain=position_gain,
+                velocityGain=velocity_gain,
+                maxVelocity=parts.finger_speed,
+            )
+
+    def rest_hand(self, arm: str) -> None:
+        """Hold a hand open without leaning on its limits."""
+        self.move_fingers(arm, REST_OPENING, _REST_EFFORT * self.arm(arm).open_effort)
+
+    def finger_opening(self, arm: str) -> float:
+        """Return how far a hand is open, 0..1, as measured: the mean over its fingers."""
+        parts = self.arm(arm)
+        indices = [self.joint_index[name] for name in parts.fingers]
+        values = [state[0] for state in self._client.getJointStates(self.body, indices)]
+        return float(np.mean(values)) / parts.finger_range
+
+    def touch(self, arm: str, body: int) -> HandTouch:
+        """Return what an arm's hand feels of a body."""
+        links, force = set(), 0.0
+        hand = self.hand_links[self.arm(arm).name]
+        for contact in self._client.getContactPoints(self.body, body):
+            if contact[3] in hand and contact[9] > 0:
+                links.add(contact[3])
+                force += float(contact[9])
+        return HandTouch(len(links), force)
+
+    def tool_pose(self, arm: str) -> Floats:
+        """Return ``base_from_tool`` (4, 4) of an arm's hand at the measured joints."""
+        rotation, position = self.chains[self.arm(arm).name].tool_poses(self.arm_joints(arm)[None])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation[0], position[0]
+        return pose
+
+    # -- head and camera --------------------------------------------------------------------
+
+    def set_head(self, q: Floats) -> None:
+        """Turn the joints below the camera to q rad, at once, and hold them."""
+        for name, value in zip(self._head, q, strict=True):
+            index = self.joint_index[name]
+            self._client.resetJointState(self.body, index, float(value))
+            self._client.setJointMotorControl2(
+                self.body,
+                index,
+                self._client.POSITION_CONTROL,
+                targetPosition=float(value),
+                force=_HEAD_FORCE,
+            )
+
+    def look(self, side: str, camera: str | None = None) -> Floats:
+        """Turn the head towards ``left``, ``right`` or ``ahead``.
+
+        Returns
+        -------
+        (4, 4) float
+            ``base_from_camera``, optical frame (x right, y down, z forward).
+        """
+        mount = self._camera(camera)
+        if side not in mount.look:
+            raise RobotError(f"cannot look {side!r}; known: {', '.join(mount.look)}")
+        self.set_head(np.array(mount.look[side]))
+        return self.base_from_camera(np.array(mount.look[side]), camera)
+
+    def base_from_camera(self, q: Floats | None = None, camera: str | None = None) -> Floats:
+        """Return the pose (4, 4) of the camera's optical frame in the base frame.
+
+        Parameters
+        ----------
+        q : (h,) float, rad, or None
+            Joints below the camera (NAO: HeadYaw, HeadPitch); None = as measured.
+        camera
+            Name; None = the first.
+        """
+        mount = self._camera(camera)
+        values = self.joint_values() if q is None else dict(zip(self._head, q, strict=True))
+        robot = self.description
+        path = robot.path(mount.parent)
+        poses = link_poses(robot.root, path, {k: float(v) for k, v in values.items()})
+        root_from_parent = poses.get(mount.parent, np.eye(4))  # the root itself is not among them
+        base_from_root = robot.base_from_root.matrix
+        mounted = transform_from(mount.pose.xyz, mount.pose.rpy)
+        pose: Floats = base_from_root @ root_from_parent @ mounted @ _FRAME_FROM_OPTICAL
+        return pose
+
+    # -- introduction -----------------------------------------------------------------------
+
+    def describe(self, name: str) -> dict[str, Any]:
+        """Return what the robot registers itself with: hands, cameras, frames, as JSON data."""
+        robot = self.description
+        return {
+            "name": name,
+            "model": robot.model,
+            "simulated": True,
+            "end_effectors": [_hand_message(arm) for arm in self.arms.values()],
+            "cameras": [_camera_message(camera) for camera in robot.cameras.values()],
+            "frames": [self.base_frame, *robot.frames],
+        }
+
+    def _camera(self, name: str | None) -> CameraMount:
+        cameras = self.description.cameras
+        if not cameras or (name is not None and name not in cameras):
+            raise RobotError(f"robot {self.description.name!r} has no camera {name or ''}".strip())
+        return cameras[name] if name is not None else next(iter(cameras.values()))
+
+
+def _hand_message(arm: Arm) -> dict[str, Any]:
+    return {
+        "name": arm.end_effector,
+        "gripper_type": arm.gripper_type,
+        "kind": arm.kind,
+        "min_opening": 0.0,
+        "max_opening": arm.mouth,
+        "jaw_width": arm.finger_width,
+        "finger_length": arm.finger_length,
+        "max_force": arm.max_force,
+        "max_payload": arm.max_payload,
+        "parent_link": arm.wrist,
+        "planning_group": arm.name,
+    }
+
+
+def _camera_message(camera: CameraMount) -> dict[str, Any]:
+    intrinsics = Intrinsics.from_fov(*camera.size, camera.horizontal_fov)
+    return {
+        "name": camera.name,
+        "frame_id": camera.frame_id,
+        **asdict(intrinsics),
+        "min_range": camera.depth_range[0],
+        "max_range": camera.depth_range[1],
+    }

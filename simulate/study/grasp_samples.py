@@ -1,0 +1,83 @@
+"""Samples from which a filter of grasp candidates learns: simulated views, judged by the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from grasp.spatial.classifier import GraspSamples, gripper_key
+from grasp.spatial.closing_region import PICTURE, STATISTICS, closing_regions
+from grasp.spatial.cloud import prepare_cloud
+from grasp.spatial.completion import complete_by_symmetry
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.hand_search import propose_on
+from grasp.spatial.mesh import Mesh
+from simulate.study.grasp_shapes import FAMILIES, sample_shape
+from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
+from simulate.world.noise import SensorNoise
+
+__all__ = ["collect_samples", "shapes"]
+
+
+def shapes(per_family: int, first: int = 0) -> Iterator[Mesh]:
+    """Yield ``per_family`` shapes of every family, seeds from ``first`` on."""
+    for seed in range(first, first + per_family):
+        for family in FAMILIES:
+            yield sample_shape(family, seed)
+
+
+def collect_samples(
+    meshes: Iterable[Mesh],
+    gripper: ParallelGripper,
+    views: int = 1,
+    seed: int = 0,
+    candidates: int = 60,
+) -> GraspSamples:
+    """Look at meshes on a table, search for grasps, and judge them on the whole mesh.
+
+    Parameters
+    ----------
+    meshes
+        Each on z = 0.
+    views
+        Of each mesh, one candidate set each.
+    seed
+        Of cameras, noise and search.
+    candidates
+        Kept of each view.
+
+    Returns
+    -------
+    GraspSamples
+        ``objects`` counts the meshes.
+    """
+    rows: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("statistics", "pictures", "right", "objects", "geometry", "one_sided")
+    }
+    for number, mesh in enumerate(meshes):
+        for view in range(views):
+            rng = np.random.default_rng([seed, number, view])
+            seen = depth_view(mesh, sample_camera(rng), SensorNoise(), int(rng.integers(1 << 31)))
+            cloud = prepare_cloud(seen.points, table=TABLE, viewpoints=seen.viewpoint[None])
+            cloud = complete_by_symmetry(cloud)
+            found = propose_on(cloud, gripper, seed=seed, max_candidates=candidates)
+            if not found:
+                continue
+            statistics, pictures = closing_regions(cloud, found.candidates, gripper)
+            rows["statistics"].append(statistics)
+            rows["pictures"].append(pictures)
+            rows["right"].append(correct(found.candidates, mesh, gripper))
+            rows["objects"].append(np.full(len(found), number))
+            rows["geometry"].append(np.array([c.scores["geometry"] for c in found], np.float32))
+            rows["one_sided"].append(np.array([c.antipodal != "full" for c in found]))
+    empty = {
+        "statistics": np.empty((0, len(STATISTICS)), np.float32),
+        "pictures": np.empty((0, *PICTURE), bool),
+        "right": np.empty(0, bool),
+        "objects": np.empty(0, np.int64),
+        "geometry": np.empty(0, np.float32),
+        "one_sided": np.empty(0, bool),
+    }
+    joined = {name: np.concatenate([empty[name], *parts]) for name, parts in rows.items()}
+    return GraspSamples(**joined, gripper=gripper_key(gripper))

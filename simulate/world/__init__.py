@@ -1,0 +1,1 @@
+"""The simulated world: physics, products, tables and cameras."""

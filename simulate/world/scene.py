@@ -1,0 +1,150 @@
+"""A table laid with products: where each robot's objects stand at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulate.robots import Workplace
+from simulate.world.objects import Assets, ObjectSpec, write_assets
+from simulate.world.world import World
+
+__all__ = ["Laid", "Placement", "arrange", "lay"]
+
+_CLEAR_MIDDLE_M, _CLEAR_OUTSIDE_M = 0.010, 0.025
+_CLEAR_EDGE_M = 0.010
+_GROWTH_M = 0.015
+_GAP_M = 0.022
+_ROUNDS = 14
+_TRIES = 400
+_SETTLE_S = 0.5
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where one product stands: centre of its footprint (m) and yaw (rad), base frame."""
+
+    spec: ObjectSpec
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class Laid:
+    """A product that stands in a world."""
+
+    placement: Placement
+    body: int
+
+
+def _outline(spec: ObjectSpec, x: float, y: float, yaw: float) -> NDArray[np.float64]:
+    """Return points (n, 2) along the footprint, m, dense enough to measure gaps with."""
+    half_x, half_y = spec.extent[0] / 2, spec.extent[1] / 2
+    along = np.linspace(-1, 1, 9)
+    square = np.concatenate(
+        [np.stack([along, s * np.ones_like(along)], 1) for s in (-1, 1)]
+        + [np.stack([s * np.ones_like(along), along], 1) for s in (-1, 1)]
+    ) * [half_x, half_y]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.asarray(square @ np.array([[c, s], [-s, c]]) + [x, y])
+
+
+def arrange(
+    specs: Sequence[ObjectSpec],
+    rng: np.random.Generator,
+    sides: Sequence[int] | None = None,
+    workplace: Workplace | None = None,
+) -> list[Placement]:
+    """Find a place for every product, with room for a hand between.
+
+    A crowded table grows away from the robot, out of its reach.
+
+    Parameters
+    ----------
+    specs
+        The products.
+    rng
+        Draws the places.
+    sides
+        For each product +1 = left (y > 0) or -1 = right; None = half of them on each side.
+    workplace
+        Where the robot reaches; None = the smallest robot's.
+
+    Raises
+    ------
+    ValueError
+        When the table is too small for them.
+    """
+    place = workplace or Workplace()
+    order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
+    for grown in range(_ROUNDS):
+        if sides is None:
+            drawn = rng.permuted(np.resize([-1, 1], len(specs)))
+        else:
+            drawn = np.array([sides[i] for i in order])
+        found = _try_arrange([specs[i] for i in order], drawn, grown * _GROWTH_M, rng, place)
+        if found is not None:
+            return found
+    raise ValueError(f"the table has no room for {len(specs)} objects; ask for fewer")
+
+
+def _try_arrange(
+    specs: Sequence[ObjectSpec],
+    sides: NDArray[np.int64],
+    grown_m: float,
+    rng: np.random.Generator,
+    place: Workplace,
+) -> list[Placement] | None:
+    """Place the largest first, each where it keeps its distance from those before."""
+    placed: list[Placement] = []
+    outlines: list[NDArray[np.float64]] = []
+    for spec, side in zip(specs, sides, strict=True):
+        for _ in range(_TRIES):
+            x = float(rng.uniform(place.area_x[0], place.area_x[1] + grown_m))
+            y = float(side * rng.uniform(*place.area_abs_y))
+            yaw = float(rng.uniform(0, 2 * np.pi))
+            outline = _outline(spec, x, y, yaw)
+            if not _is_clear(outline, side, place):
+                continue
+            if all(_gap(outline, other) >= _GAP_M for other in outlines):
+                placed.append(Placement(spec, x, y, yaw))
+                outlines.append(outline)
+                break
+        else:
+            return None
+    return placed
+
+
+def _is_clear(outline: NDArray[np.float64], side: int, place: Workplace) -> bool:
+    """Tell whether a footprint keeps to its side, off the table's edge and out of the box."""
+    across = outline[:, 1] * side
+    return bool(
+        across.min() > _CLEAR_MIDDLE_M
+        and across.max() < place.area_abs_y[1] + _CLEAR_OUTSIDE_M
+        and outline[:, 0].min() > place.table_near + _CLEAR_EDGE_M
+    )
+
+
+def _gap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(np.min(np.linalg.norm(a[:, None] - b[None], axis=-1)))
+
+
+def lay(
+    world: World,
+    placements: Sequence[Placement],
+    folder: Path,
+    assets: Mapping[str, Assets] | None = None,
+) -> list[Laid]:
+    """Put the products on the world's table and let them settle."""
+    laid = []
+    for placement in placements:
+        made = (assets or {}).get(placement.spec.name) or write_assets(placement.spec, folder)
+        body = world.spawn(placement.spec, (placement.x, placement.y), placement.yaw, made)
+        laid.append(Laid(placement, body))
+    world.step(_SETTLE_S)
+    return laid

@@ -1,0 +1,400 @@
+"""One physics world: a client of its own, a table, boxes to place into, objects.
+
+This file and :mod:`simulate.world.camera` are the only ones that import pybullet. Every call names
+its client, so that worlds never meet; a world belongs to one thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+
+from rtask.errors import RobotError, UsageError
+from simulate.robots.body import RobotBody
+from simulate.robots.description import Pose, Workplace
+from simulate.robots.urdf import urdf_text
+from simulate.world.objects import Assets, ObjectSpec, collision_of, inertia_of
+
+if TYPE_CHECKING:
+    from simulate.robots.description import RobotDescription
+
+__all__ = ["PRESETS", "BodyPose", "PlaceBox", "Preset", "World", "side_sign"]
+
+log = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """How finely physics is computed; the name goes into every record.
+
+    Parameters
+    ----------
+    step_s
+        Time step, s.
+    iterations
+        Of the constraint solver, per step.
+    """
+
+    name: str
+    step_s: float
+    iterations: int
+
+
+PRESETS = {
+    "faithful": Preset("faithful", 1 / 480, 80),
+    "fast": Preset("fast", 1 / 240, 50),
+}
+
+_TABLE_FRICTION = 0.6
+
+_TABLE_COLOUR = (0.62, 0.50, 0.38, 1.0)
+_BOX_WALL = 0.003
+_BOX_COLOUR = (0.36, 0.44, 0.52, 1.0)
+
+
+def side_sign(side: str) -> int:
+    """Return +1 for ``left`` or ``left_arm``, -1 for ``right`` or ``right_arm``."""
+    signs = {"left": 1, "left_arm": 1, "right": -1, "right_arm": -1}
+    if side not in signs:
+        raise UsageError(f"unknown side {side!r}: expected left or right")
+    return signs[side]
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """Pose of a body's origin in the world: position (3,) m, quaternion (x, y, z, w)."""
+
+    position: Floats
+    quaternion: Floats
+
+    @property
+    def x(self) -> float:
+        """Position along x, m."""
+        return float(self.position[0])
+
+    @property
+    def y(self) -> float:
+        """Position along y, m."""
+        return float(self.position[1])
+
+    @property
+    def z(self) -> float:
+        """Position along z, m."""
+        return float(self.position[2])
+
+    @property
+    def rotation(self) -> Floats:
+        """``world_from_body`` rotation (3, 3)."""
+        x, y, z, w = self.quaternion
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+    @property
+    def yaw(self) -> float:
+        """Angle (rad) of the body's x axis in the horizontal plane."""
+        rotation = self.rotation
+        return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+
+
+@dataclass(frozen=True)
+class PlaceBox:
+    """An open box on the table: inner ranges (low, high) m, height of ground and rim m."""
+
+    side: str
+    x_range: tuple[float, float]
+    y_range: tuple[float, float]
+    floor: float
+    rim: float
+    wall: float = _BOX_WALL
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle of the ground, m."""
+        return (sum(self.x_range) / 2, sum(self.y_range) / 2)
+
+    def walls(self) -> Iterator[tuple[tuple[float, float, float], tuple[float, float, float]]]:
+        """Yield centre and full size (m) of the four walls."""
+        (x0, x1), (y0, y1), wall = self.x_range, self.y_range, self.wall
+        x, y = self.centre
+        z, height = (self.floor + self.rim) / 2, self.rim - self.floor
+        across, along = x1 - x0 + 2 * wall, y1 - y0 + 2 * wall
+        for edge in (x0 - wall / 2, x1 + wall / 2):
+            yield (edge, y, z), (wall, along, height)
+        for edge in (y0 - wall / 2, y1 + wall / 2):
+            yield (x, edge, z), (across, wall, height)
+
+
+class World:
+    """A physics world with its own client.
+
+    Parameters
+    ----------
+    preset
+        ``faithful`` (labels and tests of success) or ``fast`` (2 to 3 times cheaper; grasps hold
+        less often, so its outcomes must not be mixed with the other's).
+    gui
+        Open a window; needs a display.
+    workplace
+        Table and boxes that suit the robot; None = those of a robot the size of a child's doll.
+
+    Examples
+    --------
+    >>> with World() as world:
+    ...     table = world.add_table()
+    ...     world.step(0.1)
+    ...     round(world.time, 3)
+    0.1
+    """
+
+    def __init__(
+        self, preset: str = "faithful", gui: bool = False, workplace: Workplace | None = None
+    ) -> None:
+        if preset not in PRESETS:
+            raise UsageError(f"unknown preset {preset!r}: expected one of {', '.join(PRESETS)}")
+        self.preset = PRESETS[preset]
+        self.workplace = workplace or Workplace()
+        self.client: Any = _connect(gui)
+        self.table_height = float("nan")
+        self.table_body = -1
+        self.place_boxes: dict[str, PlaceBox] = {}
+        self.objects: dict[int, ObjectSpec] = {}
+        self._steps = 0
+        self.client.setPhysicsEngineParameter(
+            fixedTimeStep=self.preset.step_s,
+            numSolverIterations=self.preset.iterations,
+            numSubSteps=0,
+            enableConeFriction=1,
+            deterministicOverlappingPairs=1,
+        )
+        self.client.setGravity(0, 0, -9.81)
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect; a second call does nothing."""
+        if self.client is not None and self.client.isConnected():
+            self.client.disconnect()
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the world began, s."""
+        return self._steps * self.preset.step_s
+
+    def step(self, seconds: float) -> None:
+        """Let physics run, at least one step."""
+        for _ in range(max(round(seconds / self.preset.step_s), 1)):
+            self.client.stepSimulation()
+            self._steps += 1
+
+    def add_table(self, height: float | None = None) -> int:
+        """Put the table in front of the robot; return the body.
+
+        Parameters
+        ----------
+        height
+            Of its top, m; None = as the workplace has it.
+        """
+        place = self.workplace
+        height = place.table_height if height is None else height
+        length, _, thick = place.table_size
+        centre = (place.table_near + length / 2, 0.0, height - thick / 2)
+        self.table_body = self._static_box(centre, place.table_size, _TABLE_COLOUR)
+        self.table_height = height
+        return self.table_body
+
+    def add_place_box(self, side: str) -> PlaceBox:
+        """Put the box into which an arm places on the table; ``side`` is left or right."""
+        if not np.isfinite(self.table_height):
+            raise UsageError("add the table before its boxes")
+        sign = side_sign(side)
+        place = self.workplace
+        x, y, z = place.box_centre[0], place.box_centre[1] * sign, self.table_height
+        half = place.box_inner / 2
+        box = PlaceBox(
+            "left" if sign > 0 else "right",
+            (x - half, x + half),
+            (y - half, y + half),
+            z,
+            z + place.box_height,
+        )
+        for centre, size in box.walls():
+            self._static_box(centre, size, _BOX_COLOUR)
+        self.place_boxes[box.side] = box
+        return box
+
+    def box_for(self, side: int, y: float) -> PlaceBox | None:
+        """Return the box that an arm of a side (0 = both) uses for something at y m, if any."""
+        return self.place_boxes.get("left" if (side or y) > 0 else "right")
+
+    def add_wall(self, centre: Sequence[float], size: Sequence[float]) -> int:
+        """Put an immovable box of full ``size`` (m) at ``centre`` (m); return the body."""
+        return self._static_box(centre, size, (0.5, 0.5, 0.5, 1.0))
+
+    def _static_box(
+        self, centre: Sequence[float], size: Sequence[float], colour: Sequence[float]
+    ) -> int:
+        half = [value / 2 for value in size]
+        client = self.client
+        shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=half)
+        visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=colour)
+        body = int(client.createMultiBody(0, shape, visual, centre))
+        client.changeDynamics(body, -1, lateralFriction=_TABLE_FRICTION)
+        return body
+
+    def load_robot(
+        self, robot: RobotDescription, world_from_base: Floats | None = None
+    ) -> RobotBody:
+        """Put a robot into the world; None = its base frame is the world's."""
+        return RobotBody(self, robot, world_from_base)
+
+    def load_urdf(
+        self, robot: RobotDescription, world_from_base: Floats, *, self_collision: bool = True
+    ) -> int:
+        """Load a described robot with a fixed base; return the body.
+
+        Parameters
+        ----------
+        robot
+            The description.
+        world_from_base : (4, 4) float
+            Where the robot stands; z up.
+        self_collision
+            Let links that are not each other's ancestors collide.
+        """
+        world_from_root = Pose.of(world_from_base @ robot.base_from_root.matrix)
+        client = self.client
+        flags = client.URDF_USE_INERTIA_FROM_FILE
+        if self_collision:
+            flags |= client.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS
+        with tempfile.TemporaryDirectory(prefix="rtask-urdf-") as folder:
+            path = Path(folder) / f"{robot.name}.urdf"
+            path.write_text(urdf_text(robot), encoding="utf-8")
+            return int(
+                client.loadURDF(
+                    str(path),
+                    world_from_root.xyz,
+                    client.getQuaternionFromEuler(world_from_root.rpy),
+                    useFixedBase=True,
+                    flags=flags,
+                )
+            )
+
+    def spawn(
+        self,
+        spec: ObjectSpec,
+        position: Sequence[float],
+        yaw: float = 0.0,
+        assets: Assets | None = None,
+    ) -> int:
+        """Put an object on the table.
+
+        Parameters
+        ----------
+        spec
+            What it is.
+        position : (x, y) or (x, y, z), m
+            Of its origin, the centre of mass; without z it rests on the table.
+        yaw
+            rad.
+        assets
+            Mesh and texture for the camera; None shows plain primitives.
+
+        Returns
+        -------
+        int
+            The body.
+        """
+        z = position[2] if len(position) > 2 else self.table_height + spec.rest_height
+        pose = (float(position[0]), float(position[1]), float(z))
+        body = _create_object(self.client, spec, assets)
+        turned = self.client.getQuaternionFromEuler((0, 0, yaw))
+        self.client.resetBasePositionAndOrientation(body, pose, turned)
+        self.objects[body] = spec
+        return body
+
+    def remove(self, body: int) -> None:
+        """Take an object out of the world."""
+        self.client.removeBody(body)
+        self.objects.pop(body, None)
+
+    def on_table(self, body: int) -> bool:
+        """Tell whether a body touches the table."""
+        return self.table_body >= 0 and len(self.client.getContactPoints(body, self.table_body)) > 0
+
+    def object_pose(self, body: int) -> BodyPose:
+        """Return where an object is. Ground truth: for judging and scoring, not for planning."""
+        position, quaternion = self.client.getBasePositionAndOrientation(body)
+        return BodyPose(np.array(position), np.array(quaternion))
+
+
+def _create_object(client: Any, spec: ObjectSpec, assets: Assets | None) -> int:
+    """Create a dynamic body from the collision primitives of a product; return it."""
+    shapes = assets.collision if assets is not None else collision_of(spec)
+    inertia = assets.inertia if assets is not None else inertia_of(shapes, spec.mass)
+    kinds = {"box": client.GEOM_BOX, "sphere": client.GEOM_SPHERE, "cylinder": client.GEOM_CYLINDER}
+    columns: dict[str, list[Any]] = {
+        "shapeTypes": [kinds[shape.shape] for shape in shapes],
+        "halfExtents": [[v / 2 for v in s.size] if s.shape == "box" else [] for s in shapes],
+        "radii": [s.size[0] if s.shape != "box" else 0.0 for s in shapes],
+        "lengths": [s.size[1] if s.shape == "cylinder" else 0.0 for s in shapes],
+        "collisionFramePositions": [s.position for s in shapes],
+        "collisionFrameOrientations": [s.orientation for s in shapes],
+    }
+    collision = client.createCollisionShapeArray(**columns)
+    if assets is None:
+        columns["visualFramePositions"] = columns.pop("collisionFramePositions")
+        columns["visualFrameOrientations"] = columns.pop("collisionFrameOrientations")
+        visual = client.createVisualShapeArray(**columns)
+    else:
+        # The print comes with the mesh's material; loaded once more it mixes up OpenGL's textures.
+        visual = client.createVisualShape(client.GEOM_MESH, fileName=str(assets.obj_path))
+    body = int(client.createMultiBody(spec.mass, collision, visual))
+    client.changeDynamics(
+        body,
+        -1,
+        lateralFriction=spec.friction.lateral,
+        spinningFriction=spec.friction.spinning,
+        rollingFriction=spec.friction.rolling,
+        linearDamping=spec.friction.linear_damping,
+        angularDamping=spec.friction.angular_damping,
+        localInertiaDiagonal=inertia,
+        activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
+    )
+    return body
+
+
+def _connect(gui: bool) -> Any:
+    if not gui:
+        return BulletClient(pybullet.DIRECT)
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise RobotError("no display for the simulation window: set DISPLAY or leave gui off")
+    try:
+        client = BulletClient(pybullet.GUI)
+    except pybullet.error as error:
+        raise RobotError(f"the simulation window does not open: {error}") from error
+    if not client.isConnected():
+        raise RobotError("the simulation window does not open: the display gives no OpenGL 3")
+    client.configureDebugVisualizer(client.COV_ENABLE_GUI, 0)
+    return client

@@ -1,0 +1,53 @@
+"""The page on the engine names every operation and field; the page on learning, every number."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from rtask.engine import Policy
+from rtask.engine.operations.table import OPERATIONS
+
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+
+
+def sections(text):
+    """Return the page's parts by heading."""
+    parts = re.split(r"(?m)^## (.+)$", text)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def names(fields):
+    for field in fields:
+        yield field.name
+        yield from names(field.fields)
+
+
+def test_every_operation_has_a_section_that_names_every_field():
+    described = sections((DOCS / "engine.md").read_text(encoding="utf-8"))
+    for operation in OPERATIONS.values():
+        text = described[operation.name]
+        missing = [name for name in names(operation.fields) if f"`{name}`" not in text]
+        if operation.name == "report_outcome":  # its outcome is described with insert_object
+            text += described["insert_object"]
+            missing = [name for name in missing if f"`{name}`" not in text]
+        assert not missing, operation.name
+        assert operation.summary in (DOCS / "engine.md").read_text(encoding="utf-8")
+
+
+def test_the_defaults_on_the_page_about_learning_are_those_of_the_policy():
+    text = (DOCS / "learning.md").read_text(encoding="utf-8")
+    policy = Policy()
+    for words in (
+        f"| q, kappa | quality by geometry and its weight in attempts | {policy.bandit.kappa:g} |",
+        f"cap {policy.bandit.cap:g} |",
+        f"fails the same way again | {policy.bandit.rho:g} |",
+        f"h = {policy.bandit.bandwidth:g}",
+        f"confidence of recognition / {policy.same_class:g}",
+        f"1 / {policy.other_gripper:g} where the width fits",
+        f"1 / {policy.fast_physics:g} |",
+        f"a factor of {policy.size_tolerance:g}",
+        f"at least {policy.bandit.proven_weight:g} of a success",
+        f"When no mean reaches {policy.bandit.stop_below:g}",
+    ):
+        assert words in text, words

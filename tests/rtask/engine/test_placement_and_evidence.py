@@ -1,0 +1,176 @@
+"""Object frames, kinds by shape, and what evidence weighs: by hand."""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from features.tabletop import measure
+from grasp.spatial.frames import surface_from_object
+from grasp.spatial.gripper import ParallelGripper
+from rtask.engine.memory.experience import Weights, gather, without_trials
+from rtask.engine.memory.recall import Memory, Remembered, Tally, Trial
+from rtask.engine.perception.placement import classify_shape, footprint_of, place
+from rtask.engine.policy import Policy
+
+HAND = ParallelGripper("hand", "nao_hand", 0.0, 0.05)
+SIZE = (0.04, 0.03, 0.06)
+NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+
+
+@dataclass
+class Seen:
+    """As much of an observation as a placement needs."""
+
+    points: NDArray[np.float64]
+    support: float = 0.27
+    frame_from_camera: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def shape(self):
+        return measure(self.points, self.support)
+
+
+def box_points(yaw, centre=(0.16, -0.06), size=(0.05, 0.03, 0.04)):
+    rng = np.random.default_rng(0)
+    local = (rng.random((4000, 3)) - [0.5, 0.5, 0.0]) * size
+    local[:2000, 2] = size[2]
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    return np.column_stack([local[:, :2] @ turn.T + centre, local[:, 2] + 0.27])
+
+
+def round_points(profile, centre=(0.15, 0.08), height=0.06):
+    """Return points on a body of revolution; ``profile`` gives the radius at each height 0..1."""
+    rng = np.random.default_rng(0)
+    level, turn = rng.random(6000), rng.random(6000) * 2 * np.pi
+    radius = profile(level) * np.where(level > 0.98, np.sqrt(rng.random(6000)), 1.0)
+    x, y = centre[0] + radius * np.cos(turn), centre[1] + radius * np.sin(turn)
+    return np.column_stack([x, y, 0.27 + level * height])
+
+
+def test_a_box_stands_along_its_longer_side():
+    placed = place(Seen(box_points(0.4)))
+    assert placed.is_verified
+    assert placed.yaw == pytest.approx(0.4, abs=0.03)
+    assert placed.frame_from_object[:3, 3] == pytest.approx([0.16, -0.06, 0.27], abs=2e-3)
+
+
+def test_there_and_back_between_the_robots_and_the_objects_frame():
+    placed = place(Seen(box_points(0.4)))
+    there = placed.to_frame(0.01, -0.005, 1.2)
+    assert placed.to_object(*there) == pytest.approx((0.01, -0.005, 1.2))
+
+
+def test_a_round_things_frame_points_away_from_the_robot():
+    placed = place(Seen(round_points(lambda z: 0.02 + 0 * z)))
+    assert placed.is_round
+    assert placed.yaw == pytest.approx(np.arctan2(0.08, 0.15), abs=0.02)
+    assert footprint_of(Seen(round_points(lambda z: 0.02 + 0 * z)).shape, placed).kind == "round"
+
+
+def test_a_rigid_match_tells_front_from_back_and_the_measured_side_makes_it_exact():
+    seen = Seen(box_points(0.4))
+    for quarter in range(4):
+        true_yaw = 0.4 + quarter * np.pi / 2
+        rough = surface_from_object(0.165, -0.055, 0.27, true_yaw + 0.08)
+        placed = place(seen, is_round=False, query_from_view=rough, object_from_view=np.eye(4))
+        assert placed.is_verified
+        off = (placed.yaw - true_yaw + np.pi) % (2 * np.pi) - np.pi
+        assert abs(off) < 0.03  # the match was 0.08 rad off
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        surface_from_object(0.20, -0.06, 0.27, 0.4),
+        surface_from_object(0.16, -0.06, 0.27, 0.4)
+        @ np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]]),
+    ],
+    ids=["elsewhere", "fallen over"],
+)
+def test_a_match_that_contradicts_what_is_measured_is_not_believed(wrong):
+    placed = place(Seen(box_points(0.4)), False, wrong, np.eye(4))
+    assert not placed.is_verified
+    assert placed.yaw == pytest.approx(0.4, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("profile", "height", "kind"),
+    [
+        (lambda z: 0.018 + 0 * z, 0.08, "Cylinder"),
+        (lambda z: 0.018 * np.sqrt(np.clip(1 - (2 * z - 1) ** 2, 0, 1)), 0.036, "Ball"),
+        (lambda z: np.where(z < 0.68, 0.018, 0.008), 0.10, "Bottle"),
+    ],
+)
+def test_round_things_are_named_by_their_profile(profile, height, kind):
+    points = round_points(profile, height=height)
+    found = classify_shape(measure(points, 0.27), points)
+    assert found is not None
+    assert found[0] == kind
+
+
+def test_flat_sided_and_thin_things_are_named_by_their_outline():
+    box, pen = box_points(0.2), box_points(0.2, size=(0.11, 0.018, 0.018))
+    assert classify_shape(measure(box, 0.27), box)[0] == "Box"
+    assert classify_shape(measure(pen, 0.27), pen)[0] == "Pen"
+
+
+def remembered(**changes):
+    base = Remembered("g", "o", False, 0.0, 0.0, 0.03, 0.5, 0.05, 0.9, "nao_hand", SIZE,
+                      (Tally(True, 3), Tally(False, 1)))  # fmt: skip
+    return replace(base, **changes)
+
+
+def weights(**changes):
+    return Weights(Policy(**changes), {"o": 1.0}, HAND, SIZE, NOW)
+
+
+def evidence(grasp, theta=0.5, z=0.03, **changes):
+    found = gather(np.array([[0.0, 0.0, z]]), np.array([theta]), [grasp], weights(**changes), 0.2)
+    return float(found.successes[0]), float(found.failures[0])
+
+
+def test_the_same_grasp_on_the_same_object_counts_in_full():
+    assert evidence(remembered()) == (3.0, 1.0)
+
+
+def test_neighbours_count_by_the_kernel():
+    won, _ = evidence(remembered(), theta=0.7)
+    assert won == pytest.approx(3 * np.exp(-(np.sin(0.2) ** 2) / 0.08), abs=1e-6)
+    won, _ = evidence(remembered(), z=0.03 + 0.06 / 4 * 0.2)
+    assert won == pytest.approx(3 * np.exp(-0.5), abs=1e-6)
+
+
+def test_the_confidence_of_recognition_weighs():
+    found = gather(
+        np.array([[0.0, 0.0, 0.03]]), np.array([0.5]), [remembered()],
+        Weights(Policy(), {"o": 0.4}, HAND, SIZE, NOW), 0.2,
+    )  # fmt: skip
+    assert found.successes[0] == pytest.approx(1.2)
+    assert found.objects == (("o",),)
+
+
+def test_coarse_physics_another_gripper_and_age_weigh_less():
+    fast = remembered(tallies=(Tally(True, 1, is_fast=True),))
+    assert evidence(fast)[0] == pytest.approx(0.3)
+    assert evidence(remembered(gripper_type="panda"))[0] == pytest.approx(1.5)
+    old = remembered(tallies=(Tally(True, 1, latest=NOW - dt.timedelta(days=20)),))
+    assert evidence(old)[0] == 1.0
+    assert evidence(old, half_life_days=10.0)[0] == pytest.approx(0.25)
+
+
+def test_another_object_of_the_class_is_scaled_to_this_one():
+    larger = tuple(1.2 * extent for extent in SIZE)
+    other = remembered(of_class=True, object="p", size=larger, z=0.036)
+    fade = np.exp(-3 * np.log(1.2) ** 2 / (2 * 0.3**2))
+    assert evidence(other)[0] == pytest.approx(3 * 0.7 * fade, abs=1e-6)
+
+
+def test_the_present_episode_is_not_counted_twice():
+    trials = (Trial("g", 0, 0, 0.03, 0.5, False, 1, "t"),)
+    cleaned = without_trials(Memory(grasps=(remembered(),), trials=trials))
+    assert cleaned[0].tallies == (Tally(True, 3),)

@@ -1,0 +1,172 @@
+"""Backups open by themselves; verify finds what is wrong."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+import rtask
+from rtask.errors import StoreFormatError, UnsupportedError, UsageError
+from rtask.kb.durability.backup import restore
+from rtask.knowledge_base import KnowledgeBase
+
+
+def _open(path: Path) -> KnowledgeBase:
+    return rtask.open(path, ontologies=False)
+
+
+def _filled(path: Path) -> KnowledgeBase:
+    kb = _open(path)
+    with kb.transaction(agent="nao-1") as tx:
+        tx.add("urn:view", "urn:image", tx.blob(b"pixels", "image/png"))
+    return kb
+
+
+def test_a_backup_holds_everything_and_is_apart(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        record = kb.backup(tmp_path / "copy")
+        assert record["seq"] == kb.seq == 1
+        kb.update("INSERT DATA { <urn:later> <urn:p> 1 }")
+        epoch = kb.settings.epoch
+        with pytest.raises(UsageError, match="exists"):
+            kb.backup(tmp_path / "copy")
+    restore(tmp_path / "copy", tmp_path / "again")
+    with _open(tmp_path / "again") as kb:
+        assert kb.seq == 1
+        assert kb.match("urn:later") == []
+        [quad] = kb.match("urn:view")
+        assert kb.blobs.read(quad.object) == b"pixels"  # type: ignore[arg-type]
+        assert kb.settings.epoch != epoch
+        assert kb.verify() == []
+        assert [entry.seq for entry in kb.history()] == [1]
+    with pytest.raises(UsageError, match="not empty"):
+        restore(tmp_path / "copy", tmp_path / "again")
+    with pytest.raises(StoreFormatError, match="no complete backup"):
+        restore(tmp_path / "kb", tmp_path / "other")
+
+
+def test_memory_has_no_folder_to_back_up(tmp_path: Path) -> None:
+    with (
+        rtask.open(":memory:", ontologies=False) as kb,
+        pytest.raises(UnsupportedError),
+    ):
+        kb.backup(tmp_path / "copy")
+
+
+def test_verify_finds_lost_and_changed_bytes(tmp_path: Path) -> None:
+    with _filled(tmp_path) as kb:
+        kb.blobs.put(b"nobody names me")
+        assert [(f.severity, f.part) for f in kb.verify()] == [("note", "blobs")]
+        [quad] = kb.match("urn:view")
+        path = kb.blobs.path(quad.object)  # type: ignore[arg-type]
+        path.write_bytes(b"other")
+        assert [f.severity for f in kb.verify()] == ["error", "note"]
+        path.unlink()
+        assert [f.detail.partition("is named")[1] for f in kb.verify()] == ["is named", ""]
+
+
+def test_history_tells_who_did_what(tmp_path: Path) -> None:
+    with _open(tmp_path) as kb:
+        kb.update("INSERT DATA { <urn:mug> <urn:mass> 0.3 }", "nao-1", note="weighed")
+        kb.update("INSERT DATA { <urn:cup> <urn:mass> 0.2 }", "nao-2")
+        kb.update("DELETE DATA { <urn:mug> <urn:mass> 0.3 }", "nao-1")
+        first, last = kb.history("urn:mug")
+        assert (first.seq, first.agent, first.note, len(first.added)) == (1, "nao-1", "weighed", 1)
+        assert (last.seq, len(last.added), len(last.removed)) == (3, 0, 1)
+        assert [e.seq for e in kb.history(agent="nao-2")] == [2]
+        assert [e.seq for e in kb.history(graph=kb.graphs.agent("nao-1"), since=1)] == [3]
+
+
+def test_a_restored_copy_knows_where_it_comes_from(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        record = kb.backup(tmp_path / "copy")
+        parent = f"{kb.settings.store_id}@1"
+    assert record["quads"] > 5
+    restore(tmp_path / "copy", tmp_path / "again")
+    with _open(tmp_path / "again") as kb:
+        assert kb.settings.parent == parent
+
+
+def test_a_damaged_backup_is_not_restored(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        kb.backup(tmp_path / "copy")
+    [blob] = (tmp_path / "copy" / "blobs").glob("??/??/*")
+    blob.unlink()  # the copy shares its bytes with the original
+    blob.write_bytes(b"other")
+    with pytest.raises(StoreFormatError, match="other bytes"):
+        restore(tmp_path / "copy", tmp_path / "again")
+    blob.write_bytes(b"pixels")
+    [segment] = (tmp_path / "copy" / "journal").glob("*.log")
+    segment.write_bytes(segment.read_bytes()[:-5])
+    with pytest.raises(StoreFormatError, match="journal ends"):
+        restore(tmp_path / "copy", tmp_path / "again")
+    assert not (tmp_path / "again").exists()
+
+
+def test_an_interrupted_backup_is_named_so(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        kb.backup(tmp_path / "copy")
+        (tmp_path / "copy" / "backup.json").unlink()
+        with pytest.raises(UsageError, match="was interrupted"):
+            kb.backup(tmp_path / "copy")
+
+
+def test_a_backup_is_made_while_others_write(tmp_path: Path) -> None:
+    with _filled(tmp_path / "kb") as kb:
+        stop = threading.Event()
+
+        def write() -> None:
+            number = 0
+            while not stop.is_set():
+                number += 1
+                kb.update(f"INSERT DATA {{ <urn:n{number}> <urn:p> {number} }}", "nao-1")
+
+        writer = threading.Thread(target=write)
+        writer.start()
+        try:
+            seqs = [kb.backup(tmp_path / f"copy{n}")["seq"] for n in range(3)]
+        finally:
+            stop.set()
+            writer.join()
+    assert seqs == sorted(seqs)
+    for number, seq in enumerate(seqs):
+        restore(tmp_path / f"copy{number}", tmp_path / f"again{number}")
+        with _open(tmp_path / f"again{number}") as kb:
+            assert kb.seq == seq
+            assert len(kb.match(predicate="urn:p")) == seq - 1
+            assert [f for f in kb.verify() if f.severity == "error"] == []
+
+
+def test_bytes_that_nobody_names_are_collected_once_they_are_old(tmp_path: Path) -> None:
+    with _filled(tmp_path) as kb:
+        blob = kb.blobs.put(b"nobody names me")
+        assert kb.collect_blobs() == 0
+        os.utime(kb.blobs.path(blob.iri), (0, 0))
+        assert kb.collect_blobs() == 1
+        assert kb.verify() == []
+        [quad] = kb.match("urn:view")
+        assert kb.blobs.has(quad.object)  # type: ignore[arg-type]
+
+
+def test_what_is_derived_is_repaired_from_the_graph(tmp_path: Path) -> None:
+    with _filled(tmp_path) as kb:
+        kb.update(
+            "PREFIX s: <http://www.w3.org/2000/01/rdf-schema#> "
+            "INSERT DATA { <urn:Mug> s:subClassOf <urn:Cup> . <urn:a> a <urn:Mug> }"
+        )
+        everything = set(map(str, kb.store.raw))
+        for damage in (
+            "DELETE WHERE { <urn:a> ?p ?o }",
+            "INSERT DATA { <urn:x> <urn:y> <urn:z> }",
+            f"DELETE WHERE {{ GRAPH {kb.graphs.inferred} {{ ?s ?p ?o }} }}",
+        ):
+            kb.store.raw.update(damage)
+        assert {f.part for f in kb.verify()} >= {"union", "catalogue", "closure"}
+        kb.verify(repair=True)
+        assert kb.verify() == []
+        facts = {line for line in everything if "/activity/" not in line}
+        missing = facts - set(map(str, kb.store.raw))
+        assert all("commitNumber" in line or "tripleCount" in line for line in missing)

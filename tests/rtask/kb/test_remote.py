@@ -1,0 +1,219 @@
+"""The same calls over SPARQL 1.1 Protocol, against a server with its own store."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import pyoxigraph as ox
+import pytest
+
+import rtask
+from rtask.errors import (
+    AuthenticationError,
+    ClosedError,
+    ForbiddenError,
+    QuerySyntaxError,
+    QueryTimeout,
+    RemoteUnavailableError,
+    UnsupportedError,
+    UsageError,
+)
+from rtask.kb.remote import knowledge_base as remote
+from rtask.kb.remote import transport as wire
+from rtask.rdf.terms import BlankNode, iri
+from rtask.sparql.results import Triples
+
+
+class Server(ThreadingHTTPServer):
+    """A SPARQL server of thirty lines; ``faults`` are status codes that come first."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.store = ox.Store()
+        self.faults: list[int] = []
+        self.requests: list[str] = []
+        self.truncate = False
+        self.go_on = threading.Event()
+        self.go_on.set()
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Answers queries and updates sent directly (SPARQL 1.1 Protocol, 2.1.3 and 2.2.2)."""
+
+    server: Server
+
+    def do_POST(self) -> None:
+        text = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        self.server.requests.append(text)
+        if self.headers.get("Authorization") != "Bearer secret":
+            return self._answer(401, b'{"detail": "no token"}')
+        self.server.go_on.wait(30.0)
+        if self.server.faults:
+            return self._answer(self.server.faults.pop(0), b'{"detail": "not now"}')
+        if self.headers["Content-Type"] == "application/sparql-update":
+            self.server.store.update(text)
+            return self._answer(204, b"")
+        given = parse_qs(urlsplit(self.path).query)
+        dataset: dict[str, Any] = {}
+        if "default-graph-uri" in given:
+            dataset["default_graph"] = [ox.NamedNode(g) for g in given["default-graph-uri"]]
+        found: Any = self.server.store.query(
+            text, use_default_graph_as_union=not dataset, **dataset
+        )
+        triples = isinstance(found, ox.QueryTriples)
+        form: Any = ox.RdfFormat.N_TRIPLES if triples else ox.QueryResultsFormat.JSON
+        body = found.serialize(format=form)
+        return self._answer(200, body[:-5] if self.server.truncate else body)
+
+    def _answer(self, status: int, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *args: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
+    monkeypatch.setattr(wire, "_PAUSE_S", 0.0)
+    with Server() as running:
+        thread = threading.Thread(target=running.serve_forever, args=(0.01,))
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def kb(server: Server) -> Iterator[rtask.KnowledgeBase]:
+    with rtask.open(f"http://127.0.0.1:{server.server_port}/sparql", token="secret") as opened:
+        yield opened
+
+
+def test_queries_and_updates_work_as_on_an_embedded_store(kb: rtask.KnowledgeBase) -> None:
+    kb.update("INSERT DATA { GRAPH <urn:g> { <urn:a> <urn:p> 1, 'two'@en . _:b <urn:p> <urn:a> } }")
+    rows = kb.select("SELECT ?o { <urn:a> <urn:p> ?o } ORDER BY ?o", bindings={"o": [1, 7]})
+    assert rows.to_dicts() == [{"o": 1}]
+    assert kb.query("ASK { <urn:a> <urn:p> 1 }") is True
+    built = kb.query("CONSTRUCT WHERE { <urn:a> <urn:p> ?o }")
+    assert isinstance(built, Triples)
+    assert len(built) == 2
+    [quad] = kb.match("urn:a", None, 1)
+    assert quad.graph_name == iri("urn:g")
+    assert kb.query("ASK { <urn:a> ?p ?o }", default_graphs=["urn:other"]) is False
+    assert b'"boolean":true' in kb.serialize("ASK {}", "application/sparql-results+json")
+
+
+def test_a_transaction_is_one_request(kb: rtask.KnowledgeBase, server: Server) -> None:
+    with kb.transaction() as tx:
+        tx.add("urn:a", "urn:p", 'a "quoted"\nline', "urn:g")
+        tx.update("INSERT { ?s <urn:q> true } WHERE { GRAPH <urn:g> { ?s <urn:p> ?o } }")
+        tx.remove("urn:a", "urn:p", 'a "quoted"\nline', "urn:g")
+    assert len(server.requests) == 1
+    assert [str(q.triple) for q in server.store] == [
+        '<urn:a> <urn:q> "true"^^<http://www.w3.org/2001/XMLSchema#boolean>'
+    ]
+
+    def broken() -> None:
+        with kb.transaction() as tx:
+            tx.add("urn:a", "urn:p", 2)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        broken()
+    with kb.transaction() as tx, pytest.raises(UnsupportedError, match="blank nodes"):
+        tx.remove(BlankNode(), "urn:p", 1)
+    assert len(server.requests) == 1
+
+
+def test_documents_are_sent_in_pieces(
+    kb: rtask.KnowledgeBase, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote, "_PIECE", 4)
+    text = "_:b <urn:p> _:c . _:c <urn:p> 1 . <urn:a> <urn:p> " + ", ".join(map(str, range(9)))
+    count: Any = kb.load((text + " .").encode(), format="turtle", graph="urn:g")
+    assert count == 11
+    assert len(server.requests) == 3
+    assert server.store.query("ASK { GRAPH <urn:g> { ?b <urn:p> ?c . ?c <urn:p> 1 } }")
+    assert len(server.store) == 11
+
+
+def test_errors_found_here_are_not_sent(kb: rtask.KnowledgeBase, server: Server) -> None:
+    with pytest.raises(QuerySyntaxError, match="query 1:"):
+        kb.query("SELECT ?x WHERE {")
+    with pytest.raises(QuerySyntaxError, match="update 1:"):
+        kb.update("INSERT DATA { ?s <urn:p> 1 }")
+    assert server.requests == []
+
+
+def test_reads_are_tried_again_and_updates_only_if_they_did_not_run(
+    kb: rtask.KnowledgeBase, server: Server
+) -> None:
+    server.faults = [502, 504]
+    assert kb.query("ASK {}") is True
+    assert len(server.requests) == 3
+    server.faults = [503]
+    kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+    server.requests.clear()
+    server.faults = [504, 504]
+    with pytest.raises(RemoteUnavailableError, match="504 not now"):
+        kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
+    assert len(server.requests) == 1
+
+
+def test_refusals_keep_their_meaning(kb: rtask.KnowledgeBase, server: Server) -> None:
+    server.faults = [403]
+    with pytest.raises(ForbiddenError, match="403 not now"):
+        kb.update("CLEAR ALL")
+    with (
+        rtask.open(kb.query_url) as stranger,  # type: ignore[attr-defined]
+        pytest.raises(AuthenticationError, match="no token"),
+    ):
+        stranger.query("ASK {}")
+
+
+def test_an_answer_that_breaks_off_is_an_error(kb: rtask.KnowledgeBase, server: Server) -> None:
+    server.truncate = True
+    with pytest.raises(RemoteUnavailableError, match="broke off"):
+        kb.query("SELECT * { VALUES ?x { 1 2 3 } }")
+
+
+def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire, "_PAUSE_S", 0.0)
+    with (
+        rtask.open("http://127.0.0.1:9/sparql") as kb,
+        pytest.raises(RemoteUnavailableError, match=r"127\.0\.0\.1:9"),
+    ):
+        kb.update("CLEAR ALL")
+
+
+def test_a_deadline_ends_the_waiting(kb: rtask.KnowledgeBase, server: Server) -> None:
+    server.go_on.clear()
+    started = time.monotonic()
+    with pytest.raises(QueryTimeout, match=r"within 0\.3 s"):
+        kb.query("ASK { ?s ?p ?o }", timeout_s=0.3)
+    assert time.monotonic() - started < 10.0
+    server.go_on.set()
+    assert kb.query("ASK { ?s ?p ?o }", timeout_s=30.0) is False
+
+
+def test_what_needs_the_embedded_store_says_so(kb: rtask.KnowledgeBase) -> None:
+    for name in ("graphs", "blobs", "explain", "verify", "history"):
+        with pytest.raises(UnsupportedError, match=f"{name} needs the embedded store"):
+            getattr(kb, name)
+    with pytest.raises(UnsupportedError, match="agent from the token"):
+        kb.update("CLEAR ALL", agent="nao-1")
+    with pytest.raises(AttributeError):
+        kb.nonsense  # type: ignore[attr-defined]  # noqa: B018
+    kb.close()
+    with pytest.raises(ClosedError):
+        kb.query("ASK {}")
+    with pytest.raises(UsageError, match="at least"):
+        rtask.open("sparql+http://127.0.0.1:9/")

@@ -1,0 +1,77 @@
+"""The union of all graphs: kept exactly, or computed by each query."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rtask
+from rtask.errors import StoreFormatError, UsageError
+from rtask.knowledge_base import KnowledgeBase
+
+_COUNT = "SELECT (COUNT(*) AS ?n) { ?s <urn:p> ?o }"
+
+
+def _count(kb: KnowledgeBase) -> object:
+    return kb.select(_COUNT)[0].value("n")
+
+
+def _open(target: Path | str, union: str | None = None) -> KnowledgeBase:
+    return rtask.open(target, union=union, ontologies=False)
+
+
+@pytest.mark.parametrize(("union", "counted"), [(None, 1), ("merged", 1), ("view", 2)])
+def test_a_triple_of_two_graphs_is_counted_once_unless_the_union_is_a_view(
+    union: str | None, counted: int
+) -> None:
+    with _open(":memory:", union) as kb:
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", "nao-1")
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }", "nao-2")
+        assert _count(kb) == counted
+        assert kb.select(_COUNT, timeout_s=20.0)[0].value("n") == counted
+        assert len(kb.select("SELECT DISTINCT ?s ?o { ?s <urn:p> ?o }")) == 1
+        stats = kb.stats()
+        assert stats["shared"] == 1
+        graph = kb.graphs.agent("nao-1").value
+        assert len(kb.select(f"SELECT * FROM <{graph}> {{ ?s <urn:p> ?o }}")) == 1
+        assert kb.verify() == []
+
+
+def test_the_union_is_chosen_once(tmp_path: Path) -> None:
+    _open(tmp_path / "a", "view").close()
+    with _open(tmp_path / "a") as kb:
+        assert kb.store.is_view
+    with pytest.raises(StoreFormatError, match="made with union='view', not 'merged'"):
+        _open(tmp_path / "a", "merged")
+    with pytest.raises(UsageError, match="one of merged, view"):
+        _open(tmp_path / "b", "both")
+
+
+def test_both_unions_give_the_same_after_the_same_writes(tmp_path: Path) -> None:
+    kept = []
+    for union in ("merged", "view"):
+        with _open(tmp_path / union, union) as kb:
+            kb.update(
+                "PREFIX s: <http://www.w3.org/2000/01/rdf-schema#> "
+                "INSERT DATA { <urn:Mug> s:subClassOf <urn:Cup> . "
+                "<urn:a> a <urn:Mug> ; <urn:p> 1 }",
+                "nao-1",
+            )
+            kb.update(
+                "INSERT DATA { <urn:b> <urn:p> 1 } ; "
+                "INSERT { ?s <urn:q> ?o } WHERE { ?s <urn:p> ?o } ; "
+                "DELETE { ?s <urn:p> ?o } INSERT { ?s <urn:r> ?n } "
+                "WHERE { ?s <urn:q> ?o BIND(?o + 1 AS ?n) }",
+                "nao-1",
+            )
+            kb.update("DELETE WHERE { <urn:b> ?p ?o }", "nao-1")
+            rows = kb.select(
+                "SELECT DISTINCT ?s ?p ?o { ?s ?p ?o FILTER(STRSTARTS(STR(?s), 'urn:')) }"
+            )
+            kept.append({tuple(map(str, row)) for row in rows})
+            assert kb.verify() == []
+        with _open(tmp_path / union) as kb:
+            assert kb.query("ASK { <urn:a> a <urn:Cup> }") is True
+    assert kept[0] == kept[1]
+    assert len(kept[0]) > 4
