@@ -119,7 +119,7 @@ class KnowledgeBase(Reading, Watching, Reasoning, Stating, Objects):
         return as_of(self, self._files, seq)
 
     def verify(self, repair: bool = False, parts: Collection[str] | None = None) -> list[Finding]:
-        """Compare what is derived with what it is derived from; see :mod:`rtask.kb.checks.verify`."""
+        """Compare derived data with their sources; see :mod:`rtask.kb.checks.verify`."""
         from rtask.kb.checks.verify import PARTS, verify
 
         return verify(self, self._writer, self._inference, repair, parts or PARTS)
@@ -131,7 +131,7 @@ class KnowledgeBase(Reading, Watching, Reasoning, Stating, Objects):
         return collect_blobs(self, self._writer, older_than_s)
 
     def backup(self, target: Path | str) -> dict[str, Any]:
-        """Copy the knowledge base to a new folder; see :func:`rtask.kb.durability.backup.backup`."""
+        """Copy to a new folder; see :func:`rtask.kb.durability.backup.backup`."""
         from rtask.kb.durability.backup import backup
 
         return backup(self._files, self._writer, Path(target))

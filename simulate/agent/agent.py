@@ -63,7 +63,7 @@ class AgentConfig:
 
 
 class Body(Protocol):
-    """What the agent needs of a robot; :class:`simulate.agent.simulated_body.SimulatedBody` is one."""
+    """The robot that an agent moves, such as :class:`simulate.agent.simulated_body.SimulatedBody`."""
 
     @property
     def gripper_ids(self) -> Mapping[str, str]:
