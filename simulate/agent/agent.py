@@ -63,7 +63,7 @@ class AgentConfig:
 
 
 class Body(Protocol):
-    """The robot that an agent moves, such as :class:`simulate.agent.simulated_body.SimulatedBody`."""
+    """Robot that an agent moves, e.g. :class:`simulate.agent.simulated_body.SimulatedBody`."""
 
     @property
     def gripper_ids(self) -> Mapping[str, str]:
