@@ -31,7 +31,7 @@ import httpx
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 SUBJECTS, EACH = 20_000, 5
 CONNECTIONS, SECONDS, ROUNDS = 8, 2.0, 5

@@ -29,9 +29,9 @@ import cv2
 import numpy as np
 
 import rtask
-from endpoint.testing import running_server
 from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
+from tests.servers import running_server
 
 HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.05, "max_payload": 0.3}
 STORED = 100

@@ -16,7 +16,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 PREFIXES = " ".join(f"PREFIX {name}: <{ontology.PREFIXES[name]}>" for name in ("rt", "rdf"))
 NAMES = ["tea tin", "box 2", "pen 3"]

@@ -13,7 +13,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 FACTS = f"""
 PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>

@@ -20,7 +20,7 @@ import pytest
 
 import ontology
 import rtask
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 HOSTILE = '<img src=x onerror="document.title=1">'
 RT = ontology.NS

@@ -12,7 +12,7 @@ import pytest
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 WRITE = "INSERT DATA { GRAPH <urn:evil> { <urn:evil> <urn:was> 'here' } }"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 MakeToken = Callable[..., str]
 

@@ -7,7 +7,7 @@ import socket
 import httpx
 import pytest
 
-from endpoint.testing import RunningServer
+from tests.servers import RunningServer
 
 QUERY_TYPE = {"Content-Type": "application/sparql-query"}
 UPDATE_TYPE = {"Content-Type": "application/sparql-update"}

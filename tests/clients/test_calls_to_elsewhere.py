@@ -13,8 +13,8 @@ import httpx
 import pytest
 
 from endpoint.http.outbound_http import Outgoing
-from endpoint.testing import RunningServer, running_server
 from rtask.errors import ForbiddenError
+from tests.servers import RunningServer, running_server
 
 UPDATE = {"Content-Type": "application/sparql-update"}
 ROWS = {

@@ -20,7 +20,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 GRAPH = "urn:g:followed"
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from endpoint.testing import RunningServer
 from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
+from tests.servers import RunningServer
 
 TABLE_M, CAMERA_M = 0.27, 0.87
 CAMERA = Intrinsics.from_fov(320, 240, 1.0)

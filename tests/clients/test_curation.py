@@ -17,11 +17,11 @@ import roslibpy
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.testing import RunningServer, running_server
 from features.codec import encode_frame, to_wire
 from features.geometry import Frame, Intrinsics
 from rtask.engine import Engine
 from rtask.rdf.namespaces import RT
+from tests.servers import RunningServer, running_server
 
 CAMERA = Intrinsics(320, 240, 700.0, 700.0, 159.5, 119.5)
 

@@ -10,7 +10,7 @@ import pyoxigraph
 import pytest
 from rdflib import Graph, Literal, URIRef
 
-from endpoint.testing import RunningServer
+from tests.servers import RunningServer
 
 TURTLE = {"Content-Type": "text/turtle"}
 ONE = "<http://example.org/s> <http://example.org/p> 'é' ."

@@ -10,7 +10,6 @@ import numpy as np
 from websockets.sync.client import connect as open_websocket
 
 import rtask
-from endpoint.testing import RunningServer
 from features.codec import encode_frame, to_wire
 from features.geometry import Frame, look_at
 from grasp.messages import matrix_from_message, pose_message
@@ -19,6 +18,7 @@ from simulate.grasping.floating import execute, settle
 from simulate.world.camera import Camera
 from simulate.world.objects import product, write_assets
 from simulate.world.world import World
+from tests.servers import RunningServer
 
 PLACE = (0.34, 0.0)
 HAND = {

@@ -19,7 +19,7 @@ import httpx
 import pytest
 
 import rtask
-from endpoint.testing import RunningServer, ServerDidNotStartError, running_server
+from tests.servers import RunningServer, ServerDidNotStartError, running_server
 
 HOST = "Host: 127.0.0.1\r\n"
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 ROWS = 20_000
 # Each pair of rows is looked at and none fits: no byte of an answer before the end of time.

@@ -11,8 +11,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from endpoint.api.openapi import document
-from endpoint.testing import RunningServer
 from rtask.engine import Engine
+from tests.servers import RunningServer
 
 ROBOT = {
     "name": "open-1",

@@ -17,7 +17,7 @@ from typing import Any
 import httpx
 import pytest
 
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 BINARY = shutil.which("oxigraph", path=str(Path(sys.executable).parent)) or shutil.which("oxigraph")
 pytestmark = pytest.mark.skipif(BINARY is None, reason="the program oxigraph is not installed")

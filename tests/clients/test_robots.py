@@ -17,7 +17,7 @@ import roslibpy
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from endpoint.testing import RunningServer
+from tests.servers import RunningServer
 
 HAND = {
     "name": "right_hand",

@@ -17,7 +17,7 @@ import pytest
 import roslibpy
 from websockets.sync.client import connect
 
-from endpoint.testing import RunningServer
+from tests.servers import RunningServer
 
 HERE = Path(__file__).parent
 ROBOT = {

@@ -14,7 +14,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 
 def rtask(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -13,7 +13,7 @@ from rdflib.plugins.stores.sparqlstore import SPARQLStore, SPARQLUpdateStore
 from SPARQLWrapper import CSV, JSON, POST, TURTLE, SPARQLExceptions, SPARQLWrapper
 
 import ontology
-from endpoint.testing import RunningServer
+from tests.servers import RunningServer
 
 MUG = "http://example.org/mug"
 LABEL = "http://www.w3.org/2000/01/rdf-schema#label"

@@ -7,7 +7,7 @@ from urllib.parse import quote
 import httpx
 import pytest
 
-from endpoint.testing import RunningServer
+from tests.servers import RunningServer
 
 TURTLE = {"Content-Type": "text/turtle"}
 MARK = "<urn:mark> <urn:p> 1"

@@ -11,9 +11,9 @@ import pytest
 import roslibpy
 
 import rtask
-from endpoint.testing import RunningServer, running_server
 from features.codec import encode_frame, to_wire
 from features.geometry import Frame, Intrinsics
+from tests.servers import RunningServer, running_server
 
 HAND = {"name": "wish_hand", "gripper_type": "nao", "max_opening": 0.05, "max_payload": 0.3}
 

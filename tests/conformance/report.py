@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from endpoint.testing import running_server
+from tests.servers import running_server
 
 HERE = Path(__file__).resolve().parent
 NAMES = {

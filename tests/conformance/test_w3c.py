@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from endpoint.testing import RunningServer, running_server
+from tests.servers import RunningServer, running_server
 
 HERE = Path(__file__).parent
 W3C_GROUPS = {"protocol": 34, "gsp-indirect": 9, "gsp-direct": 4, "sd": 3}

@@ -8,11 +8,11 @@ import time
 import pytest
 import roslibpy
 
-from endpoint.testing import running_server
 from rtask.errors import RemoteUnavailableError
 from simulate.act.provider import ActProvider
 from simulate.act.service import ActService
 from simulate.world.workcell import Workcell
+from tests.servers import running_server
 
 
 @pytest.fixture(scope="module")

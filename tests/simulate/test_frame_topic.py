@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from endpoint.testing import RunningServer, running_server
 from features.codec import encode_cloud, to_wire
 from features.geometry import Frame, Intrinsics
 from features.scene_change import SceneChangeParams
 from rtask.errors import DataError, RemoteUnavailableError
 from simulate.agent.frame_topic import FrameKeeper, FramePublisher
+from tests.servers import RunningServer, running_server
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)
 

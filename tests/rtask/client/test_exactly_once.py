@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import rtask
-from endpoint.testing import running_server
 from rtask.errors import RemoteUnavailableError
+from tests.servers import running_server
 
 NS = "https://w3id.org/rtask-kg/ns#"
 HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.05, "max_payload": 0.3}

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import rtask
-from endpoint.testing import running_server
 from rtask.errors import EpochChangedError, RemoteUnavailableError, UsageError
+from tests.servers import running_server
 
 
 def insert(client, *numbers, subject="urn:s"):

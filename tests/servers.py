@@ -1,4 +1,4 @@
-"""A server in a process of its own, for tests of programs that talk to one."""
+"""Start `rtask serve` in a process of its own, for tests and benchmarks of its clients."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ STOP_S = 20.0
 
 
 class ServerDidNotStartError(RuntimeError):
-    """The process ended, or said nothing in time; the message has what it printed."""
+    """The server process ended or printed no address in time; the message holds its output."""
 
 
 @dataclass(frozen=True)
 class RunningServer:
-    """A server that answers.
+    """A server that is up and answering.
 
     Parameters
     ----------
     url
         ``http://127.0.0.1:<port>``.
     process
-        Its process.
+        The server process.
     data
-        Its folder; none where it keeps everything in memory.
+        Its data folder; none if it keeps everything in memory.
     """
 
     url: str
@@ -42,16 +42,16 @@ class RunningServer:
 
     @property
     def port(self) -> int:
-        """The port that it listens at."""
+        """The port on which it listens."""
         return int(self.url.rpartition(":")[2])
 
     @property
     def websocket(self) -> str:
-        """Where robots connect."""
+        """The address to which robots connect."""
         return self.url.replace("http", "ws", 1) + "/"
 
     def stop(self, number: int = signal.SIGTERM) -> int:
-        """Ask it to end and return its exit code."""
+        """Send it a signal and return its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(STOP_S)
@@ -59,19 +59,19 @@ class RunningServer:
 
 @contextlib.contextmanager
 def running_server(data: Path | None, *options: str) -> Iterator[RunningServer]:
-    """Start ``rtask serve`` on a free port; it has ended when the block is left.
+    """Run ``rtask serve`` on a free port for the duration of the block.
 
     Parameters
     ----------
     data
-        Folder of the knowledge base; none keeps everything in memory.
+        Folder of the knowledge base; none to keep everything in memory.
     *options
         Further options of the command.
 
     Raises
     ------
     ServerDidNotStartError
-        It ended or stayed silent; with what it said.
+        It ended or stayed silent; the message holds its output.
     """
     where = ["--data", str(data)] if data else ["--temp"]
     process = subprocess.Popen(
@@ -102,7 +102,7 @@ def running_server(data: Path | None, *options: str) -> Iterator[RunningServer]:
 
 
 def _ready_url(output: IO[str], errors: list[str]) -> str:
-    """Wait for the line that says the address."""
+    """Wait for the line that names the address and return it."""
     lines: queue.Queue[str] = queue.Queue()
 
     def read() -> None:
