@@ -59,6 +59,9 @@ conformance: $(READY)  ## the standards' own test suites, one line each
 bench: $(READY)  ## every benchmark, both sides and the ratio
 	@for script in tests/benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
+docs: $(READY)  ## renew the pages that are written from the code
+	@$(BIN)/python -m tests.docs.command_reference > docs/cli.md
+
 clean:  ## remove everything that the targets made
 	rm -rf $(VENV) dist build rtask-demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,6 +1,6 @@
 """The reference of the command line, written from what the commands say of themselves.
 
-``python -m rtask.cli.reference > docs/cli.md`` renews the page.
+``make docs`` renews the page.
 """
 
 from __future__ import annotations

@@ -1,0 +1,72 @@
+"""The packages' files and what each imports of the others, read from their source."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Collection, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("ontology", "reasoner", "features", "grasp", "rtask", "simulate", "endpoint")
+
+Graph = Mapping[str, frozenset[str]]
+
+
+@cache
+def source_files() -> dict[str, Path]:
+    """Return the file of each module of the packages, generated code left out."""
+    files = {}
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            if "generated" not in parts:
+                files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return files
+
+
+@cache
+def syntax_tree(module: str) -> ast.Module:
+    """Return the parsed source of a module of the packages."""
+    return ast.parse(source_files()[module].read_text(encoding="utf-8"))
+
+
+def imported_modules(
+    tree: ast.Module, module: str, is_package: bool, known: Collection[str]
+) -> Iterator[str]:
+    """Yield each known module that a file imports, wherever the statement stands.
+
+    ``from a import b`` means the module ``a.b`` where there is one, and ``a`` otherwise;
+    ``import a.b`` means ``a.b``. Importing ``a.b`` runs the ``__init__`` of ``a`` as well, which
+    is not counted: otherwise no ``__init__`` could offer what its own folder defines.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                if alias.name in known:
+                    yield alias.name
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = module.split(".")
+                parts = parts[: len(parts) - node.level + is_package]
+                base = ".".join([*parts, node.module] if node.module else parts)
+            for alias in node.names:
+                submodule = f"{base}.{alias.name}"
+                if submodule in known:
+                    yield submodule
+                elif base in known:
+                    yield base
+
+
+@cache
+def import_graph() -> Graph:
+    """Return what each module of the packages imports of them."""
+    files = source_files()
+    return {
+        module: frozenset(
+            imported_modules(syntax_tree(module), module, path.name == "__init__.py", files)
+        )
+        - {module}
+        for module, path in files.items()
+    }
