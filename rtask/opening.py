@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import cast
 
 from rtask.errors import UsageError
+from rtask.kb.checks.statistics import closure_state
 from rtask.kb.checks.validation import Validator, policy
 from rtask.kb.commit.catalogue import Catalogue
-from rtask.kb.commit.commit import LONG_AGO, Committer
+from rtask.kb.commit.commit import Committer
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import (
@@ -24,9 +25,9 @@ from rtask.kb.durability.folder import (
 from rtask.kb.durability.recovery import fill_gap
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.graphs import Graphs
-from rtask.kb.store.statistics import closure_state
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.bundled import refresh
+from rtask.rdf.terms import LONG_AGO
 
 __all__ = ["open_knowledge_base"]
 

@@ -26,7 +26,7 @@ from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.commit.commit import Commit
 from rtask.knowledge_base import KnowledgeBase
-from rtask.sparql.service_guard import without_services
+from rtask.sparql.service import without_services
 
 _CACHED_TEXT = 16_384
 _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"

@@ -15,7 +15,7 @@ from endpoint.sparql.request import UpdateRequest
 from rtask.errors import QueryTimeout, RtaskError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.results import Solutions
-from rtask.sparql.service_guard import without_services
+from rtask.sparql.service import without_services
 from rtask.sparql.templates import resolve
 from rtask.sparql.update_outline import Operation, Update, read_update
 

@@ -25,7 +25,7 @@ from rtask.rdf.terms import (
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["to_world", "update_from"]
 
@@ -38,7 +38,7 @@ _ANONYMOUS = "http://anonymous"
 _IRI = "urn:rtask:knowledge-base#"
 
 
-def to_world(kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None = None) -> Any:
+def to_world(kb: GraphCore, graphs: Iterable[NamedNode | str] | None = None) -> Any:
     """Return a fresh ``owlready2.World`` with the asserted statements of graphs.
 
     Individuals are declared, since owlready2 does not see others; cardinalities get back the
@@ -70,7 +70,7 @@ def to_world(kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None = None)
     return world
 
 
-def _asserted(kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None) -> list[TripleKey]:
+def _asserted(kb: GraphCore, graphs: Iterable[NamedNode | str] | None) -> list[TripleKey]:
     if graphs is None:
         own = {kb.graphs.inferred, kb.graphs.meta, kb.graphs.provenance}
         names = [name for name in kb.store.named_graphs() if name not in own]
@@ -106,7 +106,7 @@ def _individuals(triples: Iterable[TripleKey]) -> set[Subject]:
 
 
 def update_from(
-    kb: KnowledgeBase,
+    kb: GraphCore,
     world: Any,
     graph: NamedNode | str,
     agent: str | None = None,

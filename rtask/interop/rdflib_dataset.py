@@ -20,7 +20,7 @@ from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["KnowledgeDataset"]
 
@@ -43,7 +43,7 @@ class KnowledgeStore(Store):
     formula_aware = False
     transaction_aware = False
 
-    def __init__(self, kb: KnowledgeBase, home: Graph | None) -> None:
+    def __init__(self, kb: GraphCore, home: Graph | None) -> None:
         super().__init__()
         self._kb = kb
         self._home = home
@@ -150,7 +150,7 @@ class KnowledgeDataset(rdflib.Dataset):
     commit when the ``with`` block ends; none if it fails.
     """
 
-    def __init__(self, kb: KnowledgeBase, agent: str | None, writable: bool) -> None:
+    def __init__(self, kb: GraphCore, agent: str | None, writable: bool) -> None:
         home = kb.access(agent).home() if writable else None
         self._knowledge = KnowledgeStore(kb, home)
         self._kb, self._agent = kb, agent

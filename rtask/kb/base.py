@@ -1,4 +1,4 @@
-"""What every side of a knowledge base works with."""
+"""The state that reading, writing, reasoning and watching share."""
 
 from __future__ import annotations
 
@@ -10,20 +10,32 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.feed.feed import Feed
-from rtask.kb.feed.live_queries import StandingQueries
+from rtask.kb.feed.live_queries import LiveQueries
 from rtask.kb.readers.pool import Readers
 from rtask.kb.search.index import SideIndex
 from rtask.kb.search.places import PlaceTable
 from rtask.kb.search.text import TextTable
 from rtask.rdf.terms import NamedNode
 
-__all__ = ["Parts"]
+__all__ = ["GraphBase"]
 
 
-class Parts:
-    """The parts that reading, writing, reasoning and watching share.
+class GraphBase:
+    """Own the store, the writer, the readers, the feed and the side index of one graph.
 
-    :class:`~rtask.knowledge_base.KnowledgeBase` joins the sides, each of them in a file.
+    :class:`rtask.kb.core.GraphCore` combines the classes that add methods to it, each in a file
+    of this folder.
+
+    Attributes
+    ----------
+    graphs
+        Names of the graphs.
+    blobs
+        Byte strings that the graph refers to.
+    folder
+        Where the graph is stored; ``None`` in memory.
+    store
+        The quads; for reading only.
     """
 
     def __init__(
@@ -52,9 +64,9 @@ class Parts:
         journal = files.journal if isinstance(files.journal, JournalFile) else None
         last_seq = writer.committer.last_seq
         self.feed = Feed(self.epoch, files.store, catalogue, journal, self.plain, last_seq)
-        self.standing = StandingQueries(lambda: self.feed.last_seq, self.feed.position)
+        self.live_queries = LiveQueries(lambda: self.feed.last_seq, self.feed.position)
         writer.listen(self.feed.announce)
-        writer.listen(self.standing.announce)
+        writer.listen(self.live_queries.announce)
         self.texts, self.places = TextTable(), PlaceTable(files.store)
         path = files.folder if files.checkpoints is not None else None
         tables = (self.texts, self.places)
@@ -65,7 +77,7 @@ class Parts:
         writer.listen(self.expiry.announce)
 
     def _is_indexed(self, graph: object) -> bool:
-        """Whether a graph's words and places are found; the others repeat or derive."""
+        """Whether the side index covers a graph; derived and kept graphs only repeat others."""
         if self.plain:
             return True
         return isinstance(graph, NamedNode) and not self.graphs.is_kept_by_commits(graph)
@@ -82,8 +94,13 @@ class Parts:
 
     @property
     def epoch(self) -> str:
-        """Under which the commits are numbered; another one after a backup was restored."""
+        """Identifier of this numbering of commits; restoring a backup starts another."""
         return self.settings.epoch
+
+    @property
+    def reasons(self) -> bool:
+        """Whether commits derive what follows from them."""
+        return self._inference is not None
 
     @property
     def seq(self) -> int:

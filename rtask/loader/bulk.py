@@ -7,17 +7,16 @@ behind. The document itself is not kept in memory; the store's bulk loader has i
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad, RdfFormat
 
 from rtask.errors import ParseError
 from rtask.kb.commit.bulk import TripleText
-from rtask.loader.documents import Document
+from rtask.kb.commit.commit import Request
+from rtask.kb.core import GraphCore
+from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, explain
-
-if TYPE_CHECKING:
-    from rtask.loader.load import Item, _Loader
+from rtask.rdf.terms import Graph
 
 __all__ = ["load_bulk", "load_text", "readable_by_the_store"]
 
@@ -49,46 +48,57 @@ def readable_by_the_store(document: Document, form: Format) -> bool:
 
 
 def load_text(
-    loader: _Loader, item: Item, form: Format, base: str | None
+    kb: GraphCore,
+    document: Document,
+    form: Format,
+    graph: Graph,
+    request: Request,
+    *,
+    base: str | None,
+    replace: bool,
 ) -> tuple[int, int, int, int]:
     """Let the store read a document; returns as :func:`load_bulk`.
 
     Of the statements read those count that the graph did not hold.
     """
     assert form.rdf is not None
-    kb, request = loader.kb, loader.request(item)
-    removed = _clear(loader, item)
-    before = kb.catalogue.triple_count(item.graph)
+    removed = _clear(kb, graph, request) if replace else 0
+    before = kb.catalogue.triple_count(graph)
     try:
-        derived = kb.bulk_add(TripleText(item.document.open, form.rdf, base), item.graph, request)
+        derived = kb.bulk_add(TripleText(document.open, form.rdf, base), graph, request)
     except (SyntaxError, UnicodeDecodeError) as error:
-        raise explain(error, item.document, form) from error
+        raise explain(error, document, form) from error
     except ValueError as error:
-        raise ParseError(f"{item.document.name}: {error}") from error
-    added = kb.catalogue.triple_count(item.graph) - before
+        raise ParseError(f"{document.name}: {error}") from error
+    added = kb.catalogue.triple_count(graph) - before
     return (added, added, removed, derived)
 
 
-def load_bulk(loader: _Loader, item: Item, quads: Iterable[Quad]) -> tuple[int, int, int, int]:
-    """Load a large document; return statements read, added, removed, derived."""
-    kb, options = loader.kb, loader.options
-    if options.dry_run:
-        read = sum(1 for _ in quads)
-        return (read, read, 0, 0)
-    request = loader.request(item)
-    removed = _clear(loader, item)
-    counted = _Counted(loader.prepared(quads, item))
-    before = kb.catalogue.triple_count(item.graph)
-    derived = kb.bulk_add(counted, item.graph, request)
-    after = kb.catalogue.triple_count(item.graph)
+def load_bulk(
+    kb: GraphCore, quads: Iterable[Quad], graph: Graph, request: Request, *, replace: bool
+) -> tuple[int, int, int, int]:
+    """Load the statements of a large document; return how many were read, added, removed, derived.
+
+    Parameters
+    ----------
+    quads
+        Statements with the graph that each goes to.
+    graph
+        Where statements without a graph of their own went.
+    replace
+        Withdraw what the graph held before.
+    """
+    removed = _clear(kb, graph, request) if replace else 0
+    counted = _Counted(quads)
+    before = kb.catalogue.triple_count(graph)
+    derived = kb.bulk_add(counted, graph, request)
+    after = kb.catalogue.triple_count(graph)
     return (counted.count, after - before, removed, derived)
 
 
-def _clear(loader: _Loader, item: Item) -> int:
-    if not loader.options.replace:
-        return 0
-    with loader.kb.commit_block(loader.request(item)) as tx:
-        tx.clear(item.graph)
+def _clear(kb: GraphCore, graph: Graph, request: Request) -> int:
+    with kb.commit_block(request) as tx:
+        tx.clear(graph)
         return tx.counts()[1]
 
 

@@ -13,7 +13,7 @@ from rtask.kb.commit.commit import Commit, Request
 from rtask.rdf.terms import RDF_TYPE, Graph, python_value
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["refresh"]
 
@@ -23,7 +23,7 @@ _ONTOLOGY = NamedNode(_OWL + "Ontology")
 _VERSION = NamedNode(_OWL + "versionInfo")
 
 
-def refresh(kb: KnowledgeBase) -> Commit | None:
+def refresh(kb: GraphCore) -> Commit | None:
     """Load the bundled modules that the knowledge base lacks or has in an older version.
 
     One commit for all of them, so that no reader sees half of an ontology. Modules that the
@@ -53,7 +53,7 @@ def _name(quads: list[Quad], path: Path) -> NamedNode:
     raise AssertionError(f"{path} declares no ontology")
 
 
-def _is_stale(kb: KnowledgeBase, path: Path) -> bool:
+def _is_stale(kb: GraphCore, path: Path) -> bool:
     name: NamedNode | None = None
     for quad in parse(path=path):
         if quad.predicate == RDF_TYPE and quad.object == _ONTOLOGY:
@@ -64,7 +64,7 @@ def _is_stale(kb: KnowledgeBase, path: Path) -> bool:
     return name is None or _stored_version(kb, name) == ()
 
 
-def _stored_version(kb: KnowledgeBase, name: NamedNode) -> tuple[int, ...]:
+def _stored_version(kb: GraphCore, name: NamedNode) -> tuple[int, ...]:
     found = kb.match(name, _VERSION, None, name)
     return _numbers(str(python_value(found[0].object))) if found else ()
 

@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 
 import ontology
 from rtask.errors import DataError, ParseError
-from rtask.loader.documents import Document
-from rtask.loader.guards import check_xml
 from rtask.loader.headers import peek
+from rtask.rdf.documents import Document
 from rtask.rdf.formats import FORMATS
+from rtask.rdf.guards import check_xml
 
 __all__ = ["OntologyCatalogue", "loadable_files"]
 

@@ -15,7 +15,7 @@ from rtask.rdf.formats import find_format
 from rtask.rdf.terms import XSD, DefaultGraph, Graph, iri
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["dump", "original"]
 
@@ -28,7 +28,7 @@ _NON_NEGATIVE = NamedNode(XSD + "nonNegativeInteger")
 
 
 def dump(
-    kb: KnowledgeBase,
+    kb: GraphCore,
     target: Path | str | IO[bytes],
     format: RdfFormat | str | None = None,
     graphs: Iterable[NamedNode | str] | None = None,
@@ -75,9 +75,7 @@ def _format(target: Path | str | IO[bytes], format: RdfFormat | str | None) -> R
     return found
 
 
-def _chosen(
-    kb: KnowledgeBase, graphs: Iterable[NamedNode | str] | None, inferred: bool
-) -> list[Graph]:
+def _chosen(kb: GraphCore, graphs: Iterable[NamedNode | str] | None, inferred: bool) -> list[Graph]:
     known = [*kb.store.named_graphs(), *([DefaultGraph()] if kb.plain else [])]
     if graphs is None:
         return [g for g in known if inferred or g != kb.graphs.inferred]
@@ -89,7 +87,7 @@ def _chosen(
     return chosen
 
 
-def _statements(kb: KnowledgeBase, graphs: list[Graph], with_names: bool) -> Iterator[Quad]:
+def _statements(kb: GraphCore, graphs: list[Graph], with_names: bool) -> Iterator[Quad]:
     for graph in graphs:
         for quad in kb.store.quads_for_pattern(None, None, None, graph):
             quad = _with_owl_types(quad)
@@ -118,7 +116,7 @@ def _write(quads: Iterable[Quad], out: IO[bytes], rdf: RdfFormat) -> int:
     return count
 
 
-def original(kb: KnowledgeBase, graph: NamedNode | str, target: Path | str) -> int:
+def original(kb: GraphCore, graph: NamedNode | str, target: Path | str) -> int:
     """Write the bytes that a graph was loaded from; return how many.
 
     Raises

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Quad
 
 from rtask.errors import RtaskError
-from rtask.loader.documents import Document
+from rtask.rdf.documents import Document
 from rtask.rdf.formats import detect, statements
 from rtask.rdf.terms import RDF_TYPE
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["Header", "Terms", "header_of", "peek"]
 
@@ -66,7 +66,7 @@ class Terms:
             if quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
                 self.used.add(quad.object)
 
-    def undeclared(self, kb: KnowledgeBase) -> list[str]:
+    def undeclared(self, kb: GraphCore) -> list[str]:
         """Return what is used and nothing is known of, sorted; the standards' own terms aside."""
         return sorted(
             term.value

@@ -22,13 +22,13 @@ from rtask.kb.commit.commit import MAX_QUADS, Request
 from rtask.kb.durability.blobs import digest_of
 from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
-from rtask.loader.documents import Document
 from rtask.loader.headers import Header, Terms, header_of, peek
+from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.terms import DEFAULT, DefaultGraph, Graph, iri
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["FileReport", "LoadReport", "load"]
 
@@ -111,7 +111,7 @@ class Options:
 
 
 def load(
-    kb: KnowledgeBase,
+    kb: GraphCore,
     source: Path | str | bytes | IO[bytes],
     *,
     format: RdfFormat | str | None = None,
@@ -194,7 +194,7 @@ class Item:
 
 
 class _Loader:
-    def __init__(self, kb: KnowledgeBase, options: Options, catalogue: OntologyCatalogue) -> None:
+    def __init__(self, kb: GraphCore, options: Options, catalogue: OntologyCatalogue) -> None:
         self.kb = kb
         self.options = options
         self.catalogue = catalogue
@@ -233,7 +233,16 @@ class _Loader:
         base = self.options.base or (document.path.resolve().as_uri() if document.path else None)
         if self._is_text(document, form):
             item = Item(document, Header(), self._target(document, Header()), True)
-            self._report(item, form, load_text(self, item, form, base), started)
+            counts = load_text(
+                self.kb,
+                document,
+                form,
+                item.graph,
+                self._request(item),
+                base=base,
+                replace=self.options.replace,
+            )
+            self._report(item, form, counts, started)
             return
         quads = statements(document, form, base)
         first = list(islice(quads, MAX_QUADS))
@@ -250,7 +259,7 @@ class _Loader:
         elif rest is None:
             counts = self._commit(item, first)
         else:
-            counts = load_bulk(self, item, chain(first, [rest], quads))
+            counts = self._stream(item, chain(first, [rest], quads))
         self._report(item, form, counts, started)
 
     def _report(
@@ -307,13 +316,13 @@ class _Loader:
         return source is not None and digest_of(source) == item.document.sha256()
 
     def _commit(self, item: Item, quads: list[Quad]) -> tuple[int, int, int, int]:
-        transaction = self.kb.commit_block(self.request(item))
+        transaction = self.kb.commit_block(self._request(item))
         try:
             with transaction as tx:
                 if self.options.replace:
                     for name in _graphs(quads, item.graph):
                         tx.clear(name)
-                tx.add_quads(self.prepared(quads, item))
+                tx.add_quads(self._prepared(quads, item))
                 added, removed = tx.counts()
                 if self.options.dry_run:
                     raise _DryRun
@@ -322,7 +331,16 @@ class _Loader:
         self.report.warnings += map(str, transaction.commit.warnings)
         return (len(quads), added, removed, transaction.commit.derived)
 
-    def request(self, item: Item) -> Request:
+    def _stream(self, item: Item, quads: Iterator[Quad]) -> tuple[int, int, int, int]:
+        """Store more statements than a commit may hold."""
+        if self.options.dry_run:
+            read = sum(1 for _ in quads)
+            return (read, read, 0, 0)
+        request, replace = self._request(item), self.options.replace
+        prepared = self._prepared(quads, item)
+        return load_bulk(self.kb, prepared, item.graph, request, replace=replace)
+
+    def _request(self, item: Item) -> Request:
         """Return who loads, and what the graph will be."""
         is_ontology = item.header.iri is not None
         kinds: dict[Graph, str] = {item.graph: "OntologyGraph"} if is_ontology else {}
@@ -345,7 +363,7 @@ class _Loader:
             return False
         return item.document.size <= _KEPT_SOURCE_BYTES and isinstance(item.graph, NamedNode)
 
-    def prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
+    def _prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
         """Yield statements with their graph; blank nodes of data become IRIs.
 
         So they can be withdrawn one by one and mean the same in every copy.

@@ -14,7 +14,7 @@ from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, 
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["Vocabulary", "build", "load_model"]
 
@@ -62,7 +62,7 @@ class Vocabulary:
         return sorted([*self._names, *self._individuals])
 
 
-def load_model(kb: KnowledgeBase, name: str | NamedNode) -> Vocabulary:
+def load_model(kb: GraphCore, name: str | NamedNode) -> Vocabulary:
     """Return classes for an ontology that is loaded, with what it imports.
 
     Classes that the built-in vocabulary has are taken from there, so an ontology that extends it

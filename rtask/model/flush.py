@@ -15,7 +15,7 @@ from rtask.rdf.terms import BlankNode, Graph, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:
     from rtask.kb.commit.transaction import Transaction
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
     from rtask.model.session import Session
 
 __all__ = ["Flush", "named"]
@@ -178,7 +178,7 @@ class _Writer:
         )
 
 
-def own_cells(kb: KnowledgeBase, head: Term, home: Graph) -> list[tuple[Subject, NamedNode, Term]]:
+def own_cells(kb: GraphCore, head: Term, home: Graph) -> list[tuple[Subject, NamedNode, Term]]:
     """Return the statements of an RDF list that one graph holds."""
     found: list[tuple[Subject, NamedNode, Term]] = []
     seen: set[Term] = set()

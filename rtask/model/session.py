@@ -20,7 +20,7 @@ from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["Session"]
 
@@ -66,7 +66,7 @@ class Session:
 
     def __init__(
         self,
-        kb: KnowledgeBase,
+        kb: GraphCore,
         agent: str | None = None,
         *,
         note: str | None = None,
@@ -305,7 +305,7 @@ class Session:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"
 
 
-def _derives(kb: KnowledgeBase) -> bool:
+def _derives(kb: GraphCore) -> bool:
     """Whether what follows is in the graph: it is kept so, or was when the graph was written."""
     found = kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred)
     return kb.reasons or next(iter(found), None) is not None

@@ -12,9 +12,8 @@ from typing import IO, Literal
 from pyoxigraph import Quad, RdfFormat, parse
 
 from rtask.errors import ParseError, UsageError
-from rtask.loader.convert import to_rdf_xml
-from rtask.loader.documents import Document
-from rtask.loader.guards import (
+from rtask.rdf.documents import Document
+from rtask.rdf.guards import (
     check_json_depth,
     check_json_iris,
     check_triple_term_depth,
@@ -63,6 +62,10 @@ _BY_NAME = {form.name: form for form in FORMATS} | {
 }
 _SCANNED_BYTES = 64 << 20
 _QUOTED = re.compile(r"'(?P<text>[^']+)'|prefix (?P<prefix>\S+:)")
+_OWL_LINE_AND_COLUMN = re.compile(r"line_col: Pos\(\((\d+), (\d+)\)\)")
+_OWL_BYTES = re.compile(r"BytePosition\((\d+)\)")
+_OWL_LINE_TEXT = re.compile(r'line: "((?:[^"\\]|\\.)*)"')
+_OWL_QUOTED = re.compile(r'"((?:[^"\\]|\\.)*)"')
 _SPACE = re.compile(
     rb"(?:\s|#[^\n]*\n|<!--.*?-->|<\?.*?\?>|<!DOCTYPE[^\[>]*(?:\[.*?\]\s*)?>)*", re.S
 )
@@ -156,7 +159,7 @@ def statements(document: Document, form: Format, base: str | None = None) -> Ite
 def _readable(document: Document, form: Format) -> IO[bytes]:
     """Return the document as something that the store's parser survives."""
     if form.owl:
-        return io.BytesIO(to_rdf_xml(document.text(), form.owl, document.name))
+        return io.BytesIO(_owl_to_rdf_xml(document.text(), form.owl, document.name))
     if form.rdf == RdfFormat.RDF_XML:
         with document.open() as stream:
             check_xml(stream, document.name)
@@ -173,6 +176,45 @@ def _readable(document: Document, form: Format) -> IO[bytes]:
         check_triple_term_depth(data, document.name)
         return io.BytesIO(data)
     return document.open()
+
+
+def _owl_to_rdf_xml(text: str, syntax: Literal["owx", "ofn", "omn"], name: str) -> bytes:
+    """Convert OWL/XML, functional or Manchester syntax to RDF/XML with py-horned-owl.
+
+    Parameters
+    ----------
+    syntax
+        ``owx`` (OWL/XML), ``ofn`` (functional) or ``omn`` (Manchester).
+
+    Raises
+    ------
+    ParseError
+        With line and column where the parser knows them.
+    """
+    import pyhornedowl
+
+    try:
+        ontology = pyhornedowl.open_ontology_from_string(text, serialization=syntax)
+        written: str = ontology.save_to_string("owl")
+    except ValueError as error:
+        raise _owl_error(str(error), text, name) from error
+    return written.encode()
+
+
+def _owl_error(message: str, text: str, name: str) -> ParseError:
+    found = _OWL_LINE_AND_COLUMN.search(message)
+    if found:
+        line, column = int(found[1]), int(found[2])
+        near = _OWL_LINE_TEXT.search(message)
+        reason = f"cannot read {near[1].strip()[:60]!r}" if near else "cannot read this"
+    else:
+        at = _OWL_BYTES.search(message)
+        before = text.encode()[: int(at[1])] if at else b""
+        line = before.count(b"\n") + 1
+        column = len(before) - before.rfind(b"\n")
+        quoted = _OWL_QUOTED.search(message)
+        reason = quoted[1] if quoted else message[:200]
+    return ParseError(f"{name}:{line}:{column}: {reason}", line=line, column=column)
 
 
 def explain(error: Exception, document: Document, form: Format) -> ParseError:

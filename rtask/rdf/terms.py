@@ -27,6 +27,7 @@ __all__ = [
     "iri",
     "is_ground",
     "literal",
+    "moment",
     "object_term",
     "prologue",
     "python_value",
@@ -45,6 +46,7 @@ TripleKey: TypeAlias = tuple[Subject, NamedNode, Term]
 XSD = "http://www.w3.org/2001/XMLSchema#"
 RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 DEFAULT = DefaultGraph()
+LONG_AGO = dt.datetime(1, 1, 1, tzinfo=dt.UTC)
 
 _PLAIN = {XSD + "string", "http://www.w3.org/1999/02/22-rdf-syntax-ns#langString"}
 _INTEGERS = (
@@ -209,3 +211,25 @@ def prologue(prefixes: Mapping[str, str] | Iterable[tuple[str, str]]) -> str:
     """
     pairs = prefixes.items() if isinstance(prefixes, Mapping) else prefixes
     return "".join(f"PREFIX {name}: <{namespace}>\n" for name, namespace in pairs)
+
+
+def moment(value: dt.datetime | str | float | None) -> dt.datetime:
+    """Return a moment in UTC; text is ISO 8601, a number seconds since 1970, nothing long ago.
+
+    >>> moment("2026-01-02T03:04:05Z").isoformat()
+    '2026-01-02T03:04:05+00:00'
+
+    Raises
+    ------
+    UsageError
+        If it is no moment.
+    """
+    if value is None or value == "":
+        return LONG_AGO
+    if isinstance(value, int | float):
+        return dt.datetime.fromtimestamp(value, dt.UTC)
+    try:
+        found = dt.datetime.fromisoformat(value) if isinstance(value, str) else value
+    except ValueError as error:
+        raise UsageError(f"{value!r} is no time; write 2026-01-02T03:04:05Z") from error
+    return found.astimezone(dt.UTC) if found.tzinfo else found.replace(tzinfo=dt.UTC)

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from pyoxigraph import NamedNode, Quad
 
 from rtask.errors import StoreError
 from rtask.kb.commit.apply import Writes, apply
 from rtask.kb.commit.commit import Request
+from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.blobs import PREFIX, digest_of
 from rtask.kb.durability.journal import JournalFile
+from rtask.kb.reasoning import Reasoning
 from rtask.kb.store.union import is_joined
 from rtask.rdf.terms import DEFAULT, Graph, triple_key
-
-if TYPE_CHECKING:
-    from rtask.kb.commit.inference import Inference
-    from rtask.kb.commit.writer import Writer
-    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["PARTS", "Finding", "collect_blobs", "verify"]
 
@@ -48,7 +45,7 @@ class Finding:
 
 
 def verify(
-    kb: KnowledgeBase,
+    kb: Reasoning,
     writer: Writer,
     inference: Inference | None,
     repair: bool = False,
@@ -99,7 +96,7 @@ def _journal(journal: object, seq: int) -> Iterator[Finding]:
         yield Finding("error", "journal", f"ends at commit {last}, the store is at {seq}")
 
 
-def _blobs(kb: KnowledgeBase) -> Iterator[Finding]:
+def _blobs(kb: Reasoning) -> Iterator[Finding]:
     named = _named_blobs(kb)
     kept = set(kb.blobs.digests())
     for digest in sorted(named - kept):
@@ -111,7 +108,7 @@ def _blobs(kb: KnowledgeBase) -> Iterator[Finding]:
         yield Finding("note", "blobs", f"{len(kept - named)} are named by no statement")
 
 
-def _named_blobs(kb: KnowledgeBase) -> set[str]:
+def _named_blobs(kb: Reasoning) -> set[str]:
     return {
         digest
         for quad in kb.store.quads_for_pattern(None, None, None, None)
@@ -121,7 +118,7 @@ def _named_blobs(kb: KnowledgeBase) -> set[str]:
     }
 
 
-def collect_blobs(kb: KnowledgeBase, writer: Writer, older_than_s: float = _DAY_S) -> int:
+def collect_blobs(kb: Reasoning, writer: Writer, older_than_s: float = _DAY_S) -> int:
     """Delete the blobs that no statement names; return how many.
 
     Parameters
@@ -136,7 +133,7 @@ def collect_blobs(kb: KnowledgeBase, writer: Writer, older_than_s: float = _DAY_
         return sum(kb.blobs.discard(digest, older_than_s) for digest in idle)
 
 
-def _union(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
+def _union(kb: Reasoning, repair: bool) -> Iterator[Finding]:
     store = kb.store
     if store.is_view:
         return
@@ -163,7 +160,7 @@ def _union(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
         apply(store, Writes(surplus, list(dict.fromkeys(missing))))
 
 
-def _catalogue(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
+def _catalogue(kb: Reasoning, repair: bool) -> Iterator[Finding]:
     wrong: set[Graph] = set()
     for graph in kb.store.named_graphs():
         if graph in (kb.graphs.meta, kb.graphs.provenance):
@@ -180,7 +177,7 @@ def _catalogue(kb: KnowledgeBase, repair: bool) -> Iterator[Finding]:
 
 
 def _closure(
-    kb: KnowledgeBase, writer: Writer, inference: Inference, repair: bool
+    kb: Reasoning, writer: Writer, inference: Inference, repair: bool
 ) -> Iterator[Finding]:
     with writer.exclusive():
         iterator, surplus = inference.difference()

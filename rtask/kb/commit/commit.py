@@ -31,13 +31,12 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
-from rtask.rdf.terms import Graph, NamedNode
+from rtask.rdf.terms import LONG_AGO, Graph, NamedNode
 
 __all__ = ["Change", "Commit", "Committer", "Request"]
 
 _log = logging.getLogger(__name__)
 MAX_QUADS = 200_000
-LONG_AGO = dt.datetime(1, 1, 1, tzinfo=dt.UTC)
 
 
 @dataclass(frozen=True)

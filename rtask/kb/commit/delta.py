@@ -22,7 +22,7 @@ from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
 from rtask.rdf.terms import DEFAULT, Graph, Term, stored_quad
 from rtask.sparql import templates
-from rtask.sparql.service_guard import without_services
+from rtask.sparql.service import without_services
 from rtask.sparql.syntax import check_update, syntax_error
 from rtask.sparql.update_outline import Operation, Target, Update, read_update
 

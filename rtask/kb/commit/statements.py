@@ -26,10 +26,10 @@ from rtask.rdf.terms import (
     Triple,
     TripleKey,
     literal,
+    moment,
     stored,
     written,
 )
-from rtask.rdf.times import moment
 
 __all__ = [
     "CONFIDENCE",

@@ -1,8 +1,6 @@
-"""The knowledge base as it was: the graph of now, with the commits since then undone."""
+"""Earlier states of a graph: a copy of the present one with the commits since then undone."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 from pyoxigraph import NamedNode, Quad, Store
 
@@ -12,18 +10,27 @@ from rtask.kb.commit.commit import Committer
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile, NoJournal, Record
+from rtask.kb.feed.feed import Feed
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT
 
-if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
-
-__all__ = ["as_of"]
+__all__ = ["copy_as_of"]
 
 
-def as_of(kb: KnowledgeBase, files: Files, seq: int) -> KnowledgeBase:
-    """Return a copy in memory, for reading only, of what a knowledge base held after a commit.
+def copy_as_of(
+    files: Files, graphs: Graphs, feed: Feed, last_seq: int, seq: int
+) -> tuple[Files, Catalogue, Writer]:
+    """Return what a graph held after a commit, in memory and closed for writing.
+
+    Parameters
+    ----------
+    files, graphs, feed
+        Of the graph as it is now.
+    last_seq
+        Number of its last commit.
+    seq
+        Number of the commit to return to.
 
     Raises
     ------
@@ -37,25 +44,26 @@ def as_of(kb: KnowledgeBase, files: Files, seq: int) -> KnowledgeBase:
     journal = files.journal
     if not isinstance(journal, JournalFile):
         raise UnsupportedError("this store keeps no journal; open a folder to look back")
-    if seq < 0 or seq > kb.seq:
-        raise UsageError(f"there is no commit {seq}; the last one is {kb.seq}")
-    kb.feed.require_kept(seq)
+    if seq < 0 or seq > last_seq:
+        raise UsageError(f"there is no commit {seq}; the last one is {last_seq}")
+    feed.require_kept(seq)
+    plain = files.settings.plain
     store = Store()
-    # What is committed while this copies may be in the copy or not: undoing does no harm to a
-    # statement that has not come yet.
-    quads = kb.store.quads_for_pattern(None, None, None, None)
-    store.bulk_extend(q for q in quads if kb.plain or isinstance(q.graph_name, NamedNode))
-    for graph in kb.store.named_graphs():
+    # A commit stored while this copies may be in the copy or not: undoing it does no harm to a
+    # statement that is not there yet.
+    quads = files.store.quads_for_pattern(None, None, None, None)
+    store.bulk_extend(q for q in quads if plain or isinstance(q.graph_name, NamedNode))
+    for graph in files.store.named_graphs():
         store.add_graph(graph)
     for record in reversed(list(journal.records(seq))):
         _undo(store, record)
-    catalogue = Catalogue(GraphStore(store), kb.graphs)
-    if not kb.plain:
-        _require_whole(store, kb.graphs, catalogue, seq)
+    catalogue = Catalogue(GraphStore(store), graphs)
+    if not plain:
+        _require_whole(store, graphs, catalogue, seq)
         if not files.settings.is_view:
             union = [q for q in store if not Graphs.is_quarantine(q.graph_name)]
             store.bulk_extend(Quad(q.subject, q.predicate, q.object, DEFAULT) for q in union)
-    return _opened(kb, files, store, seq)
+    return _closed_for_writing(files, graphs, store, seq)
 
 
 def _undo(store: Store, record: Record) -> None:
@@ -69,7 +77,7 @@ def _undo(store: Store, record: Record) -> None:
 
 
 def _require_whole(store: Store, graphs: Graphs, catalogue: Catalogue, seq: int) -> None:
-    """Compare the sizes with the catalogue of that time; loads in bulk are not in the journal."""
+    """Compare graph sizes with the catalogue of that time; the journal omits bulk loads."""
     for graph in store.named_graphs():
         if graph in (graphs.meta, graphs.provenance) or not isinstance(graph, NamedNode):
             continue
@@ -82,15 +90,16 @@ def _require_whole(store: Store, graphs: Graphs, catalogue: Catalogue, seq: int)
             )
 
 
-def _opened(kb: KnowledgeBase, files: Files, store: Store, seq: int) -> KnowledgeBase:
-    from rtask.knowledge_base import KnowledgeBase
-
+def _closed_for_writing(
+    files: Files, graphs: Graphs, store: Store, seq: int
+) -> tuple[Files, Catalogue, Writer]:
     copy = Files(files.settings, GraphStore(store), files.blobs, NoJournal(), last_seq=seq)
     copy.store.is_view = files.settings.is_view
-    catalogue = Catalogue(copy.store, kb.graphs)
+    catalogue = Catalogue(copy.store, graphs)
+    plain = files.settings.plain
     committer = Committer(
-        copy.store, kb.graphs, kb.plain, copy.blobs, catalogue, None, copy.journal, last_seq=seq
+        copy.store, graphs, plain, copy.blobs, catalogue, None, copy.journal, last_seq=seq
     )
     writer = Writer(committer)
     writer.close()
-    return KnowledgeBase(copy, catalogue, None, writer)
+    return copy, catalogue, writer

@@ -18,8 +18,7 @@ from rtask.kb.commit.commit import Change, Commit
 from rtask.kb.durability.journal import JournalFile, Record
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
 from rtask.kb.store.graph_store import GraphStore
-from rtask.rdf.terms import RDF_TYPE, Graph, NamedNode, Subject, Term
-from rtask.rdf.times import moment
+from rtask.rdf.terms import RDF_TYPE, Graph, NamedNode, Subject, Term, moment
 
 __all__ = ["Feed"]
 

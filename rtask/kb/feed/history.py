@@ -10,8 +10,7 @@ from pyoxigraph import Quad
 
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.feed.feed import Feed
-from rtask.rdf.terms import Graph
-from rtask.rdf.times import moment
+from rtask.rdf.terms import Graph, moment
 
 __all__ = ["HistoryEntry", "Period", "history", "matcher"]
 

@@ -1,7 +1,7 @@
-"""Standing queries: a SELECT whose rows are followed.
+"""Live queries: SELECT queries whose subscribers are told when rows appear or disappear.
 
-It is asked again when a commit touches a predicate that it may read, and what came and went since
-the last time is sent.
+A query is evaluated again when a commit touches a predicate that it may read; its subscribers get
+the difference from the previous answer.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rtask.sparql.lexer import body_start, tokenise
 from rtask.sparql.results import Solutions
 from rtask.sparql.templates import resolve
 
-__all__ = ["RowChange", "StandingQueries", "predicates_of"]
+__all__ = ["LiveQueries", "RowChange", "predicates_of"]
 
 _log = logging.getLogger(__name__)
 MAX_ROWS = 1_000
@@ -29,7 +29,7 @@ _Row = tuple[Term | None, ...]
 
 @dataclass(frozen=True)
 class RowChange:
-    """What became of a standing query's rows.
+    """Difference between two answers of a live query.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def _place_after(mark: str, place: int) -> int:
     return 2 if mark == ")" and place == 1 else place
 
 
-class _Standing:
+class _LiveQuery:
     """One query, its rows, and who follows them."""
 
     subscription: Subscription[RowChange]
@@ -105,8 +105,8 @@ class _Standing:
         self.is_new = True
 
 
-class StandingQueries:
-    """Asks the standing queries of one knowledge base again, in a thread of its own.
+class LiveQueries:
+    """Re-evaluates the live queries of one knowledge base in a thread of its own.
 
     Parameters
     ----------
@@ -118,18 +118,18 @@ class StandingQueries:
         self._last_seq = last_seq
         self._position = position
         self._changed = threading.Condition()
-        self._standing: list[_Standing] = []
+        self._queries: list[_LiveQuery] = []
         self._thread: threading.Thread | None = None
         self._closed = False
 
     def announce(self, change: Change) -> None:
         """Note which queries a commit concerns."""
-        if not self._standing:
+        if not self._queries:
             return
         parts = (change.added, change.removed, change.inferred_added, change.inferred_removed)
         touched = {quad.predicate for quads in parts for quad in quads}
         with self._changed:
-            for one in self._standing:
+            for one in self._queries:
                 one.is_due |= one.reads is None or not touched.isdisjoint(one.reads)
             self._changed.notify()
 
@@ -147,10 +147,10 @@ class StandingQueries:
         TooLargeError
             More than 1,000 rows.
         """
-        one = _Standing(ask, predicates_of(text))
+        one = _LiveQuery(ask, predicates_of(text))
         one.subscription = Subscription(lambda: self._remove(one), size=size, on_ready=on_ready)
         with self._changed:
-            self._standing.append(one)
+            self._queries.append(one)
             one.is_due = False
         try:
             self._ask(one)
@@ -165,15 +165,15 @@ class StandingQueries:
                 self._thread.start()
         return one.subscription
 
-    def _remove(self, one: _Standing) -> None:
+    def _remove(self, one: _LiveQuery) -> None:
         with self._changed:
-            if one in self._standing:
-                self._standing.remove(one)
+            if one in self._queries:
+                self._queries.remove(one)
 
     def _run(self) -> None:
         while True:
             with self._changed:
-                due = [one for one in self._standing if one.is_due]
+                due = [one for one in self._queries if one.is_due]
                 if self._closed:
                     return
                 if not due:
@@ -192,7 +192,7 @@ class StandingQueries:
                     one.subscription.fail(RtaskError("the query failed"))
                     self._remove(one)
 
-    def _ask(self, one: _Standing) -> None:
+    def _ask(self, one: _LiveQuery) -> None:
         seq = self._last_seq()
         answer = one.ask()
         if len(answer) > MAX_ROWS:
@@ -218,7 +218,7 @@ class StandingQueries:
         """End the thread and every subscription."""
         with self._changed:
             self._closed = True
-            standing = list(self._standing)
+            standing = list(self._queries)
             self._changed.notify()
         for one in standing:
             one.subscription.close()

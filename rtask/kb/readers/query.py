@@ -27,7 +27,7 @@ from rtask.sparql.lexer import (
     tokenise,
 )
 from rtask.sparql.results import Solutions, Triples
-from rtask.sparql.service_guard import without_services
+from rtask.sparql.service import without_services
 from rtask.sparql.syntax import syntax_error
 
 __all__ = ["QueryDataset", "bind", "prepare", "run", "serialize"]

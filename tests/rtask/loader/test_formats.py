@@ -12,8 +12,8 @@ import zstandard
 import rtask
 from rtask.errors import DataError, ParseError, TooLargeError, UsageError
 from rtask.knowledge_base import KnowledgeBase
-from rtask.loader import documents
-from rtask.loader.documents import Document
+from rtask.rdf import documents
+from rtask.rdf.documents import Document
 from rtask.rdf.formats import detect, find_format, read_document
 
 _TURTLE = "@prefix e: <urn:e:> .\ne:Mug a e:Class ;\n  e:holds 0.3 .\n"

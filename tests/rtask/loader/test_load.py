@@ -22,9 +22,9 @@ from rtask.errors import (
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.catalogue import OntologyCatalogue
-from rtask.loader.documents import Document
 from rtask.loader.export import original
 from rtask.loader.load import uuid7
+from rtask.rdf.documents import Document
 from rtask.rdf.terms import BlankNode, NamedNode, iri
 
 _OWL = "http://www.w3.org/2002/07/owl#"

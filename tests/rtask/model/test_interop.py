@@ -103,7 +103,7 @@ def test_using_the_graph_imports_neither() -> None:
     import sys
 
     code = (
-        "import rtask, rtask.objects, sys;"
+        "import rtask, rtask.knowledge_base, sys;"
         "print([m for m in ('rdflib', 'owlready2') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

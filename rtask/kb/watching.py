@@ -5,17 +5,25 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Callable
 
-from rtask.kb.base import Parts
+from rtask.kb.base import GraphBase
 from rtask.kb.commit.commit import Change
 from rtask.kb.feed.history import HistoryEntry, Period, history, matcher
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
-from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
-from rtask.rdf.times import moment
+from rtask.rdf.terms import (
+    NamedNode,
+    Subject,
+    Value,
+    iri,
+    moment,
+    object_term,
+    stored,
+    subject_term,
+)
 
 __all__ = ["Watching"]
 
 
-class Watching(Parts):
+class Watching(GraphBase):
     """Commits as they come, and as they were."""
 
     def on_commit(self, listener: Callable[[Change], None]) -> Callable[[], None]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from pyoxigraph import Quad
 
@@ -13,12 +11,8 @@ from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset, run_update
 from rtask.kb.commit.transaction import Transaction
-from rtask.kb.search.searching import Searching
+from rtask.kb.searching import Searching
 from rtask.rdf.terms import Graph, NamedNode, iri
-
-if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
-    from rtask.loader.load import LoadReport
 
 __all__ = ["Writing"]
 
@@ -99,14 +93,6 @@ class Writing(Searching):
     def commit_block(self, request: Request) -> Transaction:
         """Return a transaction for rooms that set more than agent and note."""
         return Transaction(self._writer, self.blobs, request)
-
-    def load(
-        self, source: Path | str | bytes | BinaryIO, format: str | None = None, **options: Any
-    ) -> LoadReport:
-        """Load a file, a folder, bytes or a known IRI; see :func:`rtask.loader.load.load`."""
-        from rtask.loader.load import load
-
-        return load(cast("KnowledgeBase", self), source, format=format, **options)
 
     def bulk_add(self, quads: Iterable[Quad] | TripleText, graph: Graph, request: Request) -> int:
         """Add more statements than a commit may hold; return how many were derived.

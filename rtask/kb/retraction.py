@@ -17,7 +17,7 @@ from rtask.kb.commit.statements import (
     reifiers,
     stamp,
 )
-from rtask.kb.commit.writing import Writing
+from rtask.kb.writing import Writing
 from rtask.rdf.terms import (
     NamedNode,
     Subject,
@@ -30,10 +30,10 @@ from rtask.rdf.terms import (
     subject_term,
 )
 
-__all__ = ["Stating"]
+__all__ = ["Retraction"]
 
 
-class Stating(Writing):
+class Retraction(Writing):
     """What is said about statements, and withdrawing them with a reason."""
 
     def annotations(

@@ -10,7 +10,7 @@ from rtask.kb.checks.quarantine import Quarantined, reinstate, statements
 from rtask.kb.commit.bulk import complete, finish_bulk
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.inference import Inference
-from rtask.kb.commit.writing import Writing
+from rtask.kb.writing import Writing
 from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
 
 __all__ = ["Reasoning"]
@@ -18,11 +18,6 @@ __all__ = ["Reasoning"]
 
 class Reasoning(Writing):
     """What follows from the asserted graphs."""
-
-    @property
-    def reasons(self) -> bool:
-        """Whether commits derive what follows from them."""
-        return self._inference is not None
 
     def contradictions(self) -> list[Any]:
         """Return the contradictions in the asserted graphs."""

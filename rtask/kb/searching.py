@@ -5,16 +5,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from rtask.kb.base import Parts
+from rtask.kb.base import GraphBase
 from rtask.kb.search.places import Place
 from rtask.kb.search.text import TextHit
 from rtask.rdf.terms import RDF_TYPE, NamedNode, iri
-from rtask.sparql.text_service import with_found_texts
+from rtask.sparql.service import with_found_texts
 
 __all__ = ["Searching"]
 
 
-class Searching(Parts):
+class Searching(GraphBase):
     """What the side index finds."""
 
     def search(

@@ -1,31 +1,90 @@
-"""``SERVICE <urn:rtask:text>`` in a query: words that are looked up before it is evaluated.
+"""``SERVICE`` in queries: the text search of this store, and the refusal to call other servers.
 
-The block becomes a ``VALUES`` of what was found::
+``SERVICE <urn:rtask:text>`` becomes a ``VALUES`` of what the text search finds::
 
     SERVICE <urn:rtask:text> { ?s rt:matches "red cup" ; rt:score ?score ; rt:limit 10 }
+
+Any other service is switched off, because the store would call out without a time limit:
+``SERVICE SILENT`` becomes one empty solution, as the standard asks of a call that fails
+(SPARQL 1.1 Federated Query, 2.4), and ``SERVICE`` alone is refused before anything is evaluated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
-from pyoxigraph import Literal
+from pyoxigraph import Literal, NamedNode
 
 import ontology
-from rtask.errors import QuerySyntaxError
-from rtask.kb.search.text import TextHit
+from rtask.errors import ForbiddenError, QuerySyntaxError
 from rtask.rdf.terms import Term, written
 from rtask.sparql.lexer import body_start, find_block_end, line_and_column, tokenise
 from rtask.sparql.templates import resolve
 from rtask.sparql.tokens import Token
 
-__all__ = ["ADDRESS", "with_found_texts"]
+__all__ = ["TEXT_SERVICE", "with_found_texts", "without_services"]
 
-ADDRESS = "urn:rtask:text"
-_MOST = 1_000
+TEXT_SERVICE = "urn:rtask:text"
+MAX_HITS = 1_000
 _STRING_MARKS = ('"""', "'''", '"', "'")
-Search = Callable[..., Sequence[TextHit]]
+
+
+class Hit(Protocol):
+    """A thing that the text search found."""
+
+    @property
+    def subject(self) -> NamedNode:
+        """What the text is about."""
+
+    @property
+    def text(self) -> str:
+        """The text that fits best."""
+
+    @property
+    def language(self) -> str | None:
+        """Its language tag."""
+
+    @property
+    def score(self) -> float:
+        """Larger fits better."""
+
+
+Search = Callable[..., Sequence[Hit]]
+
+
+def without_services(text: str) -> str:
+    """Return a query or pattern in which nothing calls out.
+
+    >>> without_services("ASK { SERVICE SILENT <urn:x> { ?s ?p ?o } }")
+    'ASK { {} }'
+
+    Raises
+    ------
+    ForbiddenError
+        At a ``SERVICE`` without ``SILENT``.
+    """
+    if "service" not in text.lower():
+        return text
+    tokens = tokenise(text)
+    pieces, done, at = [], 0, 0
+    while tokens[at].kind != "end":
+        if not tokens[at].is_word("SERVICE"):
+            at += 1
+            continue
+        if not tokens[at + 1].is_word("SILENT"):
+            line, column = line_and_column(text, tokens[at].start)
+            raise ForbiddenError(
+                f"{line}:{column}: SERVICE is switched off; query that server yourself",
+                operation="SERVICE",
+                line=line,
+                column=column,
+            )
+        end = find_block_end(tokens, at + 3)
+        pieces += [text[done : tokens[at].start], "{}"]
+        done, at = tokens[end - 1].end, end
+    return "".join([*pieces, text[done:]])
 
 
 @dataclass(frozen=True)
@@ -49,7 +108,7 @@ def with_found_texts(text: str, search: Search) -> str:
     QuerySyntaxError
         At a block that asks for something else.
     """
-    if ADDRESS not in text:
+    if TEXT_SERVICE not in text:
         return text
     tokens = tokenise(text)
     prologue = text[: tokens[body_start(tokens)].start]
@@ -60,7 +119,7 @@ def with_found_texts(text: str, search: Search) -> str:
         if not tokens[start].is_word("SERVICE"):
             continue
         name = at + tokens[at].is_word("SILENT")
-        if tokens[name].text != f"<{ADDRESS}>" or not tokens[name + 1].is_mark("{"):
+        if tokens[name].text != f"<{TEXT_SERVICE}>" or not tokens[name + 1].is_mark("{"):
             continue
         end = find_block_end(tokens, name + 1)
         block = _read(text, prologue, tokens[name + 2 : end - 1])
@@ -95,7 +154,7 @@ def _read(text: str, prologue: str, tokens: list[Token]) -> _Block:
 def _refusal(text: str, tokens: list[Token], message: str) -> QuerySyntaxError:
     line, column = line_and_column(text, tokens[0].start if tokens else 0)
     return QuerySyntaxError(
-        f"{line}:{column}: in SERVICE <{ADDRESS}>: {message}", line=line, column=column
+        f"{line}:{column}: in SERVICE <{TEXT_SERVICE}>: {message}", line=line, column=column
     )
 
 
@@ -117,7 +176,7 @@ def _string(token: Token) -> str:
 
 def _values(text: str, prologue: str, block: _Block, search: Search) -> str:
     given = block.given
-    options = {"limit": min(_MOST, int(given["limit"].text)) if "limit" in given else _MOST}
+    options = {"limit": min(MAX_HITS, int(given["limit"].text)) if "limit" in given else MAX_HITS}
     language = _string(given["lang"]) if "lang" in given else None
     hits = search(_string(given["matches"]), lang=language, **options)
     variables: list[str] = []
@@ -136,7 +195,7 @@ def _values(text: str, prologue: str, block: _Block, search: Search) -> str:
     return f"VALUES ({' '.join(names)}) {{ {rows} }}"
 
 
-def _term(hit: TextHit, what: str) -> Term:
+def _term(hit: Hit, what: str) -> Term:
     found: dict[str, Term] = {
         "subject": hit.subject,
         "score": Literal(hit.score),

@@ -12,7 +12,7 @@ from rtask.errors import UnsupportedError
 from rtask.kb.readers import query as queries
 from rtask.kb.readers.query import Bindings, QueryDataset
 from rtask.kb.readers.streams import Stream, WholeStream
-from rtask.kb.search.searching import Searching
+from rtask.kb.searching import Searching
 from rtask.rdf.terms import Graph, NamedNode, Subject, Value, iri, object_term, subject_term
 from rtask.sparql.question import Question
 from rtask.sparql.results import Solutions, Triples, read_answer

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rtask.kb.base import GraphBase
+from rtask.kb.reading import Reading
 from rtask.rdf.terms import NamedNode
-
-if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["closure_state", "collect"]
 
@@ -16,7 +15,7 @@ _COUNT_DISTINCT = "SELECT (COUNT(*) AS ?n) { SELECT DISTINCT ?s ?p ?o { ?s ?p ?o
 _COUNT_BY_GRAPH = "SELECT ?g (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } } GROUP BY ?g"
 
 
-def collect(kb: KnowledgeBase) -> dict[str, Any]:
+def collect(kb: Reading) -> dict[str, Any]:
     """Count.
 
     Returns
@@ -45,7 +44,7 @@ def collect(kb: KnowledgeBase) -> dict[str, Any]:
     }
 
 
-def _sizes(kb: KnowledgeBase) -> dict[str, int]:
+def _sizes(kb: Reading) -> dict[str, int]:
     if kb.plain:
         rows = kb.select(_COUNT_BY_GRAPH)
         return {str(row.value("g")): int(str(row.value("n"))) for row in rows}
@@ -56,7 +55,7 @@ def _sizes(kb: KnowledgeBase) -> dict[str, int]:
     return counts
 
 
-def closure_state(kb: KnowledgeBase) -> str:
+def closure_state(kb: GraphBase) -> str:
     """Return whether the inferred graph fits the asserted ones: current, behind or off.
 
     It is behind after writes while nobody reasoned; the catalogue names its commit only while it

@@ -1,0 +1,152 @@
+"""The embedded graph: everything that a knowledge base needs of this folder alone."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Collection
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from rtask.kb.checks import statistics, validation
+from rtask.kb.checks import verify as verification
+from rtask.kb.checks.validation import Violation
+from rtask.kb.checks.verify import Finding
+from rtask.kb.durability.backup import backup
+from rtask.kb.feed.as_of import copy_as_of
+from rtask.kb.feed.live_queries import RowChange, require_select
+from rtask.kb.feed.subscriptions import Subscription
+from rtask.kb.reading import Reading
+from rtask.kb.reasoning import Reasoning
+from rtask.kb.retraction import Retraction
+from rtask.kb.watching import Watching
+
+__all__ = ["GraphCore"]
+
+
+class GraphCore(Reading, Watching, Reasoning, Retraction):
+    """A graph in one process: reads, watches, commits, reasons, retracts and checks itself.
+
+    The loader, the object layer and the bridges to other libraries work on this class;
+    :class:`rtask.knowledge_base.KnowledgeBase` adds them as methods.
+    """
+
+    def warm_up(self) -> None:
+        """Build the closure and start the readers now instead of at the first use.
+
+        The replica of a large folder is finished in the background.
+        """
+        if self._inference is not None:
+            with self._writer.exclusive():
+                self._inference.closure()
+        if self.readers.possible:
+            self.readers.start(wait=False)
+
+    def subscribe_query(
+        self,
+        text: str,
+        *,
+        timeout_s: float = 5.0,
+        on_ready: Callable[[], None] | None = None,
+        **options: Any,
+    ) -> Subscription[RowChange]:
+        """Follow the rows of a SELECT: the present ones, then each row that appears or disappears.
+
+        The query is evaluated again after commits that touch a predicate it names, once for
+        several commits in quick succession.
+
+        Parameters
+        ----------
+        timeout_s
+            For each evaluation.
+        options
+            As in :meth:`query`.
+
+        Raises
+        ------
+        TooLargeError
+            More than 1,000 rows; also later, from the subscription.
+        """
+        require_select(text)
+        options["timeout_s"] = timeout_s
+        return self.live_queries.add(text, partial(self.select, text, **options), on_ready)
+
+    def stats(self) -> dict[str, Any]:
+        """Return counts: distinct triples, asserted and inferred statements, graphs, commits."""
+        return statistics.collect(self)
+
+    def validate(self) -> list[Violation]:
+        """Check all data against the SHACL shapes; see :mod:`rtask.kb.checks.validation`."""
+        return validation.everything(self.store, self.graphs)
+
+    def as_of(self, seq: int) -> Self:
+        """Return what was known after a commit, as a copy in memory for reading only.
+
+        Close it when it is no longer needed.
+
+        Raises
+        ------
+        UsageError, GoneError, UnsupportedError
+            As in :func:`rtask.kb.feed.as_of.copy_as_of`.
+        """
+        files, catalogue, writer = copy_as_of(self._files, self.graphs, self.feed, self.seq, seq)
+        return type(self)(files, catalogue, None, writer)
+
+    def verify(self, repair: bool = False, parts: Collection[str] | None = None) -> list[Finding]:
+        """Compare derived data with their sources; see :mod:`rtask.kb.checks.verify`."""
+        chosen = parts or verification.PARTS
+        return verification.verify(self, self._writer, self._inference, repair, chosen)
+
+    def collect_blobs(self, older_than_s: float = 86_400.0) -> int:
+        """Delete the blobs that no statement names; return how many."""
+        return verification.collect_blobs(self, self._writer, older_than_s)
+
+    def backup(self, target: Path | str) -> dict[str, Any]:
+        """Copy to a new folder; see :func:`rtask.kb.durability.backup.backup`."""
+        return backup(self._files, self._writer, Path(target))
+
+    def publish(self, **facts: Any) -> None:
+        """Extend what others read when they find the folder locked, e.g. the ``url`` serving it."""
+        if self._files.lock is not None:
+            self._files.lock.publish(**facts)
+
+    def checkpoint(self) -> None:
+        """Make the store durable by itself, so that opening need not replay the journal."""
+        if self._files.checkpoints is not None:
+            with self._writer.exclusive():
+                self._files.checkpoints.make(self.seq)
+
+    def close(self) -> None:
+        """Finish the running write, make everything durable and release the folder."""
+        if not self.store.is_open:
+            return
+        self.expiry.close()
+        self._writer.close()
+        self.feed.close()
+        self.readers.close()
+        self.live_queries.close()
+        self.index.close()
+        if self._writer.committer.interrupted:
+            self._files.abandon()
+        else:
+            self._files.close(self.seq)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        if self.folder is not None and self.store.is_open:
+            warnings.warn(f"unclosed {self!r}", ResourceWarning, stacklevel=2)
+
+    def __repr__(self) -> str:
+        where = self.folder or "in memory"
+        return f"<{type(self).__name__} {where} base {self.base}>"
