@@ -1,14 +1,14 @@
 """OWL 2 RL closure, contradictions and proofs over the shared graph."""
 
-from .closure import Closure, Config, InconsistentError, Staged
-from .contradictions import Contradiction
-from .delta import ClosureTooLargeError
-from .entail import Entailment, entails
-from .profile import ProfileViolation, check_profile
-from .proofs import Proof
-from .shacl import ShaclReport, validate
-from .strata import StratificationError
-from .user_rules import RuleError
+from reasoner.closure import Closure, Config, InconsistentError, Staged
+from reasoner.contradictions import Contradiction
+from reasoner.dl.profile import ProfileViolation, check_profile
+from reasoner.entail import Entailment, entails
+from reasoner.fixpoint.delta import ClosureTooLargeError
+from reasoner.proofs import Proof
+from reasoner.rules.strata import StratificationError
+from reasoner.rules.user_rules import RuleError
+from reasoner.shacl import ShaclReport, validate
 
 __all__ = [
     "Closure",

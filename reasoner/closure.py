@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
-from . import vocabulary as v
-from .asserted import Asserted
-from .checks import Inconsistency
-from .contradictions import Contradiction, describe
-from .dictionary import Dictionary, Fact, Term, Triple
-from .differences import differences
-from .digest import Digest, digest_of
-from .maintenance import Draft, Maintainer, Settings, State
-from .proofs import GraphsOf, Proof
-from .reading import Reading
-from .vocabulary import RDF, SAME
+from reasoner.contradictions import Contradiction, describe
+from reasoner.differences import differences
+from reasoner.facts.asserted import Asserted
+from reasoner.fixpoint.checks import Inconsistency
+from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
+from reasoner.proofs import GraphsOf, Proof
+from reasoner.reading import Reading
+from reasoner.terms import vocabulary as v
+from reasoner.terms.dictionary import Dictionary, Fact, Term, Triple
+from reasoner.terms.digest import Digest, digest_of
+from reasoner.terms.vocabulary import RDF, SAME
 
 _REIFIES = NamedNode(RDF + "reifies")
 LISTED_CONTRADICTIONS = 100

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .checks import LISTED, Inconsistency
-from .dictionary import Triple
-from .proofs import Proof
-from .vocabulary import SAME
+from reasoner.fixpoint.checks import LISTED, Inconsistency
+from reasoner.proofs import Proof
+from reasoner.terms.dictionary import Triple
+from reasoner.terms.vocabulary import SAME
 
 if TYPE_CHECKING:
-    from .reading import Reading
+    from reasoner.reading import Reading
 
 PROOF_BUDGET_MS = 50
 MESSAGES = {

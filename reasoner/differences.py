@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from .asserted import Asserted
-from .dictionary import Fact
-from .equality import Equality
-from .layer import Layer
-from .reading import Reading
-from .vocabulary import SAME
+from reasoner.facts.asserted import Asserted
+from reasoner.facts.equality import Equality
+from reasoner.facts.layer import Layer
+from reasoner.reading import Reading
+from reasoner.terms.dictionary import Fact
+from reasoner.terms.vocabulary import SAME
 
 
 def differences(before: Reading, after: Reading, changed: Asserted) -> tuple[set[Fact], set[Fact]]:

@@ -13,11 +13,11 @@ from itertools import combinations, count
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from .closure import Closure
-from .datatypes import is_within
-from .dictionary import Term, Triple
-from .proofs import Proof
-from .vocabulary import OWL, RDF, RDFS, XSD
+from reasoner.closure import Closure
+from reasoner.proofs import Proof
+from reasoner.terms.datatypes import is_within
+from reasoner.terms.dictionary import Term, Triple
+from reasoner.terms.vocabulary import OWL, RDF, RDFS, XSD
 
 FRESH = "urn:rtask:fresh:"
 

@@ -6,9 +6,9 @@ about anonymous classes, and literals as subjects.
 
 from __future__ import annotations
 
-from . import vocabulary as v
-from .dictionary import Dictionary, Fact
-from .vocabulary import LITERAL, SAME, TYPE
+from reasoner.terms import vocabulary as v
+from reasoner.terms.dictionary import Dictionary, Fact
+from reasoner.terms.vocabulary import LITERAL, SAME, TYPE
 
 
 def is_exported(fact: Fact, terms: Dictionary) -> bool:

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 from pyoxigraph import BlankNode, Literal
 
-from . import vocabulary as v
-from .dictionary import Dictionary, Fact, Term
-from .rules import Atom, Bindings, View
-from .schema import BadListError, read_list
-from .vocabulary import LITERAL, TYPE
+from reasoner.rules.rule import Atom, Bindings, View
+from reasoner.rules.schema import BadListError, read_list
+from reasoner.terms import vocabulary as v
+from reasoner.terms.dictionary import Dictionary, Fact, Term
+from reasoner.terms.vocabulary import LITERAL, TYPE
 
 _KINDS = {v.SOME: "some", v.ALL: "only", v.HAS_VALUE: "value", v.MAX: "max"}
 _JOINS = {v.INTERSECTION: " and ", v.UNION: " or "}

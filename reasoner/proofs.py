@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from itertools import islice, product
 from typing import Any
 
-from .asserted import Asserted
-from .dictionary import Dictionary, Fact, Triple
-from .equality import Equality
-from .glosses import Glossary, Shorten
-from .layer import Layer
-from .relations import Facts
-from .rules import Bindings, Rule, bind, ground, solve
-from .strata import Program, constants_of
-from .vocabulary import SAME
+from reasoner.facts.asserted import Asserted
+from reasoner.facts.equality import Equality
+from reasoner.facts.layer import Layer
+from reasoner.facts.relations import Facts
+from reasoner.glosses import Glossary, Shorten
+from reasoner.rules.rule import Bindings, Rule, bind, ground, solve
+from reasoner.rules.strata import Program, constants_of
+from reasoner.terms.dictionary import Dictionary, Fact, Triple
+from reasoner.terms.vocabulary import SAME
 
 Instance = tuple[tuple[Fact, ...], tuple[str, ...]]
 """Premises of a rule's instance, and what must be absent."""

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from . import vocabulary as v
-from .asserted import Asserted
-from .dictionary import Dictionary, Fact, Triple
-from .equality import Equality
-from .export import is_exported
-from .glosses import Glossary
-from .layer import Layer
-from .proofs import GraphsOf, Proof, Prover
-from .relations import Facts
-from .strata import Program
-from .vocabulary import LITERAL, SAME, TYPE
+from reasoner.export import is_exported
+from reasoner.facts.asserted import Asserted
+from reasoner.facts.equality import Equality
+from reasoner.facts.layer import Layer
+from reasoner.facts.relations import Facts
+from reasoner.glosses import Glossary
+from reasoner.proofs import GraphsOf, Proof, Prover
+from reasoner.rules.strata import Program
+from reasoner.terms import vocabulary as v
+from reasoner.terms.dictionary import Dictionary, Fact, Triple
+from reasoner.terms.vocabulary import LITERAL, SAME, TYPE
 
 _DATATYPES = frozenset(v.DATATYPES.values())
 Pattern = tuple[int | None, int | None, int | None]

@@ -12,7 +12,7 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from .dictionary import Term, Triple
+from reasoner.terms.dictionary import Term, Triple
 
 SHACL = "http://www.w3.org/ns/shacl#"
 

@@ -23,7 +23,7 @@ from features.pose.estimate import PoseParams, estimate_pose
 from features.pose.model import PoseModel, build_pose_model
 from features.pose.rotations import rotation_about
 from features.recognition.pairs import match_views
-from features.recognition.view import ViewFeatures
+from features.recognition.views.view import ViewFeatures
 
 __all__ = ["ObjectModel", "Registration", "warm_up"]
 

@@ -13,8 +13,9 @@ Every view that is added is found by the next query (Gatto 2016, 3.2.4). IRIs ar
 from __future__ import annotations
 
 from features.recognition.confidence import ConfidenceParams
-from features.recognition.folder import IndexLockedError
-from features.recognition.index import RecognitionIndex
+from features.recognition.index.folder import IndexLockedError
+from features.recognition.index.recognition_index import RecognitionIndex
+from features.recognition.index.segments import IndexCorruptError, ViewName
 from features.recognition.recogniser import (
     Match,
     Recogniser,
@@ -22,10 +23,9 @@ from features.recognition.recogniser import (
     Recognition,
     warm_up,
 )
-from features.recognition.segments import IndexCorruptError, ViewName
-from features.recognition.sift import SiftParams
 from features.recognition.verify import VerifyParams
-from features.recognition.view import EXTRACTOR, ViewFeatures, describe_frame, describe_view
+from features.recognition.views.sift import SiftParams
+from features.recognition.views.view import EXTRACTOR, ViewFeatures, describe_frame, describe_view
 
 __all__ = [
     "EXTRACTOR",

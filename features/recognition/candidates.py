@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition.cascade import squared_distances
 from features.recognition.confidence import ConfidenceParams
-from features.recognition.snapshot import Matches, Snapshot
+from features.recognition.index.cascade import squared_distances
+from features.recognition.index.snapshot import Matches, Snapshot
 from features.recognition.verify import VerifyParams, count_places, fit_affine, fit_rigid
-from features.recognition.view import ViewFeatures
+from features.recognition.views.view import ViewFeatures
 
 __all__ = ["RecogniserParams", "VerifiedView", "verified_views"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition.cascade import squared_distances
+from features.recognition.index.cascade import squared_distances
 from features.recognition.verify import VerifyParams, fit_affine, fit_rigid
-from features.recognition.view import ViewFeatures
+from features.recognition.views.view import ViewFeatures
 
 __all__ = ["PairMatches", "match_views"]
 
@@ -43,7 +43,7 @@ def match_views(
 
     Examples
     --------
-    >>> from features.recognition.view import describe_view
+    >>> from features.recognition.views.view import describe_view
     >>> rng = np.random.default_rng(0)
     >>> spots = (rng.random((12, 12)).repeat(10, axis=0).repeat(10, axis=1) * 255).astype(np.uint8)
     >>> view = describe_view(spots, np.ones(spots.shape, bool))

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
-from features.recognition.cascade import match_flat, match_tables
 from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
-from features.recognition.index import RecognitionIndex
-from features.recognition.snapshot import Snapshot
-from features.recognition.stored import stored_features
-from features.recognition.view import ViewFeatures, describe_view
+from features.recognition.index.cascade import match_flat, match_tables
+from features.recognition.index.recognition_index import RecognitionIndex
+from features.recognition.index.snapshot import Snapshot
+from features.recognition.views.stored import stored_features
+from features.recognition.views.view import ViewFeatures, describe_view
 
 __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 
@@ -82,7 +82,7 @@ class Recogniser:
 
     Examples
     --------
-    >>> from features.recognition.view import describe_view
+    >>> from features.recognition.views.view import describe_view
     >>> chess = ((np.indices((80, 80)) // 10).sum(axis=0) % 2 * 255).astype(np.uint8)
     >>> Recogniser(RecognitionIndex()).recognise(describe_view(chess, chess >= 0)).outcome
     'null'

@@ -9,7 +9,7 @@ import numpy as np
 
 from grasp.learning.comparison import Result
 from grasp.learning.metrics import Life, Measure, attempts, bootstrap, difference, first_try, regret
-from grasp.push.drawing import chart
+from grasp.push.figures.drawing import chart
 
 __all__ = ["curves_svg", "table", "text"]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.push.candidates import Grasps, needed_openings, sample_grasps
-from grasp.push.plan import analyse_push_grasps
+from grasp.push.mechanics.quasistatic import simulate
 from grasp.push.polygon import Part, as_part
-from grasp.push.quasistatic import simulate
+from grasp.push.push_plan import analyse_push_grasps
 
 __all__ = ["GOOD", "POOR", "Perception", "Thing", "World", "WorldSettings", "make_world"]
 

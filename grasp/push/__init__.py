@@ -15,12 +15,12 @@ from grasp.push.analysis import (
     stop_at,
 )
 from grasp.push.candidates import Grasps, make_grasps, sample_grasps
-from grasp.push.conditions import CODES
+from grasp.push.inputs.sources import Outline, outline_from_cloud, read_outline, without_details
+from grasp.push.mechanics.conditions import CODES
 from grasp.push.perturb import Tolerance
-from grasp.push.plan import PushPlan, analyse_push_grasps, plan_push_grasps
 from grasp.push.polygon import Part, as_part, as_polygon, simplify
+from grasp.push.push_plan import PushPlan, analyse_push_grasps, plan_push_grasps
 from grasp.push.shards import open_executor
-from grasp.push.sources import Outline, outline_from_cloud, read_outline, without_details
 from grasp.push.trials import PushTest
 
 __all__ = [

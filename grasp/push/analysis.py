@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.push.candidates import Grasps
-from grasp.push.conditions import CODES, INVALID, UNTRIED
+from grasp.push.mechanics.conditions import CODES, INVALID, UNTRIED
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import FloatArray, Part
 from grasp.push.quality import IntArray, best_first, density_quality, lower_bound

@@ -12,8 +12,8 @@ from scipy.special import gammaln
 from grasp.push.analysis import analyse
 from grasp.push.candidates import sample_grasps
 from grasp.push.perturb import Tolerance
-from grasp.push.plan import PushPlan
 from grasp.push.polygon import FloatArray, Part
+from grasp.push.push_plan import PushPlan
 from grasp.push.trials import CodeArray, PushTest
 
 __all__ = [

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.push.candidates import Grasps
-from grasp.push.conditions import evaluate
+from grasp.push.mechanics.conditions import evaluate
 from grasp.push.perturb import (
     Tolerance,
     normals,
@@ -160,7 +160,7 @@ class Trials:
         out = np.empty((len(self.rows), len(vx)), np.int8)
         test = self.test
         if test.method == "simulation":
-            from grasp.push.quasistatic import simulate
+            from grasp.push.mechanics.quasistatic import simulate
 
             simulate(
                 vx, vy, mass, valid, self.rows, self.width, test.friction,

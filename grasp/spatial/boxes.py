@@ -71,7 +71,7 @@ def boxes_meet_mesh(corners, edge_1, edge_2, tree_boxes, nodes, poses, boxes):  
     Parameters
     ----------
     corners, edge_1, edge_2, tree_boxes, nodes
-        Of a :class:`grasp.spatial.rays.Tree`.
+        Of a :class:`grasp.spatial.meshes.rays.Tree`.
     poses : (c, 4, 4)
         ``mesh_from_gripper``.
     boxes : (c, b, 2, 3)

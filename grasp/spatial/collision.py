@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from grasp.spatial.gripper import ParallelGripper
 
 if TYPE_CHECKING:
-    from grasp.spatial.mesh import Mesh
+    from grasp.spatial.meshes.mesh import Mesh
 
 __all__ = ["FREE", "HIT_BY", "Room", "Support", "Surroundings", "finger_clearance", "room_around"]
 

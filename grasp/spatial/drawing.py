@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.push.drawing import Canvas
+from grasp.push.figures.drawing import Canvas
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.mesh import Mesh
+from grasp.spatial.meshes.mesh import Mesh
 
 __all__ = ["candidates_svg"]
 

@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.collision import HIT_BY, Surroundings, room_around
-from grasp.spatial.confidence import PoseNoise, closures
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.mesh import Mesh
-from grasp.spatial.rays import MAX_HITS, NOTHING, crossings, first_and_last
+from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.meshes.rays import MAX_HITS, NOTHING, crossings, first_and_last
+from grasp.spatial.scoring.confidence import PoseNoise, closures
 
 __all__ = ["Pairs", "antipodal_pairs", "propose_on_mesh"]
 
@@ -228,7 +228,7 @@ def propose_on_mesh(
     Returns
     -------
     Proposals
-        Not scored yet: see :func:`grasp.spatial.confidence.score_grasps`.
+        Not scored yet: see :func:`grasp.spatial.scoring.confidence.score_grasps`.
 
     Notes
     -----

@@ -184,7 +184,7 @@ def warm_up() -> None:
         "features.scene_change",
         "reasoner",
         "grasp.push",
-        "grasp.spatial.plan",
+        "grasp.spatial.grasp_plan",
     ):
         loaded = importlib.import_module(module)
         compile_all = getattr(loaded, "warm_up", None)

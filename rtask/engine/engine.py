@@ -25,8 +25,8 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from features.recognition.index import RecognitionIndex
-    from features.recognition.view import ViewFeatures
+    from features.recognition.index.recognition_index import RecognitionIndex
+    from features.recognition.views.view import ViewFeatures
     from rtask.kb.commit.commit import Change, Commit
     from rtask.knowledge_base import KnowledgeBase
 
@@ -198,7 +198,7 @@ class Engine:
 
     def rebuild_index(self) -> int:
         """Make the index again from the graph alone; return the number of views."""
-        from features.recognition.index import RecognitionIndex
+        from features.recognition.index.recognition_index import RecognitionIndex
 
         with self.writing:
             self.index.close()
@@ -215,8 +215,8 @@ class Engine:
         self.recogniser = Recogniser(index)
 
     def _opened_index(self) -> RecognitionIndex:
-        from features.recognition.index import RecognitionIndex
-        from features.recognition.segments import IndexCorruptError
+        from features.recognition.index.recognition_index import RecognitionIndex
+        from features.recognition.index.segments import IndexCorruptError
 
         try:
             return RecognitionIndex(self._index_folder)
@@ -226,7 +226,7 @@ class Engine:
 
     def _made_again(self) -> RecognitionIndex:
         """Return the index of the folder, made from the graph; killed halfway, the old stays."""
-        from features.recognition.index import RecognitionIndex
+        from features.recognition.index.recognition_index import RecognitionIndex
 
         assert self._index_folder is not None
         described = (

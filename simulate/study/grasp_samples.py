@@ -6,13 +6,13 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from grasp.spatial.classifier import GraspSamples, gripper_key
-from grasp.spatial.closing_region import PICTURE, STATISTICS, closing_regions
-from grasp.spatial.cloud import prepare_cloud
-from grasp.spatial.completion import complete_by_symmetry
+from grasp.spatial.clouds.cloud import prepare_cloud
+from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.hand_search import propose_on
-from grasp.spatial.mesh import Mesh
+from grasp.spatial.hand_search.classifier import GraspSamples, gripper_key
+from grasp.spatial.hand_search.closing_region import PICTURE, STATISTICS, closing_regions
+from grasp.spatial.hand_search.hand_search import propose_on
+from grasp.spatial.meshes.mesh import Mesh
 from simulate.study.grasp_shapes import FAMILIES, sample_shape
 from simulate.study.grasp_views import TABLE, correct, depth_view, sample_camera
 from simulate.world.noise import SensorNoise

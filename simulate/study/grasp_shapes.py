@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from grasp.spatial.mesh import Mesh, as_mesh
+from grasp.spatial.meshes.mesh import Mesh, as_mesh
 
 __all__ = ["FAMILIES", "sample_shape"]
 

@@ -17,8 +17,8 @@ from features.geometry import Frame, look_at, transform
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.mesh import Mesh
-from grasp.spatial.rays import NOTHING, crossings, first_and_last
+from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.meshes.rays import NOTHING, crossings, first_and_last
 from simulate.world.camera import INTRINSICS
 from simulate.world.noise import SensorNoise
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from features.recognition.view import describe_frame
+from features.recognition.views.view import describe_frame
 from grasp.learning.state import pooled
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper

@@ -25,16 +25,16 @@ from pathlib import Path
 
 import numpy as np
 
-from grasp.spatial.classifier import GraspClassifier, GraspSamples, train
-from grasp.spatial.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import Support, Surroundings
-from grasp.spatial.completion import complete_by_symmetry
 from grasp.spatial.gripper import ParallelGripper, gripper_named
-from grasp.spatial.hand_search import propose_on
-from grasp.spatial.mesh import Mesh
+from grasp.spatial.hand_search.classifier import GraspClassifier, GraspSamples, train
+from grasp.spatial.hand_search.hand_search import propose_on
 from grasp.spatial.mesh_candidates import propose_on_mesh
-from grasp.spatial.mesh_files import read_mesh
-from grasp.spatial.select import diverse
+from grasp.spatial.meshes.mesh import Mesh
+from grasp.spatial.meshes.mesh_files import read_mesh
+from grasp.spatial.scoring.select import diverse
 from simulate.study.grasp_samples import collect_samples, shapes
 from simulate.study.grasp_views import TABLE, View, correct, depth_view, sample_camera
 from simulate.world.noise import SensorNoise

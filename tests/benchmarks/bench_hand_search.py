@@ -18,12 +18,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from grasp.spatial.cloud import SurfaceCloud, prepare_cloud
-from grasp.spatial.completion import complete_by_symmetry
+from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
+from grasp.spatial.clouds.completion import complete_by_symmetry
+from grasp.spatial.clouds.surfaces import surface_frames
 from grasp.spatial.gripper import ParallelGripper, panda_hand
-from grasp.spatial.hand_search import propose_on
-from grasp.spatial.hands import SearchOptions, find_hands
-from grasp.spatial.surfaces import surface_frames
+from grasp.spatial.hand_search.hand_search import propose_on
+from grasp.spatial.hand_search.hands import SearchOptions, find_hands
 from simulate.study.grasp_shapes import sample_shape
 from simulate.study.grasp_views import TABLE, depth_view
 from simulate.world.noise import SensorNoise

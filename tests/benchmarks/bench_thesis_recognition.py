@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from turntable import described_views, without_depth, ycb_folder, ycb_names
 
 from features.recognition import Recogniser, Recognition, RecognitionIndex, SiftParams, warm_up
-from features.recognition.cascade import build_tables, match_tables, squared_distances
-from features.recognition.hashing import TABLES, Hasher, used_table_bits
-from features.recognition.sift import detect_keypoints
+from features.recognition.index.cascade import build_tables, match_tables, squared_distances
+from features.recognition.index.hashing import TABLES, Hasher, used_table_bits
+from features.recognition.views.sift import detect_keypoints
 
 IMAGES, PAIRS = 111, 6105
 CAP, RATIO = 128_450, 0.64  # (0.7 * 512)**2, and Lowe's 0.8 on squares

@@ -18,12 +18,12 @@ from grasp.push import (
     sample_grasps,
     stop_at,
 )
-from grasp.push.drawing import chart, heat_map
+from grasp.push.figures.drawing import chart, heat_map
+from grasp.push.figures.whiskers import best_grasp_svg, eliminated_svg, whisker_svg
 from grasp.push.parts import BRACKETS, TAPE_DISPENSER, TAPE_DISPENSER_COM, TOLERANCING
 from grasp.push.pose import centred_grasp, pose_map
 from grasp.push.studies import elimination_outcome
 from grasp.push.tolerancing import near_vertices, optimise_tolerance, quality_at
-from grasp.push.whiskers import best_grasp_svg, eliminated_svg, whisker_svg
 
 
 def fig_3_8() -> None:

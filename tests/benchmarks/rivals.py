@@ -16,7 +16,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, serialize
 from pyoxigraph import Triple as RdfTriple
 
 from reasoner import Closure
-from reasoner.datatypes import value_of
+from reasoner.terms.datatypes import value_of
 
 MEMORY = 8 << 30
 Key = tuple[Any, ...]

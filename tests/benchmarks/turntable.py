@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Intrinsics
-from features.recognition.view import EXTRACTOR, ViewFeatures, describe_view
+from features.recognition.views.view import EXTRACTOR, ViewFeatures, describe_view
 
 SIDE_PX = 384
 """The middle of a 640 x 480 image with a vertical field of view of 45 degrees."""

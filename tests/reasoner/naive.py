@@ -11,8 +11,8 @@ from itertools import combinations, permutations, product
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from reasoner.datatypes import value_of
-from reasoner.vocabulary import OWL, RDF, RDFS, XSD
+from reasoner.terms.datatypes import value_of
+from reasoner.terms.vocabulary import OWL, RDF, RDFS, XSD
 
 Term = NamedNode | BlankNode | Literal
 Triple = tuple[Term, Term, Term]
@@ -81,7 +81,7 @@ def key(x: Term) -> object:
 
 
 def in_datatype(x: Term, datatype: Term) -> bool:
-    from reasoner.datatypes import BITS
+    from reasoner.terms.datatypes import BITS
 
     value = value_of(x.value, x.datatype.value, x.language)
     return bool(value.mask & BITS[datatype.value])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from reasoner.datatypes import BITS, compare, is_within, value_of
-from reasoner.vocabulary import XSD
+from reasoner.terms.datatypes import BITS, compare, is_within, value_of
+from reasoner.terms.vocabulary import XSD
 
 
 def value(text: str):

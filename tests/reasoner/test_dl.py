@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from ttl import triple, triples
 
-from reasoner import hermit, pellet
+from reasoner.dl import hermit, pellet
 from rtask.cli.knowledge.reason import reason
 from rtask.errors import UnsupportedError
 

@@ -10,8 +10,9 @@ from naive import consequences
 from pyoxigraph import BlankNode, Literal, NamedNode
 from ttl import triples
 
-from reasoner import Closure, arrays, relations
-from reasoner.vocabulary import OWL, RDF, RDFS
+from reasoner import Closure
+from reasoner.facts import arrays, relations
+from reasoner.terms.vocabulary import OWL, RDF, RDFS
 
 
 def test_the_size_of_the_closure_is_known():

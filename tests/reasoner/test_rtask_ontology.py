@@ -14,7 +14,7 @@ from pyoxigraph import NamedNode
 
 import ontology
 from reasoner import Closure
-from reasoner.profile import check_profile
+from reasoner.dl.profile import check_profile
 
 TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 

@@ -11,8 +11,8 @@ import pyoxigraph as ox
 import pytest
 
 from reasoner import Closure
+from reasoner.dl.profile import check_profile
 from reasoner.entail import entails
-from reasoner.profile import check_profile
 
 BESIDE = os.environ.get(
     "RTASK_SHARED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"

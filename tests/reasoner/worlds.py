@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode
 
-from reasoner.vocabulary import OWL, RDF, RDFS, XSD
+from reasoner.terms.vocabulary import OWL, RDF, RDFS, XSD
 
 NS = "urn:t:"
 TYPE, FIRST, REST, NIL = (NamedNode(RDF + n) for n in ("type", "first", "rest", "nil"))

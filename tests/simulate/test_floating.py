@@ -53,7 +53,7 @@ def test_the_gripper_opens_as_told_and_leaves_without_a_trace() -> None:
 
 
 def test_convex_parts_make_one_object(tmp_path: Path) -> None:
-    from grasp.spatial.shapes import box_mesh
+    from grasp.spatial.meshes.shapes import box_mesh
 
     for k, shift in enumerate((-0.02, 0.02)):
         mesh = box_mesh((0.04, 0.03, 0.03))

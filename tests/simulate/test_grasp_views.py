@@ -10,10 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from grasp.spatial.candidate import GraspCandidate
-from grasp.spatial.classifier import GraspClassifier, GraspSamples
 from grasp.spatial.gripper import panda_hand
-from grasp.spatial.hand_search import propose_from_cloud
-from grasp.spatial.mesh import Mesh, as_mesh
+from grasp.spatial.hand_search.classifier import GraspClassifier, GraspSamples
+from grasp.spatial.hand_search.hand_search import propose_from_cloud
+from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from simulate.commands import simulate
 from simulate.study.grasp_samples import collect_samples
 from simulate.study.grasp_shapes import FAMILIES, sample_shape

@@ -257,7 +257,7 @@ def _store(
 
 
 def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
-    from grasp.push.album import album
+    from grasp.push.figures.album import album
 
     folder: Path = options["plots"]
     folder.mkdir(parents=True, exist_ok=True)

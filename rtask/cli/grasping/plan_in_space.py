@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasp.spatial.candidate import Proposals
-    from grasp.spatial.classifier import GraspClassifier
     from grasp.spatial.gripper import ParallelGripper
-    from grasp.spatial.mesh import Mesh
+    from grasp.spatial.hand_search.classifier import GraspClassifier
+    from grasp.spatial.meshes.mesh import Mesh
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
@@ -26,7 +26,7 @@ __all__ = ["is_mesh", "plan_in_space"]
 
 def is_mesh(path: Path) -> bool:
     """Tell whether a file is a triangle mesh by its name, a PLY file by what it holds."""
-    from grasp.spatial.mesh_files import MESH_ENDINGS, has_faces
+    from grasp.spatial.meshes.mesh_files import MESH_ENDINGS, has_faces
 
     ending = path.suffix.lower()
     if ending not in MESH_ENDINGS or not path.is_file():
@@ -70,8 +70,8 @@ def _shape(
     source: str, data: Path, options: dict[str, Any]
 ) -> tuple[Shape, str, ObjectShape | None]:
     """Return a mesh or points (n, 3), a note and, of an object of the graph, what is known."""
-    from grasp.push.sources import read_cloud
-    from grasp.spatial.mesh_files import read_mesh
+    from grasp.push.inputs.sources import read_cloud
+    from grasp.spatial.meshes.mesh_files import read_mesh
     from rtask.errors import UsageError
 
     path = Path(source)
@@ -101,8 +101,8 @@ def _planned(
     import numpy as np
 
     from grasp.spatial.collision import Support, Surroundings
-    from grasp.spatial.mesh import Mesh
-    from grasp.spatial.plan import SpatialOptions, plan_on_cloud, plan_on_mesh
+    from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud, plan_on_mesh
+    from grasp.spatial.meshes.mesh import Mesh
 
     wanted = SpatialOptions(
         noise=_noise(options), samples=options["samples"], mass=options["mass"],
@@ -126,7 +126,7 @@ def _planned(
 def _classifier(options: dict[str, Any]) -> GraspClassifier | None:
     if options["classifier"] is None:
         return None
-    from grasp.spatial.classifier import GraspClassifier
+    from grasp.spatial.hand_search.classifier import GraspClassifier
 
     return GraspClassifier.load(options["classifier"])
 
@@ -134,7 +134,7 @@ def _classifier(options: dict[str, Any]) -> GraspClassifier | None:
 def _noise(options: dict[str, Any]) -> Any:
     import math
 
-    from grasp.spatial.confidence import PoseNoise
+    from grasp.spatial.scoring.confidence import PoseNoise
 
     usual = PoseNoise()
     position, rotation = options["position_std"], options["rotation_std_deg"]

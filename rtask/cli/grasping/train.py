@@ -35,8 +35,8 @@ def train(views: Path, out: Path, kind: str, seed: int) -> None:
     calibrated on a quarter of the objects that it did not learn from. Takes the extra
     `classifier`.
     """
-    from grasp.spatial.classifier import GraspSamples
-    from grasp.spatial.classifier import train as train_on
+    from grasp.spatial.hand_search.classifier import GraspSamples
+    from grasp.spatial.hand_search.classifier import train as train_on
 
     try:
         model = train_on(GraspSamples.load(views), "svm" if kind == "svm" else "boosting", seed)

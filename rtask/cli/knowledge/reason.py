@@ -117,7 +117,8 @@ def _rl(triples: list[Any]) -> dict[str, Any]:
 
 
 def _dl(triples: list[Any], engine: str, timeout: float) -> dict[str, Any]:
-    from reasoner import Closure, hermit, pellet
+    from reasoner import Closure
+    from reasoner.dl import hermit, pellet
     from rtask.errors import UnsupportedError
 
     check = hermit.check if engine == "hermit" else pellet.check

@@ -25,7 +25,7 @@ from rtask.rdf.namespaces import RDF, RDFS, RT
 from rtask.rdf.terms import Literal, NamedNode, Quad, iri, object_term, python_value
 
 if TYPE_CHECKING:
-    from features.recognition.view import ViewFeatures
+    from features.recognition.views.view import ViewFeatures
     from rtask.engine.engine import Engine
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit

@@ -27,7 +27,7 @@ from rtask.rdf.terms import NamedNode, iri, object_term, python_value
 
 if TYPE_CHECKING:
     from grasp.spatial.candidate import GraspCandidate
-    from grasp.spatial.confidence import PoseNoise
+    from grasp.spatial.scoring.confidence import PoseNoise
     from rtask.engine.engine import Engine
 
 __all__ = [
@@ -122,8 +122,8 @@ def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> di
 
     Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
     """
-    from grasp.spatial.confidence import PoseNoise
-    from grasp.spatial.plan import SpatialOptions
+    from grasp.spatial.grasp_plan import SpatialOptions
+    from grasp.spatial.scoring.confidence import PoseNoise
 
     hand = engine.grippers.find(request["gripper_id"], access.agent).gripper.modelled()
     if request["friction"] is not None:

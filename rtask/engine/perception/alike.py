@@ -12,7 +12,7 @@ from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from features.recognition.view import ViewFeatures
+    from features.recognition.views.view import ViewFeatures
     from rtask.engine.engine import Engine
 
 __all__ = ["look_alikes"]

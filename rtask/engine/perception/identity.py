@@ -17,7 +17,7 @@ from rtask.engine.perception.observation import Observation
 from rtask.engine.policy import Policy
 
 if TYPE_CHECKING:
-    from features.recognition.index import RecognitionIndex
+    from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser, Recognition
 
 __all__ = ["has_rivals", "is_plausible", "recognise", "settle"]

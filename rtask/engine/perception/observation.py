@@ -16,7 +16,7 @@ from rtask.errors import UsageError
 
 if TYPE_CHECKING:
     from features.geometry import Frame
-    from features.recognition.view import ViewFeatures
+    from features.recognition.views.view import ViewFeatures
     from features.tabletop import TabletopShape
 
 __all__ = ["Observation", "ObservationCache", "observe"]
@@ -104,7 +104,7 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
     """
     from features.codec import decode
     from features.geometry import Frame, transform
-    from features.recognition.view import describe_frame
+    from features.recognition.views.view import describe_frame
     from rtask.engine.perception.images import frame_of_cloud, shaded, with_image
 
     started = time.perf_counter()

@@ -16,7 +16,7 @@ from rtask.rdf.terms import NamedNode, iri, python_value
 
 if TYPE_CHECKING:
     from features.geometry import Frame
-    from features.recognition.view import ViewFeatures
+    from features.recognition.views.view import ViewFeatures
     from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["StoredView", "stored_frame", "stored_views", "view_features", "viewpoint"]
@@ -45,7 +45,7 @@ class StoredView:
 
     def features(self, kb: KnowledgeBase) -> ViewFeatures | None:
         """Return what the view shows, or None when the bytes are gone or of another version."""
-        from features.recognition.view import ViewFeatures
+        from features.recognition.views.view import ViewFeatures
 
         try:
             return ViewFeatures.from_bytes(kb.blobs.read(self.blob))

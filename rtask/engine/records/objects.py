@@ -236,7 +236,7 @@ def _visual_features(
     engine: Engine, facts: Facts, seen: Observation
 ) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
     """Return HOG, FPFH and B-splines of a view (Gatto 2016, 3.2.2); their bytes are stored now."""
-    from features.recognition.stored import stored_features
+    from features.recognition.views.stored import stored_features
 
     return [
         (

@@ -25,10 +25,10 @@ from rtask.rdf.terms import iri
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
     from grasp.spatial.candidate import Proposals
-    from grasp.spatial.classifier import GraspClassifier
+    from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.gripper import ParallelGripper
-    from grasp.spatial.mesh import Mesh
-    from grasp.spatial.plan import SpatialOptions
+    from grasp.spatial.hand_search.classifier import GraspClassifier
+    from grasp.spatial.meshes.mesh import Mesh
     from rtask.engine.engine import Engine
 
 __all__ = ["ObjectShape", "object_cloud", "object_shape"]
@@ -74,14 +74,14 @@ class ObjectShape:
         classifier: GraspClassifier | None = None,
         floating: bool = False,
     ) -> Proposals:
-        """Plan grasps in space; see :mod:`grasp.spatial.plan`.
+        """Plan grasps in space; see :mod:`grasp.spatial.grasp_plan`.
 
         Parameters
         ----------
         floating
             Nothing is under the object.
         """
-        from grasp.spatial.plan import plan_on_cloud, plan_on_mesh
+        from grasp.spatial.grasp_plan import plan_on_cloud, plan_on_mesh
 
         support = None if floating else Support(0.0)
         if self.mesh is not None:
@@ -212,7 +212,7 @@ SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
 
 
 def _read_mesh(engine: Engine, blob: str) -> Mesh | None:
-    from grasp.spatial.mesh_files import mesh_from_ply
+    from grasp.spatial.meshes.mesh_files import mesh_from_ply
 
     try:
         return mesh_from_ply(engine.kb.blobs.read(blob))
@@ -230,7 +230,7 @@ def _swept(model: ObjectModel) -> Mesh | None:
     """Return the closed mesh that a round thing's surface sweeps, if it is one."""
     from scipy.spatial import cKDTree
 
-    from grasp.spatial.mesh import as_mesh
+    from grasp.spatial.meshes.mesh import as_mesh
 
     swept = model.revolved()
     vertices, faces, _ = swept.mesh()
@@ -251,7 +251,7 @@ def _is_closed(mesh: Mesh) -> bool:
 
     What an object stands on is seldom seen, and no jaw needs it.
     """
-    from grasp.spatial.rays import crossings
+    from grasp.spatial.meshes.rays import crossings
 
     if len(mesh.faces) == 0:
         return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from features.recognition.hashing import TABLE_BITS, TABLES, Hasher, used_table_bits
+from features.recognition.index.hashing import TABLE_BITS, TABLES, Hasher, used_table_bits
 
 
 def descriptors(count: int, seed: int = 0) -> np.ndarray:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from features.recognition import IndexCorruptError, RecognitionIndex, ViewFeatures
-from features.recognition.journal import Change, Journal, read_changes
+from features.recognition.index.journal import Change, Journal, read_changes
 
 WRITER = """
 import sys
@@ -131,9 +131,9 @@ STEPS = """
 import os, sys
 from pathlib import Path
 from features.recognition import RecognitionIndex, ViewFeatures
-import features.recognition.folder as folder
-import features.recognition.segments as segments
-import features.recognition.index as index_module
+import features.recognition.index.folder as folder
+import features.recognition.index.segments as segments
+import features.recognition.index.recognition_index as index_module
 
 left = int(sys.argv[3])
 def dying(function):

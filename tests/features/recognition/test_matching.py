@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from features.recognition import RecognitionIndex
-from features.recognition.cascade import FAR, build_tables, match_exact, match_flat, match_tables
-from features.recognition.exact import ExactMatcher
-from features.recognition.hashing import Hasher, used_table_bits
-from features.recognition.snapshot import EXACT_BELOW
+from features.recognition.index.cascade import (
+    FAR,
+    build_tables,
+    match_exact,
+    match_flat,
+    match_tables,
+)
+from features.recognition.index.exact import ExactMatcher
+from features.recognition.index.hashing import Hasher, used_table_bits
+from features.recognition.index.snapshot import EXACT_BELOW
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import io
 import numpy as np
 
 from features.geometry import Frame
-from features.recognition.stored import stored_features
+from features.recognition.views.stored import stored_features
 
 
 def test_a_view_with_depth_leaves_all_four_sorts(photo) -> None:

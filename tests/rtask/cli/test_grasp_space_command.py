@@ -21,7 +21,7 @@ def _run(*args: str) -> Result:
 
 
 def _box(path: Path, size: tuple[float, float, float]) -> Path:
-    from grasp.spatial.shapes import box_mesh
+    from grasp.spatial.meshes.shapes import box_mesh
 
     mesh = box_mesh(size)
     lines = ["v {:.6f} {:.6f} {:.6f}".format(*p) for p in mesh.vertices]
@@ -117,7 +117,7 @@ def test_a_cloud_without_a_shape_is_told_why(
 def test_flipped_normals_and_holes_change_nothing_where_two_sides_are_left(
     tmp_path: Path, which: str
 ) -> None:
-    from grasp.spatial.shapes import box_mesh
+    from grasp.spatial.meshes.shapes import box_mesh
 
     whole = _box(tmp_path / "box.obj", (0.04, 0.12, 0.1))
     mesh = box_mesh((0.04, 0.12, 0.1))
@@ -145,7 +145,7 @@ def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
 
 def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
     from features.codec import encode_cloud, to_wire
-    from grasp.spatial.shapes import box_mesh
+    from grasp.spatial.meshes.shapes import box_mesh
 
     points, _ = box_mesh((0.09, 0.04, 0.06)).sample(9000, np.random.default_rng(3))
     seen = {"data": to_wire(encode_cloud((points + np.array([0.3, 0.0, 0.03])).astype(np.float32))),

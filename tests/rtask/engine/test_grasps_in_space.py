@@ -10,7 +10,7 @@ import pytest
 from grasp.learning.env import quadrant
 from grasp.messages import matrix_from_message
 from grasp.spatial.frames import angle_between_axes
-from grasp.spatial.shapes import box_mesh
+from grasp.spatial.meshes.shapes import box_mesh
 from rtask.engine.memory.learners import experience
 from rtask.engine.records.shapes import object_shape
 from rtask.errors import UnknownTermError, UsageError

@@ -1,0 +1,1 @@
+"""The growing index of stored views: files, log, snapshots and matching kernels."""

@@ -1,0 +1,1 @@
+"""Description of one view: keypoints, colours, gradients and outline."""

@@ -1,0 +1,67 @@
+"""How an object looks as a whole: colours and outline of shapes, for those with little print."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import UInt8Array
+from features.recognition.views.hog import HOG_SIZE
+
+__all__ = [
+    "APPEARANCE_SIZE",
+    "COLOUR_SIZE",
+    "appearance_vector",
+    "colour_histogram",
+    "colour_of",
+]
+
+HUES, SATURATIONS, VALUES = 16, 4, 3
+COLOUR_SIZE = HUES * SATURATIONS * VALUES
+APPEARANCE_SIZE = COLOUR_SIZE + HOG_SIZE
+
+_HALF = np.float32(np.sqrt(0.5))  # share of each in their joint similarity, under the root
+
+
+def colour_histogram(rgb: UInt8Array, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the square root of the object's HSV histogram.
+
+    The bins of low saturation take the pixels whose hue means nothing.
+
+    Parameters
+    ----------
+    rgb : (h, w, 3) uint8
+    mask : (h, w) bool
+        Not empty.
+
+    Returns
+    -------
+    (192,) float32
+        Unit length: the dot product of two is their Bhattacharyya similarity.
+
+    Examples
+    --------
+    >>> red = np.full((4, 4, 3), (200, 0, 0), np.uint8)
+    >>> everywhere = np.ones((4, 4), bool)
+    >>> float(colour_histogram(red, everywhere) @ colour_histogram(red, everywhere))
+    1.0
+    """
+    hsv = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV))[mask].astype(np.intp)
+    hue = hsv[:, 0] * HUES // 180
+    saturation, value = hsv[:, 1] * SATURATIONS // 256, hsv[:, 2] * VALUES // 256
+    bins = (hue * SATURATIONS + saturation) * VALUES + value
+    counts = np.bincount(bins, minlength=COLOUR_SIZE)
+    share: NDArray[np.float32] = np.sqrt(counts / counts.sum()).astype(np.float32)
+    return share
+
+
+def appearance_vector(colour: NDArray[np.float32], hog: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Join both so that one dot product is their mean similarity, 0 to 1."""
+    return np.concatenate([colour, hog]).astype(np.float32) * _HALF
+
+
+def colour_of(look: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the colour histogram (192,) in an appearance vector (768,)."""
+    colour: NDArray[np.float32] = look[:COLOUR_SIZE] / _HALF
+    return colour

@@ -1,0 +1,1 @@
+"""Outlines of parts from drawings, images and point clouds."""

@@ -1,0 +1,283 @@
+"""Outlines of parts from files: JSON, SVG, DXF, images, and point clouds.
+
+Every reader returns an outline (n, 2) in the file's own unit, not yet checked; `read_outline` picks
+the reader by the file's ending and simplifies what is too dense to plan on.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.push.inputs.dxf import rings_from_dxf
+from grasp.push.inputs.rings import outline_and_holes
+from grasp.push.inputs.svg import rings_from_svg
+from grasp.push.perturb import Tolerance
+from grasp.push.polygon import FloatArray, as_part, as_polygon, plate_centroid, simplify
+
+__all__ = [
+    "CLOUD_ENDINGS",
+    "Outline",
+    "outline_from_cloud",
+    "outline_from_json",
+    "read_cloud",
+    "read_outline",
+    "rings_from_image",
+    "without_details",
+]
+
+CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
+_IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+_MAX_BYTES = 64 * 1024 * 1024
+_PLANNED_VERTICES = 64
+_LEAST_HOLE = 1e-3
+"""Of an object in an image: smaller ones are glare."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What a file says of a part.
+
+    Parameters
+    ----------
+    polygon : (n, 2)
+        Checked, counter-clockwise.
+    com : (2,) or None
+        The file's, or that of a plate of even thickness with holes; None for the centroid.
+    read
+        How many vertices the file had.
+    note
+        What was done to them, for people.
+    height
+        Of a cloud over its support, in its unit; 0 for other files.
+    holes
+        Each (m, 2), counter-clockwise. Jaws do not reach into them; they move the centre of mass.
+    unit
+        Of every length, where the file states it.
+    """
+
+    polygon: FloatArray
+    com: FloatArray | None = None
+    read: int = 0
+    note: str = ""
+    height: float = 0.0
+    holes: tuple[FloatArray, ...] = ()
+    unit: str = ""
+
+
+def read_outline(path: Path, max_vertices: int = _PLANNED_VERTICES) -> Outline:
+    """Return the outline of a part from a file.
+
+    Raises
+    ------
+    ValueError
+        When the ending is unknown, the file is no such file, or its outline makes no polygon.
+    """
+    ending = path.suffix.lower()
+    if path.stat().st_size > _MAX_BYTES:
+        raise ValueError(f"{path.name} is larger than {_MAX_BYTES // 2**20} MB")
+    com: FloatArray | None = None
+    holes: tuple[FloatArray, ...] = ()
+    height, unit = 0.0, ""
+    if ending == ".json":
+        ring, com, holes = outline_from_json(path.read_text("utf-8"))
+    elif ending == ".svg":
+        rings, unit = rings_from_svg(path.read_text("utf-8"))
+        ring, holes = outline_and_holes(rings, "SVG")
+    elif ending == ".dxf":
+        rings, unit = rings_from_dxf(path.read_text("utf-8", errors="replace"))
+        ring, holes = outline_and_holes(rings, "DXF")
+    elif ending in _IMAGE_ENDINGS:
+        ring, holes = outline_and_holes(rings_from_image(path.read_bytes()), "image")
+        unit = "px"
+    elif ending in CLOUD_ENDINGS:
+        ring, height = outline_from_cloud(read_cloud(path))
+    else:
+        known = (".json", ".svg", ".dxf", *_IMAGE_ENDINGS, *CLOUD_ENDINGS)
+        raise ValueError(f"no outline can be read from {path.name}; known: {' '.join(known)}")
+    dense = len(ring) > max_vertices
+    polygon = simplify(ring, max_vertices) if dense else as_polygon(ring)
+    if holes and com is None:
+        com = plate_centroid(polygon, holes)
+    said = [f"simplified from {len(ring)} to {len(polygon)} vertices"] if dense else []
+    if holes:
+        said.append(f"{len(holes)} hole{'s'[: len(holes) > 1]}: they move the centre of mass only")
+    if unit:
+        said.append(f"lengths in {unit}")
+    return Outline(polygon, com, len(ring), "; ".join(said), height, holes, unit)
+
+
+def without_details(outline: Outline, vertex_std: float | None = None) -> Outline:
+    """Return an outline without details that the deviation of its vertices hides.
+
+    A rounded corner drawn by many vertices that each deviate by more than their distance crosses
+    itself in every perturbation. The centre of mass stays that of the whole outline.
+
+    Parameters
+    ----------
+    vertex_std
+        Standard deviation of a vertex; by default that of `Tolerance`.
+    """
+    part = as_part(outline.polygon, outline.com)
+    spread = Tolerance.default(part).vertex_std if vertex_std is None else vertex_std
+    extent = float(np.ptp(part.vertices, axis=0).max())
+    polygon = simplify(part.vertices, len(part.vertices), 0.5 * float(spread) / extent)
+    if len(polygon) == len(part.vertices):
+        return outline
+    count = f"simplified from {outline.read} to {len(polygon)} vertices"
+    said = f"{count}, none of the rest off by more than half a deviation of {spread:.3g}"
+    kept = [words for words in outline.note.split("; ") if words and "simplified" not in words]
+    return replace(outline, polygon=polygon, com=part.com, note="; ".join([said, *kept]))
+
+
+def outline_from_json(
+    text: str,
+) -> tuple[FloatArray, FloatArray | None, tuple[FloatArray, ...]]:
+    """Return outline, centre of mass and holes of a part in JSON.
+
+    ``[[x, y], ..]`` or ``{"polygon": [[x, y], ..], "com": [x, y], "holes": [[[x, y], ..], ..]}``.
+
+    >>> outline_from_json('{"polygon": [[0, 0], [1, 0], [0, 1]], "com": [0.3, 0.3]}')[1].tolist()
+    [0.3, 0.3]
+    """
+    try:
+        data: Any = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"no JSON: {error}") from error
+    com: Any = None
+    given: Any = []
+    if isinstance(data, dict):
+        com, given = data.get("com"), data.get("holes") or []
+        data = data.get("polygon", data.get("vertices"))
+        if data is None:
+            raise ValueError('a part in JSON is [[x, y], ..] or {"polygon": [[x, y], ..]}')
+    try:
+        ring = np.array(data, dtype=np.float64)
+        mass = None if com is None else np.array(com, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError("vertices and centre of mass are pairs of numbers") from error
+    if not isinstance(given, list):
+        raise ValueError("holes are a list of polygons")
+    if not given:
+        return ring, mass, ()
+    wanted = [as_polygon(hole) for hole in given]
+    outline, holes = outline_and_holes([as_polygon(ring), *wanted], "JSON")
+    if len(holes) < len(wanted):
+        raise ValueError("holes lie inside the outline and apart from one another")
+    return outline, mass, holes
+
+
+def rings_from_image(data: bytes | NDArray[np.uint8]) -> list[FloatArray]:
+    """Return the contours of the one object before a plain background, pixels, y upwards.
+
+    Kehoe 2014, 3.7: the part is imaged on a board and contoured. The object is what differs from
+    the border of the image; its outline comes first, then the holes through which the background
+    is seen.
+
+    Parameters
+    ----------
+    data
+        An encoded image, or pixels (h, w) or (h, w, 3) uint8.
+    """
+    import cv2
+
+    if isinstance(data, bytes):
+        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+        if decoded is None:
+            raise ValueError("no image that can be decoded")
+        pixels = np.asarray(decoded)
+    else:
+        pixels = np.asarray(data)
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[:, :, None], 3, axis=2)
+    if pixels.ndim != 3 or min(pixels.shape[:2]) < 8:
+        raise ValueError(f"an image of at least 8 x 8 pixels is needed, got {pixels.shape}")
+    border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+    apart = np.abs(pixels.astype(np.int16) - np.median(border, axis=0)).max(axis=2)
+    _, mask = cv2.threshold(apart.astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    if apart.max() < 16:
+        raise ValueError("nothing stands out from the image's border")
+    mask = np.pad(np.asarray(mask), 1)
+    found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    outer = max((k for k in range(len(found)) if tree[0][k][3] < 0),
+                key=lambda k: cv2.contourArea(found[k]))  # fmt: skip
+    area = cv2.contourArea(found[outer])
+    if len(found[outer]) < 8:
+        raise ValueError("nothing large enough stands out from the image's border")
+    inner = [k for k in range(len(found)) if tree[0][k][3] == outer
+             and cv2.contourArea(found[k]) >= _LEAST_HOLE * area]  # fmt: skip
+    rings = [found[k][:, 0, :].astype(np.float64) - 1.0 for k in (outer, *inner)]
+    return [np.asarray(ring * (1.0, -1.0)) for ring in rings]
+
+
+def read_cloud(path: Path) -> FloatArray:
+    """Return the points (n, 3) of a file: .npy, .xyz (text), .pcd or .ply."""
+    ending = path.suffix.lower()
+    try:
+        if ending == ".npy":
+            points = np.load(path, allow_pickle=False)
+        elif ending == ".xyz":
+            points = np.loadtxt(path, ndmin=2)
+        else:
+            import open3d
+
+            points = np.asarray(open3d.io.read_point_cloud(path).points)
+    except (OSError, ValueError, EOFError) as error:
+        raise ValueError(f"{path.name} holds no point cloud: {error}") from error
+    if points.ndim < 2 or points.shape[-1] < 3 or not np.issubdtype(points.dtype, np.number):
+        raise ValueError(f"a cloud has shape (n, 3), got {points.shape}")
+    flat = points.reshape(-1, points.shape[-1])[:, :3].astype(np.float64)
+    return np.asarray(flat[np.isfinite(flat).all(axis=1)])
+
+
+def outline_from_cloud(points: FloatArray, cell_m: float | None = None) -> tuple[FloatArray, float]:
+    """Return footprint (n, 2) and height of a segmented object's cloud, z up from its support.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+    cell_m
+        Of the grid on which the footprint is drawn; by default what the density of points allows,
+        so that a fold of the outline stays a fold.
+
+    Raises
+    ------
+    ValueError
+        When there are too few points or they lie on a line.
+    """
+    import cv2
+
+    cloud = np.asarray(points, dtype=np.float64)
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise ValueError(f"a cloud has shape (n, 3), got {cloud.shape}")
+    cloud = cloud[np.isfinite(cloud).all(axis=1)]
+    if len(cloud) < 10:
+        raise ValueError(f"a footprint needs ten finite points, got {len(cloud)}")
+    flat = cloud[:, :2]
+    low = flat.min(axis=0)
+    spans = np.ptp(flat, axis=0)
+    spread = np.linalg.svd(flat - flat.mean(axis=0), compute_uv=False)
+    if spread[0] <= 0 or spread[1] < 1e-3 * spread[0]:
+        raise ValueError("the cloud's points lie on a line seen from above: it has no footprint")
+    height = float(np.quantile(cloud[:, 2], 0.99) - cloud[:, 2].min())
+    size = float(spans.max())
+    cell = cell_m or max(size / 200, 2.0 * math.sqrt(float(np.prod(spans)) / len(cloud)))
+    shape = np.minimum(np.ceil(spans / cell).astype(int) + 8, 2048)
+    image = np.zeros((shape[1], shape[0]), np.uint8)
+    at = np.minimum(((flat - low) / cell).astype(int) + 4, shape - 1)
+    image[at[:, 1], at[:, 0]] = 255
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    closed = cv2.morphologyEx(image, cv2.MORPH_CLOSE, kernel, iterations=2)
+    # Walls alone are seen of many objects: what they enclose belongs to the footprint.
+    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    largest = max(contours, key=cv2.contourArea)
+    if len(largest) < 4 or cv2.contourArea(largest) < 4:
+        return np.asarray(cv2.convexHull(flat.astype(np.float32))[:, 0, :], np.float64), height
+    ring = low + (largest[:, 0, :] - 4 + 0.5) * cell
+    return np.asarray(simplify(ring, 32, 1.5 * cell / size)), height

@@ -1,0 +1,1 @@
+"""Contact, closure and quasi-static simulation of a push grasp."""

@@ -1,0 +1,1 @@
+"""Point clouds prepared for grasp planning."""

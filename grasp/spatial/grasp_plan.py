@@ -1,0 +1,193 @@
+"""From a shape to ranked grasps: candidates, their confidence and epsilon, different ones first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.candidate import GraspCandidate, Proposals
+from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.hand_search.classifier import GraspClassifier
+from grasp.spatial.mesh_candidates import propose_on_mesh
+from grasp.spatial.meshes.mesh import Mesh, surfels
+from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
+from grasp.spatial.scoring.features import body_of, with_features
+from grasp.spatial.scoring.select import diverse, rank
+
+__all__ = ["SpatialOptions", "plan_on_cloud", "plan_on_mesh", "warm_up"]
+
+FloatArray = NDArray[np.float64]
+
+_BODY_POINTS = 1500
+_SURFEL = 1.5
+_HALF = 0.5
+
+
+@dataclass(frozen=True)
+class SpatialOptions:
+    """How grasps in space are planned.
+
+    Parameters
+    ----------
+    noise
+        Of the object's pose relative to the gripper.
+    samples
+        Perturbed poses for each candidate.
+    quality, weighting
+        See :func:`grasp.spatial.scoring.confidence.confidences`.
+    mass
+        Of the object, kg, where it is known: its weight must be held too.
+    tries
+        Points drawn on a mesh, or a tenth as many hands tried on a cloud.
+    reachable
+        Tells early whether a robot can bring its gripper to a pose (4, 4); None = all.
+    most
+        Candidates in the result.
+    seed
+        Of every draw.
+    """
+
+    noise: PoseNoise = field(default_factory=PoseNoise)
+    samples: int = 100
+    quality: Quality = "closure"
+    weighting: Weighting = "plain"
+    mass: float | None = None
+    tries: int = 2000
+    reachable: Callable[[FloatArray], bool] | None = None
+    most: int = 50
+    seed: int = 0
+
+
+def plan_on_mesh(
+    mesh: Mesh,
+    gripper: ParallelGripper,
+    surroundings: Surroundings | None = None,
+    options: SpatialOptions | None = None,
+) -> Proposals:
+    """Plan grasps of a mesh.
+
+    Parameters
+    ----------
+    mesh
+        Of the object; the result is in its frame.
+    surroundings
+        Support and neighbours in that frame; None = the object floats alone.
+
+    Returns
+    -------
+    Proposals
+        Ranked, with scores and features; without candidates it says why.
+
+    Examples
+    --------
+    >>> from grasp.spatial.gripper import panda_hand
+    >>> from grasp.spatial.meshes.shapes import box_mesh
+    >>> on_table = Surroundings(Support(-0.05))
+    >>> best = plan_on_mesh(box_mesh((0.04, 0.12, 0.1)), panda_hand(), on_table)[0]
+    >>> round(best.width, 2), best.scores["confidence"] > 0.8
+    (0.04, True)
+    """
+    options = options or SpatialOptions()
+    around = surroundings or Surroundings()
+    found = propose_on_mesh(
+        mesh, gripper, around, tries=options.tries, noise=options.noise, seed=options.seed
+    )
+    if not found:
+        return found
+    points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
+    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep)
+
+
+def plan_on_cloud(
+    points: FloatArray,
+    gripper: ParallelGripper,
+    support: Support | None = None,
+    viewpoints: FloatArray | None = None,
+    options: SpatialOptions | None = None,
+    classifier: GraspClassifier | None = None,
+) -> Proposals:
+    """Plan grasps of what a cloud shows, its hidden side completed where that is possible.
+
+    Parameters
+    ----------
+    points : (n, 3), m
+        Of one object.
+    support
+        In the frame of the points.
+    viewpoints : (k, 3) or None, m
+        Where cameras were; None = seen from all around.
+    classifier
+        Of this gripper: decides among candidates that the confidence does not tell apart.
+
+    Notes
+    -----
+    The confidence is that of small squares around the points, seen and completed. A grasp of which
+    one side alone is known (label ``half``) counts half.
+    """
+    from grasp.spatial.clouds.cloud import prepare_cloud
+    from grasp.spatial.clouds.completion import complete_by_symmetry
+    from grasp.spatial.hand_search.hand_search import propose_on
+
+    options = options or SpatialOptions()
+    table = None if support is None else np.array([*support.normal, -support.height])
+    cloud = complete_by_symmetry(prepare_cloud(points, table=table, viewpoints=viewpoints))
+    hands = max(options.tries // 10, 1)
+    found = propose_on(cloud, gripper, hands, options.seed, classifier=classifier)
+    if not found:
+        return found
+    known = cloud.target & (np.linalg.norm(cloud.normals, axis=1) > 0)
+    surface = surfels(cloud.points[known], cloud.normals[known], _SURFEL * cloud.voxel)
+    return _ranked(found, surface, cloud.points[cloud.target], gripper, support, options)
+
+
+def warm_up() -> None:
+    """Compile the kernels; they are kept on disk."""
+    from grasp.spatial.gripper import panda_hand
+    from grasp.spatial.meshes.shapes import box_mesh
+
+    box, few = box_mesh((0.04, 0.06, 0.08)), SpatialOptions(samples=2, tries=50)
+    points, _ = box.sample(2000, np.random.default_rng(0))
+    around = Surroundings(Support(-0.04), points + 1.0)
+    plan_on_mesh(box, panda_hand(), around, few)
+    plan_on_cloud(points, panda_hand(), Support(-0.04), options=few)
+
+
+def _ranked(
+    found: Proposals,
+    surface: Mesh,
+    points: FloatArray,
+    gripper: ParallelGripper,
+    support: Support | None,
+    options: SpatialOptions,
+    sweep: float | None = None,
+) -> Proposals:
+    within = list(found)
+    if options.reachable is not None:
+        within = [c for c in found if options.reachable(c.frame_from_gripper)]
+    if not within:
+        return replace(found, candidates=(), reason="every candidate is out of reach")
+    load = None
+    if options.mass is not None:
+        load = Load(options.mass, (0.0, 0.0, 1.0) if support is None else support.normal)
+    scored = score_grasps(
+        within, surface, gripper, options.noise, samples=options.samples,
+        quality=options.quality, weighting=options.weighting, sweep=sweep, load=load,
+        seed=options.seed,
+    )  # fmt: skip
+    kept = diverse(rank([_honest(c) for c in scored]), gripper, most=options.most)
+    body = body_of(points)
+    return replace(found, candidates=tuple(with_features(c, body, gripper, support) for c in kept))
+
+
+def _honest(candidate: GraspCandidate) -> GraspCandidate:
+    """Return the candidate with less confidence where half of it was not seen."""
+    if candidate.antipodal != "half":
+        return candidate
+    scores = dict(candidate.scores)
+    for name in ("confidence", "lower_95"):
+        scores[name] = _HALF * scores.get(name, 0.0)
+    return replace(candidate, scores=scores)

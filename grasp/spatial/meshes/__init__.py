@@ -1,0 +1,1 @@
+"""Triangle meshes: files, plain bodies, and rays through them."""

@@ -1,0 +1,1 @@
+"""Scores of grasp candidates, and selection among them."""

@@ -1,0 +1,1 @@
+"""OWL 2 beyond the RL profile: the profile check and the description logic reasoners."""

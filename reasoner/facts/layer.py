@@ -1,0 +1,115 @@
+"""A set of facts seen through changes that have not been applied."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from reasoner.facts.relations import Facts, Ids
+from reasoner.terms.dictionary import Fact
+
+
+class Layer:
+    """Staged additions and removals on top of facts that stay as they are.
+
+    Examples
+    --------
+    >>> base = Facts([(300, 301, 302)])
+    >>> layer = Layer(base)
+    >>> layer.add(300, 301, 303), layer.discard(300, 301, 302), layer.objects(301, 300)
+    (True, True, {303})
+    >>> base.objects(301, 300)
+    {302}
+    """
+
+    __slots__ = ("absences", "added", "base", "removed")
+
+    def __init__(self, base: Facts) -> None:
+        self.base = base
+        self.added = Facts()
+        self.removed = Facts()
+        self.absences: dict[tuple[int | None, ...], bool] | None = None
+        """What NOT EXISTS groups were found to be, while nothing that they look at changes."""
+
+    def __len__(self) -> int:
+        return len(self.base) + len(self.added) - len(self.removed)
+
+    def __iter__(self) -> Iterator[Fact]:
+        yield from self.added
+        for fact in self.base:
+            if fact not in self.removed:
+                yield fact
+
+    def __contains__(self, fact: Fact) -> bool:
+        return self.has(*fact)
+
+    def has(self, s: int, p: int, o: int) -> bool:
+        """Tell whether a fact holds after the changes."""
+        if self.added.has(s, p, o):
+            return True
+        return self.base.has(s, p, o) and not self.removed.has(s, p, o)
+
+    def objects(self, p: int, s: int) -> Ids:
+        """Return the objects of a subject after the changes."""
+        return _overlay(
+            self.base.objects(p, s), self.added.objects(p, s), self.removed.objects(p, s)
+        )
+
+    def subjects(self, p: int, o: int) -> Ids:
+        """Return the subjects of an object after the changes."""
+        return _overlay(
+            self.base.subjects(p, o), self.added.subjects(p, o), self.removed.subjects(p, o)
+        )
+
+    def pairs(self, p: int) -> Iterator[tuple[int, int]]:
+        """Iterate over the subjects and objects of a property after the changes."""
+        yield from self.added.pairs(p)
+        if self.removed.size(p):
+            has_gone = self.removed.has
+            for s, o in self.base.pairs(p):
+                if not has_gone(s, p, o):
+                    yield s, o
+        else:
+            yield from self.base.pairs(p)
+
+    def size(self, p: int) -> int:
+        """Return about how many facts a property has."""
+        return self.base.size(p) + self.added.size(p)
+
+    def predicates(self) -> tuple[int, ...]:
+        """Return the properties that may have facts."""
+        return tuple({*self.base.predicates(), *self.added.predicates()})
+
+    def add(self, s: int, p: int, o: int) -> bool:
+        """Add a fact; False if it holds already."""
+        if self.base.has(s, p, o):
+            return len(self.removed) > 0 and self.removed.discard(s, p, o)
+        return self.added.add(s, p, o)
+
+    def discard(self, s: int, p: int, o: int) -> bool:
+        """Remove a fact; False if it does not hold."""
+        if self.added.discard(s, p, o):
+            return True
+        return self.base.has(s, p, o) and self.removed.add(s, p, o)
+
+    def about(self, number: int) -> list[Fact]:
+        """Return the facts that mention an id, after the changes."""
+        found = [fact for fact in self.base.about(number) if fact not in self.removed]
+        return found + self.added.about(number)
+
+    def apply(self) -> None:
+        """Write the changes into the base; over an empty one, the additions become the base."""
+        if not len(self.base):
+            self.base, self.added = self.added, Facts()
+        for fact in self.removed:
+            self.base.discard(*fact)
+        for fact in self.added:
+            self.base.add(*fact)
+        self.added, self.removed = Facts(), Facts()
+
+
+def _overlay(base: Ids, added: Ids, removed: Ids) -> Ids:
+    if removed:
+        base = base - removed
+    if not added:
+        return base
+    return base | added if base else added

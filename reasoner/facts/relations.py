@@ -1,0 +1,266 @@
+"""Facts by property, both ways round: sets for what changes, arrays for what is large."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Protocol
+
+from reasoner.facts.arrays import Column
+from reasoner.terms.dictionary import Fact
+
+Ids = set[int] | frozenset[int]
+EMPTY: frozenset[int] = frozenset()
+
+LARGE = 20_000
+"""Relations with more pairs stay in arrays when they are first probed; smaller become sets.
+
+A probe of a set takes 0.1 microseconds, of an array 1; a pair takes 150 bytes in sets, 16 in
+arrays.
+"""
+
+
+class Relation(Protocol):
+    """The pairs of one property."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[tuple[int, int]]: ...
+
+    def has(self, s: int, o: int) -> bool:
+        """Tell whether a pair is in the relation."""
+
+    def objects(self, s: int) -> Ids:
+        """Return the objects of a subject; not to be changed by the caller."""
+
+    def subjects(self, o: int) -> Ids:
+        """Return the subjects of an object; not to be changed by the caller."""
+
+    def add(self, s: int, o: int) -> bool:
+        """Add a pair; False if it was there."""
+
+    def discard(self, s: int, o: int) -> bool:
+        """Remove a pair; False if it was not there."""
+
+
+class SetRelation:
+    """Pairs as sets by subject and by object."""
+
+    __slots__ = ("_forward", "_inverse", "_size")
+
+    def __init__(self, pairs: Iterable[tuple[int, int]] = ()) -> None:
+        self._forward: dict[int, set[int]] = {}
+        self._inverse: dict[int, set[int]] = {}
+        self._size = 0
+        for s, o in pairs:
+            self.add(s, o)
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        for s, values in tuple(self._forward.items()):
+            for o in tuple(values):
+                yield s, o
+
+    def has(self, s: int, o: int) -> bool:
+        """Tell whether a pair is in the relation."""
+        return o in self._forward.get(s, EMPTY)
+
+    def objects(self, s: int) -> Ids:
+        """Return the objects of a subject; not to be changed by the caller."""
+        return self._forward.get(s, EMPTY)
+
+    def subjects(self, o: int) -> Ids:
+        """Return the subjects of an object; not to be changed by the caller."""
+        return self._inverse.get(o, EMPTY)
+
+    def add(self, s: int, o: int) -> bool:
+        """Add a pair; False if it was there."""
+        values = self._forward.get(s)
+        if values is None:
+            self._forward[s] = {o}
+        elif o in values:
+            return False
+        else:
+            values.add(o)
+        others = self._inverse.get(o)
+        if others is None:
+            self._inverse[o] = {s}
+        else:
+            others.add(s)
+        self._size += 1
+        return True
+
+    def discard(self, s: int, o: int) -> bool:
+        """Remove a pair; False if it was not there."""
+        if not self.has(s, o):
+            return False
+        for index, key, value in ((self._forward, s, o), (self._inverse, o, s)):
+            index[key].discard(value)
+            if not index[key]:
+                del index[key]
+        self._size -= 1
+        return True
+
+
+class ArrayRelation:
+    """A large immutable column with small sets of what came and went since."""
+
+    __slots__ = ("_added", "_column", "_removed")
+
+    def __init__(self, column: Column) -> None:
+        self._column = column
+        self._added = SetRelation()
+        self._removed = SetRelation()
+
+    def __len__(self) -> int:
+        return len(self._column) + len(self._added) - len(self._removed)
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        yield from self._added
+        for s, o in self._column:
+            if not self._removed.has(s, o):
+                yield s, o
+
+    def has(self, s: int, o: int) -> bool:
+        """Tell whether a pair is in the relation."""
+        if self._added.has(s, o):
+            return True
+        return self._column.has(s, o) and not self._removed.has(s, o)
+
+    def objects(self, s: int) -> Ids:
+        """Return the objects of a subject."""
+        found = set(self._column.objects(s).tolist())
+        return (found - self._removed.objects(s)) | self._added.objects(s)
+
+    def subjects(self, o: int) -> Ids:
+        """Return the subjects of an object."""
+        found = set(self._column.subjects(o).tolist())
+        return (found - self._removed.subjects(o)) | self._added.subjects(o)
+
+    def add(self, s: int, o: int) -> bool:
+        """Add a pair; False if it was there."""
+        if self._column.has(s, o):
+            return self._removed.discard(s, o)
+        return self._added.add(s, o)
+
+    def discard(self, s: int, o: int) -> bool:
+        """Remove a pair; False if it was not there."""
+        if self._added.discard(s, o):
+            return True
+        return self._column.has(s, o) and self._removed.add(s, o)
+
+
+class Facts:
+    """A set of facts, one relation per property.
+
+    Examples
+    --------
+    >>> facts = Facts([(300, 301, 302)])
+    >>> facts.add(300, 301, 303), facts.add(300, 301, 302)
+    (True, False)
+    >>> facts.objects(301, 300), facts.subjects(301, 302), len(facts)
+    ({302, 303}, {300}, 2)
+    """
+
+    __slots__ = ("_columns", "_relations", "_size")
+
+    def __init__(self, facts: Iterable[Fact] = ()) -> None:
+        self._relations: dict[int, Relation] = {}
+        self._columns: dict[int, Column] = {}
+        self._size = 0
+        for fact in facts:
+            self.add(*fact)
+
+    @classmethod
+    def of(cls, columns: Mapping[int, Column]) -> Facts:
+        """Take columns over; each becomes a relation when it is first probed."""
+        facts = cls()
+        facts._columns = {p: column for p, column in columns.items() if len(column)}
+        facts._size = sum(map(len, columns.values()))
+        return facts
+
+    def _relation(self, p: int) -> Relation | None:
+        relation = self._relations.get(p)
+        column = self._columns.get(p)
+        if relation is not None or column is None:
+            return self._relations.get(p)
+        made: Relation = ArrayRelation(column) if len(column) > LARGE else SetRelation(column)
+        # Two readers may arrive at once; whoever was first is right.
+        relation = self._relations.setdefault(p, made)
+        self._columns.pop(p, None)
+        return relation
+
+    def _contents(self, p: int) -> Relation | Column | None:
+        relation = self._relations.get(p)
+        return self._columns.get(p) if relation is None else relation
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __iter__(self) -> Iterator[Fact]:
+        for p in self.predicates():
+            for s, o in self.pairs(p):
+                yield s, p, o
+
+    def __contains__(self, fact: Fact) -> bool:
+        return self.has(*fact)
+
+    def has(self, s: int, p: int, o: int) -> bool:
+        """Tell whether a fact is in the set."""
+        relation = self._relations.get(p)
+        if relation is None and self._columns:
+            relation = self._relation(p)
+        return relation is not None and relation.has(s, o)
+
+    def objects(self, p: int, s: int) -> Ids:
+        """Return the objects of a subject; not to be changed by the caller."""
+        relation = self._relations.get(p)
+        if relation is None and self._columns:
+            relation = self._relation(p)
+        return EMPTY if relation is None else relation.objects(s)
+
+    def subjects(self, p: int, o: int) -> Ids:
+        """Return the subjects of an object; not to be changed by the caller."""
+        relation = self._relations.get(p)
+        if relation is None and self._columns:
+            relation = self._relation(p)
+        return EMPTY if relation is None else relation.subjects(o)
+
+    def pairs(self, p: int) -> Iterator[tuple[int, int]]:
+        """Iterate over the subjects and objects of a property."""
+        return iter(self._contents(p) or ())
+
+    def size(self, p: int) -> int:
+        """Return the number of facts of a property."""
+        return len(self._contents(p) or ())
+
+    def predicates(self) -> tuple[int, ...]:
+        """Return the properties that have facts."""
+        return tuple(p for p in {*tuple(self._columns), *tuple(self._relations)} if self.size(p))
+
+    def add(self, s: int, p: int, o: int) -> bool:
+        """Add a fact; False if it was there."""
+        relation = self._relation(p)
+        if relation is None:
+            relation = self._relations.setdefault(p, SetRelation())
+        if relation.add(s, o):
+            self._size += 1
+            return True
+        return False
+
+    def discard(self, s: int, p: int, o: int) -> bool:
+        """Remove a fact; False if it was not there."""
+        relation = self._relation(p)
+        if relation is not None and relation.discard(s, o):
+            self._size -= 1
+            return True
+        return False
+
+    def about(self, number: int) -> list[Fact]:
+        """Return the facts that mention an id as subject, predicate or object."""
+        found: list[Fact] = [(s, number, o) for s, o in self.pairs(number)]
+        for p in self.predicates():
+            found += [(number, p, o) for o in self.objects(p, number)]
+            found += [(s, p, number) for s in self.subjects(p, number) if s != number]
+        return found

@@ -1,0 +1,1 @@
+"""Application of rules up to the fixpoint, and its upkeep under changes."""

@@ -1,0 +1,399 @@
+"""Large changes: whole relations joined at once, round by round, to the fixpoint.
+
+Semi-naive evaluation over sorted arrays. Rules that need a value at a time (comparisons of users'
+rules, negation, literals of one value in several spellings) are left to the worklist.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reasoner.facts import arrays
+from reasoner.facts.arrays import NO_KEYS, Column, Ids, Keys, TooManyRowsError
+from reasoner.facts.equality import Equality, ranking
+from reasoner.fixpoint.delta import ClosureTooLargeError, too_large
+from reasoner.fixpoint.paths import reachable, transitive_property
+from reasoner.rules.rule import Atom, Clash, Condition, Differ, InDatatype, Rule, Step, arrange
+from reasoner.rules.strata import Program
+from reasoner.terms.dictionary import Dictionary, Fact
+from reasoner.terms.vocabulary import (
+    LITERAL,
+    REFLEXIVE_PREDICATES,
+    SAME,
+    SCHEMA_CLASSES,
+    SCHEMA_PREDICATES,
+    TYPE,
+)
+
+Table = dict[int, Ids]
+"""Bindings of rows of solutions: one array per variable, all of one length."""
+
+_LITERAL = np.uint64(LITERAL)
+
+LONG_PATHS = 3
+"""Rounds after which transitive properties are closed along paths: each round doubles the length,
+but joins a pair as often as there are places to cut its path.
+"""
+
+
+class Bulk:
+    """A fixpoint over columns.
+
+    Attributes
+    ----------
+    columns : dict of int to Column
+        Facts on representatives, by property.
+    touched_schema : bool
+        Schema facts or equalities of terms in rules were derived: the rules are to be compiled
+        anew.
+    """
+
+    def __init__(self, terms: Dictionary, equality: Equality, max_facts: int) -> None:
+        self.columns: dict[int, Column] = {}
+        self.touched_schema = False
+        self._terms = terms
+        self._equality = equality
+        self._max_facts = max_facts
+        self._merged: Ids = arrays.NO_KEYS
+        self._representatives: Ids = arrays.NO_KEYS
+
+    def load(self, facts: Iterable[Fact]) -> None:
+        """Add facts without deriving; sameAs merges its ends."""
+        subjects: dict[int, list[int]] = defaultdict(list)
+        objects: dict[int, list[int]] = defaultdict(list)
+        for s, p, o in facts:
+            subjects[p].append(s)
+            objects[p].append(o)
+        for p, values in subjects.items():
+            self.columns[p] = Column(_proper(p, Column.of(values, objects[p]).keys))
+        if SAME in self.columns:
+            self._unite(self.columns.pop(SAME).keys)
+        if self._equality:
+            self._rewrite()
+
+    def run(self, rules: Iterable[Rule], constants: frozenset[int]) -> list[Rule]:
+        """Derive all that follows; return the rules that are left to the worklist."""
+        plain: list[Rule] = []
+        left: list[Rule] = []
+        for rule in rules:
+            (plain if self._is_plain(rule) else left).append(rule)
+        hierarchy = _Hierarchy(plain)
+        others = [rule for rule in plain if not hierarchy.covers(rule)]
+        delta = dict(self.columns)
+        for number in itertools.count():
+            if not delta:
+                break
+            found: dict[int, list[Keys]] = defaultdict(list)
+            if TYPE in delta:
+                found[TYPE].append(hierarchy.above(delta[TYPE].keys))
+            if number == LONG_PATHS:
+                paths = {p for rule in others if (p := transitive_property(rule)) is not None}
+                others = [rule for rule in others if transitive_property(rule) is None]
+            if number >= LONG_PATHS:
+                for p in paths & delta.keys():
+                    pairs = reachable(self.columns[p], self._max_facts, self._terms, p)
+                    found[p].append(_proper(p, pairs))
+            tables = self._changed(others, delta) if number else self._all(others)
+            for rule, table in tables:
+                self._conclude(rule, table, found)
+            delta = self._absorb(found)
+            united = self._unite(np.concatenate(found.get(SAME, [NO_KEYS])))
+            if united:
+                self.touched_schema |= not united.isdisjoint(constants)
+                delta = self._rewrite(delta)
+            if sum(map(len, self.columns.values())) > self._max_facts:
+                largest = max(delta, key=lambda p: len(delta[p]), default=TYPE)
+                raise too_large(self._max_facts, self._terms, largest)
+        return left
+
+    def suspects(self, checks: Iterable[Rule], program: Program) -> list[Rule]:
+        """Return the checks that have an instance, or that columns cannot tell about."""
+        return [
+            rule
+            for rule in checks
+            if not self._is_plain(rule)
+            or any(program.level_of(atom) for atom in rule.body)
+            or any(len(next(iter(table.values()), ())) for _, table in self._all([rule]))
+        ]
+
+    # Solutions of rules.
+
+    def _is_plain(self, rule: Rule) -> bool:
+        """Tell whether whole columns can be joined for a rule."""
+        if not rule.body or not all(
+            isinstance(c, Differ | InDatatype | Clash) for c in rule.conditions
+        ):
+            return False
+        if any(not atom.variables or (atom.p == TYPE and atom.o < 0) for atom in rule.body):
+            return False
+        bound = set(rule.body[0].variables)
+        for step in arrange(rule.body[1:], (), rule.body[0].variables):
+            if isinstance(step, Atom):
+                if not step.variables & bound:
+                    return False  # a cartesian product
+                bound |= step.variables
+        if not self._terms.has_variants:
+            return True
+        ends = [atom.o for atom in rule.body if atom.p != TYPE]
+        return len(ends) == len(set(ends)) and not any(o >= LITERAL for o in ends)
+
+    def _all(self, rules: Iterable[Rule]) -> Iterator[tuple[Rule, Table]]:
+        """Yield the solutions of each rule, starting from its smallest atom."""
+        for rule in rules:
+            if all(self._size(atom) for atom in rule.body):
+                start = min(rule.body, key=self._size)
+                for table in self._solutions(rule, start, self._pairs(start)):
+                    yield rule, table
+
+    def _changed(
+        self, rules: Iterable[Rule], delta: dict[int, Column]
+    ) -> Iterator[tuple[Rule, Table]]:
+        """Yield the solutions that use at least one new fact."""
+        for rule in rules:
+            for atom in dict.fromkeys(rule.body):
+                new = delta.get(atom.p)
+                if new is not None and all(self._size(other) for other in rule.body):
+                    pairs = self._pairs(atom, new)
+                    for table in self._solutions(rule, atom, pairs):
+                        yield rule, table
+
+    def _size(self, atom: Atom) -> int:
+        column = self.columns.get(atom.p)
+        if column is None:
+            return 0
+        return len(column.subjects(atom.o)) if atom.o >= 0 else len(column)
+
+    def _pairs(self, atom: Atom, column: Column | None = None) -> tuple[Ids, Ids]:
+        """Return subjects and objects of the facts that match an atom."""
+        column = self.columns[atom.p] if column is None else column
+        if atom.o >= 0:
+            subjects = column.subjects(atom.o)
+            objects = np.full(len(subjects), atom.o, np.uint64)
+        else:
+            subjects, objects = arrays.upper(column.keys), arrays.lower(column.keys)
+        keep = np.ones(len(subjects), bool)
+        if atom.s >= 0:
+            keep &= subjects == np.uint64(atom.s)
+        if atom.s == atom.o:
+            keep &= subjects == objects
+        return subjects[keep], objects[keep]
+
+    def _solutions(self, rule: Rule, start: Atom, pairs: tuple[Ids, Ids]) -> Iterator[Table]:
+        """Yield the solutions that start from pairs, in parts if they are too many."""
+        subjects, objects = pairs
+        if not len(subjects):
+            return
+        try:
+            yield self._solve(rule, start, pairs)
+        except TooManyRowsError:
+            half = len(subjects) // 2
+            if not half:
+                raise ClosureTooLargeError(
+                    f"one fact gives too many joins in {rule.name}"
+                ) from None
+            yield from self._solutions(rule, start, (subjects[:half], objects[:half]))
+            yield from self._solutions(rule, start, (subjects[half:], objects[half:]))
+
+    def _solve(self, rule: Rule, start: Atom, pairs: tuple[Ids, Ids]) -> Table:
+        table: Table = {v: ids for v, ids in zip((start.s, start.o), pairs, strict=True) if v < 0}
+        rest = list(rule.body)
+        rest.remove(start)
+        steps = arrange(rest, rule.conditions, start.variables)
+        for step in steps:
+            table = self._step(step, table)
+        return table
+
+    def _step(self, step: Step, table: Table) -> Table:
+        if not isinstance(step, Atom):
+            return _rows(table, self._test(step, table))
+        column = self.columns[step.p]
+        s, o = table.get(step.s), table.get(step.o)
+        length = len(next(iter(table.values())))
+        if step.o >= 0:
+            o = np.full(length, step.o, np.uint64)
+        if step.s >= 0:
+            s = np.full(length, step.s, np.uint64)
+        if s is not None and o is not None:
+            return _rows(table, arrays.is_in(arrays.pack(s, o), column.keys))
+        if s is not None:
+            index, found = arrays.expand(column.keys, s)
+            return {**_rows(table, index), step.o: found}
+        assert o is not None
+        index, found = arrays.expand(column.inverse, o)
+        return {**_rows(table, index), step.s: found}
+
+    def _test(self, condition: Condition, table: Table) -> NDArray[np.bool_]:
+        if isinstance(condition, Differ):
+            return np.not_equal(table[condition.left], table[condition.right])
+        if isinstance(condition, Clash):
+            a, b = table[condition.left], table[condition.right]
+            # Spellings of one value are rare: what differs is looked at again by the worklist.
+            return ((a >= _LITERAL) | (b >= _LITERAL)) & np.not_equal(a, b)
+        assert isinstance(condition, InDatatype)
+        values, place = np.unique(table[condition.variable], return_inverse=True)
+        inside = [
+            v >= LITERAL and self._terms.in_datatype(v, condition.datatype) is True
+            for v in values.tolist()
+        ]
+        is_inside: NDArray[np.bool_] = np.array(inside, bool)[place]
+        return is_inside if condition.inside else ~is_inside
+
+    # Heads.
+
+    def _conclude(self, rule: Rule, table: Table, found: dict[int, list[Keys]]) -> None:
+        head = rule.head
+        assert head is not None
+        length = len(next(iter(table.values()), ()))
+        if not length:
+            return
+        s, o = (table[x] if x < 0 else np.full(length, x, np.uint64) for x in (head.s, head.o))
+        keep = s < _LITERAL
+        if head.p in REFLEXIVE_PREDICATES:
+            keep &= s != o
+        if head.p == SAME:
+            keep &= o < _LITERAL
+        p = self._equality.find(head.p)
+        found[p].append(arrays.distinct(self._represent(arrays.pack(s[keep], o[keep]))))
+
+    def _absorb(self, found: dict[int, list[Keys]]) -> dict[int, Column]:
+        """Merge candidates into the columns; return what is new."""
+        delta: dict[int, Column] = {}
+        for p, candidates in found.items():
+            if p == SAME:
+                continue
+            old = self.columns[p].keys if p in self.columns else NO_KEYS
+            new = arrays.distinct(np.concatenate(candidates))
+            new = new[~arrays.is_in(new, old)]
+            if len(new):
+                self.columns[p] = Column(arrays.merge(old, new))
+                delta[p] = Column(new)
+                self._note_schema(p, new)
+        return delta
+
+    def _note_schema(self, p: int, new: Keys) -> None:
+        if p in SCHEMA_PREDICATES:
+            self.touched_schema = True
+        elif p == TYPE and not self.touched_schema:
+            classes = np.array(sorted(SCHEMA_CLASSES), np.uint64)
+            self.touched_schema = bool(arrays.is_in(arrays.lower(new), classes).any())
+
+    # Equality.
+
+    def _unite(self, pairs: Keys) -> set[int]:
+        """Merge pairs of terms; return the terms that were given up for another."""
+        losers = set()
+        for key in pairs.tolist():
+            a, b = self._equality.find(key >> 32), self._equality.find(key & 0xFFFFFFFF)
+            if a == b or b >= LITERAL:
+                continue
+            winner, loser = sorted((a, b), key=lambda x: ranking(x, self._terms))
+            self._equality.union(winner, loser)
+            losers.add(loser)
+        return losers
+
+    def _represent(self, keys: Keys) -> Keys:
+        """Put representatives into keys; the order is lost."""
+        if not len(self._merged):
+            return keys
+
+        def replaced(ids: Ids) -> Ids:
+            place = np.searchsorted(self._merged, ids)
+            place[place == len(self._merged)] = 0
+            out: Ids = np.array(ids)
+            known = np.equal(self._merged[place], ids)
+            out[known] = self._representatives[place][known]
+            return out
+
+        return arrays.pack(replaced(arrays.upper(keys)), replaced(arrays.lower(keys)))
+
+    def _rewrite(self, delta: dict[int, Column] | None = None) -> dict[int, Column]:
+        """Put representatives in all columns; return what is new, with what was new before."""
+        merged = sorted(m for _, members in self._equality.classes() for m in members)
+        self._merged = np.array(merged, np.uint64)
+        self._representatives = np.array([*map(self._equality.find, merged)], np.uint64)
+        fresh: dict[int, list[Keys]] = defaultdict(list)
+        for p in list(self.columns):
+            before = self.columns[p].keys
+            after = self._represent(before)
+            moved = after != before
+            if self._equality.find(p) != p:
+                del self.columns[p]
+                fresh[self._equality.find(p)].append(arrays.distinct(after))
+            elif moved.any():
+                self.columns[p] = Column(before[~moved])
+                fresh[p].append(arrays.distinct(after[moved]))
+            if delta and p in delta:
+                keys = self._represent(delta[p].keys)
+                fresh[self._equality.find(p)].append(arrays.distinct(keys))
+        changed = {p: arrays.distinct(np.concatenate(keys)) for p, keys in fresh.items()}
+        for p, keys in changed.items():
+            changed[p] = keys = _proper(p, keys)
+            kept = self.columns[p].keys if p in self.columns else NO_KEYS
+            self.columns[p] = Column(arrays.merge(kept, keys[~arrays.is_in(keys, kept)]))
+            self._note_schema(p, keys)
+        return {p: Column(keys) for p, keys in changed.items() if len(keys)}
+
+
+def _proper(p: int, keys: Keys) -> Keys:
+    """Leave out what is true of every class and property."""
+    if p in REFLEXIVE_PREDICATES:
+        return keys[np.not_equal(arrays.upper(keys), arrays.lower(keys))]
+    return keys
+
+
+def _rows(table: Table, index: NDArray[np.bool_] | NDArray[np.intp]) -> Table:
+    return {v: ids[index] for v, ids in table.items()}
+
+
+class _Hierarchy:
+    """Rules from a class to a class, closed, so that one join climbs all the way up."""
+
+    def __init__(self, rules: Iterable[Rule]) -> None:
+        edges: dict[int, set[int]] = defaultdict(set)
+        self._rules = set()
+        for rule in rules:
+            edge = _class_edge(rule)
+            if edge is not None:
+                self._rules.add(rule)
+                edges[edge[0]].add(edge[1])
+        above = {c: _climb(edges, c) - {c} for c in tuple(edges)}
+        self._deepest = max(map(len, above.values()), default=0)
+        pairs = [(c, d) for c, classes in above.items() for d in classes]
+        self._above = Column.of([c for c, _ in pairs], [d for _, d in pairs]).keys
+
+    def covers(self, rule: Rule) -> bool:
+        """Tell whether the rule is part of the hierarchy."""
+        return rule in self._rules
+
+    def above(self, types: Keys) -> Keys:
+        """Return the types that follow from types."""
+        out = []
+        for part in np.array_split(types, 1 + len(types) * self._deepest // arrays.MOST_ROWS):
+            index, classes = arrays.expand(self._above, arrays.lower(part))
+            out.append(arrays.distinct(arrays.pack(arrays.upper(part)[index], classes)))
+        return np.concatenate(out)
+
+
+def _class_edge(rule: Rule) -> tuple[int, int] | None:
+    if len(rule.body) != 1 or rule.conditions or rule.head is None:
+        return None
+    below, above = rule.body[0], rule.head
+    if below.p == above.p == TYPE and below.s == above.s < 0 and min(below.o, above.o) >= 0:
+        return below.o, above.o
+    return None
+
+
+def _climb(edges: dict[int, set[int]], start: int) -> set[int]:
+    seen: set[int] = set()
+    queue = [start]
+    while queue:
+        for d in edges.get(queue.pop(), ()):
+            if d not in seen:
+                seen.add(d)
+                queue.append(d)
+    return seen

@@ -1,0 +1,343 @@
+"""Keep a closure current: stratum by stratum, deletions before insertions; or all from scratch."""
+
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from reasoner.facts.asserted import Asserted
+from reasoner.facts.equality import Equality
+from reasoner.facts.layer import Layer
+from reasoner.facts.relations import Facts
+from reasoner.fixpoint.bulk import Bulk
+from reasoner.fixpoint.checks import (
+    LISTED,
+    Inconsistency,
+    find_all,
+    find_equal,
+    find_ill_typed,
+    find_new,
+)
+from reasoner.fixpoint.deletion import CannotRetractError, Retraction, candidates
+from reasoner.fixpoint.delta import Derivation, TooMuchWorkError
+from reasoner.rules.compile import compile_lists, compile_schema
+from reasoner.rules.rule import Rule, solve
+from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
+from reasoner.rules.strata import Program
+from reasoner.rules.user_rules import compile_rule
+from reasoner.terms.dictionary import Dictionary, Fact
+from reasoner.terms.vocabulary import SAME, is_schema
+
+log = logging.getLogger(__name__)
+
+REDUCED = frozenset({"cax-sco", "prp-spo1", "prp-dom", "prp-rng"})
+"""Rules that may vanish when the schema grows, because others then imply them."""
+
+WORTH_A_REBUILD = 100_000
+"""Derivations of one change, above one for each asserted fact, after which a rebuild is quicker."""
+
+REBUILD_RATIO = 10
+"""From nothing, whole relations are joined from so many times fewer facts on than for a change."""
+
+BULK_RATIO = 8
+"""A change of more than one part in so many is quicker derived from nothing, by whole relations."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What maintenance needs to know from the configuration."""
+
+    max_facts: int
+    bulk_from: int
+    keep_ill_typed: bool
+    user_rules: tuple[str, ...]
+
+
+@dataclass
+class State:
+    """Everything that a commit may change."""
+
+    asserted: set[Fact] = field(default_factory=set)
+    facts: Facts = field(default_factory=Facts)
+    equality: Equality = field(default_factory=Equality)
+    program: Program = field(default_factory=lambda: Program(CLOSING_RULES))
+    problems: tuple[SchemaProblem, ...] = ()
+    clashes: dict[object, Inconsistency] = field(default_factory=dict)
+
+
+@dataclass
+class Draft:
+    """A staged successor of a state.
+
+    Attributes
+    ----------
+    asserted : Asserted
+        With the staged changes.
+    layer : Layer
+        Over the facts of the state, or over nothing after a rebuild.
+    """
+
+    asserted: Asserted
+    layer: Layer
+    equality: Equality
+    program: Program
+    problems: tuple[SchemaProblem, ...]
+    clashes: dict[object, Inconsistency] = field(default_factory=dict)
+    is_rebuilt: bool = False
+
+    def apply_to(self, state: State) -> None:
+        """Make the draft the state."""
+        self.asserted.apply()
+        self.layer.apply()
+        state.facts = self.layer.base
+        state.equality, state.program = self.equality, self.program
+        state.problems, state.clashes = self.problems, self.clashes
+
+
+class Maintainer:
+    """Drafts successors of a state."""
+
+    def __init__(self, terms: Dictionary, settings: Settings) -> None:
+        self.terms = terms
+        self.settings = settings
+
+    def draft(self, state: State, asserted: Asserted) -> Draft:
+        """Return the state after a change of what is asserted; the state itself stays."""
+        size = len(asserted.added) + len(asserted.removed)
+        if size >= self.settings.bulk_from and size * BULK_RATIO > len(state.asserted):
+            return self.rebuild(asserted)
+        try:
+            if any(is_schema(p, o) for _, p, o in asserted.removed):
+                raise CannotRetractError("schema is retracted")
+            return _Revision(self, state, asserted).run()
+        except CannotRetractError as reason:
+            log.info("deriving all anew: %s", reason)
+            return self.rebuild(asserted)
+        except TooMuchWorkError:
+            log.info("deriving all anew: too much follows to go fact by fact")
+            return self.rebuild(asserted, in_bulk=True)
+
+    def rebuild(self, asserted: Asserted, in_bulk: bool = False) -> Draft:
+        """Return the state that follows from what is asserted alone."""
+        layer = Layer(Facts())
+        equality = Equality()
+        derivation = self._derivation(layer, equality, asserted)
+        program = Program(CLOSING_RULES)
+        derivation.use(program)
+        draft = Draft(asserted, layer, equality, program, (), is_rebuilt=True)
+        facts = tuple(asserted)
+        bulk = None
+        if in_bulk or len(facts) * REBUILD_RATIO >= self.settings.bulk_from:
+            bulk = self._derive_in_bulk(draft, derivation, facts)
+        else:
+            for fact in facts:
+                derivation.insert(fact)
+            derivation.run(program.strata[0])
+            self.grow(draft, derivation)
+        for stratum in draft.program.strata[1:]:
+            derivation.evaluate(stratum.rules)
+            derivation.run(stratum)
+        checks = list(draft.program.checks.rules)
+        if bulk is not None:
+            checks = bulk.suspects(checks, draft.program)
+        findings = [
+            *find_all(layer, self.terms, checks),
+            *find_equal(draft.program, equality),
+            *self.ill_typed(facts),
+        ]
+        draft.clashes = {finding.identity: finding for finding in findings}
+        return draft
+
+    def _derive_in_bulk(
+        self, draft: Draft, derivation: Derivation, facts: tuple[Fact, ...]
+    ) -> Bulk:
+        """Derive the lowest stratum by joining columns: first the schema, then all."""
+        for fact in facts:
+            if fact[1] == SAME or is_schema(fact[1], fact[2]):
+                derivation.insert(fact)
+        derivation.evaluate(compile_lists(draft.layer, self.terms))
+        self._join_columns(draft, derivation, derivation.take_queue())
+        draft.program, draft.problems = self.compile(draft.layer, draft.equality)
+        derivation.use(draft.program)
+        derivation.schema_changed = False
+        bulk = self._join_columns(draft, derivation, facts)
+        if bulk.touched_schema or derivation.schema_changed:
+            self.grow(draft, derivation)
+        return bulk
+
+    def _join_columns(self, draft: Draft, derivation: Derivation, facts: Iterable[Fact]) -> Bulk:
+        """Derive what follows from facts and the layer within the lowest stratum."""
+        bulk = Bulk(self.terms, draft.equality, self.settings.max_facts)
+        bulk.load((*facts, *draft.layer.added))
+        stratum = draft.program.strata[0]
+        left = bulk.run(stratum.rules, draft.program.constants)
+        draft.layer.added = Facts.of(bulk.columns)
+        derivation.evaluate(left)
+        derivation.run(stratum)
+        return bulk
+
+    def grow(self, draft: Draft, derivation: Derivation) -> frozenset[Rule]:
+        """Recompile until the schema is quiet, deriving the lowest stratum on the way.
+
+        Returns
+        -------
+        frozenset of Rule
+            The rules that are new.
+        """
+        before = frozenset(draft.program.rules)
+        while True:
+            derivation.schema_changed = False
+            program, problems = self.compile(draft.layer, draft.equality)
+            known = frozenset(draft.program.rules)
+            draft.program, draft.problems = program, problems
+            derivation.use(program)
+            fresh = [rule for rule in program.strata[0].rules if rule not in known]
+            derivation.evaluate(fresh)
+            derivation.run(program.strata[0])
+            if not derivation.schema_changed:
+                return frozenset(program.rules) - before
+
+    def compile(
+        self, layer: Layer, equality: Equality
+    ) -> tuple[Program, tuple[SchemaProblem, ...]]:
+        """Compile the schema that a layer holds, together with the users' rules."""
+        compiled = compile_schema(layer, self.terms)
+
+        def encode(term: object) -> int:
+            return equality.find(self.terms.encode(term))  # type: ignore[arg-type]
+
+        own = [rule for text in self.settings.user_rules for rule in compile_rule(text, encode)]
+        rules = (*CLOSING_RULES, *compiled.rules, *own)
+        return Program(rules, compiled.distinct, self.terms), tuple(compiled.problems)
+
+    def ill_typed(self, facts: Iterable[Fact]) -> list[Inconsistency]:
+        """Return the contradictions of ill-typed literals, if the configuration minds them."""
+        return [] if self.settings.keep_ill_typed else list(find_ill_typed(facts, self.terms))
+
+    def _derivation(self, layer: Layer, equality: Equality, asserted: Asserted) -> Derivation:
+        def is_asserted(fact: Fact) -> bool:
+            if not equality:
+                return fact in asserted
+            return any(form in asserted for form in equality.forms(fact))
+
+        return Derivation(layer, equality, self.terms, is_asserted, self.settings.max_facts)
+
+
+class _Revision:
+    """One incremental change."""
+
+    def __init__(self, maintainer: Maintainer, state: State, asserted: Asserted) -> None:
+        self.maintainer = maintainer
+        self.terms = maintainer.terms
+        self.state = state
+        self.asserted = asserted
+        self.layer = Layer(state.facts)
+        self.equality = state.equality.copy()
+        self.draft = Draft(asserted, self.layer, self.equality, state.program, state.problems)
+        self.derivation = maintainer._derivation(self.layer, self.equality, asserted)
+        self.derivation.use(state.program)
+        self.derivation.budget = WORTH_A_REBUILD + len(state.asserted)
+        self.come_back: dict[int, list[Fact]] = defaultdict(list)
+        self.was_split = False
+
+    def run(self) -> Draft:
+        level, new_rules = 0, frozenset[Rule]()
+        while level < len(self.draft.program.strata):
+            self.retract(level)
+            self.insert(level, new_rules)
+            if level == 0 and self.derivation.schema_changed:
+                new_rules = self.grow()
+            level += 1
+        self.check(new_rules)
+        return self.draft
+
+    def retract(self, level: int) -> None:
+        program = self.draft.program
+        before = self.state.equality
+        gone = [before.rewrite(fact) for fact in self.asserted.removed]
+        gone = [fact for fact in gone if program.level(fact) == level]
+        if not (gone or level):
+            return
+        retraction = Retraction(
+            self.layer, before, self.terms, program, self.is_still_asserted, level == 0
+        )
+        deleted = retraction.over_delete(program.strata[level], gone)
+        if retraction.split:
+            self.take_apart(retraction.split)
+        for fact in deleted:
+            self.come_back[program.level(fact)].append(fact)
+        for fact in self.come_back.pop(level, ()):
+            for form in before.forms(fact) if self.was_split else (fact,):
+                form = self.equality.rewrite(form)
+                if not self.layer.has(*form) and retraction.is_derivable(form):
+                    self.derivation.insert(form)
+
+    def take_apart(self, representatives: Iterable[int]) -> None:
+        """Dissolve classes and bring back what is asserted of each member."""
+        self.was_split = True
+        members = {m for r in representatives for m in self.equality.dissolve(r)}
+        for fact in self.asserted:
+            if not members.isdisjoint(fact):
+                self.derivation.insert(fact)
+        # A rule that names the terms it merges needs no fact about them.
+        self.derivation.evaluate(
+            rule
+            for rule in self.draft.program.by_head.get(SAME, ())
+            if rule.head is not None and max(rule.head.s, rule.head.o) >= 0
+        )
+
+    def insert(self, level: int, new_rules: frozenset[Rule]) -> None:
+        program = self.draft.program
+        stratum = program.strata[level]
+        below = tuple(self.layer.added) if level else ()
+        for fact in self.asserted.added:
+            if program.level(fact) == level:
+                self.derivation.insert(fact)
+        if not level:
+            self.derivation.run(stratum)
+            return
+        # NOT EXISTS looks at lower strata only, and those are finished: one look is enough.
+        self.layer.absences = {}
+        self.derivation.trigger(stratum, below)
+        for env, rule in list(candidates(stratum, self.layer, self.terms)):
+            for found in list(solve(self.layer, self.terms, rule.steps, env)):
+                self.derivation.insert(rule.conclude(found))
+        self.derivation.evaluate(rule for rule in stratum.rules if rule in new_rules)
+        self.derivation.run(stratum)
+        self.layer.absences = None
+
+    def grow(self) -> frozenset[Rule]:
+        old = self.draft.program
+        new = self.maintainer.grow(self.draft, self.derivation)
+        vanished = set(old.rules) - set(self.draft.program.rules)
+        if any(rule.name not in REDUCED for rule in vanished):
+            raise CannotRetractError("the schema lost a rule")
+        return new
+
+    def check(self, new_rules: frozenset[Rule]) -> None:
+        """Find new clashes, and keep the old ones whose premises still hold."""
+        program, terms = self.draft.program, self.terms
+        findings = [
+            *find_new(self.layer, terms, program),
+            *find_all(self.layer, terms, (rule for rule in new_rules if rule.head is None)),
+            *find_equal(program, self.equality),
+            *self.maintainer.ill_typed(self.asserted.added),
+        ]
+        for old in self.state.clashes.values():
+            premises = tuple(dict.fromkeys(map(self.equality.rewrite, old.premises)))
+            if old.rule not in LISTED and all(self.stands(old, fact) for fact in premises):
+                findings.append(Inconsistency(old.rule, premises, old.because))
+        self.draft.clashes = {finding.identity: finding for finding in findings}
+
+    def stands(self, old: Inconsistency, premise: Fact) -> bool:
+        """Tell whether a premise of an old clash still holds; ill-typed ones must be asserted."""
+        is_ill_typed = old.rule == "dt-not-type" and not old.because
+        return self.layer.has(*premise) and (not is_ill_typed or self.is_still_asserted(premise))
+
+    def is_still_asserted(self, fact: Fact) -> bool:
+        before = self.state.equality
+        if not before:
+            return fact in self.asserted
+        return any(form in self.asserted for form in before.forms(fact))

@@ -1,0 +1,1 @@
+"""Rules: as data, compiled from a schema, and written by users."""

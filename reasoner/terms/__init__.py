@@ -1,0 +1,1 @@
+"""Terms, their fixed vocabulary, their ids and their values."""
