@@ -13,7 +13,8 @@ import click
 
 from rtask.errors import RobotError
 from simulate.act.commands import act_serve, act_test
-from simulate.fleet.commands import fetch, grasping, learn, sharing, table4, table5
+from simulate.fleet.commands import fetch, sharing
+from simulate.study.commands import grasping, learn, table4, table5
 
 __all__ = ["demo", "simulate"]
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from simulate.act.trials import Trial
-    from simulate.world.workcell import Workcell
+    from simulate.grasping.workcell import Workcell
 
 __all__ = ["act_serve", "act_test"]
 
@@ -43,7 +43,7 @@ def _of_trials(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _cell(robot: str, view: bool) -> Workcell:
-    from simulate.world.workcell import Workcell
+    from simulate.grasping.workcell import Workcell
 
     if view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--view needs a display and there is none; leave it out to run headless")

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from simulate.act.request import ActRequest
-from simulate.grasping.attempt_run import Execution
+from simulate.grasping.attempt_run import AttemptRun
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
-from simulate.world.workcell import Workcell
+from simulate.grasping.workcell import Workcell
 
 __all__ = ["ActService", "imagined", "plan_goal", "turns"]
 
@@ -55,7 +55,7 @@ class ActService:
         self.cell = cell
         self.name = name
         self.seed = seed
-        self._under_way: Execution | None = None
+        self._under_way: AttemptRun | None = None
         self._holds = False
 
     @property
@@ -94,49 +94,49 @@ class ActService:
         planned = plan_goal(self.cell, request, self.seed)
         if isinstance(planned, str):
             return _answer(request, planned)
-        execution = self.cell.executor.begin(planned)
+        run = self.cell.executor.begin(planned)
         if request.action == "reach":
-            reason = execution.reach()
-            self._under_way = execution if reason == "ok" else None
-            return _answer(request, reason, execution.error_m, planned, execution.record)
-        reason = execution.grasp()
+            reason = run.reach()
+            self._under_way = run if reason == "ok" else None
+            return _answer(request, reason, run.error_m, planned, run.record)
+        reason = run.grasp()
         if reason == "ok":
-            self._under_way, self._holds = execution, True
-        error_m = execution.error_m
+            self._under_way, self._holds = run, True
+        error_m = run.error_m
         if reason == "ok" and request.action == "pick_place":
-            reason = execution.place_in_box()
+            reason = run.place_in_box()
             self._under_way, self._holds = None, False
-        return _answer(request, reason, error_m, planned, execution.record)
+        return _answer(request, reason, error_m, planned, run.record)
 
     def go_home(self) -> None:
         """Put back what is held, and bring the arm home."""
-        execution, self._under_way = self._under_way, None
+        run, self._under_way = self._under_way, None
         holds, self._holds = self._holds, False
-        if execution is not None:
+        if run is not None:
             if holds:
-                execution.put_back()
+                run.put_back()
             else:
-                execution.back_off()
+                run.back_off()
 
     def _place_held(self, request: ActRequest) -> dict[str, Any]:
-        execution, self._under_way, self._holds = self._under_way, None, False
-        assert execution is not None
-        reason = execution.place_at(*request.position[:2])
-        error_m = math.nan if reason == "place_plan" else execution.error_m
-        return _answer(request, reason, error_m, execution.plan, execution.record)
+        run, self._under_way, self._holds = self._under_way, None, False
+        assert run is not None
+        reason = run.place_at(*request.position[:2])
+        error_m = math.nan if reason == "place_plan" else run.error_m
+        return _answer(request, reason, error_m, run.plan, run.record)
 
     def _pretend_to_place(self, request: ActRequest) -> dict[str, Any]:
         """Go through the motions with an imagined object from the middle of the arm's area."""
         planned = imagined(self.cell, request, self.seed)
         if isinstance(planned, str):
             return _answer(request, planned)
-        execution = self.cell.executor.begin(planned)
-        reason = execution.pretend()
+        run = self.cell.executor.begin(planned)
+        reason = run.pretend()
         if reason != "ok":
-            return _answer(request, reason, math.nan, planned, execution.record)
-        reason = execution.place_at(*request.position[:2])
+            return _answer(request, reason, math.nan, planned, run.record)
+        reason = run.place_at(*request.position[:2])
         reached = reason != "place_plan"
-        error_m = execution.error_m if reached else math.nan
+        error_m = run.error_m if reached else math.nan
         return _answer(request, "ok" if reached else reason, error_m, planned)
 
 

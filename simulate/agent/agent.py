@@ -23,7 +23,6 @@ from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.messages import (
     distinct,
     grasp_request,
-    mix_seed,
     neighbour_points,
     outcome_message,
     pose_message,
@@ -31,6 +30,7 @@ from simulate.agent.messages import (
 from simulate.agent.perception import Ignored, Perceived, Seen, perceive
 from simulate.agent.tracking import Thing, Tracker
 from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
+from simulate.world.seeds import mix_seed
 
 __all__ = ["Agent", "AgentConfig", "Attempt", "Body", "Encounter"]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulate.agent.agent import Agent, AgentConfig, Body, Server
-from simulate.agent.messages import mix_seed
 from simulate.agent.perception import Perceived, perceive
 from simulate.agent.tracking import Thing
+from simulate.world.seeds import mix_seed
 
 __all__ = ["Fetched", "Fetcher"]
 

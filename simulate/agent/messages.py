@@ -17,7 +17,6 @@ from simulate.grasping.executor import GraspRecord, GraspRequest
 __all__ = [
     "distinct",
     "grasp_request",
-    "mix_seed",
     "neighbour_points",
     "outcome_message",
     "pose_message",
@@ -25,11 +24,6 @@ __all__ = [
 
 _MAX_NEIGHBOUR_POINTS = 400
 _NEIGHBOUR_RADIUS_M = 0.12
-
-
-def mix_seed(*parts: int) -> int:
-    """Mix numbers into one seed below 2^31, the same on every machine."""
-    return int(np.random.SeedSequence(parts).generate_state(1)[0] >> 1)
 
 
 def neighbour_points(thing: Thing, view: Perceived) -> list[list[float]]:

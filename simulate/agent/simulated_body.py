@@ -15,6 +15,7 @@ from simulate.grasping.executor import Executor, GraspRecord, GraspRequest, Plan
 from simulate.robots import describe
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
+from simulate.world.robot_body import RobotBody
 from simulate.world.scene import Laid, Placement, lay
 from simulate.world.world import World
 
@@ -73,7 +74,7 @@ class SimulatedBody:
     ) -> None:
         description = describe(conditions.robot)
         self.world = World(conditions.preset, conditions.gui, description.workplace)
-        self.robot = self.world.load_robot(description)
+        self.robot = RobotBody(self.world, description)
         self.base_frame = self.robot.base_frame
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         self.world.add_table()

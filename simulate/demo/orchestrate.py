@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import RtaskError, UsageError
-from simulate.agent.job import Job
 from simulate.demo.console import Console
-from simulate.demo.processes import Endpoint, Robot, run_rtask
+from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
 from simulate.demo.report import COLUMNS, robot_totals, rows, summary, write_report
 from simulate.robots import ROBOTS
@@ -143,9 +142,7 @@ class Demo:
         (folder / _MARK).write_text(text + "\n", encoding="utf-8")
 
     def _endpoint(self, folder: Path) -> Endpoint:
-        return Endpoint(
-            folder / _STORE, self.settings.port, folder / _LOGS / "endpoint.monitoring.log"
-        )
+        return Endpoint(folder / _STORE, self.settings.port, folder / _LOGS / "endpoint.log")
 
     def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
         """Give a robot its token and start it; it waits for ``go``."""
@@ -154,7 +151,7 @@ class Demo:
         token = json.loads(
             run_rtask("token", "create", "--data", str(folder / _STORE), "--robot", name, "--json")
         )["token"]
-        job = Job(
+        job = RobotJob(
             name=name,
             index=index,
             url=url,

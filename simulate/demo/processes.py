@@ -18,12 +18,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rtask.errors import RobotError, RtaskError
 
-__all__ = ["Endpoint", "MemberProcess", "Robot", "run_rtask"]
+__all__ = ["Endpoint", "MemberProcess", "Robot", "RobotJob", "run_rtask"]
 
 _PR_SET_PDEATHSIG = 1
 _READY_TIMEOUT_S = 600.0
@@ -60,6 +61,41 @@ def run_rtask(*arguments: str) -> str:
 def _last_line(text: str) -> str:
     lines = [line for line in text.strip().splitlines() if line.strip()]
     return lines[-1].removeprefix("rtask: ").removeprefix("Error: ") if lines else ""
+
+
+@dataclass(frozen=True)
+class RobotJob:
+    """Task of one robot of a demo.
+
+    Parameters
+    ----------
+    name
+        The robot's name, which is also the agent of its token.
+    index
+        Number of the robot; together with ``seed`` it fixes its table, light and noise.
+    url
+        The endpoint.
+    seed, objects
+        Fix the products, which are the same for every robot of a demo.
+    pictures
+        Folder for the PNGs of each grasp.
+    outbox
+        File that keeps outcomes not yet delivered.
+    robot
+        Kind of robot: a name of :data:`simulate.robots.ROBOTS`.
+    """
+
+    name: str
+    index: int
+    url: str
+    seed: int
+    objects: int
+    max_attempts: int
+    pictures: str
+    outbox: str
+    gui: bool = False
+    preset: str = "faithful"
+    robot: str = "nao"
 
 
 class _Child:
@@ -199,10 +235,10 @@ class _Worker(_Child):
 
 
 class Robot(_Worker):
-    """One simulated robot of a demo; see :mod:`simulate.agent.process`."""
+    """One simulated robot of a demo; see :mod:`simulate.demo.robot_process`."""
 
     def __init__(self, name: str, job: dict[str, Any], token: str, log: Path) -> None:
-        super().__init__("simulate.agent.process", name, job, token, log)
+        super().__init__("simulate.demo.robot_process", name, job, token, log)
 
 
 class MemberProcess(_Worker):

@@ -1,4 +1,4 @@
-"""What ``rtask simulate`` does besides one robot: a fleet, experiments, requests."""
+"""Commands of ``rtask simulate`` for several robots, and for requests to one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from typing import Any, Literal, TextIO
 
 import click
 
-__all__ = ["fetch", "grasping", "learn", "run_fleet", "sharing", "table4", "table5"]
+from simulate.study.commands import print_table
+
+__all__ = ["fetch", "run_fleet", "sharing"]
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _PRESETS = click.Choice(["faithful", "fast"])
@@ -20,12 +22,6 @@ _PRESETS = click.Choice(["faithful", "fast"])
 def _interrupt(signum: int, frame: FrameType | None) -> None:
     """Stop as on Ctrl-C, for SIGTERM too."""
     raise KeyboardInterrupt
-
-
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    from simulate.demo.console import Console
-
-    Console().table(title, columns, rows)
 
 
 def run_fleet(
@@ -42,7 +38,7 @@ def run_fleet(
     kinds: Sequence[str] = ("nao",),
 ) -> dict[str, Any]:
     """Run a fleet with sharing on, off or both, print its figures and write its report."""
-    from simulate.fleet.console import FleetConsole
+    from simulate.demo.console import FleetConsole
     from simulate.fleet.figures import (
         COLUMNS,
         fleet_figures,
@@ -74,7 +70,7 @@ def run_fleet(
         click.echo(json.dumps(result))
         return result
     for name, _, figures in runs:
-        _table(f"Experience {name}", COLUMNS, fleet_rows(figures))
+        print_table(f"Experience {name}", COLUMNS, fleet_rows(figures))
         _say_change("last robot less first", figures["last_less_first"])
     if sharing == "both":
         words = "shared less not shared, all robots but the first"
@@ -90,77 +86,6 @@ def _say_change(words: str, change: Mapping[str, Any] | None) -> None:
             f"attempts, {words}, over {change['products']} meetings with common products: "
             f"{change['attempts']:+.2f} [{low:+.2f}, {high:+.2f}]"
         )
-
-
-@click.command()
-@click.option("-n", "--trials", default=100, show_default=True, help="Objects, kinds in turn.")
-@click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
-@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
-@click.option("--attempts", default=3, show_default=True, help="Attempts at one object.")
-@click.option("--robot", default="nao", show_default=True, help="Which robot.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
-@click.option("--out", default="rtask-grasping", show_default=True, type=_FOLDER)
-@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-def grasping(
-    trials: int,
-    seed: int,
-    processes: int,
-    attempts: int,
-    robot: str,
-    preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
-    """Measure how often objects are held and placed, with perception in the loop."""
-    from simulate.study.grasping_report import COLUMNS, grasping_rows, write_grasping_report
-    from simulate.study.runner import run
-    from simulate.study.studies import grasping_study
-
-    results = run(grasping_study(trials, seed, attempts, preset, robot), out, processes, resume)
-    summary = write_grasping_report(out, results, seed)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    _table("Grasping with perception in the loop", COLUMNS, grasping_rows(summary))
-    for what in ("reasons_of_attempts", "reasons_of_objects_not_held", "reasons_not_placed"):
-        click.echo(f"{what.replace('_', ' ')}: {json.dumps(summary[what])}")
-    click.echo(f"report  {out / 'report.json'}, {out / 'held.png'}")
-
-
-@click.command()
-@click.option("--objects", default=100, show_default=True, help="Objects, kinds in turn.")
-@click.option("--seed", default=0, show_default=True, help="Fixes every object and choice.")
-@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
-@click.option("--orders", default=20, show_default=True, help="Orders in which learners meet them.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
-@click.option("--out", default="rtask-learning", show_default=True, type=_FOLDER)
-@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
-def learn(
-    objects: int,
-    seed: int,
-    processes: int,
-    orders: int,
-    preset: str,
-    out: Path,
-    resume: bool,
-    as_json: bool,
-) -> None:
-    """Compare learners on what physics makes of many grasps of many objects."""
-    from simulate.study.learning_report import COLUMNS, learning_rows, write_learning_report
-    from simulate.study.runner import run
-    from simulate.study.studies import outcome_study
-
-    results = run(outcome_study(objects, seed, preset=preset), out, processes, resume)
-    summary = write_learning_report(out, results, seed, orders)
-    if as_json:
-        click.echo(json.dumps(summary))
-        return
-    _table("Attempts to first success", COLUMNS, learning_rows(summary))
-    click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
-    click.echo(f"report and charts  {out}")
 
 
 @click.command()
@@ -206,7 +131,7 @@ def sharing(
     if as_json:
         click.echo(json.dumps(summary))
         return
-    _table("Attempts to first success", COLUMNS, sharing_rows(summary))
+    print_table("Attempts to first success", COLUMNS, sharing_rows(summary))
     for what, gain in summary["shared_less_not_shared"].items():
         for measure, value in gain.items():
             click.echo(
@@ -272,69 +197,3 @@ def _say_fetched(done: Mapping[str, Any], out: TextIO) -> None:
     click.echo(done["text"], out)
     for reason in done["answer"]["reasons"]:
         click.echo(f"  {reason['code']}: {reason['text']}", out)
-
-
-@click.command()
-@click.option("--objects", default=111, show_default=True, help="In the store.")
-@click.option("--seed", default=0, show_default=True, help="Fixes products and looks.")
-@click.option("--repeats", default=10, show_default=True, help="Of each question.")
-@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
-def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
-    """Time the retrieval of objects: Table 4 of Gatto 2016 beside ours.
-
-    A server holds a look at each of 111 products, as many as the thesis's data set; four are asked
-    for by websocket from new looks.
-    """
-    import os
-    import tempfile
-
-    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
-        os.dup2(2, 1)  # Bullet and Mesa write there
-        import rtask
-        from simulate.demo.processes import Endpoint
-        from simulate.study.tables import fill, retrieval_times
-
-        with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
-            endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
-            try:
-                with rtask.connect(endpoint.url) as client:
-                    hand = {"name": "nao_right_hand", "gripper_type": "nao_hand"}
-                    other = {"name": "nao_left_hand", "gripper_type": "nao_hand"}
-                    client.call(
-                        "register_robot", name="nao", model="nao-h25-v5", simulated=True,
-                        end_effectors=[
-                            {**one, "max_opening": 0.05, "max_payload": 0.3}
-                            for one in (hand, other)
-                        ],
-                    )  # fmt: skip
-                    rows = retrieval_times(client, fill(client, objects, seed), seed, repeats)
-            finally:
-                endpoint.stop()
-        _say_times(rows, as_json, out)
-
-
-@click.command()
-@click.option("--repeats", default=3, show_default=True, help="Held grasps of each kind.")
-@click.option("--seed", default=0, show_default=True, help="Fixes products and places.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
-@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
-def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
-    """Time grasps from (X, Y, theta): Table 5 of Gatto 2016 beside ours."""
-    import os
-
-    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
-        os.dup2(2, 1)  # Bullet and Mesa write there
-        from simulate.study.tables import grasp_times
-
-        _say_times(grasp_times(repeats, seed, preset), as_json, out)
-
-
-def _say_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:
-    if as_json:
-        click.echo(json.dumps(list(rows)), out)
-        return
-    for number, row in enumerate(rows):
-        if not number:
-            click.echo("  ".join(f"{name:>12}" for name in row), out)
-        cells = (f"{v:12.3f}" if isinstance(v, float) else f"{v!s:>12}" for v in row.values())
-        click.echo("  ".join(cells), out)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from simulate.demo.report import by_product
-from simulate.fleet.plan import FleetPlan
+from simulate.fleet.assignment import FleetPlan
 from simulate.study.chart import Bar, bar_chart
 from simulate.study.intervals import bootstrap, mean_interval, share
 

@@ -23,15 +23,15 @@ from rtask.errors import RemoteUnavailableError, RtaskError
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
 from simulate.agent.perception import Seen
-from simulate.agent.process import Voice
 from simulate.agent.scoring import Judge
+from simulate.agent.servers import BlindServer, OutboxServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
-from simulate.fleet.plan import MemberJob, spec_of
-from simulate.fleet.servers import BlindServer, PatientServer
+from simulate.demo.robot_process import Voice
+from simulate.fleet.assignment import MemberJob, spec_of
 from simulate.robots import describe
 from simulate.world.camera import Lighting
-from simulate.world.random_streams import stream
 from simulate.world.scene import arrange
+from simulate.world.seeds import stream
 
 __all__ = ["Member", "main"]
 
@@ -126,8 +126,8 @@ class Member:
         self.tell("table", {**done, "encounters": scored})
         return scored
 
-    def _server(self) -> PatientServer:
-        return PatientServer(self.client, self.job.patience_s, self._waited)
+    def _server(self) -> OutboxServer:
+        return OutboxServer(self.client, self.job.patience_s, self._waited)
 
     def _waited(self, operation: str) -> None:
         self.tell("waiting", {"for": operation, "outbox": self.client.waiting})

@@ -19,7 +19,7 @@ from typing import Any
 import rtask
 from rtask.errors import RtaskError, UsageError
 from simulate.demo.processes import Endpoint, MemberProcess, run_rtask
-from simulate.fleet.plan import FleetPlan, MemberJob, plan_fleet
+from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
 from simulate.robots import ROBOTS
 
 __all__ = ["Fleet", "FleetSettings"]
@@ -41,7 +41,7 @@ class FleetSettings:
     folder
         For stores, logs, outboxes and the report.
     robots, objects, on_table
-        See :func:`simulate.fleet.plan.plan_fleet`.
+        See :func:`simulate.fleet.assignment.plan_fleet`.
     sharing
         One endpoint for all; else one each.
     prior

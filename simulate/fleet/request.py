@@ -19,8 +19,8 @@ from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe
 from simulate.world.camera import Lighting
 from simulate.world.objects import sample_objects
-from simulate.world.random_streams import stream
 from simulate.world.scene import arrange
+from simulate.world.seeds import stream
 
 __all__ = ["Request", "carry_out"]
 

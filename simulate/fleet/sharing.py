@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 import rtask
 from rtask.knowledge_base import KnowledgeBase
-from simulate.agent.messages import mix_seed
+from simulate.fleet.assignment import MemberJob, plan_fleet
 from simulate.fleet.figures import attempts_to_success, objects_tried, score_identities
 from simulate.fleet.member import Member
-from simulate.fleet.plan import MemberJob, plan_fleet
 from simulate.study.chart import Line, line_chart
 from simulate.study.intervals import bootstrap
 from simulate.study.runner import Study
+from simulate.world.seeds import mix_seed
 
 __all__ = [
     "COLUMNS",

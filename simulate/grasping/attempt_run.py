@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,13 @@ from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
 from simulate.grasping.success import MIN_LINKS, ObjectState, held_reason, is_placed, lies_at
-from simulate.motion.arm_space import SPEED
+from simulate.motion.arm_space import SPEED, ArmSpace
 from simulate.motion.stance import UPRIGHT
 from simulate.motion.trajectory import Trajectory, time_path
+from simulate.world.robot_body import RobotBody
+from simulate.world.world import World
 
-if TYPE_CHECKING:
-    from simulate.grasping.executor import Executor
-
-__all__ = ["Execution"]
+__all__ = ["AttemptRun", "Station"]
 
 Floats = NDArray[np.float64]
 
@@ -41,12 +40,25 @@ _NEAR_M = 0.06
 _TARGET_HEIGHT_M = 0.15
 
 
-class Execution:
+class Station(Protocol):
+    """The robot at its workplace, as an attempt needs it; :class:`Executor` is one."""
+
+    world: World
+    robot: RobotBody
+
+    def space_of(self, stance: str) -> ArmSpace:
+        """Return the space in which the arms move in a stance."""
+
+    def next_spot(self, side: str) -> int:
+        """Return how many objects were placed into a box before, and count one more."""
+
+
+class AttemptRun:
     """One attempt at an object.
 
     Parameters
     ----------
-    executor
+    station
         World, robot and the space of its arms.
     plan
         What to carry out.
@@ -61,10 +73,10 @@ class Execution:
     """
 
     def __init__(
-        self, executor: Executor, plan: PlannedGrasp, on_phase: Callable[[str], None]
+        self, station: Station, plan: PlannedGrasp, on_phase: Callable[[str], None]
     ) -> None:
-        self.executor = executor
-        self.world, self.robot = executor.world, executor.robot
+        self._station = station
+        self.world, self.robot = station.world, station.robot
         self.plan, self.arm = plan, plan.arm
         self.reason = "not_judged"
         self.place_reason = ""
@@ -147,7 +159,7 @@ class Execution:
             self.put_back()
             self.place_reason = "place_plan"
             return self.place_reason
-        used = self.executor.next_spot(box.side)
+        used = self._station.next_spot(box.side)
         request = self.plan.request
         spot = PlaceSpot.in_box(box, used, max(request.height, request.length))
         return self._place(spot, lambda state: is_placed(state, box), np.array(box.centre))
@@ -177,7 +189,7 @@ class Execution:
         self, spot: PlaceSpot, is_there: Callable[[ObjectState], bool], wanted: Floats
     ) -> str:
         start = self.plan.lift.positions[-1]
-        way = plan_place(self.executor.space_of(self.plan.stance), self.plan, start, spot)
+        way = plan_place(self._station.space_of(self.plan.stance), self.plan, start, spot)
         if isinstance(way, str):
             self.put_back()
             self.place_reason = way

@@ -5,22 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulate.grasping.attempt_run import Execution
+from simulate.grasping.attempt_run import AttemptRun
 from simulate.grasping.planning import GraspPlanner
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import Obstacle
 from simulate.motion.stance import UPRIGHT, standing
-
-if TYPE_CHECKING:
-    from simulate.robots.body import RobotBody
-    from simulate.world.world import World
+from simulate.world.robot_body import RobotBody
+from simulate.world.world import World
 
 __all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp"]
 
@@ -126,19 +123,19 @@ class Executor:
         place
             False puts the object back where it was instead.
         """
-        execution = self.begin(plan, on_phase)
-        if execution.grasp() == "ok":
+        run = self.begin(plan, on_phase)
+        if run.grasp() == "ok":
             if place:
-                execution.place_in_box()
+                run.place_in_box()
             else:
-                execution.put_back()
-        return execution.record
+                run.put_back()
+        return run.record
 
     def begin(
         self, plan: PlannedGrasp, on_phase: Callable[[str], None] = lambda phase: None
-    ) -> Execution:
-        """Return a plan's execution, to be driven phase by phase; nothing moves yet."""
-        return Execution(self, plan, on_phase)
+    ) -> AttemptRun:
+        """Return a run of the plan, to be driven phase by phase; nothing moves yet."""
+        return AttemptRun(self, plan, on_phase)
 
     def next_spot(self, side: str) -> int:
         """Return how many objects were put into a box before, and count one more."""

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rtask.errors import RobotError
 from simulate.robots import facts_nao as facts
@@ -28,11 +27,7 @@ from simulate.robots.description import (
     Workplace,
 )
 
-if TYPE_CHECKING:
-    from simulate.robots.body import RobotBody
-    from simulate.world.world import World
-
-__all__ = ["GRIPPER_TILT", "LEAN", "PHALANX_MASS", "Nao", "describe_nao", "head_pitch_limits"]
+__all__ = ["GRIPPER_TILT", "LEAN", "PHALANX_MASS", "describe_nao", "head_pitch_limits"]
 
 Legs = Literal["fixed", "joints"]
 
@@ -114,17 +109,6 @@ def describe_nao(
         stances={} if lean or legs != "fixed" else _stances(),
         support=_feet(),
     )
-
-
-def Nao(
-    world: World,
-    world_from_base: NDArray[np.float64] | None = None,
-    *,
-    legs: Legs = "fixed",
-    symmetric: bool = True,
-) -> RobotBody:
-    """Put a NAO into a world, arms at home and hands open."""
-    return world.load_robot(describe_nao(legs=legs, symmetric=symmetric), world_from_base)
 
 
 def _looking_level(camera: CameraMount, lean: float) -> CameraMount:

@@ -24,8 +24,8 @@ from simulate.demo.report import by_product
 from simulate.robots import describe
 from simulate.world.camera import Lighting
 from simulate.world.objects import KINDS, product
-from simulate.world.random_streams import stream
 from simulate.world.scene import arrange
+from simulate.world.seeds import stream
 
 __all__ = ["grasping_trial"]
 

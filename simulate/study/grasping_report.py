@@ -8,16 +8,39 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from simulate.grasping.record import phase_of
 from simulate.study.chart import Bar, bar_chart
 from simulate.study.intervals import mean_interval, share
-from simulate.study.reasons import phase_of
+from simulate.study.runner import Study
 
-__all__ = ["COLUMNS", "grasping_rows", "summarise_grasping", "write_grasping_report"]
+__all__ = [
+    "COLUMNS",
+    "grasping_rows",
+    "grasping_study",
+    "summarise_grasping",
+    "write_grasping_report",
+]
 
 COLUMNS = ("group", "objects", "in reach", "held at first", "held", "placed of held", "attempts")
 _ERRORS = ("centre_mm", "length_mm", "width_mm", "height_mm")
 
 Results = Sequence[Mapping[str, Any]]
+
+
+def grasping_study(
+    trials: int,
+    seed: int,
+    max_attempts: int = 3,
+    preset: str = "faithful",
+    robot: str = "nao",
+) -> Study:
+    """Return the trials with perception in the loop: kinds in turn, after each round the arms."""
+    return Study(
+        "grasping with perception in the loop",
+        "simulate.study.grasping:grasping_trial",
+        {"seed": seed, "max_attempts": max_attempts, "preset": preset, "robot": robot},
+        trials,
+    )
 
 
 def summarise_grasping(results: Results) -> dict[str, Any]:

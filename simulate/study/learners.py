@@ -26,7 +26,7 @@ from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.experience import Weights, gather
 from rtask.engine.memory.recall import Remembered, Tally
 from rtask.engine.policy import Policy
-from simulate.study.reasons import is_counted
+from simulate.grasping.record import is_counted
 
 __all__ = ["FAILED", "LEARNERS", "Learner", "replay"]
 

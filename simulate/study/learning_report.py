@@ -10,17 +10,46 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.learning.env import MAX_ATTEMPTS
+from simulate.grasping.record import is_counted
 from simulate.study.chart import Line, line_chart
 from simulate.study.intervals import mean_interval
 from simulate.study.learners import FAILED, LEARNERS, Learner, replay
-from simulate.study.reasons import is_counted
+from simulate.study.runner import Study
 
-__all__ = ["COLUMNS", "learning_rows", "summarise_learning", "write_learning_report"]
+__all__ = [
+    "COLUMNS",
+    "learning_rows",
+    "outcome_study",
+    "summarise_learning",
+    "write_learning_report",
+]
 
 COLUMNS = ("grasps", "learner", "attempts", "first try", "first half", "second half", "difference")
 _WINDOW = 10
 
 Results = Sequence[Mapping[str, Any]]
+
+
+def outcome_study(
+    objects: int, seed: int, proposed: int = 3, blind: int = 6, preset: str = "faithful"
+) -> Study:
+    """Return the outcomes of so many proposed and so many blind grasps of each object.
+
+    Where none of a sort holds more are tried, as many as a learner has attempts at most.
+    """
+    return Study(
+        "outcomes of proposed and blind grasps",
+        "simulate.study.outcomes:outcome_trial",
+        {
+            "seed": seed,
+            "proposed": proposed,
+            "blind": blind,
+            "most": MAX_ATTEMPTS,
+            "preset": preset,
+        },
+        objects,
+    )
 
 
 def summarise_learning(

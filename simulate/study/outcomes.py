@@ -21,15 +21,14 @@ from grasp.learning.state import pooled
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
-from simulate.agent.messages import mix_seed
 from simulate.agent.perception import perceive
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
-from simulate.study.reasons import UNREACHABLE, is_counted
+from simulate.grasping.record import UNREACHABLE, is_counted
 from simulate.world.camera import Lighting
 from simulate.world.objects import KINDS, ObjectSpec, product
-from simulate.world.random_streams import stream
 from simulate.world.scene import Placement, arrange
+from simulate.world.seeds import mix_seed, stream
 
 __all__ = ["outcome_trial"]
 

@@ -18,8 +18,8 @@ from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
 from simulate.world.camera import Lighting
 from simulate.world.objects import Kind, ObjectSpec, product, sample_objects
-from simulate.world.random_streams import stream
 from simulate.world.scene import arrange
+from simulate.world.seeds import stream
 
 __all__ = ["TABLE_4", "TABLE_5", "fill", "grasp_times", "looks_at", "retrieval_times"]
 

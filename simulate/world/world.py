@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -21,13 +21,9 @@ from numpy.typing import NDArray
 from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
 from rtask.errors import RobotError, UsageError
-from simulate.robots.body import RobotBody
-from simulate.robots.description import Pose, Workplace
+from simulate.robots.description import Pose, RobotDescription, Workplace
 from simulate.robots.urdf import urdf_text
 from simulate.world.objects import Assets, ObjectSpec, collision_of, inertia_of
-
-if TYPE_CHECKING:
-    from simulate.robots.description import RobotDescription
 
 __all__ = ["PRESETS", "BodyPose", "PlaceBox", "Preset", "World", "side_sign"]
 
@@ -262,12 +258,6 @@ class World:
         body = int(client.createMultiBody(0, shape, visual, centre))
         client.changeDynamics(body, -1, lateralFriction=_TABLE_FRICTION)
         return body
-
-    def load_robot(
-        self, robot: RobotDescription, world_from_base: Floats | None = None
-    ) -> RobotBody:
-        """Put a robot into the world; None = its base frame is the world's."""
-        return RobotBody(self, robot, world_from_base)
 
     def load_urdf(
         self, robot: RobotDescription, world_from_base: Floats, *, self_collision: bool = True

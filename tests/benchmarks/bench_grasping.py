@@ -26,10 +26,10 @@ from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import propose_planar
 from simulate.grasping.executor import Executor, GraspRecord, GraspRequest
+from simulate.grasping.workcell import Workcell
 from simulate.motion.collision import Obstacle
 from simulate.robots import Arm, Workplace
 from simulate.world.objects import KINDS, ObjectSpec, collision_of, product
-from simulate.world.workcell import Workcell
 from simulate.world.world import World
 
 MAX_GRASPS, MAX_PLANS = 3, 12

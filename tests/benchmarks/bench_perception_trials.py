@@ -14,9 +14,13 @@ import json
 import tempfile
 from pathlib import Path
 
-from simulate.study.grasping_report import COLUMNS, grasping_rows, write_grasping_report
+from simulate.study.grasping_report import (
+    COLUMNS,
+    grasping_rows,
+    grasping_study,
+    write_grasping_report,
+)
 from simulate.study.runner import run
-from simulate.study.studies import grasping_study
 
 _TARGETS = {"held": 0.80, "placed_of_held": 0.90}
 

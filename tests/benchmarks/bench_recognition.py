@@ -56,10 +56,11 @@ class View:
 def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iterator[View]:
     """Yield a view of every object that perception finds on tables of six products each."""
     from simulate.agent.perception import Ignored, perceive
-    from simulate.robots.nao import Nao
+    from simulate.robots.nao import describe_nao
     from simulate.world.camera import Camera, Lighting
     from simulate.world.noise import SensorNoise
     from simulate.world.objects import sample_objects
+    from simulate.world.robot_body import RobotBody
     from simulate.world.scene import lay
     from simulate.world.world import World
 
@@ -71,7 +72,7 @@ def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iter
             deck.extend(rng.permutation(products).tolist())
         chosen, deck = [pool[i] for i in dict.fromkeys(deck[:6])], deck[6:]
         with World() as world:
-            camera, robot = Camera(world.client), Nao(world)
+            camera, robot = Camera(world.client), RobotBody(world, describe_nao())
             world.add_table()
             boxes = [world.add_place_box(side) for side in ("right", "left")]
             ignored = tuple(Ignored(box.x_range, box.y_range) for box in boxes)

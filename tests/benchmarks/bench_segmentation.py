@@ -27,10 +27,11 @@ from tabletop_scenes import KINDS, make_scene
 from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
 from features.segmentation import Scene, SegmentParams, score_labels, segment_scene, warm_up
-from simulate.robots.nao import Nao
+from simulate.robots.nao import describe_nao
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import sample_objects
+from simulate.world.robot_body import RobotBody
 from simulate.world.scene import Placement, arrange, lay
 from simulate.world.world import World
 
@@ -150,7 +151,7 @@ def rendered(seeds: range, touching: bool) -> Iterator[View]:
             rng = np.random.default_rng(seed)
             placements = arrange(sample_objects(rng, 6 + seed % 3), rng)
             with World() as world:
-                camera, robot = Camera(world.client), Nao(world)
+                camera, robot = Camera(world.client), RobotBody(world, describe_nao())
                 world.add_table()
                 for side in ("right", "left"):
                     world.add_place_box(side)

@@ -15,10 +15,10 @@ from simulate.act.service import ActService, turns
 from simulate.act.trials import place_test, random_goal, reach_test, write_csv
 from simulate.act.workspace import map_workspace
 from simulate.commands import simulate
+from simulate.grasping.workcell import Workcell
 from simulate.motion.arm_space import ArmSpace
 from simulate.robots import describe
 from simulate.world.objects import product
-from simulate.world.workcell import Workcell
 
 NAO = describe("nao")
 # The service of the thesis, chapter 4.3, as its file has it.

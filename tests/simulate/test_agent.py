@@ -12,7 +12,7 @@ import simulate.agent.agent as agent_module
 from features.geometry import Frame
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.perception import Perceived
-from simulate.testing import CAMERA, Plan, Record, seen_at
+from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
 
 
 @dataclass

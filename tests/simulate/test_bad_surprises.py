@@ -13,9 +13,9 @@ from simulate.act.service import ActService
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest
+from simulate.grasping.workcell import Workcell
 from simulate.world.objects import product
 from simulate.world.scene import Placement
-from simulate.world.workcell import Workcell
 
 CAN = product("can", 3)
 AT = (0.47, -0.10)

@@ -10,10 +10,11 @@ import pytest
 
 from features.geometry import transform
 from rtask.errors import UsageError
-from simulate.robots.nao import Nao
+from simulate.robots.nao import describe_nao
 from simulate.world.camera import INTRINSICS, Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import product, write_assets
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 
@@ -23,7 +24,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[World, Cam
     folder: Path = tmp_path_factory.mktemp("assets")
     with World() as world:
         camera = Camera(world.client)
-        robot = Nao(world)
+        robot = RobotBody(world, describe_nao())
         world.add_table()
         can = product("can", 3)
         world.spawn(can, (0.15, -0.10), 0.0, write_assets(can, folder))

@@ -7,6 +7,7 @@ import pytest
 
 from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
 from simulate.robots import describe_nao
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 
@@ -67,7 +68,7 @@ def test_points_of_a_wrong_shape_are_named():
 def arm_and_world():
     description = describe_nao()
     with World() as world:
-        robot = world.load_robot(description)
+        robot = RobotBody(world, description)
         yield ArmSpheres.of(description, description.arm("right_arm"), 1.0), robot, world
 
 

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 from simulate.grasping.executor import Executor, GraspRequest
-from simulate.robots.nao import Nao
+from simulate.robots.nao import describe_nao
 from simulate.world.objects import Friction, product
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 CAN = product("can", 3)
@@ -37,7 +38,7 @@ def make(preset="faithful"):
     world.add_table()
     world.add_place_box("left")
     world.add_place_box("right")
-    return world, Executor(world, Nao(world))
+    return world, Executor(world, RobotBody(world, describe_nao()))
 
 
 @pytest.fixture(scope="module")

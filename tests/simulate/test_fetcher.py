@@ -13,7 +13,7 @@ from features.geometry import Frame
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetched, Fetcher
 from simulate.agent.perception import Perceived
-from simulate.testing import CAMERA, Plan, Record, seen_at
+from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
 
 _CUP, _CAN, _PEN = (0.15, -0.10), (0.15, -0.05), (0.14, 0.10)
 

@@ -7,6 +7,7 @@ import pytest
 
 from simulate.motion.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
 from simulate.robots import describe_nao
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 
@@ -23,7 +24,7 @@ def random_postures(chain, n, seed=0, margin=0.1):
 @pytest.mark.parametrize("arm", ["left_arm", "right_arm"])
 def test_forward_kinematics_agree_with_the_physics_engine(arm):
     with World() as world:
-        robot = world.load_robot(describe_nao())
+        robot = RobotBody(world, describe_nao())
         chain = robot.chains[arm]
         index = robot.link_index[robot.arms[arm].wrist]
         for q in random_postures(chain, 25, seed=1):

@@ -13,6 +13,7 @@ from rtask.errors import RobotError
 from simulate.agent.perception import perceive
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest
+from simulate.grasping.workcell import Workcell
 from simulate.motion.collision import link_poses
 from simulate.motion.kinematics import Chain, Goal, follow_line, solve_ik
 from simulate.motion.mesh_cover import cover_mesh, read_vertices
@@ -20,7 +21,6 @@ from simulate.robots import ROBOTS, describe, urdf_text
 from simulate.robots.urdf_reader import read_urdf
 from simulate.world.objects import product, sample_objects
 from simulate.world.scene import arrange
-from simulate.world.workcell import Workcell
 
 ROOT = Path(__file__).resolve().parents[2]
 DOWN = np.array([0.0, 0.0, -1.0])

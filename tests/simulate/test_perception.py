@@ -10,10 +10,11 @@ import pytest
 from features.geometry import Frame
 from simulate.agent.perception import Ignored, perceive
 from simulate.agent.simulated_body import Conditions, SimulatedBody
-from simulate.robots.nao import Nao
+from simulate.robots.nao import describe_nao
 from simulate.world.camera import INTRINSICS, Camera
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import product, sample_objects
+from simulate.world.robot_body import RobotBody
 from simulate.world.scene import Placement, arrange, lay
 from simulate.world.world import World
 
@@ -30,7 +31,7 @@ def test_objects_on_noisy_tables_are_found_one_segment_each(assets: Path) -> Non
     offsets, heights = [], []
     for seed in range(4):
         with World() as world:
-            camera, robot = Camera(world.client), Nao(world)
+            camera, robot = Camera(world.client), RobotBody(world, describe_nao())
             world.add_table()
             boxes = [world.add_place_box(side) for side in ("right", "left")]
             specs = sample_objects(np.random.default_rng(seed), 6)

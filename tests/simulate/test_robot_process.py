@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,7 @@ import pytest
 
 from rtask.client.base import Client
 from rtask.errors import CallFailedError, RemoteUnavailableError
-from simulate.agent.process import Persistent, Voice
+from simulate.agent.servers import RetryingServer
 
 TOLD = {"objects": [{"data": "x", "task_id": "t:1"}]}
 
@@ -41,10 +39,6 @@ class _Slow(Client):
     def close(self) -> None: ...
 
 
-def heard(stream: io.StringIO) -> list[str]:
-    return [json.loads(line)["for"] for line in stream.getvalue().splitlines()]
-
-
 @pytest.mark.parametrize(
     "late",
     [
@@ -53,34 +47,34 @@ def heard(stream: io.StringIO) -> list[str]:
     ],
 )
 def test_a_slow_server_is_asked_again_for_longer_and_told_under_the_same_name(tmp_path, late):
-    client, said = _Slow(tmp_path / "outbox.jsonl", late, late), io.StringIO()
-    server = Persistent(client, Voice(said))
+    client, said = _Slow(tmp_path / "outbox.jsonl", late, late), []
+    server = RetryingServer(client, said.append)
     assert server.insert_object(**TOLD) == {"objects": [{"object": "o:1"}]}
     assert {tuple(names) for _, names, _ in client.arrived} == {("t:1",)}
     assert client.arrived[0][2] < client.arrived[-1][2]
-    assert heard(said) == ["insert_object"] * 2
+    assert said == ["insert_object"] * 2
     assert client.waiting == 0  # nothing is left in the outbox to tell once more
 
 
 def test_a_question_is_asked_again_too(tmp_path):
     late = CallFailedError("busy", http_status=503, may_change=True)
-    client, said = _Slow(tmp_path / "outbox.jsonl", late), io.StringIO()
-    assert Persistent(client, Voice(said)).recognise_for_grasp(data="x")
-    assert heard(said) == ["recognise_for_grasp"]
+    client, said = _Slow(tmp_path / "outbox.jsonl", late), []
+    assert RetryingServer(client, said.append).recognise_for_grasp(data="x")
+    assert said == ["recognise_for_grasp"]
 
 
 def test_a_refusal_is_no_slowness(tmp_path):
     client, said = (
         _Slow(tmp_path / "outbox.jsonl", CallFailedError("no such gripper")),
-        io.StringIO(),
+        [],
     )
     with pytest.raises(CallFailedError, match="no such gripper"):
-        Persistent(client, Voice(said)).recognise_for_grasp(data="x")
-    assert heard(said) == []
+        RetryingServer(client, said.append).recognise_for_grasp(data="x")
+    assert said == []
 
 
 def test_patience_ends_and_what_was_to_be_told_is_kept(tmp_path):
     client = _Slow(tmp_path / "outbox.jsonl", *[RemoteUnavailableError("gone")] * 9)
     with pytest.raises(RemoteUnavailableError, match="kept in"):
-        Persistent(client, Voice(io.StringIO()), patience_s=-1.0).report_outcome(task_id="t:2")
+        RetryingServer(client, [].append, patience_s=-1.0).report_outcome(task_id="t:2")
     assert client.waiting == 1

@@ -9,10 +9,11 @@ import numpy as np
 
 from features.codec import decode, encode_frame
 from features.segmentation import Scene, segment_scene
-from simulate.robots.nao import Nao
+from simulate.robots.nao import describe_nao
 from simulate.world.camera import Camera, Lighting
 from simulate.world.noise import SensorNoise
 from simulate.world.objects import ObjectSpec, product, write_assets
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 Place = tuple[ObjectSpec, float, float, float]
@@ -31,7 +32,7 @@ def _look(folder: Path, places: Sequence[Place], seed: int) -> tuple[Scene, np.n
     rng = np.random.default_rng(seed)
     with World() as world:
         camera = Camera(world.client)
-        robot = Nao(world)
+        robot = RobotBody(world, describe_nao())
         world.add_table()
         bodies = [
             world.spawn(spec, (x, y), yaw, write_assets(spec, folder)) for spec, x, y, yaw in places
@@ -86,7 +87,7 @@ def test_things_that_touch_are_told_apart(tmp_path: Path) -> None:
 def test_an_object_goes_over_the_wire_in_a_few_kilobytes_and_comes_back(tmp_path: Path) -> None:
     with World() as world:
         camera = Camera(world.client)
-        robot = Nao(world)
+        robot = RobotBody(world, describe_nao())
         world.add_table()
         can = product("can", 3)
         body = world.spawn(can, (0.15, -0.1), 0.0, write_assets(can, tmp_path))

@@ -10,12 +10,12 @@ import pytest
 from rtask.errors import RobotError
 from simulate.grasping.executor import GraspRequest
 from simulate.grasping.planning import GraspPlanner
+from simulate.grasping.workcell import Workcell
 from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import link_poses
 from simulate.motion.stance import balance_margin, centre_of_mass, standing
 from simulate.robots import describe
 from simulate.world.objects import product
-from simulate.world.workcell import Workcell
 
 CAN = product("can", 3)
 FAR = (0.24, -0.07)

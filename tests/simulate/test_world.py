@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from rtask.errors import RobotError, UsageError
-from simulate.robots.nao import Nao
+from simulate.robots.nao import describe_nao
 from simulate.world.objects import product
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 
@@ -25,7 +26,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def robot(world):
-    return Nao(world)
+    return RobotBody(world, describe_nao())
 
 
 def test_importing_the_core_loads_no_physics():
@@ -152,7 +153,7 @@ def test_a_robot_stands_where_it_is_put():
         pose = np.eye(4)
         pose[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
         pose[:3, 3] = [1.0, 2.0, 0.0]
-        robot = Nao(world, pose)
+        robot = RobotBody(world, describe_nao(), pose)
         wrist = world.client.getLinkState(
             robot.body, robot.link_index["l_wrist"], computeForwardKinematics=True
         )[4]

@@ -12,6 +12,7 @@ import pytest
 import rtask
 from rtask.client.outbox import Outbox
 from rtask.errors import UsageError
+from simulate.fleet.assignment import plan_fleet
 from simulate.fleet.figures import (
     COLUMNS,
     fleet_figures,
@@ -20,7 +21,6 @@ from simulate.fleet.figures import (
     write_fleet_report,
 )
 from simulate.fleet.orchestrate import Fleet, FleetSettings
-from simulate.fleet.plan import plan_fleet
 
 ATTEMPTS = """
 PREFIX rt: <https://w3id.org/rtask-kg/ns#>

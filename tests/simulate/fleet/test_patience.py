@@ -11,8 +11,8 @@ import pytest
 import rtask
 from rtask.client.base import Client
 from rtask.errors import CallFailedError, RemoteUnavailableError
-from simulate.fleet import servers
-from simulate.fleet.servers import BlindServer, PatientServer
+from simulate.agent import servers
+from simulate.agent.servers import BlindServer, OutboxServer
 
 
 class _Flaky(Client):
@@ -45,7 +45,7 @@ def test_a_question_waits_and_what_is_told_meanwhile_arrives_once_and_first(
 ) -> None:
     monkeypatch.setattr(servers, "_PAUSE_S", 0.0)
     client, waited = _Flaky(tmp_path / "outbox.jsonl"), []
-    server = PatientServer(client, 60.0, waited.append)
+    server = OutboxServer(client, 60.0, waited.append)
     client.away = 1
     told = server.insert_object(objects=[{"data": "x", "task_id": "t:1"}])
     assert told == {"objects": [{"object": ""}]}
@@ -68,7 +68,7 @@ def test_a_busy_server_is_waited_for_like_one_that_is_away(
     monkeypatch.setattr(servers, "_PAUSE_S", 0.0)
     client, waited = _Flaky(tmp_path / "outbox.jsonl"), []
     client.absence = CallFailedError("no answer in 30 s", http_status=status, may_change=True)
-    server = PatientServer(client, 60.0, waited.append)
+    server = OutboxServer(client, 60.0, waited.append)
     client.away = 3
     server.register_robot(name="nao")
     assert waited == ["register_robot"] * 3
@@ -84,7 +84,7 @@ def test_patience_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     client = _Flaky(tmp_path / "outbox.jsonl")
     client.away = 10**9
     with pytest.raises(RemoteUnavailableError):
-        PatientServer(client, 0.0).recognise_for_grasp(data="y")
+        OutboxServer(client, 0.0).recognise_for_grasp(data="y")
 
 
 def test_a_refusal_is_no_absence(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_a_refusal_is_no_absence(tmp_path: Path) -> None:
         rtask.connect(kb, agent="robot") as client,
         pytest.raises(rtask.errors.UsageError),
     ):
-        PatientServer(client, 60.0).recognise_for_grasp(colour="red")
+        OutboxServer(client, 60.0).recognise_for_grasp(colour="red")
 
 
 class _Graph:

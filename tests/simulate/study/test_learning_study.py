@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simulate.grasping.record import UNREACHABLE
 from simulate.study.learners import FAILED, LEARNERS, replay
 from simulate.study.learning_report import (
     COLUMNS,
@@ -17,7 +18,6 @@ from simulate.study.learning_report import (
     summarise_learning,
     write_learning_report,
 )
-from simulate.study.reasons import UNREACHABLE
 
 
 def _arm(source: str, x: float, theta: float, quality: float, reason: str) -> dict[str, Any]:

@@ -8,11 +8,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from simulate.grasping.record import UNREACHABLE, phase_of
 from simulate.study.grasping import grasping_trial
-from simulate.study.grasping_report import COLUMNS, grasping_rows, summarise_grasping
+from simulate.study.grasping_report import (
+    COLUMNS,
+    grasping_rows,
+    grasping_study,
+    summarise_grasping,
+)
+from simulate.study.learning_report import outcome_study
 from simulate.study.outcomes import outcome_trial
-from simulate.study.reasons import UNREACHABLE, phase_of
-from simulate.study.studies import grasping_study, outcome_study
 
 
 def test_a_trial_is_the_same_in_any_process_and_the_command_prints_nothing_but_figures(

@@ -1,4 +1,8 @@
-"""What stands between an agent and the shared graph: patience, and a robot without geometry."""
+"""Servers as an agent sees them: two that wait for answers, and one without geometry.
+
+An endpoint may be slow or away for a while. :class:`RetryingServer` repeats every call until it is
+answered; :class:`OutboxServer` repeats questions only and leaves reports in the outbox.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +13,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rtask.client import Client
 from rtask.errors import CallFailedError, RemoteUnavailableError
 from simulate.agent.agent import Server
 
-__all__ = ["BlindServer", "PatientServer"]
+__all__ = ["LONG_CALL_S", "BlindServer", "OutboxServer", "RetryingServer"]
 
+LONG_CALL_S = 120.0
+"""How long a repeated call waits for its answer, s."""
+_FIRST_CALL_S = 30.0
+_PATIENCE_S = 900.0
 _PAUSE_S = 0.5
 _DIRECTIONS = 12
 _BLIND_GRASPS = 10
@@ -21,24 +30,82 @@ _LOOK = ("data", "sensor_pose", "frame_id", "support_height")
 
 
 class _Client(Protocol):
-    """What :class:`PatientServer` needs of :func:`rtask.connect`."""
+    """What :class:`OutboxServer` needs of :func:`rtask.connect`."""
 
     def call(self, operation: str, /, **args: Any) -> dict[str, Any]: ...
 
     def tell(self, operation: str, /, **args: Any) -> dict[str, Any] | None: ...
 
 
-class PatientServer:
-    """Questions wait for an answer; what is told waits in the outbox while the robot works on.
+def _may_recover(error: RemoteUnavailableError | CallFailedError) -> bool:
+    """Tell whether a repeated call may succeed.
+
+    A busy server says so (503), or that its own time for the call ran out (504).
+    """
+    return isinstance(error, RemoteUnavailableError) or bool(error.details.get("may_change"))
+
+
+class RetryingServer:
+    """Repeats every call until it is answered; the server stores repeated reports only once.
+
+    Parameters
+    ----------
+    client
+        With an outbox.
+    on_wait
+        Called with the name of the operation each time that no answer came, so that whoever
+        listens can find out whether the server is slow or gone.
+    patience_s
+        Time after which the error of an unanswered call is raised.
+    """
+
+    def __init__(
+        self, client: Client, on_wait: Callable[[str], None], patience_s: float = _PATIENCE_S
+    ) -> None:
+        self._client, self._on_wait, self._patience_s = client, on_wait, patience_s
+
+    def register_robot(self, **request: Any) -> dict[str, Any]:
+        """Introduce the robot."""
+        return self._repeat("register_robot", request)
+
+    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
+        """Ask which object this is and which grasps to try."""
+        return self._repeat("recognise_for_grasp", request)
+
+    def insert_object(self, **request: Any) -> dict[str, Any]:
+        """Report what was seen and the outcome of grasping it."""
+        return self._repeat("insert_object", request)
+
+    def report_outcome(self, **request: Any) -> dict[str, Any]:
+        """Report the outcome of a grasp."""
+        return self._repeat("report_outcome", request)
+
+    def _repeat(self, operation: str, request: dict[str, Any]) -> dict[str, Any]:
+        deadline = time.monotonic() + self._patience_s
+        call_s = _FIRST_CALL_S
+        while True:
+            try:
+                if call_s > _FIRST_CALL_S:
+                    self._client.deliver()  # earlier reports first, from the outbox
+                return self._client.call(operation, call_s, **request)
+            except (RemoteUnavailableError, CallFailedError) as error:
+                if not _may_recover(error) or time.monotonic() > deadline:
+                    raise
+            call_s = LONG_CALL_S
+            self._on_wait(operation)
+
+
+class OutboxServer:
+    """Repeats questions until they are answered; reports wait in the outbox meanwhile.
 
     Parameters
     ----------
     client
         With an outbox.
     patience_s
-        How long a question waits.
+        Time after which an unanswered question raises its error.
     on_wait
-        Called with what could not be asked or told, each time.
+        Called with the name of the operation each time that no answer came.
     """
 
     def __init__(
@@ -56,12 +123,12 @@ class PatientServer:
         return self._asked("register_robot", request)
 
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
-        """Ask, again and again until somebody answers.
+        """Ask until an answer comes.
 
         Raises
         ------
         RemoteUnavailableError, CallFailedError
-            Nobody did in time, or had the time to.
+            No answer came in time, or the server refused.
         """
         return self._asked("recognise_for_grasp", request)
 
@@ -70,18 +137,14 @@ class PatientServer:
         while True:
             try:
                 return self._client.call(operation, **request)
-            except RemoteUnavailableError:
-                if time.monotonic() > deadline:
-                    raise
-            except CallFailedError as error:
-                # A busy server says so (503), or that its own time for the call ran out (504).
-                if not error.details.get("may_change") or time.monotonic() > deadline:
+            except (RemoteUnavailableError, CallFailedError) as error:
+                if not _may_recover(error) or time.monotonic() > deadline:
                     raise
             self._on_wait(operation)
             time.sleep(_PAUSE_S)  # the client has waited already; this only bounds its retries
 
     def insert_object(self, **request: Any) -> dict[str, Any]:
-        """Tell now or later; told later, nobody knows yet under which name it is stored."""
+        """Report now or later; if later, the IRI of a new object is not known yet."""
         answer = self._client.tell("insert_object", **request)
         if answer is None:
             self._on_wait("insert_object")
@@ -89,7 +152,7 @@ class PatientServer:
         return answer
 
     def report_outcome(self, **request: Any) -> dict[str, Any]:
-        """Tell now or later."""
+        """Report now or later."""
         answer = self._client.tell("report_outcome", **request)
         if answer is None:
             self._on_wait("report_outcome")
@@ -97,10 +160,10 @@ class PatientServer:
 
 
 class BlindServer:
-    """A robot that cannot judge shapes: it tries what the graph knows to hold, else anything.
+    """Stands for a robot that cannot judge shapes: it takes remembered grasps or random ones.
 
-    A grasp that somebody held this object with before goes first. Without one the robot closes its
-    hand somewhere over the object's bounding box, in any direction.
+    Grasps that held this object before come first. After them come random positions over the
+    object's bounding box with random closing directions.
 
     Parameters
     ----------
@@ -119,7 +182,7 @@ class BlindServer:
         self._look: dict[str, Any] = {}
 
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
-        """Ask for what is known, and add blind grasps after it."""
+        """Ask for remembered grasps and append blind ones."""
         self._look = {name: request[name] for name in _LOOK}
         answer = self._server.recognise_for_grasp(**{**request, "propose": False})
         held = [g for g in answer["grasps"] if _share_held(g) > 0.5]
@@ -129,17 +192,17 @@ class BlindServer:
         return {**answer, "grasps": [*held, *blind]}
 
     def insert_object(self, **request: Any) -> dict[str, Any]:
-        """Tell the graph."""
+        """Report to the graph."""
         return self._server.insert_object(**request)
 
     def report_outcome(self, **request: Any) -> dict[str, Any]:
-        """Tell the graph; with the look, where only that says what a blind grasp was of."""
+        """Report to the graph, for a blind grasp together with the view of the object."""
         if request["grasp"]["source"] != "blind":
             return self._server.report_outcome(**request)
         return self._server.insert_object(objects=[{**self._look, **request}])
 
     def _blind(self, shape: dict[str, float], number: int) -> dict[str, Any]:
-        """Return a grasp that knows the bounding box only."""
+        """Draw a grasp over the bounding box."""
         half = np.array([shape["length"], shape["width"]]) / 2
         a, b = self._rng.uniform(-half, half)
         cos, sin = math.cos(shape["yaw"]), math.sin(shape["yaw"])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,7 @@ from simulate.robots.description import (
     Stance,
     transform_from,
 )
-
-if TYPE_CHECKING:
-    from simulate.world.world import World
+from simulate.world.world import World
 
 __all__ = ["REST_OPENING", "HandTouch", "RobotBody"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from simulate.grasping.executor import Executor
 from simulate.robots import RobotDescription, describe
+from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 __all__ = ["Workcell"]
@@ -34,7 +35,7 @@ class Workcell:
         self.world.add_table()
         for side in ("left", "right"):
             self.world.add_place_box(side)
-        self.robot = self.world.load_robot(self.description)
+        self.robot = RobotBody(self.world, self.description)
         self.executor = Executor(self.world, self.robot)
 
     def __enter__(self) -> Workcell:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rtask.errors import UsageError
 from simulate.world.objects import ObjectSpec, product, sample_objects
-from simulate.world.random_streams import stream
+from simulate.world.seeds import stream
 
 __all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
 

@@ -1,6 +1,6 @@
 """One simulated robot as a process of its own: a world, a body, a connection to the graph.
 
-Started as ``python -m simulate.agent.process JOB`` with the job as JSON and the token in the
+Started as ``python -m simulate.demo.robot_process JOB`` with the job as JSON and the token in the
 environment variable ``RTASK_TOKEN``. It prints one JSON event a line and begins at ``go`` on its
 standard input; when that closes it ends.
 """
@@ -18,29 +18,28 @@ from pathlib import Path
 from typing import Any
 
 import rtask
-from rtask.client import Client
-from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
+from rtask.errors import RtaskError
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Encounter
 from simulate.agent.frame_topic import FramePublisher
-from simulate.agent.job import Job
 from simulate.agent.perception import Seen
 from simulate.agent.scoring import Judge
+from simulate.agent.servers import LONG_CALL_S, RetryingServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.demo.processes import RobotJob
 from simulate.robots import describe
 from simulate.world.camera import Lighting
 from simulate.world.objects import sample_objects
-from simulate.world.random_streams import stream
 from simulate.world.scene import arrange
+from simulate.world.seeds import stream
 
-__all__ = ["Persistent", "Voice", "body_of", "main"]
+__all__ = ["Voice", "body_of", "main"]
 
 # Streams of random numbers, one a purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
-_FIRST_CALL_S, _CALL_S, _PATIENCE_S = 30.0, 120.0, 900.0
 
 
-def body_of(job: Job, assets: Path) -> SimulatedBody:
+def body_of(job: RobotJob, assets: Path) -> SimulatedBody:
     """Return the robot of a job before its table."""
     products = sample_objects(stream(job.seed, _PRODUCTS), job.objects)
     workplace = describe(job.robot).workplace
@@ -67,59 +66,7 @@ class Voice:
         self._stream.flush()
 
 
-class Persistent:
-    """A server that is asked until it answers; what it is told is stored once all the same.
-
-    Every time it does not answer, ``waiting`` is said: whoever listens knows whether the server
-    is gone or slow.
-
-    Parameters
-    ----------
-    client
-        With an outbox.
-    tell
-        Told what is waited for.
-    patience_s
-        Of one question, before its error is raised.
-    """
-
-    def __init__(self, client: Client, tell: Voice, patience_s: float = _PATIENCE_S) -> None:
-        self._client, self._tell, self._patience_s = client, tell, patience_s
-
-    def register_robot(self, **request: Any) -> dict[str, Any]:
-        """Introduce the robot."""
-        return self._told("register_robot", request)
-
-    def recognise_for_grasp(self, **request: Any) -> dict[str, Any]:
-        """Ask which object this is and which grasps to try."""
-        return self._told("recognise_for_grasp", request)
-
-    def insert_object(self, **request: Any) -> dict[str, Any]:
-        """Tell what was seen, and what came of grasping it."""
-        return self._told("insert_object", request)
-
-    def report_outcome(self, **request: Any) -> dict[str, Any]:
-        """Tell what came of a grasp."""
-        return self._told("report_outcome", request)
-
-    def _told(self, operation: str, request: dict[str, Any]) -> dict[str, Any]:
-        deadline = time.monotonic() + self._patience_s
-        call_s = _FIRST_CALL_S
-        while True:
-            try:
-                if call_s > _FIRST_CALL_S:
-                    self._client.deliver()  # what was told in vain goes first, from the outbox
-                return self._client.call(operation, call_s, **request)
-            except (RemoteUnavailableError, CallFailedError) as error:
-                # A busy server says so (503), or that its own time for the call ran out (504).
-                away = isinstance(error, RemoteUnavailableError) or error.details.get("may_change")
-                if not away or time.monotonic() > deadline:
-                    raise
-            call_s = _CALL_S
-            self._tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
-
-
-def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
+def _run(job: RobotJob, body: SimulatedBody, tell: Voice) -> None:
     """Connect, introduce the robot, clear the table, tell what came of it."""
     judge = Judge(body)
     first_sight: dict[int, int] = {}
@@ -127,12 +74,17 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
     def on_sight(encounter: Encounter, seen: Seen) -> None:
         first_sight[encounter.number] = judge.body_under(seen)
 
+    def waiting(operation: str) -> None:
+        tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
+
     token = os.environ.get("RTASK_TOKEN")
     with (
-        rtask.connect(job.url, token=token, timeout_s=_CALL_S, outbox=Path(job.outbox)) as client,
+        rtask.connect(
+            job.url, token=token, timeout_s=LONG_CALL_S, outbox=Path(job.outbox)
+        ) as client,
         FramePublisher(job.url, job.name, token) as spectators,
     ):
-        server = Persistent(client, tell)
+        server = RetryingServer(client, waiting)
         server.register_robot(**body.robot.describe(job.name))
         in_reach = judge.in_reach()
         tell("ready", {"objects": len(body.laid), "in_reach": sum(in_reach.values())})
@@ -157,7 +109,7 @@ def _run(job: Job, body: SimulatedBody, tell: Voice) -> None:
     )
 
 
-def _mixed(job: Job) -> int:
+def _mixed(job: RobotJob) -> int:
     return int(stream(job.seed, _CHOICE, job.index).integers(2**31))
 
 
@@ -174,7 +126,7 @@ def main() -> None:
     # Bullet and Mesa write to file descriptor 1; events get a private copy of it.
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    job = Job(**json.loads(sys.argv[1]))
+    job = RobotJob(**json.loads(sys.argv[1]))
     tell = Voice(events)
     try:
         with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:

@@ -1,0 +1,167 @@
+"""Commands of ``rtask simulate`` that measure: grasping, learners, and the thesis's tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+import click
+
+__all__ = ["grasping", "learn", "print_table", "table4", "table5"]
+
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+_PRESETS = click.Choice(["faithful", "fast"])
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table of results."""
+    from simulate.demo.console import Console
+
+    Console().table(title, columns, rows)
+
+
+@click.command()
+@click.option("-n", "--trials", default=100, show_default=True, help="Objects, kinds in turn.")
+@click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
+@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@click.option("--attempts", default=3, show_default=True, help="Attempts at one object.")
+@click.option("--robot", default="nao", show_default=True, help="Which robot.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--out", default="rtask-grasping", show_default=True, type=_FOLDER)
+@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def grasping(
+    trials: int,
+    seed: int,
+    processes: int,
+    attempts: int,
+    robot: str,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how often objects are held and placed, with perception in the loop."""
+    from simulate.study.grasping_report import (
+        COLUMNS,
+        grasping_rows,
+        grasping_study,
+        write_grasping_report,
+    )
+    from simulate.study.runner import run
+
+    results = run(grasping_study(trials, seed, attempts, preset, robot), out, processes, resume)
+    summary = write_grasping_report(out, results, seed)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table("Grasping with perception in the loop", COLUMNS, grasping_rows(summary))
+    for what in ("reasons_of_attempts", "reasons_of_objects_not_held", "reasons_not_placed"):
+        click.echo(f"{what.replace('_', ' ')}: {json.dumps(summary[what])}")
+    click.echo(f"report  {out / 'report.json'}, {out / 'held.png'}")
+
+
+@click.command()
+@click.option("--objects", default=100, show_default=True, help="Objects, kinds in turn.")
+@click.option("--seed", default=0, show_default=True, help="Fixes every object and choice.")
+@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@click.option("--orders", default=20, show_default=True, help="Orders in which learners meet them.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--out", default="rtask-learning", show_default=True, type=_FOLDER)
+@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def learn(
+    objects: int,
+    seed: int,
+    processes: int,
+    orders: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Compare learners on what physics makes of many grasps of many objects."""
+    from simulate.study.learning_report import (
+        COLUMNS,
+        learning_rows,
+        outcome_study,
+        write_learning_report,
+    )
+    from simulate.study.runner import run
+
+    results = run(outcome_study(objects, seed, preset=preset), out, processes, resume)
+    summary = write_learning_report(out, results, seed, orders)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table("Attempts to first success", COLUMNS, learning_rows(summary))
+    click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
+    click.echo(f"report and charts  {out}")
+
+
+@click.command()
+@click.option("--objects", default=111, show_default=True, help="In the store.")
+@click.option("--seed", default=0, show_default=True, help="Fixes products and looks.")
+@click.option("--repeats", default=10, show_default=True, help="Of each question.")
+@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
+def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
+    """Time the retrieval of objects: Table 4 of Gatto 2016 beside ours.
+
+    A server holds a look at each of 111 products, as many as the thesis's data set; four are asked
+    for by websocket from new looks.
+    """
+    import os
+    import tempfile
+
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
+        os.dup2(2, 1)  # Bullet and Mesa write there
+        import rtask
+        from simulate.demo.processes import Endpoint
+        from simulate.study.tables import fill, retrieval_times
+
+        with tempfile.TemporaryDirectory(prefix="rtask-table-") as folder:
+            endpoint = Endpoint(Path(folder) / "store", 0, Path(folder) / "log")
+            try:
+                with rtask.connect(endpoint.url) as client:
+                    hand = {"name": "nao_right_hand", "gripper_type": "nao_hand"}
+                    other = {"name": "nao_left_hand", "gripper_type": "nao_hand"}
+                    client.call(
+                        "register_robot", name="nao", model="nao-h25-v5", simulated=True,
+                        end_effectors=[
+                            {**one, "max_opening": 0.05, "max_payload": 0.3}
+                            for one in (hand, other)
+                        ],
+                    )  # fmt: skip
+                    rows = retrieval_times(client, fill(client, objects, seed), seed, repeats)
+            finally:
+                endpoint.stop()
+        _say_times(rows, as_json, out)
+
+
+@click.command()
+@click.option("--repeats", default=3, show_default=True, help="Held grasps of each kind.")
+@click.option("--seed", default=0, show_default=True, help="Fixes products and places.")
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
+def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
+    """Time grasps from (X, Y, theta): Table 5 of Gatto 2016 beside ours."""
+    import os
+
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
+        os.dup2(2, 1)  # Bullet and Mesa write there
+        from simulate.study.tables import grasp_times
+
+        _say_times(grasp_times(repeats, seed, preset), as_json, out)
+
+
+def _say_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:
+    if as_json:
+        click.echo(json.dumps(list(rows)), out)
+        return
+    for number, row in enumerate(rows):
+        if not number:
+            click.echo("  ".join(f"{name:>12}" for name in row), out)
+        cells = (f"{v:12.3f}" if isinstance(v, float) else f"{v!s:>12}" for v in row.values())
+        click.echo("  ".join(cells), out)
