@@ -93,18 +93,6 @@ ALLOWED_RINGS: dict[str, frozenset[str]] = {
             "rtask.objects",
         }
     ),
-    "simulate.grasping": frozenset(
-        {
-            "simulate.grasping.attempt_run",
-            "simulate.grasping.executor",
-        }
-    ),
-    "simulate.robots": frozenset(
-        {
-            "simulate.robots.body",
-            "simulate.world.world",
-        }
-    ),
 }
 
 

@@ -19,7 +19,6 @@ UNUSED: dict[str, str] = {
     "features.recognition.metrics": "benchmarks score with it",
     "grasp.push.mechanics.box2d_check": "benchmarks compare the quasi-static simulation with it",
     "simulate.grasping.floating": "benchmarks grasp with it",
-    "simulate.testing": "tests only",
 }
 
 _DOTTED = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.[a-z_]\w*)+")
