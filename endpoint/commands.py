@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from rtask.errors import UsageError
 
 if TYPE_CHECKING:
     from endpoint.access.tokens import Token, TokenStore
-    from endpoint.config import Config
+    from endpoint.settings import Config
     from rtask.engine.policy import Policy
 
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -192,6 +193,7 @@ def serve(
     import rtask
     from endpoint import server
     from endpoint.access.tokens import TokenStore
+    from endpoint.context import ServerContext
     from endpoint.monitoring.log import LineWriter, log_as_json
     from endpoint.rosbridge.services import NoEngine
     from endpoint.sparql.remote_store import EngineElsewhere, RemoteStore
@@ -202,8 +204,9 @@ def serve(
     with ExitStack() as stack:
         writer = stack.enter_context(closing(LineWriter()))
         log_as_json(writer, log_level)
-        # The port comes first: who starts a second server hears of it before a store is opened.
+        # Bind the port first: a second server fails before it opens a store.
         listener = stack.enter_context(closing(server.listen(config.host, port)))
+        config = replace(config, host=listener.getsockname()[0])
         kb: Any
         if store:
             kb = stack.enter_context(RemoteStore(store, os.environ.get("RTASK_STORE_TOKEN")))
@@ -221,8 +224,8 @@ def serve(
             click.echo(f"ready {url} data {store or folder or 'in memory'}")
 
         lines = writer if log_level in ("debug", "info") else None
-        parts = server.Parts(kb, engine, tokens, config, lines)
-        ended = server.serve(parts, listener, ready)
+        context = ServerContext.create(kb, engine, tokens, config, lines)
+        ended = server.serve(context, listener, ready)
         writer.close()
     if not ended:
         # Everything is stored and closed; only threads of queries that took too long are left, and
@@ -243,8 +246,7 @@ def _policy(options: dict[str, Any]) -> Policy:
 
 def _config(options: dict[str, Any]) -> Config:
     """Return the settings that the options describe."""
-    from endpoint.config import MEGABYTE, Config
-    from endpoint.settings import limits_of
+    from endpoint.settings import MEGABYTE, Config, limits_of
 
     cert, key = options["tls_cert"], options["tls_key"]
     if bool(cert) != bool(key):

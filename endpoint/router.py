@@ -1,12 +1,11 @@
-"""Which part of the server answers which address of programs."""
+"""Routes the addresses for programs to the parts of the server that answer them."""
 
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING
 
-from endpoint.access.auth import Caller, preflight_headers
-from endpoint.admin import Operators
+from endpoint.access.auth import Caller, plan_ticket, preflight_headers
+from endpoint.admin import AdminRoutes
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
 from endpoint.api.listing import ADDRESS as API
@@ -14,13 +13,12 @@ from endpoint.api.listing import is_listing, plan_listing
 from endpoint.api.openapi import ADDRESSES as DESCRIPTIONS
 from endpoint.api.openapi import plan_openapi
 from endpoint.api.operations import plan_operation
-from endpoint.api.ticket_route import ADDRESS as TICKET
-from endpoint.api.ticket_route import plan_ticket
+from endpoint.context import ServerContext
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.http.plan import Plan
 from endpoint.sparql import graph_store, protocol
 from endpoint.sparql.answers import Answers
-from endpoint.sparql.deferred import Plan
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.request import (
     METHODS,
@@ -31,23 +29,21 @@ from endpoint.sparql.request import (
     parse_operation,
 )
 
-if TYPE_CHECKING:
-    from endpoint.application import Gateway
-
+TICKET = "/tokens/ticket"
 _PROTOCOL = {
     "/sparql": (QUERY, UPDATE),
     "/query": (QUERY,),
     "/update": (UPDATE,),
 }
-_OPERATORS = ("/metrics", "/queries", "/api/history", "/backup")
-_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_OPERATORS, *DESCRIPTIONS, TICKET))
+_ADMIN = ("/metrics", "/queries", "/api/history", "/backup")
+_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_ADMIN, *DESCRIPTIONS, TICKET))
 _PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/")
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
 
 
 def serves(path: str) -> bool:
-    """Tell whether an address is one of programs; the others are pages.
+    """Tell whether an address is for programs; all others are pages.
 
     Examples
     --------
@@ -57,59 +53,58 @@ def serves(path: str) -> bool:
     return (path.rstrip("/") or "/") in _EXACT or path.startswith(_PREFIXES)
 
 
-class Addresses:
-    """Understands the requests of callers that were let in.
+class Router:
+    """Parses the requests of identified callers and plans their answers.
 
     Parameters
     ----------
-    gateway
-        Whose addresses these are.
-    answers
-        Where queries meet their readers.
+    context
+        The parts of the server.
     """
 
-    def __init__(self, gateway: Gateway, answers: Answers) -> None:
-        self._gateway = gateway
-        kb, config = gateway.kb, gateway.config
-        self._store = graph_store.GraphStore(kb, gateway.auth, config, gateway.versions, answers)
-        self._asked = protocol.Asked(answers, Lookups(kb), gateway.versions)
-        self._operators = Operators(gateway)
+    def __init__(self, context: ServerContext) -> None:
+        self._context = context
+        kb, config = context.kb, context.config
+        answers = Answers(kb, config)
+        self._store = graph_store.GraphStore(kb, context.auth, config, context.versions, answers)
+        self._asked = protocol.Asked(answers, Lookups(kb), context.versions)
+        self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
 
     def plan(self, request: Request, caller: Caller, address: str) -> Plan:
-        """Return what is to be done for a request.
+        """Plan the answer to a request.
 
         Parameters
         ----------
         address
             Its path without a trailing slash.
         """
-        gateway = self._gateway
+        context = self._context
         if address in _PROTOCOL:
             return self._protocol(request, caller, _PROTOCOL[address])
         if address == TICKET:
-            return plan_ticket(gateway.auth, request, caller)
+            return plan_ticket(context.auth, request, caller)
         if request.method not in _SAFE_METHODS:
-            gateway.admit_write(caller)
+            context.limiter.admit_write(caller)
         if address == graph_store.ADDRESS or address.startswith(graph_store.ADDRESS + "/"):
             return self._store.plan(request, caller)
         if address.startswith("/engine/"):
-            return plan_operation(gateway.engine, gateway.auth, request, caller, self._keys)
+            return plan_operation(context.engine, context.auth, request, caller, self._keys)
         if address in DESCRIPTIONS:
-            return plan_openapi(gateway.engine, request)
-        if address.startswith(_OPERATORS):
-            return self._operators.plan(request, caller, address)
+            return plan_openapi(context.engine, request)
+        if address.startswith(_ADMIN):
+            return self._admin.plan(request, caller, address)
         if is_listing(address):
-            timeout_s = gateway.config.timeout_s
-            return plan_listing(gateway.kb, gateway.versions, request, timeout_s)
+            timeout_s = context.config.timeout_s
+            return plan_listing(context.kb, context.versions, request, timeout_s)
         if request.raw_path.startswith(_BLOBS):
-            return plan_blob(gateway.kb, request, request.path.removeprefix(_BLOBS))
+            return plan_blob(context.kb, request, request.path.removeprefix(_BLOBS))
         near = difflib.get_close_matches(address, [f"{API}{name}" for name in COLLECTIONS], n=1)
         hint = f"did you mean {near[0]}?" if near else "see /openapi"
         raise RefusedError(404, "not-found", f"there is nothing at {address}; {hint}")
 
     def options(self, request: Request, address: str) -> Plan:
-        """Return which methods an address takes, and what a page of another origin may send."""
+        """Return the methods of an address, and what a page of another origin may send."""
         if address in _PROTOCOL:
             methods = METHODS[_PROTOCOL[address]]
         elif address.startswith("/engine/") or address == TICKET:
@@ -119,19 +114,19 @@ class Addresses:
         else:
             methods = ("GET", "HEAD", "OPTIONS")
         allow = ("Allow", ", ".join(methods))
-        headers = (allow, *preflight_headers(request, self._gateway.config))
+        headers = (allow, *preflight_headers(request, self._context.config))
         return Plan.ready(Response(204, headers=headers))
 
     def _protocol(self, request: Request, caller: Caller, kinds: tuple[str, ...]) -> Plan:
-        gateway = self._gateway
+        context = self._context
         operation = parse_operation(request, kinds)
         if isinstance(operation, DescriptionRequest):
             return protocol.plan_description(
-                gateway.kb, request, gateway.config, updates=UPDATE in kinds
+                context.kb, request, context.config, updates=UPDATE in kinds
             )
         if isinstance(operation, UpdateRequest):
-            gateway.auth.require_write(request, caller)
-            gateway.admit_write(caller)
-            return protocol.plan_update(gateway.kb, operation, request, caller, gateway.config)
-        gateway.check_room()
-        return protocol.plan_query(operation, request, caller, gateway.config, self._asked)
+            context.auth.require_write(request, caller)
+            context.limiter.admit_write(caller)
+            return protocol.plan_update(context.kb, operation, request, caller, context.config)
+        context.queries.check_room()
+        return protocol.plan_query(operation, request, caller, context.config, self._asked)

@@ -1,4 +1,4 @@
-"""Put everything together and serve it until told to stop."""
+"""Run a server: bind the socket, start the event loop, serve until told to stop."""
 
 from __future__ import annotations
 
@@ -11,23 +11,20 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
 from types import FrameType
 
 import uvicorn
 
 from endpoint.access.tokens import TokenStore
-from endpoint.application import Gateway
-from endpoint.config import Config
-from endpoint.http.asgi import Front
+from endpoint.application import Application
+from endpoint.asgi import AsgiApplication
+from endpoint.context import ServerContext
 from endpoint.http.server_protocol import GuardedProtocol
-from endpoint.http.wsgi import create_app
-from endpoint.monitoring.log import LineWriter
-from endpoint.rosbridge.services import Engine
 from endpoint.rosbridge.session import Bridge
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.commit.commit import Change
-from rtask.knowledge_base import KnowledgeBase
 
 _log = logging.getLogger(__name__)
 GRACE_S = 15
@@ -37,24 +34,24 @@ THREAD_STACK_BYTES = 16 << 20
 
 
 class PortInUseError(RtaskError):
-    """Another program listens at the address already."""
+    """Another program is already listening at the address."""
 
     exit_code = 1
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Bind a listening socket; port 0 takes any free one.
+    """Bind a listening socket; port 0 picks a free one.
 
     Raises
     ------
     PortInUseError
-        Somebody else has the port.
+        Another program uses the port.
     UsageError
         The address is not one of this machine.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # With the protocol named, asyncio switches Nagle's algorithm off; without it each answer on a
-    # kept connection waits 40 ms for the client's acknowledgement.
+    # asyncio disables Nagle's algorithm only if the protocol is named; otherwise each answer on a
+    # kept-alive connection waits 40 ms for the client's acknowledgement.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -70,80 +67,68 @@ def listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-@dataclass(frozen=True)
-class Parts:
-    """What a server is made of; `writer` takes the log's lines."""
-
-    kb: KnowledgeBase
-    engine: Engine
-    tokens: TokenStore
-    config: Config
-    writer: LineWriter | None = None
-
-
 def check_exposure(tokens: TokenStore, config: Config) -> None:
-    """Refuse to be reachable from elsewhere while nobody needs a token.
+    """Refuse to serve other machines while no token is required.
 
     Raises
     ------
     UsageError
-        Saying how to make a token.
+        The message says how to create a token.
     """
     if not config.on_loopback and not tokens.ever_issued():
         where = "behind a proxy the server" if config.behind_proxy else config.host
         raise UsageError(
-            f"{where} is reachable from other machines and no token exists; make one first: "
+            f"{where} is reachable from other machines and no token exists; create one first: "
             "rtask token create --data DIR --role admin"
         )
 
 
-def serve(parts: Parts, listener: socket.socket, on_ready: Callable[[str], None]) -> bool:
+def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[str], None]) -> bool:
     """Serve until SIGINT or SIGTERM.
 
     Parameters
     ----------
-    parts
-        Knowledge base, engine, tokens, settings. The caller closes them.
+    context
+        The parts of the server. Knowledge base, engine and tokens stay open: the caller closes
+        them.
     listener
-        Bound already.
+        A bound socket.
     on_ready
-        Called with the address once requests are answered.
+        Called with the address of the server once it answers requests.
 
     Returns
     -------
     ended
-        Whether all work has ended; if not, threads of queries that took too long still run.
+        Whether all work has ended; if not, threads of abandoned queries are still running.
     """
-    # Parsing nests on the stack; the threads that run queries get a deep one.
+    # The parsers recurse, so the threads that run queries get a deep stack.
     threading.stack_size(THREAD_STACK_BYTES)
     _allow_open_files()
     host, port = listener.getsockname()[:2]
-    scheme = "https" if parts.config.tls_cert else "http"
+    scheme = "https" if context.config.tls_cert else "http"
     url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
-    config = replace(parts.config, host=host)
-    gateway = Gateway(parts.kb, parts.engine, parts.tokens, config, parts.writer)
-    bridge = Bridge(parts.engine)
-    pages = create_app(parts.kb, parts.engine, parts.tokens, config, gateway)
-    front = Front(gateway, bridge, pages)
-    settings = _settings(front, config)
+    application = Application(context)
+    bridge = Bridge(context.engine)
+    asgi = AsgiApplication(application, bridge, create_app(application))
+    settings = _uvicorn_settings(asgi, context.config)
     server = uvicorn.Server(settings)
-    stop_announcing = parts.kb.on_commit(lambda change: _announce(bridge, change))
-    # The closure is built now, not while the first robot waits for its first write.
-    parts.kb.warm_up()
-    gateway.audit.event("start", url=url)
+    stop_announcing = context.kb.on_commit(lambda change: _announce(bridge, change))
+    # Build the closure now, not while the first robot waits for its first write.
+    context.kb.warm_up()
+    context.audit.event("start", url=url)
     try:
         with asyncio.Runner(loop_factory=settings.get_loop_factory()) as runner:
-            runner.run(_run(server, front, listener, lambda: on_ready(url)))
+            runner.run(_run(server, asgi, listener, lambda: on_ready(url)))
     finally:
         stop_announcing()
         bridge.close()
-        gateway.audit.event("stop")
-        ended = gateway.close()
+        context.audit.event("stop")
+        ended = application.close()
     return ended
 
 
 def _allow_open_files() -> None:
-    """Ask for as many connections as the system lets this process have."""
+    """Raise the limit of open files as far as the system allows, for many connections."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
     if soft != resource.RLIM_INFINITY and soft < wanted:
@@ -151,9 +136,9 @@ def _allow_open_files() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def _settings(front: Front, config: Config) -> uvicorn.Config:
+def _uvicorn_settings(asgi: AsgiApplication, config: Config) -> uvicorn.Config:
     return uvicorn.Config(
-        front,
+        asgi,
         http=GuardedProtocol,
         log_config=None,
         access_log=False,
@@ -162,10 +147,10 @@ def _settings(front: Front, config: Config) -> uvicorn.Config:
         ws="websockets-sansio",
         ws_max_size=config.max_message_bytes,
         ws_ping_interval=30.0,
-        # A pong cannot overtake an upload that is under way; be patient with slow links.
+        # A pong cannot overtake an upload in progress; be patient with slow links.
         ws_ping_timeout=120.0,
         ws_per_message_deflate=False,
-        # What a proxy says about the client is believed where we were told of one, on this machine.
+        # The headers of a proxy are trusted only if we were told of one, on this machine.
         proxy_headers=config.behind_proxy,
         forwarded_allow_ips="127.0.0.1,::1" if config.behind_proxy else "",
         ssl_certfile=config.tls_cert,
@@ -177,9 +162,12 @@ def _settings(front: Front, config: Config) -> uvicorn.Config:
 
 
 async def _run(
-    server: uvicorn.Server, front: Front, listener: socket.socket, on_ready: Callable[[], None]
+    server: uvicorn.Server,
+    asgi: AsgiApplication,
+    listener: socket.socket,
+    on_ready: Callable[[], None],
 ) -> None:
-    """Run the server; robots are told to go before it waits for connections to end."""
+    """Run the server; at its end, disconnect the robots before waiting for open connections."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
 
@@ -191,25 +179,25 @@ async def _run(
             on_ready()
         waiting = asyncio.create_task(stopping.wait())
         await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
-        await _drain(server, front)
+        await _drain(server, asgi)
         server.should_exit = True
         await serving
         waiting.cancel()
 
 
-async def _drain(server: uvicorn.Server, front: Front) -> None:
-    """Say that no more work is wanted, leave a balancer time to hear it, then tell the robots."""
-    front.drain()
-    deadline = time.monotonic() + front.drain_delay_s
+async def _drain(server: uvicorn.Server, asgi: AsgiApplication) -> None:
+    """Report "not ready", give load balancers time to notice, then disconnect the robots."""
+    asgi.drain()
+    deadline = time.monotonic() + asgi.drain_delay_s
     while time.monotonic() < deadline and not server.force_exit:
         await asyncio.sleep(0.05)
-    await front.changes.close_all()
-    await front.connections.close_all()
+    await asgi.changes.close_all()
+    await asgi.connections.close_all()
 
 
 @contextlib.contextmanager
 def _certificates(server: uvicorn.Server) -> Iterator[None]:
-    """Read the certificate again on SIGHUP: new connections get the new one."""
+    """Reload the certificate on SIGHUP, for new connections."""
     settings = server.config
     if not settings.ssl_certfile or threading.current_thread() is not threading.main_thread():
         yield
@@ -220,9 +208,9 @@ def _certificates(server: uvicorn.Server) -> Iterator[None]:
             assert settings.ssl is not None
             assert settings.ssl_certfile is not None
             settings.ssl.load_cert_chain(settings.ssl_certfile, settings.ssl_keyfile)
-            _log.warning("certificate read again")
+            _log.warning("certificate reloaded")
         except (OSError, ValueError) as error:
-            _log.error("the certificate cannot be read; the old one stays: %s", error)
+            _log.error("cannot read the certificate, keeping the old one: %s", error)
 
     before = signal.signal(signal.SIGHUP, reload)
     try:
@@ -235,14 +223,14 @@ def _certificates(server: uvicorn.Server) -> Iterator[None]:
 def _signals(
     server: uvicorn.Server, loop: asyncio.AbstractEventLoop, stopping: asyncio.Event
 ) -> Iterator[None]:
-    """End on the first SIGINT or SIGTERM in order, on the second at once."""
+    """Stop gracefully on the first SIGINT or SIGTERM, and at once on the second."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         if stopping.is_set():
             server.force_exit = True
         loop.call_soon_threadsafe(stopping.set)
 
-    # uvicorn sets its own handlers for the time it serves; ours close the robots first.
+    # Replace uvicorn's own handlers: ours disconnect the robots first.
     server.capture_signals = contextlib.nullcontext  # type: ignore[method-assign,assignment]
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -256,7 +244,7 @@ def _signals(
 
 
 def _announce(bridge: Bridge, change: Change) -> None:
-    """Tell robots that subscribed to `/rtask/changes` what was written."""
+    """Publish a commit to the robots that subscribed to `/rtask/changes`."""
     bridge.topics.announce(
         "/rtask/changes",
         "rtask/Change",

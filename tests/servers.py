@@ -1,4 +1,4 @@
-"""Start `rtask serve` in a process of its own, for tests and benchmarks of its clients."""
+"""Servers for tests and benchmarks, in a process of their own or in this one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+from endpoint.access.tokens import TokenStore
+from endpoint.application import Application
+from endpoint.context import ServerContext
+from endpoint.rosbridge.services import Engine
+from endpoint.settings import Config
+from rtask.knowledge_base import KnowledgeBase
 
 READY_S = 90.0
 STOP_S = 20.0
@@ -120,3 +127,10 @@ def _ready_url(output: IO[str], errors: list[str]) -> str:
         said = "".join(errors)[-2000:]
         raise ServerDidNotStartError(f"{line.strip() or 'no ready line'}; {said}")
     return line.split()[1]
+
+
+def new_application(
+    kb: KnowledgeBase, engine: Engine, tokens: TokenStore, config: Config, **options: Any
+) -> Application:
+    """Make an application in this process; options as :meth:`ServerContext.create` takes them."""
+    return Application(ServerContext.create(kb, engine, tokens, config, **options))

@@ -1,41 +1,50 @@
-"""Who asks, and may they: tokens, Host and Origin.
+"""Identifies callers and checks what they may do: tokens, scopes, Host and Origin.
 
-Host stops DNS rebinding: a hostile page whose name suddenly means 127.0.0.1 still sends its own
-name. Origin stops any page the operator happens to visit from driving the robots: browsers send it
-with each websocket and each request that changes something.
+Checking Host stops DNS rebinding: a hostile page whose name suddenly resolves to 127.0.0.1 still
+sends its own name. Checking Origin keeps other sites that the operator visits from driving the
+robots: browsers send it with each websocket and each request that changes something.
 """
 
 from __future__ import annotations
 
+import json
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from urllib.parse import urlsplit
 
-from endpoint.access.sessions import Sessions, SignedIn, session_name
-from endpoint.access.tickets import PREFIX as TICKET
-from endpoint.access.tickets import Tickets
+from endpoint.access.sessions import (
+    TICKET_LIFETIME_S,
+    TICKET_PREFIX,
+    Sessions,
+    SignedIn,
+    Tickets,
+    session_name,
+)
 from endpoint.access.tokens import Token, TokenStore
-from endpoint.config import Config, is_loopback
-from endpoint.http.messages import Request
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Plan
+from endpoint.settings import Config, is_loopback
 from rtask.errors import AuthenticationError, ForbiddenError
 from rtask.kb.commit.access import Access
 
 
 @dataclass(frozen=True)
 class Caller:
-    """Who sent a request.
+    """The sender of a request.
 
     Parameters
     ----------
     access
         Rights in the knowledge base.
     token
-        What was shown; none for callers without one.
+        The token presented; none for callers without one.
     session
-        Where a cookie stands for the token. Browsers send cookies by themselves, so such a caller
-        proves with each change that one of our own pages asks.
+        The session, if a cookie stood in for the token. Browsers send cookies unasked, so such a
+        caller must prove with each change that one of our own pages made it.
     address
-        Where the request came from.
+        Network address of the sender.
     """
 
     access: Access
@@ -45,11 +54,11 @@ class Caller:
 
     @property
     def key(self) -> str:
-        """Who is meant when requests are counted."""
+        """Key under which requests are counted."""
         return self.token.id if self.token else self.address
 
     def note(self, request: Request) -> str:
-        """Return what the provenance of a change says about its request."""
+        """Return the note about the request that the provenance of a change keeps."""
         token = f", token {self.token.id}" if self.token else ""
         return f"request {request.id}{token}"
 
@@ -60,46 +69,50 @@ class Caller:
 
 
 class Authenticator:
-    """Decides who a caller is.
+    """Identifies callers.
 
     Parameters
     ----------
     tokens
         Tokens of the data folder.
     config
-        Where the server is bound, and what it was told to accept.
+        Where the server is bound, and which hosts and origins it accepts.
+    clock
+        Returns seconds, for sessions and tickets.
     """
 
-    def __init__(self, tokens: TokenStore, config: Config) -> None:
+    def __init__(
+        self, tokens: TokenStore, config: Config, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._tokens = tokens
         self._config = config
-        self.sessions = Sessions()
-        self.tickets = Tickets()
+        self.sessions = Sessions(clock)
+        self.tickets = Tickets(clock)
 
     def identify(self, request: Request, *, token_in_url: bool = False) -> Caller:
         """Return the caller of a request.
 
-        Without a token: on loopback everybody is ``anonymous`` and writes while no token was ever
-        made, and reads afterwards; elsewhere a token is wanted for everything.
+        Callers without a token: on loopback they are ``anonymous`` and may write until the first
+        token is issued, and may read afterwards; elsewhere every request requires a token.
 
         Parameters
         ----------
         request
-            What came in.
+            The request as received.
         token_in_url
             Whether ``?token=`` counts, a ticket too: browsers cannot set headers on a websocket.
 
         Raises
         ------
         AuthenticationError
-            A token is missing or not good.
+            A required token is missing or invalid.
         ForbiddenError
-            The Host is not this server.
+            The Host is not a name of this server.
         """
         self.check_host(request)
         text = self._token_text(request, token_in_url)
         if text is not None:
-            is_ticket = token_in_url and text.startswith(TICKET)
+            is_ticket = token_in_url and text.startswith(TICKET_PREFIX)
             token = self._of_ticket(text) if is_ticket else self._tokens.authenticate(text)
             return Caller(token.access, token, address=request.client)
         signed_in = self._signed_in(request)
@@ -112,17 +125,17 @@ class Authenticator:
         return Caller(_READER, address=request.client)
 
     def _of_ticket(self, ticket: str) -> Token:
-        """Return the token that a ticket stands for; the ticket is used up."""
+        """Use up a ticket and return its token."""
         token_id = self.tickets.redeem(ticket)
         token = self._tokens.get(token_id) if token_id else None
         if token is None:
             raise AuthenticationError(
-                "the ticket was used, or is too old; ask for another", token_sent=True
+                "the ticket has been used or has expired; request another", token_sent=True
             )
         return token
 
     def _signed_in(self, request: Request) -> Caller | None:
-        """Return the caller whose cookie stands for a token that is still good."""
+        """Return the caller whose session cookie stands for a valid token."""
         cookie = request.headers.get("cookie")
         session = self.sessions.find(session_name(cookie)) if cookie else None
         if session is None:
@@ -133,32 +146,32 @@ class Authenticator:
         return Caller(token.access, token, session, request.client)
 
     def needs_no_token(self) -> bool:
-        """Tell whether anybody on this machine may write: no token was ever made."""
+        """Tell whether every local caller may write because no token was ever issued."""
         return self._config.on_loopback and (self._config.plain or not self._tokens.ever_issued())
 
     def still_valid(self, caller: Caller) -> bool:
-        """Tell whether the token of a long-lived connection was not revoked meanwhile."""
+        """Tell whether the token behind a long-lived connection is still valid."""
         return caller.token is None or self._tokens.is_valid(caller.token.id)
 
     def check_host(self, request: Request) -> None:
-        """Refuse a Host that is not this server (only where the server is bound to loopback)."""
+        """Refuse a Host that is not a name of this server, if the server is bound to loopback."""
         if not self._config.on_loopback:
             return
         name = _host_name(request.header("host", "localhost"))
         if is_loopback(name) or name in self._config.allowed_hosts:
             return
-        raise ForbiddenError(f"Host {name!r} is not this server")
+        raise ForbiddenError(f"Host {name!r} is not a name of this server")
 
     def check_origin(self, request: Request, caller: Caller | None = None) -> None:
-        """Refuse a change, or a websocket, that a foreign page asks for.
+        """Refuse a change or a websocket that a page of another origin requests.
 
-        A bearer token passes: no page sends one that it does not know. A cookie does not: browsers
-        send it whoever asks.
+        A bearer token passes, for no page can send one that it does not know. A cookie does not:
+        browsers send it on behalf of any page.
 
         Raises
         ------
         ForbiddenError
-            The Origin is neither absent nor ours nor allowed.
+            The Origin is neither absent nor our own nor an allowed one.
         """
         origin = request.headers.get("origin")
         by_cookie = caller is not None and caller.session is not None
@@ -174,21 +187,21 @@ class Authenticator:
         raise ForbiddenError(f"Origin {origin!r} may not change anything here")
 
     def require_write(self, request: Request, caller: Caller) -> None:
-        """Refuse callers who write nothing at all; graphs are decided on by the knowledge base.
+        """Refuse callers that may not write at all; the knowledge base decides graph by graph.
 
         Raises
         ------
         AuthenticationError
-            No token came, and one would help.
+            No token was sent, and one might help.
         ForbiddenError
-            A token without the right, or a foreign Origin.
+            The token does not permit writing, or the Origin is foreign.
         """
         self.check_origin(request, caller)
         if caller.access.role != "reader":
             return
         if caller.token is None:
             raise AuthenticationError("writing needs a token; send Authorization: Bearer <token>")
-        raise ForbiddenError("needs scope write; this token only reads")
+        raise ForbiddenError("needs scope write; this token may only read")
 
     @staticmethod
     def _token_text(request: Request, token_in_url: bool) -> str | None:
@@ -202,6 +215,29 @@ class Authenticator:
             values = request.values("token")
             return values[-1] if values else None
         return None
+
+
+def plan_ticket(auth: Authenticator, request: Request, caller: Caller) -> Plan:
+    """Plan the answer to ``POST /tokens/ticket``: a ticket in exchange for a token or session.
+
+    Raises
+    ------
+    RefusedError
+        405.
+    AuthenticationError
+        The caller has no token for the ticket to stand for.
+    ForbiddenError
+        A page of another origin asks.
+    """
+    if request.method != "POST":
+        allow = (("Allow", "POST, OPTIONS"),)
+        raise RefusedError(405, "method-not-allowed", "request a ticket by POST", headers=allow)
+    auth.check_origin(request, caller)
+    if caller.token is None:
+        raise AuthenticationError("a ticket stands for a token: sign in, or send a bearer token")
+    body = {"ticket": auth.tickets.issue(caller.token.id), "expires_in": int(TICKET_LIFETIME_S)}
+    headers = (("Cache-Control", "no-store"),)
+    return Plan.ready(Response(201, json.dumps(body).encode(), JSON_TYPE, headers))
 
 
 def cors_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...]:
@@ -223,7 +259,7 @@ def cors_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...
 
 
 def preflight_headers(request: Request, config: Config) -> tuple[tuple[str, str], ...]:
-    """Return what a preflight gets besides; empty where the origin is not allowed."""
+    """Return the further fields for a preflight request; empty if the origin is not allowed."""
     if not cors_headers(request, config):
         return ()
     return (
@@ -238,7 +274,7 @@ def preflight_headers(request: Request, config: Config) -> tuple[tuple[str, str]
 
 @lru_cache(maxsize=256)
 def _host_name(host: str) -> str:
-    """Return a Host header without its port; empty where it is malformed."""
+    """Return a Host header without its port; empty if it is malformed."""
     try:
         return urlsplit("//" + host).hostname or ""
     except ValueError:
@@ -246,7 +282,7 @@ def _host_name(host: str) -> str:
 
 
 def _authority(origin: str) -> str:
-    """Return host and port of an Origin, lower case; empty for ``null`` and the like."""
+    """Return the host and port of an Origin in lower case; empty for ``null`` and the like."""
     try:
         return urlsplit(origin).netloc.lower()
     except ValueError:

@@ -1,7 +1,8 @@
-"""How often one caller may ask: token buckets, and what is under way at once.
+"""Rate limits: token buckets and a bound on simultaneous requests, for each caller.
 
-A bucket holds two seconds' worth; a caller that pauses may catch up that much. Callers are known by
-their token, else by their address, so one robot's loop gone wild costs the others nothing.
+A bucket holds two seconds' worth of requests, which a caller may send in one burst after a pause.
+Callers are told apart by their token, else by their address, so that a robot caught in a loop costs
+the others nothing.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 
+from endpoint.access.auth import Caller
 from endpoint.http.messages import RefusedError
 
 BURST_S = 2.0
@@ -19,14 +21,14 @@ _MAX_CALLERS = 10_000
 
 
 class Buckets:
-    """One token bucket for each caller.
+    """A token bucket for each caller.
 
     Parameters
     ----------
     rate
-        Requests a second; zero is without limit.
+        Requests per second; zero for no limit.
     clock
-        Seconds; for tests.
+        Returns seconds; tests pass their own.
 
     Examples
     --------
@@ -43,7 +45,7 @@ class Buckets:
         self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def take(self, caller: str) -> float:
-        """Take one; return 0, or the seconds until there is one again."""
+        """Take one token and return 0, or return the seconds until there is one."""
         if self.rate <= 0:
             return 0.0
         with self._lock:
@@ -58,12 +60,12 @@ class Buckets:
 
 
 class InFlight:
-    """How many requests of each caller are under way.
+    """Counter of the requests of each caller that are in progress.
 
     Parameters
     ----------
     allowed
-        At once, for one caller.
+        Simultaneous requests of one caller.
     """
 
     def __init__(self, allowed: int) -> None:
@@ -72,7 +74,7 @@ class InFlight:
         self._counts: dict[str, int] = {}
 
     def enter(self, caller: str) -> bool:
-        """Count a request; false, and not counted, where the caller has too many already."""
+        """Count a request in; return false, uncounted, if the caller has too many already."""
         with self._lock:
             count = self._counts.get(caller, 0)
             if count >= self.allowed:
@@ -81,7 +83,7 @@ class InFlight:
         return True
 
     def leave(self, caller: str) -> None:
-        """Count a request that ended."""
+        """Count a request out."""
         with self._lock:
             left = self._counts.get(caller, 0) - 1
             if left > 0:
@@ -91,41 +93,62 @@ class InFlight:
 
 
 class Limiter:
-    """The limits of callers: all requests, changes, requests at once.
+    """Limits requests, changes and simultaneous requests of each caller.
+
+    Local callers are not limited while no token is required.
 
     Parameters
     ----------
     rate, write_rate
-        Requests and changes a second.
+        Requests and changes per second.
     max_in_flight
-        Requests at once.
+        Simultaneous requests.
+    clock
+        Returns seconds; tests pass their own.
     """
 
-    def __init__(self, rate: float, write_rate: float, max_in_flight: int) -> None:
-        self._requests = Buckets(rate)
-        self._writes = Buckets(write_rate)
+    def __init__(
+        self,
+        rate: float,
+        write_rate: float,
+        max_in_flight: int,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._requests = Buckets(rate, clock)
+        self._writes = Buckets(write_rate, clock)
         self._in_flight = InFlight(max_in_flight)
 
-    def admit(self, caller: str) -> Callable[[], None]:
-        """Let a request in; call what is returned when it has ended.
+    def admit(self, caller: Caller) -> Callable[[], None]:
+        """Admit a request; call the returned function when it has ended.
 
         Raises
         ------
         RefusedError
             429 with ``Retry-After`` in whole seconds (RFC 6585, 4).
         """
+        if caller.access.role == "anonymous":
+            return lambda: None
+        return self._admit(caller.key)
+
+    def admit_stranger(self, address: str) -> None:
+        """Rate-limit unauthenticated callers by their address; raises as :meth:`admit` does."""
+        self._admit(f"stranger {address}")()
+
+    def _admit(self, caller: str) -> Callable[[], None]:
         wait = self._requests.take(caller)
         if wait:
-            raise _too_many(f"more than {self._requests.rate:g} requests a second", wait)
+            raise _too_many(f"more than {self._requests.rate:g} requests per second", wait)
         if not self._in_flight.enter(caller):
-            raise _too_many(f"{self._in_flight.allowed} requests of yours are under way", 1.0)
+            raise _too_many(f"{self._in_flight.allowed} of your requests are in progress", 1.0)
         return lambda: self._in_flight.leave(caller)
 
-    def admit_write(self, caller: str) -> None:
-        """Let a change in; raises as :meth:`admit` does."""
-        wait = self._writes.take(caller)
+    def admit_write(self, caller: Caller) -> None:
+        """Admit a change; raises as :meth:`admit` does."""
+        if caller.access.role == "anonymous":
+            return
+        wait = self._writes.take(caller.key)
         if wait:
-            raise _too_many(f"more than {self._writes.rate:g} changes a second", wait)
+            raise _too_many(f"more than {self._writes.rate:g} changes per second", wait)
 
 
 def _too_many(what: str, wait: float) -> RefusedError:
@@ -133,6 +156,6 @@ def _too_many(what: str, wait: float) -> RefusedError:
     return RefusedError(
         429,
         "too-many-requests",
-        f"{what}; wait {seconds} s, or send several statements in one request",
+        f"{what}; wait {seconds} s, or combine several statements in one request",
         headers=(("Retry-After", seconds),),
     )

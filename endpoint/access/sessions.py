@@ -1,8 +1,8 @@
-"""People who signed in with a token: a cookie stands for it until they leave.
+"""Sessions of people who signed in with a token, and one-time tickets for websockets.
 
-The cookie holds a random name and nothing else; the token it stands for is looked up again with
-each request, so a revocation ends the session too. Each session has a second secret that forms
-carry, for a page of another origin can send a form but cannot read this one (OWASP, "Cross-Site
+A session's cookie holds a random name and nothing else. The token behind it is looked up again for
+each request, so revoking the token ends the session too. Each session has a second secret, which
+its forms carry: a page of another origin can send a form but cannot read ours (OWASP, "Cross-Site
 Request Forgery Prevention").
 """
 
@@ -12,26 +12,30 @@ import hmac
 import secrets
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 
 COOKIE = "rtask_session"
 LIFETIME_S = 12 * 3600.0
 _MAX_SESSIONS = 1_000
+TICKET_PREFIX = "rtt_"
+TICKET_LIFETIME_S = 30.0
+_MAX_TICKETS = 10_000
 
 
 @dataclass(frozen=True)
 class SignedIn:
-    """One person's session.
+    """The session of one person.
 
     Parameters
     ----------
     token_id
-        Token that the person showed.
+        The token with which the person signed in.
     form_secret
-        What forms carry.
+        The secret that the session's forms carry.
     until
-        End, in seconds of the monotonic clock.
+        When it ends, in seconds of the clock of :class:`Sessions`.
     """
 
     token_id: str
@@ -44,7 +48,12 @@ class SignedIn:
 
 
 class Sessions:
-    """All sessions of a server; they end with it.
+    """All sessions of a server; they end when it stops.
+
+    Parameters
+    ----------
+    clock
+        Returns seconds; tests pass their own.
 
     Examples
     --------
@@ -57,14 +66,15 @@ class Sessions:
     True
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._lock = threading.Lock()
         self._open: dict[str, SignedIn] = {}
 
     def begin(self, token_id: str) -> str:
         """Start a session and return its name, for the cookie."""
         name = secrets.token_urlsafe(32)
-        entry = SignedIn(token_id, secrets.token_urlsafe(24), time.monotonic() + LIFETIME_S)
+        entry = SignedIn(token_id, secrets.token_urlsafe(24), self._clock() + LIFETIME_S)
         with self._lock:
             if len(self._open) >= _MAX_SESSIONS:
                 del self._open[min(self._open, key=lambda key: self._open[key].until)]
@@ -72,10 +82,10 @@ class Sessions:
         return name
 
     def find(self, name: str) -> SignedIn | None:
-        """Return a session that goes on."""
+        """Return the session of a name; none if there is none, or it has expired."""
         with self._lock:
             entry = self._open.get(name)
-            if entry is not None and entry.until <= time.monotonic():
+            if entry is not None and entry.until <= self._clock():
                 del self._open[name]
                 return None
             return entry
@@ -86,8 +96,52 @@ class Sessions:
             self._open.pop(name, None)
 
 
+class Tickets:
+    """One-time tickets that stand for a token when a browser opens a websocket.
+
+    A browser can send credentials for a websocket in its address only, and addresses end up in
+    histories and proxy logs. A ticket that was used, or is older than half a minute, is worth
+    nothing there.
+
+    Parameters
+    ----------
+    clock
+        Returns seconds; tests pass their own.
+
+    Examples
+    --------
+    >>> tickets = Tickets()
+    >>> ticket = tickets.issue("0123456789ab")
+    >>> tickets.redeem(ticket), tickets.redeem(ticket)
+    ('0123456789ab', None)
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._open: dict[str, tuple[str, float]] = {}
+
+    def issue(self, token_id: str) -> str:
+        """Return a new ticket for a token."""
+        ticket, now = f"{TICKET_PREFIX}{secrets.token_hex(16)}", self._clock()
+        with self._lock:
+            # The oldest come first.
+            for old, (_, until) in list(self._open.items()):
+                if until > now and len(self._open) < _MAX_TICKETS:
+                    break
+                del self._open[old]
+            self._open[ticket] = (token_id, now + TICKET_LIFETIME_S)
+        return ticket
+
+    def redeem(self, ticket: str) -> str | None:
+        """Use up a ticket and return its token; none if the ticket is unknown or too old."""
+        with self._lock:
+            token_id, until = self._open.pop(ticket, ("", 0.0))
+        return token_id if token_id and until > self._clock() else None
+
+
 def session_name(cookie_header: str) -> str:
-    """Return the session that a Cookie header names; empty where it names none.
+    """Return the session name in a Cookie header; empty if there is none.
 
     Examples
     --------
@@ -104,7 +158,7 @@ def session_name(cookie_header: str) -> str:
 
 
 def set_cookie(name: str, *, secure: bool) -> str:
-    """Return the Set-Cookie field of a session; without a name, the one that deletes it."""
+    """Return the Set-Cookie field of a session or, for an empty name, the one that deletes it."""
     age = int(LIFETIME_S) if name else 0
     rest = "; Secure" if secure else ""
     return f"{COOKIE}={name}; Path=/; Max-Age={age}; HttpOnly; SameSite=Strict{rest}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from endpoint.http.messages import RefusedError, Request, Response
-from endpoint.sparql.deferred import Plan
+from endpoint.http.plan import Plan
 from rtask.errors import MissingBlobError
 from rtask.knowledge_base import KnowledgeBase
 

@@ -22,7 +22,7 @@ import ontology
 from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
 from endpoint.http.conditional import Versions, is_known
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
-from endpoint.sparql.deferred import Plan
+from endpoint.http.plan import Plan
 from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
 from rtask.engine.curation.redirects import present_name
 from rtask.errors import DataError, UsageError

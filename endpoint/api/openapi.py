@@ -9,9 +9,9 @@ from endpoint.api.openapi_page import page
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.api.openapi_schema import answer_schema, request_schema
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.rosbridge.services import Engine
-from endpoint.sparql.deferred import Plan
 from rtask import __version__
 from rtask.engine.operations.answers import ANSWERS
 

@@ -9,8 +9,8 @@ from typing import Any
 from endpoint.access.auth import Authenticator, Caller, require_scope
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
-from endpoint.sparql.deferred import Plan
 from rtask.errors import AuthenticationError, UsageError
 
 ADDRESS = "/engine/"

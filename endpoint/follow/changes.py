@@ -1,8 +1,9 @@
-"""Following the graph: `/changes` as server-sent events and as a websocket.
+"""Change notifications at ``/changes``, as server-sent events and over a websocket.
 
-Every event carries the version after it, ``<epoch>:<seq>``; who lost the connection sends the last
-one back (``Last-Event-ID``, or ``since``) and hears what it missed, nothing twice. A follower that
-reads too slowly is told so and let go; what is no longer kept is told as an event of its own.
+Every event carries the version after it, ``<epoch>:<seq>``. A follower that lost its connection
+sends the last version back (``Last-Event-ID`` or ``since``) and receives what it missed, nothing
+twice. One that reads too slowly is told so and disconnected; one whose version is no longer kept is
+told by an event of its own.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from endpoint.access.auth import Caller, cors_headers, require_scope
-from endpoint.application import Gateway
+from endpoint.context import ServerContext
 from endpoint.follow.events import (
     MAX_PATTERNS,
     NAMES,
@@ -49,17 +50,17 @@ _EVENT_STREAM = "text/event-stream"
 
 
 class Changes:
-    """All who follow the graph over HTTP.
+    """All clients that follow the graph over HTTP.
 
     Parameters
     ----------
-    gateway
-        Whose knowledge base, callers and settings.
+    context
+        The parts of the server.
     """
 
-    def __init__(self, gateway: Gateway) -> None:
-        self._gateway = gateway
-        self._kb = gateway.kb
+    def __init__(self, context: ServerContext) -> None:
+        self._context = context
+        self._kb = context.kb
         self._streams: set[Stream] = set()
         self._sockets: set[ChangeSocket] = set()
         self._held: Counter[str] = Counter()
@@ -69,21 +70,21 @@ class Changes:
 
     @staticmethod
     def serves(path: str) -> bool:
-        """Tell whether an address is one of these."""
+        """Tell whether an address belongs to change notifications."""
         return path.rstrip("/") == ADDRESS or path.startswith(ADDRESS + "/")
 
     def open(self, request: Request) -> Response | Stream:
-        """Return a commit, or a stream that is yet to be sent.
+        """Return one commit, or a stream that is yet to be sent.
 
         Raises
         ------
         RtaskError
-            Why not.
+            The request is refused.
         """
         if request.method not in ("GET", "HEAD", "POST"):
             allow = (("Allow", "GET, HEAD, POST"),)
             raise RefusedError(405, "method-not-allowed", "follow with GET or POST", headers=allow)
-        caller = self._gateway.auth.identify(request)
+        caller = self._context.auth.identify(request)
         require_scope(caller.access, "read")
         rest = request.path.removeprefix(ADDRESS).strip("/")
         if rest:
@@ -102,7 +103,7 @@ class Changes:
             )
 
     def _commit(self, number: str) -> Response:
-        """Return one whole commit, for followers whose event was cut short."""
+        """Return one whole commit, for followers whose event was truncated."""
         feed = self._kb.feed
         seq = int(number) if number.isdecimal() and len(number) < 18 else -1
         found = list(feed.changes(seq - 1, seq)) if 0 < seq <= feed.last_seq else []
@@ -118,8 +119,8 @@ class Changes:
         try:
             if request.path.rstrip("/") != ADDRESS:
                 raise RefusedError(404, "not-found", f"followers connect to {ADDRESS}")
-            caller = self._gateway.auth.identify(request, token_in_url=True)
-            self._gateway.auth.check_origin(request, caller)
+            caller = self._context.auth.identify(request, token_in_url=True)
+            self._context.auth.check_origin(request, caller)
             require_scope(caller.access, "read")
             self._admit(caller)
         except RtaskError as error:
@@ -136,14 +137,14 @@ class Changes:
             self._forget(caller)
 
     async def close_revoked(self) -> None:
-        """Let go of who showed a token that was revoked meanwhile."""
+        """Disconnect the followers whose token has been revoked."""
         everybody: list[Stream | ChangeSocket] = [*self._streams, *self._sockets]
         for one in everybody:
-            if not self._gateway.auth.still_valid(one.caller):
+            if not self._context.auth.still_valid(one.caller):
                 await one.end("token revoked", 1008)
 
     async def close_all(self) -> None:
-        """Tell everybody that the server stops."""
+        """Disconnect all followers because the server stops."""
         everybody: list[Stream | ChangeSocket] = [*self._streams, *self._sockets]
         await asyncio.gather(*(one.end("server stops", 1012) for one in everybody))
 
@@ -165,11 +166,11 @@ class Changes:
     def follower(
         self, request: Request, now: str, on_ready: Callable[[], None]
     ) -> tuple[Follower, RtaskError | None]:
-        """Return what a request wants to follow.
+        """Return a follower of what a request names, and what the client must be told of a gap.
 
-        A browser that comes back by itself with a version that is no longer kept follows from now
-        on, and the error says what it must be told; ``since`` is refused, since somebody reads
-        that answer.
+        A browser that reconnects by itself with a version that is no longer kept follows from now
+        on, and the error says what it missed. A stale ``since`` is refused instead, because a
+        program reads that answer.
         """
         patterns = _patterns(request)
         resumed = request.header("last-event-id").strip()
@@ -183,12 +184,12 @@ class Changes:
             return Follower(self._kb, patterns, now, on_ready), error
 
     def version(self) -> str:
-        """Return the version of now."""
+        """Return the current version."""
         return version_of(self._kb)
 
     def cors(self, request: Request) -> tuple[tuple[str, str], ...]:
-        """Return what lets a page of another origin read along."""
-        return cors_headers(request, self._gateway.config)
+        """Return the header fields that let a page of another origin read the stream."""
+        return cors_headers(request, self._context.config)
 
     def position(self, seq: int) -> str:
         """Return the version after a commit."""
@@ -201,11 +202,11 @@ class Stream:
     Parameters
     ----------
     changes
-        To which it belongs.
+        The collection to which it belongs.
     request
-        What is wanted.
+        The request that opened it.
     caller
-        Who asks.
+        The follower.
     """
 
     def __init__(self, changes: Changes, request: Request, caller: Caller) -> None:
@@ -223,12 +224,12 @@ class Stream:
             self._loop.call_soon_threadsafe(self._ready.set)
 
     async def end(self, reason: str, code: int) -> None:
-        """Say goodbye with the next event."""
+        """End the stream, naming the reason in a last event."""
         self._reason = reason
         self._ready.set()
 
     async def send(self, wire: Wire) -> int:
-        """Send events until either side has enough; return how many bytes went out."""
+        """Send events until either side ends the stream; return the number of bytes sent."""
         self._changes.add(self)
         wire.watch(lambda: self._leave("the client left"))
         sent = 0
@@ -268,7 +269,7 @@ class Stream:
         return {"type": "http.response.start", "status": 200, "headers": raw}
 
     async def _pieces(self) -> AsyncIterator[bytes]:
-        """Yield greetings, commits and the reason for the end."""
+        """Yield a greeting, the commits, and the reason for the end."""
         epoch = self._begin.partition(":")[0]
         yield event("hello", {"version": self._begin, "epoch": epoch})
         if self._missed is not None:
@@ -299,7 +300,7 @@ class Stream:
             yield event("bye", {"reason": self._reason})
 
     async def _wait(self) -> bool:
-        """Wait for something to come; tell whether it did."""
+        """Wait for a commit; tell whether one came."""
         try:
             async with asyncio.timeout(COMMENT_S):
                 await self._ready.wait()
@@ -309,7 +310,7 @@ class Stream:
 
 
 def _patterns(request: Request) -> list[Any]:
-    """Return the patterns of a request: parameters, ``pattern=`` as JSON, or a JSON body."""
+    """Return the patterns in a request: parameters, ``pattern=`` as JSON, or a JSON body."""
     given: list[Any] = []
     if request.method == "POST":
         media_type, _ = request.content_type

@@ -1,4 +1,4 @@
-"""A websocket that follows patterns and queries, each under an id of the client's own."""
+"""Websocket that follows patterns and queries, each under an id that the client chooses."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ from endpoint.follow.events import (
     rows_data,
     version_of,
 )
-from endpoint.http.outbox import Outbox
 from endpoint.http.problems import details_of
-from endpoint.http.websocket import STALL_S, Message, Receive, Transmit
+from endpoint.http.websocket import (
+    STALL_S,
+    TRY_AGAIN_LATER,
+    Message,
+    Outbox,
+    Receive,
+    Transmit,
+)
 from endpoint.rosbridge.messages import JsonObject, encode, parse
 from rtask.errors import ClosedError, EpochChangedError, GoneError, Lagged, RtaskError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 
 MAX_SUBSCRIPTIONS = 100
 MAX_PATTERNS_IN_ALL = 1_000
-TRY_LATER = 1013
 
 
 class _Source(Protocol):
@@ -202,7 +207,7 @@ class ChangeSocket:
                 if not found:
                     await ready.wait()
         except ClosedError:
-            await self.end("the store was closed", TRY_LATER)
+            await self.end("the store was closed", TRY_AGAIN_LATER)
         except RtaskError as error:
             self._tell_error(id_, error)
         finally:
@@ -219,6 +224,6 @@ class ChangeSocket:
                 async with asyncio.timeout(STALL_S):
                     await self._transmit({"type": "websocket.send", "text": text})
         except TimeoutError:
-            await self.end("nothing read for too long", TRY_LATER)
+            await self.end("nothing read for too long", TRY_AGAIN_LATER)
         except (RuntimeError, OSError):
             self._outbox.close()

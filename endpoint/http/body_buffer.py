@@ -1,7 +1,7 @@
-"""The body of a request while it arrives: small ones in memory, large ones in a file.
+"""Buffer for the body of a request while it arrives: in memory if small, in a file if large.
 
-A client may take minutes over a large upload, and only its whole is of use: until the last byte is
-there, the others need not be in memory.
+A client may take minutes over a large upload, and only the whole of it is of use. Until the last
+byte has arrived, the others need not occupy memory.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from rtask.errors import StorageFullError
 SMALL_BYTES = 4 << 20
 
 
-class Spool:
-    """Collects pieces.
+class BodyBuffer:
+    """Collects the pieces of a body.
 
     Parameters
     ----------
     small
-        Bytes that stay in memory.
+        Largest size, in bytes, that stays in memory.
 
     Examples
     --------
-    >>> spool = Spool(small=4)
+    >>> buffer = BodyBuffer(small=4)
     >>> for piece in (b"abc", b"def"):
-    ...     spool.write(piece)
-    >>> spool.in_file, asyncio.run(spool.read())
+    ...     buffer.write(piece)
+    >>> buffer.in_file, asyncio.run(buffer.read())
     (True, b'abcdef')
-    >>> spool.close()
+    >>> buffer.close()
     """
 
     def __init__(self, small: int = SMALL_BYTES) -> None:
@@ -41,16 +41,16 @@ class Spool:
 
     @property
     def in_file(self) -> bool:
-        """Whether there is a file."""
+        """Whether the body is in a file."""
         return self._file is not None
 
     def write(self, piece: bytes) -> None:
-        """Take a piece.
+        """Append a piece.
 
         Raises
         ------
         StorageFullError
-            There is no room for the file.
+            There is no disk space for the file.
         """
         self._size += len(piece)
         try:
@@ -64,17 +64,17 @@ class Spool:
                 self._pieces = []
         except OSError as error:
             folder = tempfile.gettempdir()
-            raise StorageFullError(f"no room for a large body in {folder}: {error}") from None
+            raise StorageFullError(f"no disk space for a large body in {folder}: {error}") from None
 
     async def read(self) -> bytes:
-        """Return all of it."""
+        """Return the whole body."""
         if self._file is None:
             return self._pieces[0] if len(self._pieces) == 1 else b"".join(self._pieces)
         self._file.seek(0)
         return await asyncio.get_running_loop().run_in_executor(None, self._file.read)
 
     def close(self) -> None:
-        """Let it go, and the file too."""
+        """Release the memory and the file."""
         self._pieces = []
         if self._file is not None:
             self._file.close()

@@ -1,184 +1,36 @@
-"""One websocket, one session: the handshake's rules, the queue out, the loop in."""
+"""What all websockets share: message types, close codes, the refusal of a handshake, the outbox."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import logging
+import threading
+from collections import deque
 from collections.abc import Awaitable, Callable, MutableMapping
 from typing import Any
 
-from endpoint.access.auth import Authenticator, Caller
-from endpoint.http.messages import RefusedError, Request
-from endpoint.http.outbox import Outbox
 from endpoint.http.problems import problem
-from endpoint.rosbridge.session import Bridge, Session
 from rtask.errors import RtaskError
 
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
 Transmit = Callable[[Message], Awaitable[None]]
 
-ADDRESSES = ("/", "/rosbridge")
-LARGE_MESSAGE = 64 << 10
-MAX_CONNECTIONS = 2_000
-MAX_PER_TOKEN = 20
+# RFC 6455, 7.4.1, and the IANA registry of close codes.
+POLICY_VIOLATION = 1008
+INTERNAL_ERROR = 1011
+SERVICE_RESTART = 1012
+TRY_AGAIN_LATER = 1013
+
 STALL_S = 120.0
-GOING_AWAY, POLICY, INTERNAL, TRY_LATER, RESTART = 1001, 1008, 1011, 1013, 1012
-_log = logging.getLogger(__name__)
-
-
-class Connections:
-    """All open robot connections of a server.
-
-    Parameters
-    ----------
-    bridge
-        What the sessions share.
-    auth
-        Decides who may connect.
-    """
-
-    def __init__(self, bridge: Bridge, auth: Authenticator) -> None:
-        self._bridge = bridge
-        self._auth = auth
-        self._open: set[Connection] = set()
-
-    async def serve(
-        self, request: Request, scope: Message, receive: Receive, transmit: Transmit
-    ) -> None:
-        """Accept a connection, or refuse it before the upgrade, and serve it to its end."""
-        await receive()  # websocket.connect
-        try:
-            if request.path.rstrip("/") not in ("", "/rosbridge"):
-                raise RtaskError(f"robots connect to {' or '.join(ADDRESSES)}")
-            caller = self._auth.identify(request, token_in_url=True)
-            self._auth.check_origin(request, caller)
-            self._admit(caller)
-        except RtaskError as error:
-            _log.warning("refused a robot from %s: %s", request.client, error)
-            await refuse_handshake(scope, transmit, error)
-            return
-        await transmit({"type": "websocket.accept"})
-        connection = Connection(self._bridge, caller, receive, transmit)
-        self._open.add(connection)
-        _log.info("robot %s connected from %s", caller.name, request.client)
-        try:
-            await connection.run()
-        finally:
-            self._open.discard(connection)
-            _log.info("robot %s left", caller.name)
-
-    def _admit(self, caller: Caller) -> None:
-        """Refuse before the upgrade what would be too many.
-
-        Raises
-        ------
-        RefusedError
-            503, with the time to wait.
-        """
-        own = 0
-        if caller.token is not None:
-            own = sum(other.caller.key == caller.key for other in self._open)
-        if own < MAX_PER_TOKEN and len(self._open) < MAX_CONNECTIONS:
-            return
-        held = f"{own} connections with this token" if own >= MAX_PER_TOKEN else "too many robots"
-        raise RefusedError(503, "busy", f"{held}; try later", headers=(("Retry-After", "10"),))
-
-    async def close_revoked(self) -> None:
-        """Close connections whose token was revoked meanwhile."""
-        for connection in list(self._open):
-            if not self._auth.still_valid(connection.caller):
-                await connection.close(POLICY, "token revoked")
-
-    async def close_all(self) -> None:
-        """Tell all robots that the server stops."""
-        await asyncio.gather(*(c.close(RESTART, "server stops") for c in list(self._open)))
-
-    def __len__(self) -> int:
-        return len(self._open)
-
-
-class Connection:
-    """One robot's socket.
-
-    Parameters
-    ----------
-    bridge
-        What the sessions share.
-    caller
-        Who connected.
-    receive, transmit
-        The two halves of the ASGI connection.
-    """
-
-    def __init__(
-        self, bridge: Bridge, caller: Caller, receive: Receive, transmit: Transmit
-    ) -> None:
-        self.caller = caller
-        self._receive = receive
-        self._transmit = transmit
-        self._outbox = Outbox(asyncio.get_running_loop())
-        self._session = Session(bridge, self._outbox.put, caller.access)
-        self._closing = False
-
-    async def run(self) -> None:
-        """Read until the robot leaves; one task writes meanwhile."""
-        writer = asyncio.create_task(self._write())
-        try:
-            await self._read()
-        except Exception:  # noqa: BLE001 - one robot's fault is not the others'
-            _log.exception("the connection of %s failed", self.caller.name)
-            await self.close(INTERNAL, "internal error")
-        finally:
-            self._closing = True
-            self._session.close()
-            self._outbox.close()
-            writer.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await writer
-
-    async def _read(self) -> None:
-        loop = asyncio.get_running_loop()
-        while True:
-            message = await self._receive()
-            if message["type"] == "websocket.disconnect":
-                return
-            text = message.get("text")
-            if text is None:
-                text = "(a binary frame)"  # answered as what it is: not JSON
-            if len(text) > LARGE_MESSAGE:
-                await loop.run_in_executor(None, self._session.feed, text)
-            else:
-                self._session.feed(text)
-            await self._outbox.wait_for_room()
-
-    async def _write(self) -> None:
-        try:
-            while True:
-                text = await self._outbox.take()
-                async with asyncio.timeout(STALL_S):
-                    kind = "text" if isinstance(text, str) else "bytes"
-                    await self._transmit({"type": "websocket.send", kind: text})
-        except TimeoutError:
-            await self.close(TRY_LATER, "nothing read for too long")
-        except (RuntimeError, OSError):
-            self._outbox.close()  # the robot left between two messages
-
-    async def close(self, code: int, reason: str) -> None:
-        """Close the connection from this side."""
-        if self._closing:
-            return
-        self._closing = True
-        with contextlib.suppress(RuntimeError, OSError):
-            await self._transmit({"type": "websocket.close", "code": code, "reason": reason})
+MAX_MESSAGES = 256
+MAX_BYTES = 64 << 20
 
 
 async def refuse_handshake(scope: Message, transmit: Transmit, error: RtaskError) -> None:
-    """Answer the handshake with a status, where the server can; else it becomes 403."""
+    """Answer a handshake with the status of an error; with 403 if the server supports no other."""
     response = problem(error)
     if "websocket.http.response" not in scope.get("extensions", {}):
-        await transmit({"type": "websocket.close", "code": POLICY})
+        await transmit({"type": "websocket.close", "code": POLICY_VIOLATION})
         return
     headers = [(name.lower().encode(), text.encode()) for name, text in response.header_list()]
     await transmit(
@@ -189,3 +41,89 @@ async def refuse_handshake(scope: Message, transmit: Transmit, error: RtaskError
         }
     )
     await transmit({"type": "websocket.http.response.body", "body": response.body})
+
+
+class Outbox:
+    """Bounded queue of the frames for one client, filled from any thread and emptied by one task.
+
+    Answers are never dropped. If the client reads too slowly, the oldest message of the same topic
+    makes room for a new one. While the queue is full, nothing is read from the client either, so
+    that one that does not read cannot ask.
+
+    Parameters
+    ----------
+    loop
+        The loop of the websocket; the outbox is made on its thread.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._thread = threading.get_ident()
+        self._inbox: deque[tuple[str | bytes, str]] = deque()
+        self._entries: deque[tuple[str | bytes, str]] = deque()
+        self._bytes = 0
+        self._filled = asyncio.Event()
+        self._drained = asyncio.Event()
+        self._drained.set()
+        self._closed = False
+        self.dropped = 0
+
+    def put(self, text: str | bytes, topic: str = "") -> None:
+        """Add a frame without waiting; may be called from any thread."""
+        if self._closed or self._loop.is_closed():
+            return
+        # One queue for all threads preserves the order; the loop's own thread need not be woken.
+        self._inbox.append((text, topic))
+        if threading.get_ident() == self._thread:
+            self._take_in()
+        else:
+            self._loop.call_soon_threadsafe(self._take_in)
+
+    def _take_in(self) -> None:
+        while self._inbox:
+            self._put(*self._inbox.popleft())
+
+    def _put(self, text: str | bytes, topic: str) -> None:
+        if self._closed:
+            return
+        if topic and self._is_full():
+            self._drop_oldest(topic)
+            if self._is_full():
+                self.dropped += 1
+                return
+        self._entries.append((text, topic))
+        self._bytes += len(text)
+        self._filled.set()
+        if self._is_full():
+            self._drained.clear()
+
+    def _is_full(self) -> bool:
+        return len(self._entries) >= MAX_MESSAGES or self._bytes >= MAX_BYTES
+
+    def _drop_oldest(self, topic: str) -> None:
+        for entry in self._entries:
+            if entry[1] == topic:
+                self._entries.remove(entry)
+                self._bytes -= len(entry[0])
+                self.dropped += 1
+                return
+
+    async def take(self) -> str | bytes:
+        """Wait for the next frame and return it."""
+        while not self._entries:
+            self._filled.clear()
+            await self._filled.wait()
+        text, _ = self._entries.popleft()
+        self._bytes -= len(text)
+        if not self._is_full():
+            self._drained.set()
+        return text
+
+    async def wait_for_room(self) -> None:
+        """Wait until the client has read enough for us to read from it again."""
+        await self._drained.wait()
+
+    def close(self) -> None:
+        """Accept no more frames."""
+        self._closed = True
+        self._drained.set()

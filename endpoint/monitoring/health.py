@@ -1,4 +1,4 @@
-"""Is the server alive, and is it ready to work?"""
+"""Health checks: is the server alive, and is it ready to serve requests?"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shutil
 from typing import Any
 
 from endpoint.http.messages import JSON_TYPE, RefusedError, Response
-from endpoint.sparql.deferred import Plan
+from endpoint.http.plan import Plan
 from rtask import __version__
 from rtask.knowledge_base import KnowledgeBase
 
@@ -16,10 +16,11 @@ _TIMEOUT_S = 5.0
 
 
 class Health:
-    """What a supervisor asks.
+    """Answers the health checks of supervisors and load balancers.
 
-    Live: the loop answers; a process that is not is to be started anew. Ready: requests will be
-    served; a server that is not gets none for now, and needs no restart.
+    A server is live while its event loop answers; a process that is not live should be restarted.
+    It is ready while it can serve requests; one that is not ready should be sent none for now, but
+    needs no restart.
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ class Health:
     Attributes
     ----------
     draining
-        Whether the server is about to stop.
+        Whether the server is shutting down.
     """
 
     def __init__(self, kb: KnowledgeBase) -> None:
@@ -37,12 +38,12 @@ class Health:
         self.draining = False
 
     def plan(self, address: str) -> Plan:
-        """Prepare the answer of ``/health``, ``/health/live`` or ``/health/ready``."""
+        """Plan the answer to ``/health``, ``/health/live`` or ``/health/ready``."""
         if address == "/health/live":
             return Plan.ready(_answer({"live": True}, True))
         if address not in ("/health", "/health/ready"):
             raise RefusedError(
-                404, "not-found", "there are /health, /health/live and /health/ready"
+                404, "not-found", "the health checks are /health, /health/live and /health/ready"
             )
         return Plan(self._ready, _TIMEOUT_S)
 

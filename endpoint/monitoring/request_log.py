@@ -1,4 +1,4 @@
-"""What is kept of each request: a log line, counts, and the audit trail where it matters."""
+"""Records of each request: a log line, metrics and, where it matters, the audit trail."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import hashlib
 import time
 
 from endpoint.access.auth import Caller
-from endpoint.config import Config
 from endpoint.http.messages import Request, Response
+from endpoint.http.plan import Plan
 from endpoint.monitoring.audit import Audit
 from endpoint.monitoring.log import LineWriter, redacted, timestamp
 from endpoint.monitoring.metrics import Metrics
-from endpoint.sparql.deferred import Plan
+from endpoint.settings import Config
 from rtask.kb.commit.commit import Change
 from rtask.knowledge_base import KnowledgeBase
 
@@ -19,19 +19,19 @@ SLOW_S = 1.0
 _MAX_TEXT = 10_000
 
 
-class Report:
-    """Keeps what is to be known afterwards.
+class RequestLog:
+    """Records requests, refusals and commits.
 
     Parameters
     ----------
     metrics, audit
-        Where to.
+        Where they are counted and kept.
     config
-        Whether texts of queries are logged.
+        Says whether the texts of queries are logged.
     kb
-        For the number of the last commit.
+        Source of the number of the last commit.
     writer
-        Of log lines; none writes no log.
+        Receives log lines; none to write no log.
     """
 
     def __init__(
@@ -58,16 +58,16 @@ class Report:
         started: float,
         whole: bool = True,
     ) -> None:
-        """Keep what is known of a request that has ended.
+        """Record a request that has ended.
 
         Parameters
         ----------
         sent
-            Bytes of the body that went out.
+            Bytes of the body that were sent.
         started
-            On the clock of :func:`time.perf_counter`.
+            When it began, on the clock of :func:`time.perf_counter`.
         whole
-            Whether the client got the answer to its end.
+            Whether the client received the whole answer.
         """
         seconds = time.perf_counter() - started
         self._metrics.request(request.raw_path, request.method, response.status, seconds)
@@ -104,7 +104,7 @@ class Report:
         self._writer.put(line)
 
     def denied(self, request: Request, caller: Caller | None, status: int, detail: str) -> None:
-        """Keep that somebody was not let."""
+        """Record a request that was refused for lack of rights."""
         self._metrics.count("rtask_denied_total", status=str(status))
         self._audit.denied(
             status,
@@ -118,7 +118,7 @@ class Report:
         )
 
     def commit(self, change: Change) -> None:
-        """Keep that something was written."""
+        """Record a commit."""
         self._metrics.count("rtask_commits_total")
         commit = change.commit
         for kind in ("added", "removed", "derived"):

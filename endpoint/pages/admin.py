@@ -14,7 +14,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.access.auth import Caller, require_scope
 from endpoint.access.tokens import ROLES, parse_lifetime
 from endpoint.http.messages import RefusedError
-from endpoint.pages.render import Model, blueprint, current_request, gateway, page
+from endpoint.pages.render import Model, blueprint, context, current_request, page
 from endpoint.pages.signin import require_form
 from rtask.errors import AuthenticationError, UsageError
 
@@ -31,9 +31,9 @@ def _operator() -> Caller:
     ForbiddenError
         Somebody else has.
     """
-    caller = gateway().auth.identify(current_request())
+    caller = context().auth.identify(current_request())
     if caller.token is None:
-        first = "" if gateway().tokens.ever_issued() else "; make the first token with rtask token"
+        first = "" if context().tokens.ever_issued() else "; make the first token with rtask token"
         raise AuthenticationError(f"sign in with a token of role admin{first}")
     require_scope(caller.access, "admin")
     return caller
@@ -43,20 +43,20 @@ def _operator() -> Caller:
 def tokens() -> Model:
     """All tokens, without their secrets."""
     _operator()
-    return {"tokens": [asdict(one) for one in gateway().tokens.all()], "roles": ROLES}
+    return {"tokens": [asdict(one) for one in context().tokens.all()], "roles": ROLES}
 
 
 @page("/admin/audit", "audit.html")
 def audit() -> Model:
     """The last events."""
     _operator()
-    return {"events": gateway().audit.recent(_EVENTS)}
+    return {"events": context().audit.recent(_EVENTS)}
 
 
 @page("/admin/queries", "queries.html")
 def queries() -> Model:
     """What runs now."""
-    running = gateway().queries.visible_to(_operator())
+    running = context().queries.visible_to(_operator())
     return {"queries": [query.facts() for query in running]}
 
 
@@ -65,14 +65,14 @@ def make_token() -> flask.Response:
     """Make a token; the answer shows it this once."""
     by = _operator()
     require_form()
-    form, gate = flask.request.form, gateway()
+    form, server = flask.request.form, context()
     lifetime = parse_lifetime(form["lifetime"]) if form.get("lifetime") else None
     name = form.get("name", "").strip() or None
-    text, made = gate.tokens.create(form.get("role", ""), agent=name, lifetime=lifetime)
-    gate.audit.event(
+    text, made = server.tokens.create(form.get("role", ""), agent=name, lifetime=lifetime)
+    server.audit.event(
         "token-created", token=made.id, role=made.role, agent=made.agent, by=_named(by)
     )
-    all_of_them = [asdict(one) for one in gate.tokens.all()]
+    all_of_them = [asdict(one) for one in server.tokens.all()]
     shown = flask.render_template("tokens.html", tokens=all_of_them, roles=ROLES, made=text)
     return flask.make_response(shown, 201)
 
@@ -82,16 +82,18 @@ def change_token(token_id: str, action: str) -> WerkzeugResponse:
     """Revoke a token, or let it end at a time."""
     by = _operator()
     require_form()
-    gate = gateway()
+    server = context()
     if action == "revoke":
-        done = gate.tokens.revoke(token_id)
+        done = server.tokens.revoke(token_id)
     elif action == "expire":
-        done = gate.tokens.expire(token_id, parse_lifetime(flask.request.form.get("lifetime", "")))
+        done = server.tokens.expire(
+            token_id, parse_lifetime(flask.request.form.get("lifetime", ""))
+        )
     else:
         raise UsageError("revoke or expire")
     if not done:
         raise RefusedError(404, "not-found", f"no token {token_id} to {action}")
-    gate.audit.event(f"token-{action}", token=token_id, by=_named(by))
+    server.audit.event(f"token-{action}", token=token_id, by=_named(by))
     return flask.redirect("/admin/tokens", 303)
 
 
@@ -100,7 +102,7 @@ def stop_query(query_id: str) -> WerkzeugResponse:
     """End a query."""
     by = _operator()
     require_form()
-    for query in gateway().queries.visible_to(by):
+    for query in context().queries.visible_to(by):
         if query.id == query_id:
             query.stop()
     return flask.redirect("/admin/queries", 303)

@@ -15,8 +15,8 @@ from endpoint.pages.objects import known_object, list_objects
 from endpoint.pages.render import (
     Model,
     blueprint,
+    context,
     current_request,
-    gateway,
     knowledge_base,
     page,
     select,
@@ -120,12 +120,12 @@ def carry_out(operation: str, told: dict[str, Any]) -> dict[str, Any]:
     ForbiddenError
         The form is of another page or session, or the caller may not teach.
     """
-    caller = gateway().auth.identify(current_request())
+    caller = context().auth.identify(current_request())
     require_form()
     require_scope(caller.access, "teach")
-    answer = gateway().engine.call(operation, told, caller.access)
+    answer = context().engine.call(operation, told, caller.access)
     what = {"object": told.get("object"), "commit": answer["commit"], "by": caller.name}
-    gateway().audit.event(told["operation"], **what)
+    context().audit.event(told["operation"], **what)
     return answer
 
 

@@ -9,7 +9,7 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import require_scope
-from endpoint.pages.render import Model, blueprint, current_request, gateway, page, select
+from endpoint.pages.render import Model, blueprint, context, current_request, page, select
 from endpoint.pages.signin import require_form
 
 _ADDRESS = "/feedback"
@@ -43,7 +43,7 @@ def feedback() -> Model:
 @blueprint.route(_ADDRESS, methods=["POST"])
 def judge() -> WerkzeugResponse:
     """Store a person's verdict and show the list again."""
-    caller = gateway().auth.identify(current_request())
+    caller = context().auth.identify(current_request())
     require_form()
     require_scope(caller.access, "teach")
     form = flask.request.form
@@ -54,8 +54,8 @@ def judge() -> WerkzeugResponse:
     if told["verdict"] != "correct":
         told.pop("held", None)
         told.pop("reason", None)
-    answer = gateway().engine.call("give_feedback", told, caller.access)
-    gateway().audit.event(
+    answer = context().engine.call("give_feedback", told, caller.access)
+    context().audit.event(
         "feedback", attempt=answer["attempt"], verdict=told["verdict"], by=caller.name
     )
     by = f"?{urlencode({'by': told['operator']})}" if "operator" in told else ""

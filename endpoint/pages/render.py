@@ -14,7 +14,8 @@ import flask
 from flask import Blueprint
 
 import ontology
-from endpoint.application import Gateway
+from endpoint.application import Application
+from endpoint.context import ServerContext
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.problems import details_of
 from rtask.errors import RtaskError
@@ -42,12 +43,17 @@ _HEADERS = {
 
 def knowledge_base() -> KnowledgeBase:
     """Return the knowledge base of the current application."""
-    return gateway().kb
+    return context().kb
 
 
-def gateway() -> Gateway:
-    """Return what answers programs in the current application."""
-    return cast(Gateway, flask.current_app.extensions["rtask"])
+def application() -> Application:
+    """Return the application that answers programs, too."""
+    return cast(Application, flask.current_app.extensions["rtask"])
+
+
+def context() -> ServerContext:
+    """Return the parts of the current server."""
+    return application().context
 
 
 def current_request() -> Request:
@@ -65,7 +71,7 @@ def current_request() -> Request:
         current.query_string.decode("latin-1"),
         {name.lower(): value for name, value in current.headers.items()},
         current.get_data(cache=True) if current.method in ("POST", "PUT", "PATCH") else b"",
-        gateway().config.site(current.scheme, current.host),
+        context().config.site(current.scheme, current.host),
         current.remote_addr or "",
     )
 

@@ -7,7 +7,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import SCOPES
 from endpoint.access.sessions import session_name, set_cookie
-from endpoint.pages.render import blueprint, current_request, gateway
+from endpoint.pages.render import blueprint, context, current_request
 from rtask.errors import AuthenticationError, ForbiddenError
 from rtask.kb.commit.access import Access
 
@@ -26,19 +26,21 @@ def login() -> str:
 def sign_in() -> WerkzeugResponse | tuple[str, int]:
     """Begin a session with a token."""
     request = current_request()
-    gate = gateway()
-    gate.auth.check_origin(request)
+    server = context()
+    server.auth.check_origin(request)
     there = _local(flask.request.form.get("next", ""))
     try:
-        token = gate.tokens.authenticate(flask.request.form.get("token", "").strip())
+        token = server.tokens.authenticate(flask.request.form.get("token", "").strip())
     except AuthenticationError as error:
-        gate.count_stranger(request)
-        gate.note_denied(request, None, 401, f"sign-in: {error}")
+        server.limiter.admit_stranger(request.client)
+        server.request_log.denied(request, None, 401, f"sign-in: {error}")
         return flask.render_template("login.html", next=there, problem=str(error)), 401
-    gate.audit.event("sign-in", token=token.id, agent=token.agent, client=request.client)
+    server.audit.event("sign-in", token=token.id, agent=token.agent, client=request.client)
     answer = flask.redirect(there, 303)
     secure = request.site.startswith("https:")
-    answer.headers.add("Set-Cookie", set_cookie(gate.auth.sessions.begin(token.id), secure=secure))
+    answer.headers.add(
+        "Set-Cookie", set_cookie(server.auth.sessions.begin(token.id), secure=secure)
+    )
     return answer
 
 
@@ -47,7 +49,7 @@ def sign_out() -> WerkzeugResponse:
     """End the session."""
     require_form()
     request = current_request()
-    gateway().auth.sessions.end(session_name(request.header("cookie")))
+    context().auth.sessions.end(session_name(request.header("cookie")))
     answer = flask.redirect("/login", 303)
     secure = request.site.startswith("https:")
     answer.headers.add("Set-Cookie", set_cookie("", secure=secure))
@@ -63,7 +65,7 @@ def require_form() -> None:
         The Origin is foreign, or the form's secret is not the session's.
     """
     request = current_request()
-    auth = gateway().auth
+    auth = context().auth
     caller = auth.identify(request)
     auth.check_origin(request, caller)
     if caller.session and not caller.session.accepts_form(flask.request.form.get("secret", "")):
@@ -72,7 +74,7 @@ def require_form() -> None:
 
 def form_secret() -> str:
     """Return what forms of the current page carry; empty for callers without a session."""
-    session = gateway().auth.identify(current_request()).session
+    session = context().auth.identify(current_request()).session
     return session.form_secret if session else ""
 
 
@@ -81,7 +83,7 @@ def _person() -> dict[str, object]:
     """Let templates ask who sees the page, and whether that person may teach."""
 
     def access() -> Access:
-        return gateway().auth.identify(current_request()).access
+        return context().auth.identify(current_request()).access
 
     return {
         "form_secret": form_secret,

@@ -10,7 +10,7 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.pages.choosing import by_iri, by_words, unnamed, without
 from endpoint.pages.curation import back_to, carry_out, side
 from endpoint.pages.objects import known_object, list_objects
-from endpoint.pages.render import Model, blueprint, current_request, gateway, page
+from endpoint.pages.render import Model, blueprint, context, current_request, page
 from rtask.engine.engine import Engine
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError
@@ -60,12 +60,12 @@ def _candidates(thing: str, name: str, description: str) -> Model:
 
 def _alike(thing: str, description: str) -> tuple[list[Model], list[str]]:
     """Return the objects that look like one, of the kinds that the words mean; and other words."""
-    caller = gateway().auth.identify(current_request())
+    caller = context().auth.identify(current_request())
     wanted: dict[str, Any] = {"operation": "search", "object": thing}
     if description:
         wanted["class_description"] = description
     try:
-        answer = gateway().engine.call("teach_object", wanted, caller.access)
+        answer = context().engine.call("teach_object", wanted, caller.access)
     except UnknownTermError:  # nothing was seen of it that can be compared
         return [], []
     sure = {one["object"]: one["confidence"] for one in answer["similar_objects"]}
@@ -75,7 +75,7 @@ def _alike(thing: str, description: str) -> tuple[list[Model], list[str]]:
 
 
 def _engine() -> Engine:
-    engine = gateway().engine
+    engine = context().engine
     assert isinstance(engine, Engine)  # another has no objects to name
     return engine
 

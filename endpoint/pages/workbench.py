@@ -14,7 +14,7 @@ import flask
 import ontology
 from endpoint.http.messages import Request
 from endpoint.http.problems import PROBLEM_TYPE
-from endpoint.pages.render import Model, blueprint, current_request, gateway
+from endpoint.pages.render import Model, application, blueprint, context, current_request
 from endpoint.sparql.negotiation import RESULTS_JSON, TURTLE
 
 MAX_ROWS = 1_000
@@ -54,7 +54,7 @@ def workbench() -> str:
     model: Model = {
         "query": query or DEFAULT_QUERY,
         "samples": samples(),
-        "base": gateway().kb.base,
+        "base": context().kb.base,
         "answer": run(query) if query else None,
     }
     return flask.render_template("sparql.html", **model)
@@ -69,7 +69,7 @@ def run(query: str) -> dict[str, Any]:
         headers={**current_request().headers, "accept": f"{RESULTS_JSON}, {TURTLE}"},
     )
     started = time.perf_counter()
-    response = gateway().handle(asked)
+    response = application().handle(asked)
     answer: dict[str, Any] = {"seconds": time.perf_counter() - started}
     if response.media_type == PROBLEM_TYPE:
         return {**answer, "problem": json.loads(response.body)}

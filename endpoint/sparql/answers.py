@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from endpoint.config import Config
 from endpoint.http.messages import Response
+from endpoint.http.plan import RunningQuery
+from endpoint.settings import Config
 from endpoint.sparql import negotiation
 from endpoint.sparql.request import QueryRequest
-from endpoint.sparql.running_queries import RunningQuery
 from rtask.errors import ClosedError, QueryTimeout
 from rtask.kb.readers.streams import Stream
 from rtask.knowledge_base import KnowledgeBase

@@ -16,15 +16,14 @@ from pathlib import PurePosixPath
 from pyoxigraph import DefaultGraph, NamedNode, RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
-from endpoint.config import Config
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_known, names
 from endpoint.http.messages import RefusedError, Request, Response, split_media_type
+from endpoint.http.plan import Plan, RunningQuery
+from endpoint.settings import Config
 from endpoint.sparql import negotiation
 from endpoint.sparql.answers import GRACE_S, Answers, FilePieces, Question
-from endpoint.sparql.deferred import Plan
 from endpoint.sparql.request import QueryRequest, absolute_iri
-from endpoint.sparql.running_queries import RunningQuery
 from rtask.errors import VersionConflictError
 from rtask.kb.commit.transaction import Transaction
 from rtask.knowledge_base import KnowledgeBase
@@ -139,7 +138,7 @@ class GraphStore:
         media_type = negotiation.choose(request.header("accept"), offers)
         timeout_s = self._config.effective_timeout(None, caller.access.role)
         text = f"CONSTRUCT {{ ?s ?p ?o }} WHERE {_pattern(graph)}"
-        running = RunningQuery(request.id, caller, text, timeout_s)
+        running = RunningQuery(request.id, caller.key, caller.name, text, timeout_s)
 
         def run() -> Response:
             if graph is not None and not self._exists(graph):

@@ -8,9 +8,9 @@ The counts here are linear in the text and far above what people and libraries w
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 
 from endpoint.http.messages import RefusedError
+from endpoint.settings import Limits
 from rtask.errors import TooLargeError
 from rtask.sparql.lexer import body_start, tokenise
 from rtask.sparql.tokens import Token
@@ -20,19 +20,6 @@ _OPERATIONS = frozenset(("INSERT", "DELETE", "LOAD", "CLEAR", "CREATE", "DROP", 
 _OPENERS = frozenset("{([")
 _CLOSERS = frozenset("})]")
 _STEPS = frozenset("/|^")
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Bounds of one request."""
-
-    query_bytes: int = 1 << 20
-    update_bytes: int = 64 << 20
-    patterns: int = 128
-    optionals: int = 64
-    unions: int = 256
-    path_steps: int = 100
-    operations: int = 1_000
 
 
 def checked_form(text: str, limits: Limits, *, update: bool = False) -> str:

@@ -8,20 +8,19 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from endpoint.access.auth import Caller
-from endpoint.config import Config
 from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_known
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.outbound_http import Outgoing
+from endpoint.http.plan import Plan, RunningQuery
+from endpoint.settings import Config, Limits
 from endpoint.sparql import federation, negotiation
 from endpoint.sparql.answers import GRACE_S, Answers, Question
-from endpoint.sparql.deferred import Plan
 from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
-from endpoint.sparql.limits import Limits, checked_form
+from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.quick_queries import is_lookup, is_point
 from endpoint.sparql.request import QueryRequest, UpdateRequest
-from endpoint.sparql.running_queries import RunningQuery
 from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.commit.commit import Commit
@@ -100,7 +99,7 @@ def plan_query(
         return Plan.ready(Response(304, headers=headers))
     if request.method == "HEAD":
         return Plan.ready(Response(200, b"", content_type, headers))
-    running = RunningQuery(request.id, caller, query.text, timeout_s)
+    running = RunningQuery(request.id, caller.key, caller.name, query.text, timeout_s)
     question = Question(
         query,
         media_type,

@@ -13,9 +13,10 @@ from flask.testing import FlaskClient
 import rtask
 from endpoint.access.sessions import COOKIE
 from endpoint.access.tokens import TokenStore
-from endpoint.config import Config
-from endpoint.http.wsgi import create_app
 from endpoint.rosbridge.services import NoEngine
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
+from tests.servers import new_application
 
 ELSEWHERE = "http://robots.lab:8765"
 OWN = {"Origin": ELSEWHERE}
@@ -29,7 +30,9 @@ class Site:
         self.admin, self.admin_token = tokens.create("admin")
         self.robot, self.robot_token = tokens.create("robot", agent="nao-1")
         self.kb = rtask.open(":memory:", ontologies=False)
-        self.app = create_app(self.kb, NoEngine(), tokens, Config(host="0.0.0.0", write_rate=1e6))
+        self.app = create_app(
+            new_application(self.kb, NoEngine(), tokens, Config(host="0.0.0.0", write_rate=1e6))
+        )
 
     def browser(self) -> FlaskClient:
         """Return a browser that nobody has signed in with."""
@@ -99,7 +102,7 @@ def test_a_wrong_token_does_not_sign_in_and_is_on_record(site: Site) -> None:
     answer = send(site.browser(), "/login", token="rtk_0123456789ab_" + "0" * 32)
     assert answer.status_code == 401
     assert "Set-Cookie" not in answer.headers
-    events = site.app.extensions["rtask"].audit.recent()
+    events = site.app.extensions["rtask"].context.audit.recent()
     assert events[0]["event"] == "denied"
     assert events[0]["status"] == 401
 
@@ -176,7 +179,7 @@ def test_the_pages_never_show_a_digest_or_a_secret(site: Site) -> None:
 
 
 def test_a_hostile_robot_name_is_text_in_the_audit_trail(site: Site) -> None:
-    site.app.extensions["rtask"].audit.event("x", detail="<script>alert(1)</script>")
+    site.app.extensions["rtask"].context.audit.event("x", detail="<script>alert(1)</script>")
     page = open_page(site.signed_in(site.admin), "/admin/audit").text
     assert "<script>alert" not in page
     assert "&lt;script&gt;" in page
@@ -184,7 +187,7 @@ def test_a_hostile_robot_name_is_text_in_the_audit_trail(site: Site) -> None:
 
 def test_on_loopback_without_tokens_nobody_is_an_operator() -> None:
     with closing(TokenStore(None)) as tokens, rtask.open(":memory:", ontologies=False) as kb:
-        app = create_app(kb, NoEngine(), tokens, Config())
+        app = create_app(new_application(kb, NoEngine(), tokens, Config()))
         answer = app.test_client().get("/admin/tokens.json")
         assert answer.status_code == 401
         assert "rtask token" in answer.get_json()["detail"]

@@ -9,8 +9,8 @@ import pytest
 
 from endpoint.access.auth import Authenticator, cors_headers, preflight_headers, require_scope
 from endpoint.access.tokens import TokenStore
-from endpoint.config import Config
 from endpoint.http.messages import Request
+from endpoint.settings import Config
 from rtask.errors import AuthenticationError, ForbiddenError
 from rtask.kb.commit.access import Access
 
@@ -77,7 +77,7 @@ def test_a_token_in_the_url_counts_for_websockets_only(tokens: TokenStore) -> No
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "127.0.0.1.evil.example"])
 def test_a_foreign_host_is_refused_on_loopback(tokens: TokenStore, host: str) -> None:
-    with pytest.raises(ForbiddenError, match="is not this server"):
+    with pytest.raises(ForbiddenError, match="is not a name of this server"):
         Authenticator(tokens, Config()).identify(request(host=host))
 
 

@@ -12,12 +12,12 @@ import pytest
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.application import Gateway
-from endpoint.config import Config
+from endpoint.context import ServerContext
 from endpoint.follow.changes import Changes, Stream
 from endpoint.follow.events import Follower, Pattern, read_pattern, version_of
 from endpoint.http.messages import Request
 from endpoint.rosbridge.services import NoEngine
+from endpoint.settings import Config
 from rtask.errors import GoneError, UsageError
 from rtask.kb.feed import feed
 from rtask.knowledge_base import KnowledgeBase
@@ -32,9 +32,9 @@ def kb() -> Iterator[KnowledgeBase]:
 @pytest.fixture
 def changes(kb: KnowledgeBase) -> Iterator[Changes]:
     tokens = TokenStore(None)
-    gateway = Gateway(kb, NoEngine(), tokens, Config(plain=True))
-    yield Changes(gateway)
-    gateway.close()
+    context = ServerContext.create(kb, NoEngine(), tokens, Config(plain=True))
+    yield Changes(context)
+    context.close()
     tokens.close()
 
 

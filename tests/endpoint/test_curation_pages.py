@@ -13,9 +13,10 @@ from flask.testing import FlaskClient
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.config import Config
-from endpoint.http.wsgi import create_app
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
 from rtask.engine import Engine
+from tests.servers import new_application
 
 HOST = "http://robots.lab:8765"
 OWN = {"Origin": HOST}
@@ -48,7 +49,9 @@ class Site:
         self.kb = rtask.open(":memory:", base="urn:lab/")
         self.kb.update(FACTS, "nao-1")
         self.engine = Engine(self.kb)
-        self.app = create_app(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
+        self.app = create_app(
+            new_application(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
+        )
 
     def signed_in(self, name: str) -> FlaskClient:
         browser = self.app.test_client()

@@ -13,9 +13,10 @@ from flask.testing import FlaskClient
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.config import Config
-from endpoint.http.wsgi import create_app
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
 from rtask.engine import Engine
+from tests.servers import new_application
 
 HOST = "http://robots.lab:8765"
 OWN = {"Origin": HOST}
@@ -51,7 +52,9 @@ class Site:
         self.kb = rtask.open(":memory:", base="urn:lab/")
         self.kb.update(FACTS, "nao-1")
         self.engine = Engine(self.kb)
-        self.app = create_app(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
+        self.app = create_app(
+            new_application(self.kb, self.engine, tokens, Config(host="0.0.0.0", write_rate=1e6))
+        )
 
     def signed_in(self, name: str) -> FlaskClient:
         browser = self.app.test_client()
@@ -130,8 +133,8 @@ def test_an_operator_gives_the_name_of_who_speaks(site: Site) -> None:
     answer = judge(boss, verdict="refuse", operator="cleo")
     assert "by=cleo" in answer.headers["Location"]
     assert attempt(boss)["verdicts"][0]["by"] == "cleo"
-    gate = site.app.extensions["rtask"]
-    assert gate.audit.recent(1)[0]["event"] == "feedback"
+    server = site.app.extensions["rtask"].context
+    assert server.audit.recent(1)[0]["event"] == "feedback"
 
 
 def test_an_attempt_that_does_not_exist_gets_a_problem_page(site: Site) -> None:

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.application import Gateway
-from endpoint.config import Config
 from endpoint.http.messages import Request
 from endpoint.rosbridge.services import NoEngine
 from endpoint.rosbridge.session import Bridge, Session
+from endpoint.settings import Config
 from rtask.kb.commit.access import Access
+from tests.servers import new_application
 
 FEW = settings(
     max_examples=150,
@@ -65,7 +65,7 @@ def mutated(draw: st.DrawFn, texts: list[str]) -> str:
 
 
 class House:
-    """A gateway with two robots, one of which has something to lose."""
+    """An application with two robots, one of which has something to lose."""
 
     def __init__(self, tokens: TokenStore) -> None:
         self.kb = rtask.open(":memory:", base="urn:lab/", ontologies=False)
@@ -73,7 +73,7 @@ class House:
         tokens.create("robot", agent="nao-2")
         self.bearer = f"Bearer {text}"
         config = Config(rate=0.0, write_rate=0.0, max_queries=4, timeout_s=5.0)
-        self.gateway = Gateway(self.kb, NoEngine(), tokens, config)
+        self.application = new_application(self.kb, NoEngine(), tokens, config)
         self.kb.update(f"INSERT DATA {{ GRAPH <{OTHERS}> {{ <urn:mine> <urn:is> 'mine' }} }}")
         self.before = self.foreign()
 
@@ -90,7 +90,7 @@ class House:
         """Send a request as the robot and return the status."""
         headers = {"host": "localhost", "authorization": self.bearer}
         headers.update({name.replace("_", "-"): value for name, value in more.items()})
-        answer = self.gateway.handle(Request(method, path, query, headers, body))
+        answer = self.application.handle(Request(method, path, query, headers, body))
         if answer.status >= 400:
             problem = json.loads(answer.body)
             assert problem["status"] == answer.status
@@ -103,7 +103,7 @@ def house() -> Iterator[House]:
     with closing(TokenStore(None)) as tokens:
         made = House(tokens)
         yield made
-        made.gateway.close()
+        made.application.close()
         made.kb.close()
 
 

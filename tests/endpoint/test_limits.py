@@ -6,7 +6,8 @@ import pytest
 
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import status_of
-from endpoint.sparql.limits import Limits, checked_form
+from endpoint.settings import Limits
+from endpoint.sparql.limits import checked_form
 from rtask.errors import RtaskError
 
 LIMITS = Limits()

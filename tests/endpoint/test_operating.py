@@ -19,18 +19,20 @@ import pytest
 from click.testing import CliRunner
 
 import rtask
+from endpoint.access.auth import Caller
 from endpoint.access.rate import Buckets, InFlight, Limiter
 from endpoint.access.tokens import TokenStore
-from endpoint.application import Gateway
-from endpoint.config import Config
+from endpoint.application import Application
 from endpoint.http.compression import accepts_gzip, unpacked
 from endpoint.http.messages import RefusedError, Request
 from endpoint.monitoring.audit import Audit
 from endpoint.monitoring.log import LineWriter, redacted
 from endpoint.monitoring.metrics import Metrics
 from endpoint.rosbridge.services import NoEngine
-from endpoint.settings import limits_of, read_settings, use_file
+from endpoint.settings import Config, limits_of, read_settings, use_file
 from rtask.errors import TooLargeError, UsageError
+from rtask.kb.commit.access import Access
+from tests.servers import new_application
 
 FORM = {"content-type": "application/x-www-form-urlencoded", "host": "localhost"}
 
@@ -41,8 +43,10 @@ def tokens() -> Iterator[TokenStore]:
         yield store
 
 
-def gateway(tokens: TokenStore, config: Config, **more: Any) -> Gateway:
-    return Gateway(rtask.open(":memory:", ontologies=False), NoEngine(), tokens, config, **more)
+def open_application(tokens: TokenStore, config: Config, **more: Any) -> Application:
+    return new_application(
+        rtask.open(":memory:", ontologies=False), NoEngine(), tokens, config, **more
+    )
 
 
 def ask(text: str = "ASK {}", **headers: str) -> Request:
@@ -88,11 +92,11 @@ def test_requests_under_way_are_counted_in_and_out() -> None:
 
 
 def test_what_is_too_much_says_when_to_come_again() -> None:
-    limiter = Limiter(1.0, 1.0, 32)
-    limiter.admit("a")
-    limiter.admit("a")
-    with pytest.raises(RefusedError, match="more than 1 requests a second") as refused:
-        limiter.admit("a")
+    limiter, caller = Limiter(1.0, 1.0, 32, Clock()), Caller(Access("nao-1", "robot"), address="a")
+    limiter.admit(caller)
+    limiter.admit(caller)
+    with pytest.raises(RefusedError, match="more than 1 requests per second") as refused:
+        limiter.admit(caller)
     assert refused.value.http_status == 429
     assert dict(refused.value.headers)["Retry-After"] == "1"
 
@@ -100,55 +104,55 @@ def test_what_is_too_much_says_when_to_come_again() -> None:
 def test_a_token_is_limited_and_its_neighbour_is_not(tokens: TokenStore) -> None:
     hasty, _ = tokens.create("reader")
     calm, _ = tokens.create("reader")
-    gate = gateway(tokens, Config(rate=2.0))
-    found = [gate.handle(ask(**bearer(hasty))).status for _ in range(6)]
+    application = open_application(tokens, Config(rate=2.0), clock=Clock())
+    found = [application.handle(ask(**bearer(hasty))).status for _ in range(6)]
     assert found == [200] * 4 + [429] * 2
-    assert gate.handle(ask(**bearer(calm))).status == 200
-    assert gate.metrics.total("rtask_rate_limited_total") == 2
-    gate.close()
+    assert application.handle(ask(**bearer(calm))).status == 200
+    assert application.context.metrics.total("rtask_rate_limited_total") == 2
+    application.close()
 
 
 def test_who_guesses_tokens_is_slowed_down_by_address(tokens: TokenStore) -> None:
     good, _ = tokens.create("reader")
-    gate = gateway(tokens, Config(rate=2.0))
+    application = open_application(tokens, Config(rate=2.0), clock=Clock())
     guess = bearer("rtk_0123456789ab_" + "0" * 32)
-    found = [gate.handle(ask(**guess)).status for _ in range(6)]
+    found = [application.handle(ask(**guess)).status for _ in range(6)]
     assert found == [401] * 4 + [429] * 2
-    assert gate.handle(ask(**bearer(good))).status == 200
-    gate.close()
+    assert application.handle(ask(**bearer(good))).status == 200
+    application.close()
 
 
 def test_more_requests_at_once_than_a_token_may_have_are_refused(tokens: TokenStore) -> None:
     text, _ = tokens.create("reader")
-    gate = gateway(tokens, Config(rate=0.0, max_in_flight=2))
-    jobs = [gate.admit(ask(**bearer(text))) for _ in range(3)]
-    assert [gate.run(job).status for job in jobs] == [200, 200, 429]
-    gate.end(jobs[0])
-    assert gate.run(gate.admit(ask(**bearer(text)))).status == 200
-    gate.close()
+    application = open_application(tokens, Config(rate=0.0, max_in_flight=2))
+    jobs = [application.admit(ask(**bearer(text))) for _ in range(3)]
+    assert [application.run(job).status for job in jobs] == [200, 200, 429]
+    application.end(jobs[0])
+    assert application.run(application.admit(ask(**bearer(text)))).status == 200
+    application.close()
 
 
 def test_more_queries_than_run_and_wait_are_refused_with_when_to_come_again(
     tokens: TokenStore,
 ) -> None:
-    gate = gateway(tokens, Config(max_queries=1))
-    first, second = gate.admit(ask()), gate.admit(ask())
-    third = gate.run(gate.admit(ask()))
+    application = open_application(tokens, Config(max_queries=1))
+    first, second = application.admit(ask()), application.admit(ask())
+    third = application.run(application.admit(ask()))
     assert third.status == 503
     assert ("Retry-After", "1") in third.headers
-    gate.end(first)
-    gate.end(second)
-    assert gate.run(gate.admit(ask())).status == 200
-    gate.close()
+    application.end(first)
+    application.end(second)
+    assert application.run(application.admit(ask())).status == 200
+    application.close()
 
 
 def test_metrics_are_what_prometheus_reads_and_hold_nothing_of_clients(tokens: TokenStore) -> None:
-    gate = gateway(tokens, Config())
-    gate.handle(ask())
-    gate.handle(Request("GET", "/store/<script>/secret", "", {"host": "localhost"}))
-    gate.handle(Request("BREW", "/query", "", {"host": "localhost"}))
-    text = gate.handle(Request("GET", "/metrics", "", {"host": "localhost"})).body.decode()
-    gate.close()
+    application = open_application(tokens, Config())
+    application.handle(ask())
+    application.handle(Request("GET", "/store/<script>/secret", "", {"host": "localhost"}))
+    application.handle(Request("BREW", "/query", "", {"host": "localhost"}))
+    text = application.handle(Request("GET", "/metrics", "", {"host": "localhost"})).body.decode()
+    application.close()
     names: dict[str, str] = {}
     for line in text.splitlines():
         if line.startswith("# TYPE "):
@@ -182,25 +186,30 @@ def test_metrics_are_for_this_machine_and_for_operators(tokens: TokenStore) -> N
     text, _ = tokens.create("robot", agent="nao-1")
     admin, _ = tokens.create("admin")
     request = Request("GET", "/metrics", "", {"host": "localhost"})
-    local, remote = gateway(tokens, Config()), gateway(tokens, Config(host="0.0.0.0"))
+    local, remote = (
+        open_application(tokens, Config()),
+        open_application(tokens, Config(host="0.0.0.0")),
+    )
     assert local.handle(request).status == 200
     assert remote.handle(request).status == 401
-    for gate in (local, remote):
+    for application in (local, remote):
         as_robot = Request("GET", "/metrics", "", {"host": "localhost", **bearer(text)})
         as_admin = Request("GET", "/metrics", "", {"host": "localhost", **bearer(admin)})
-        assert gate.handle(as_robot).status == 403
-        assert gate.handle(as_admin).status == 200
-        gate.close()
+        assert application.handle(as_robot).status == 403
+        assert application.handle(as_admin).status == 200
+        application.close()
 
 
 def test_each_request_is_one_line_that_holds_no_secret(tokens: TokenStore) -> None:
     text, token = tokens.create("robot", agent="nao-1")
     out = io.StringIO()
     writer = LineWriter(out)
-    gate = gateway(tokens, Config(), writer=writer)
-    gate.handle(ask("SELECT * {}", **bearer(text), **{"rtask-request-id": "my-request-1"}))
-    gate.handle(Request("GET", f"/store/token={text}", "", {"host": "localhost", **bearer(text)}))
-    gate.close()
+    application = open_application(tokens, Config(), writer=writer)
+    application.handle(ask("SELECT * {}", **bearer(text), **{"rtask-request-id": "my-request-1"}))
+    application.handle(
+        Request("GET", f"/store/token={text}", "", {"host": "localhost", **bearer(text)})
+    )
+    application.close()
     writer.close()
     lines = [json.loads(line) for line in out.getvalue().splitlines()]
     assert len(lines) == 2
@@ -245,13 +254,13 @@ def test_secrets_are_left_out_of_logs(text: str, secret: str) -> None:
 def test_the_audit_trail_tells_commits_and_refusals_and_is_its_owners(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb", ontologies=False) as kb, closing(TokenStore(None)) as tokens:
         text, token = tokens.create("robot", agent="nao-1")
-        gate = Gateway(kb, NoEngine(), tokens, Config())
+        application = new_application(kb, NoEngine(), tokens, Config())
         form = {**FORM, **bearer(text)}
         fine = b"update=INSERT+DATA+{<urn:s>+<urn:p>+1}"
         foreign = b"update=INSERT+DATA+{GRAPH+<urn:other>+{<urn:s>+<urn:p>+1}}"
-        assert gate.handle(Request("POST", "/update", "", form, fine)).status == 204
-        assert gate.handle(Request("POST", "/update", "", form, foreign)).status == 403
-        gate.close()
+        assert application.handle(Request("POST", "/update", "", form, fine)).status == 204
+        assert application.handle(Request("POST", "/update", "", form, foreign)).status == 403
+        application.close()
     file = tmp_path / "kb" / "audit.jsonl"
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     commit, denied = (json.loads(line) for line in file.read_text("utf-8").splitlines())
@@ -270,12 +279,13 @@ def test_a_flood_of_refusals_does_not_fill_the_disk(tmp_path: Path) -> None:
 
 
 def test_the_provenance_of_a_change_names_its_request(tokens: TokenStore) -> None:
-    gate = gateway(tokens, Config())
+    application = open_application(tokens, Config())
     form = {**FORM, "rtask-request-id": "request-of-mine"}
     body = b"update=INSERT+DATA+{<urn:s>+<urn:p>+1}"
-    assert gate.handle(Request("POST", "/update", "", form, body)).status == 204
-    assert gate.kb.query("ASK { ?a ?p ?note FILTER(CONTAINS(STR(?note), 'request-of-mine')) }")
-    gate.close()
+    assert application.handle(Request("POST", "/update", "", form, body)).status == 204
+    noted = "ASK { ?a ?p ?note FILTER(CONTAINS(STR(?note), 'request-of-mine')) }"
+    assert application.context.kb.query(noted)
+    application.close()
 
 
 # Settings
@@ -330,14 +340,14 @@ def test_gzip_is_sent_to_who_wants_it(header: str, wanted: bool) -> None:
 
 
 def test_large_answers_are_compressed_and_small_ones_are_not(tokens: TokenStore) -> None:
-    gate = gateway(tokens, Config())
+    application = open_application(tokens, Config())
     large = ask("SELECT * { VALUES ?x {" + "1 " * 1_000 + "} }", **{"accept-encoding": "gzip"})
-    answer = gate.handle(large)
+    answer = application.handle(large)
     assert ("Content-Encoding", "gzip") in answer.headers
     assert len(json.loads(gzip.decompress(answer.body))["results"]["bindings"]) == 1_000
-    small = gate.handle(ask(**{"accept-encoding": "gzip"}))
+    small = application.handle(ask(**{"accept-encoding": "gzip"}))
     assert "Content-Encoding" not in dict(small.headers)
-    gate.close()
+    application.close()
 
 
 def test_a_decompression_bomb_is_refused_before_it_is_held() -> None:
@@ -364,27 +374,27 @@ def test_an_unknown_encoding_is_415() -> None:
 # Conditional requests
 
 
-def etag_of(gate: Gateway, text: str, **headers: str) -> tuple[int, str]:
-    answer = gate.handle(ask(text, **headers))
+def etag_of(application: Application, text: str, **headers: str) -> tuple[int, str]:
+    answer = application.handle(ask(text, **headers))
     return answer.status, dict(answer.headers).get("ETag", "")
 
 
 def test_a_query_is_not_evaluated_again_while_nothing_was_written(tokens: TokenStore) -> None:
-    gate = gateway(tokens, Config())
-    status, etag = etag_of(gate, "SELECT * { ?s ?p 1 }")
+    application = open_application(tokens, Config())
+    status, etag = etag_of(application, "SELECT * { ?s ?p 1 }")
     assert status == 200
     assert etag.startswith('W/"')
-    assert etag_of(gate, "SELECT * { ?s ?p 1 }", **{"if-none-match": etag}) == (304, etag)
-    assert etag_of(gate, "SELECT * { ?s ?p 2 }", **{"if-none-match": etag})[0] == 200
+    assert etag_of(application, "SELECT * { ?s ?p 1 }", **{"if-none-match": etag}) == (304, etag)
+    assert etag_of(application, "SELECT * { ?s ?p 2 }", **{"if-none-match": etag})[0] == 200
     as_csv = {"if-none-match": etag, "accept": "text/csv"}
-    assert etag_of(gate, "SELECT * { ?s ?p 1 }", **as_csv)[0] == 200
-    gate.kb.update("INSERT DATA { <urn:s> <urn:p> 1 }")
-    assert etag_of(gate, "SELECT * { ?s ?p 1 }", **{"if-none-match": etag})[0] == 200
-    gate.close()
+    assert etag_of(application, "SELECT * { ?s ?p 1 }", **as_csv)[0] == 200
+    application.context.kb.update("INSERT DATA { <urn:s> <urn:p> 1 }")
+    assert etag_of(application, "SELECT * { ?s ?p 1 }", **{"if-none-match": etag})[0] == 200
+    application.close()
 
 
 @pytest.mark.parametrize("call", ["NOW()", "RAND()", "UUID()", "STRUUID()", "BNODE()"])
 def test_an_answer_that_changes_by_itself_has_no_tag(tokens: TokenStore, call: str) -> None:
-    gate = gateway(tokens, Config())
-    assert etag_of(gate, f"SELECT ({call} AS ?x) {{}}") == (200, "")
-    gate.close()
+    application = open_application(tokens, Config())
+    assert etag_of(application, f"SELECT ({call} AS ?x) {{}}") == (200, "")
+    application.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from endpoint.http.outbox import MAX_MESSAGES, Outbox
+from endpoint.http.websocket import MAX_MESSAGES, Outbox
 
 
 def test_texts_come_out_in_order_from_any_thread() -> None:

@@ -15,9 +15,10 @@ from flask.testing import FlaskClient
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.config import Config
-from endpoint.http.wsgi import create_app
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
 from rtask.knowledge_base import KnowledgeBase
+from tests.servers import new_application
 
 RT = ontology.NS
 PIXEL = bytes.fromhex(
@@ -80,7 +81,7 @@ def kb() -> Iterator[KnowledgeBase]:
 @pytest.fixture(scope="module")
 def app(kb: KnowledgeBase) -> Iterator[Any]:
     tokens = TokenStore(None)
-    made = create_app(kb, NoOperations(), tokens, Config())
+    made = create_app(new_application(kb, NoOperations(), tokens, Config()))
     yield made
     made.extensions["rtask"].close()
     tokens.close()

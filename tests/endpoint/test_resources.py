@@ -19,10 +19,11 @@ import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.api.collections import COLLECTIONS
 from endpoint.api.openapi import document
-from endpoint.config import Config
-from endpoint.http.wsgi import create_app
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
 from rtask.engine import Engine
 from rtask.knowledge_base import KnowledgeBase
+from tests.servers import new_application
 
 RT, PREFIXES = ontology.NS, ontology.PREFIXES
 NAO_1 = "urn:lab/robot/nao-1"
@@ -72,7 +73,7 @@ def kb() -> Iterator[KnowledgeBase]:
 @pytest.fixture(scope="module")
 def client(kb: KnowledgeBase) -> Iterator[FlaskClient]:
     with closing(TokenStore(None)) as tokens, Engine(kb) as engine:
-        app = create_app(kb, engine, tokens, Config())
+        app = create_app(new_application(kb, engine, tokens, Config()))
         yield app.test_client()
         app.extensions["rtask"].close()
 

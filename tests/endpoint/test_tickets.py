@@ -7,12 +7,11 @@ from contextlib import closing
 
 import pytest
 
-from endpoint.access.auth import Authenticator
-from endpoint.access.tickets import Tickets
+from endpoint.access.auth import Authenticator, plan_ticket
+from endpoint.access.sessions import Tickets
 from endpoint.access.tokens import TokenStore
-from endpoint.api.ticket_route import plan_ticket
-from endpoint.config import Config
 from endpoint.http.messages import Request
+from endpoint.settings import Config
 from rtask.errors import AuthenticationError, ForbiddenError
 
 
@@ -47,7 +46,7 @@ def test_a_ticket_is_worth_what_its_token_is(tokens: TokenStore) -> None:
     assert (caller.name, caller.access.role) == ("nao-1", "robot")
     another = auth.tickets.issue(token.id)
     tokens.revoke(token.id)
-    with pytest.raises(AuthenticationError, match="ask for another"):
+    with pytest.raises(AuthenticationError, match="request another"):
         auth.identify(socket_request(another), token_in_url=True)
 
 

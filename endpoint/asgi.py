@@ -1,7 +1,7 @@
-"""The asynchronous front: robots' websockets and programs' requests; pages go on to Flask.
+"""The ASGI application: websockets of robots, requests of programs, and pages, passed to Flask.
 
-What programs ask runs on the gateway's threads, so a stalled download or a slow page keeps nobody
-from the graph, and `/health` is answered whatever else is busy.
+The requests of programs run on the application's threads, so that a stalled download or a slow page
+blocks nobody, and `/health` is answered however busy the server is.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from typing import Any, cast
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
-from endpoint.application import Gateway, Job
+from endpoint.application import Application, Job
 from endpoint.follow.changes import Changes, Stream
-from endpoint.http.body_buffer import Spool
+from endpoint.http.body_buffer import BodyBuffer
 from endpoint.http.messages import RefusedError, Request, Response
+from endpoint.http.plan import Plan
 from endpoint.http.response_stream import SEND_IDLE_S, Wire, send
-from endpoint.http.websocket import Connections, Message, Receive, Transmit
+from endpoint.http.websocket import Message, Receive, Transmit
+from endpoint.rosbridge.connections import Connections
 from endpoint.rosbridge.session import Bridge
-from endpoint.sparql.deferred import Plan
+from endpoint.router import serves
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError
 
@@ -37,38 +39,39 @@ REVOCATION_CHECK_S = 0.5
 PAGE_THREADS = 16
 
 
-class Front:
-    """The ASGI application.
+class AsgiApplication:
+    """Everything that a server answers, as one ASGI application.
 
     Parameters
     ----------
-    gateway
+    application
         Answers programs.
     bridge
         Answers robots.
     pages
-        The Flask application.
+        The Flask application, which answers people.
     """
 
-    def __init__(self, gateway: Gateway, bridge: Bridge, pages: Flask) -> None:
-        self._gateway = gateway
+    def __init__(self, application: Application, bridge: Bridge, pages: Flask) -> None:
+        self._application = application
+        self._context = application.context
         self._held = 0
-        self.connections = Connections(bridge, gateway.auth)
-        self.changes = Changes(gateway)
-        gateway.more_gauges["rtask_subscribers"] = lambda: len(self.changes)
-        gateway.more_gauges["rtask_robots_connected"] = lambda: len(self.connections)
-        gateway.more_gauges["rtask_upload_bytes_held"] = lambda: self._held
-        # a2wsgi types the same interfaces in words of its own.
+        self.connections = Connections(bridge, self._context.auth)
+        self.changes = Changes(self._context)
+        self._context.gauges["rtask_subscribers"] = lambda: len(self.changes)
+        self._context.gauges["rtask_robots_connected"] = lambda: len(self.connections)
+        self._context.gauges["rtask_upload_bytes_held"] = lambda: self._held
+        # a2wsgi declares types of its own for the same interfaces.
         self._pages: Any = WSGIMiddleware(cast(Any, pages.wsgi_app), workers=PAGE_THREADS)
 
     @property
     def drain_delay_s(self) -> float:
-        """Seconds from "not ready" to the end of listening."""
-        return self._gateway.config.drain_delay_s
+        """Seconds between reporting "not ready" and closing the listening socket."""
+        return self._context.config.drain_delay_s
 
     def drain(self) -> None:
-        """Be ready for nothing more."""
-        self._gateway.drain()
+        """Report from now on that the server is not ready."""
+        self._application.drain()
 
     async def __call__(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
         """Serve one connection of the server."""
@@ -113,55 +116,55 @@ class Front:
         request = replace(request, body=body) if body else request
         if self.changes.serves(request.raw_path) and request.method != "OPTIONS":
             await self._follow(request, Wire(scope, receive, transmit))
-        elif self._gateway.serves(request.raw_path) and not _wants_page(request):
+        elif serves(request.raw_path) and not _wants_page(request):
             await self._program(request, Wire(scope, receive, transmit))
         else:
             await self._page(request, scope, transmit)
 
     async def _follow(self, request: Request, wire: Wire) -> None:
-        """Let a program follow the graph; the answer ends when either side has enough."""
-        gateway = self._gateway
+        """Let a program follow the graph until either side closes the stream."""
+        application = self._application
         started = time.perf_counter()
         try:
             answer = self.changes.open(request)
         except Exception as error:  # noqa: BLE001 - every error is an answer
-            job = gateway.refused(error, request)
-            response = gateway.run(job)
+            job = application.refused(error, request)
+            response = application.run(job)
         else:
             job = Job(request, Plan.ready(Response()), started=started)
             if isinstance(answer, Stream):
                 sent = await answer.send(wire)
-                gateway.report(job, Response(200), sent)
+                application.report(job, Response(200), sent)
                 return
             job.plan = Plan.ready(answer)
-            response = gateway.run(job)
+            response = application.run(job)
         sent, whole = await send(response, request.method, wire)
-        gateway.report(job, response, sent, whole=whole)
+        application.report(job, response, sent, whole=whole)
 
     async def _program(self, request: Request, wire: Wire) -> None:
         """Answer a program."""
-        gateway = self._gateway
+        application = self._application
         if len(request.body) <= SMALL_BODY and "content-encoding" not in request.headers:
-            job = gateway.admit(request)
+            job = application.admit(request)
         else:
             loop = asyncio.get_running_loop()
-            job = await loop.run_in_executor(gateway.pool, gateway.admit, request)
+            job = await loop.run_in_executor(application.pool, application.admit, request)
         try:
             if job.plan.lane == "loop":
-                response = gateway.run(job)
+                response = application.run(job)
             else:
                 response = await self._work(job, wire)
             sent, whole = await send(response, request.method, wire)
         finally:
-            gateway.end(job)
-        gateway.report(job, response, sent, whole=whole)
+            application.end(job)
+        application.report(job, response, sent, whole=whole)
 
     async def _work(self, job: Job, wire: Wire) -> Response:
         """Wait for a thread to do the work, for its deadline, or for the client to leave."""
-        gateway, plan = self._gateway, job.plan
+        application, plan = self._application, job.plan
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Response] = loop.create_future()
-        work = gateway.submit(job)
+        work = application.submit(job)
 
         def deliver() -> None:
             if answer.done():
@@ -173,7 +176,7 @@ class Front:
 
         def expire() -> None:
             if not answer.done():
-                answer.set_result(gateway.give_up(work, job))
+                answer.set_result(application.give_up(work, job))
 
         work.add_done_callback(lambda _: _call_soon(loop, deliver))
         timers = []
@@ -188,7 +191,7 @@ class Front:
                 timer.cancel()
 
     async def _page(self, request: Request, scope: Message, transmit: Transmit) -> None:
-        """Let Flask answer a person; count and log it like everything else."""
+        """Let Flask answer a person; count and log the request like any other."""
         started = time.perf_counter()
         seen = _Seen(transmit)
         try:
@@ -199,45 +202,45 @@ class Front:
             )
         finally:
             job = Job(request, Plan.ready(Response()), started=started)
-            self._gateway.report(job, Response(seen.status), seen.bytes)
+            self._application.report(job, Response(seen.status), seen.bytes)
 
     async def _check_sender(self, request: Request) -> None:
-        """Refuse who may not send anything large before it is read."""
-        self._gateway.auth.identify(request, token_in_url=False)
+        """Identify the sender of a large body before reading it."""
+        self._context.auth.identify(request, token_in_url=False)
 
     async def _refuse(self, error: RtaskError, request: Request, transmit: Transmit) -> None:
-        """Answer without reading on; the connection cannot be used again."""
-        job = self._gateway.refused(error, request)
-        response = self._gateway.run(job).with_headers(("Connection", "close"))
+        """Answer without reading the body; the connection cannot be reused."""
+        job = self._application.refused(error, request)
+        response = self._application.run(job).with_headers(("Connection", "close"))
         sent, _ = await send(response, request.method, Wire({}, _never, transmit))
-        self._gateway.report(job, response, sent)
+        self._application.report(job, response, sent)
 
     async def _read_body(self, scope: Message, receive: Receive) -> bytes | None:
-        """Read a body whole; none when the client left before its end.
+        """Read a whole body; return none if the client left before its end.
 
         Raises
         ------
         RefusedError
-            413 beyond the limit, 408 when nothing comes, 503 when too much is on its way already.
+            413 beyond the limit, 408 if nothing arrives, 503 if too much is being uploaded.
         StorageFullError
-            There is no room for a large one.
+            There is no disk space for a large body.
         """
         if scope["method"] in ("GET", "HEAD") and not _announces_body(scope):
             return b""
-        allowed = self._gateway.config.max_upload_bytes
+        allowed = self._context.config.max_upload_bytes
         size = 0
-        spool = Spool()
+        buffer = BodyBuffer()
         try:
             while True:
                 message = await _next_message(receive)
                 if message["type"] == "http.disconnect":
                     return None
                 piece = message.get("body", b"")
-                spool.write(piece)
+                buffer.write(piece)
                 size += len(piece)
                 self._held += len(piece)
                 if size > allowed:
-                    raise RefusedError(413, "too-large", f"the body is above {allowed} bytes")
+                    raise RefusedError(413, "too-large", f"the body exceeds {allowed} bytes")
                 if self._held > MAX_HELD_BYTES:
                     raise RefusedError(
                         503,
@@ -246,10 +249,10 @@ class Front:
                         headers=(("Retry-After", "5"),),
                     )
                 if not message.get("more_body"):
-                    return await spool.read()
+                    return await buffer.read()
         finally:
             self._held -= size
-            spool.close()
+            buffer.close()
 
     def _request(self, scope: Message, body: bytes) -> Request:
         headers: dict[str, str] = {}
@@ -265,13 +268,13 @@ class Front:
             scope["query_string"].decode("latin-1"),
             headers,
             body,
-            self._gateway.config.site(scope["scheme"], host),
+            self._context.config.site(scope["scheme"], host),
             client[0] if client else "",
         )
 
 
 def _wants_page(request: Request) -> bool:
-    """Tell whether a person opens the workbench at the protocol's own address."""
+    """Tell whether a person opens the workbench, which shares the protocol's address."""
     return (
         request.method in ("GET", "HEAD")
         and request.raw_path.rstrip("/") == "/sparql"
@@ -288,7 +291,7 @@ async def _next_message(receive: Receive) -> Message:
 
 
 def _is_large(request: Request) -> bool:
-    """Tell whether a large body is announced, or one of unknown size."""
+    """Tell whether a request announces a body that is large or of unknown size."""
     length = request.headers.get("content-length", "")
     if "transfer-encoding" in request.headers:
         return True
@@ -296,7 +299,7 @@ def _is_large(request: Request) -> bool:
 
 
 def _call_soon(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-    """Call back on the loop from a thread; the loop may be gone when work ends late."""
+    """Call back on the loop from a thread; the loop may be gone if work ends late."""
     with contextlib.suppress(RuntimeError):
         loop.call_soon_threadsafe(callback)
 
@@ -311,7 +314,7 @@ def _announces_body(scope: Message) -> bool:
 
 
 def _with_length(scope: Message, body: bytes, request_id: str) -> Message:
-    """Say how long the body is, for a chunked one would reach WSGI empty; and name the request."""
+    """Add the request id and the length of the body: a chunked one would reach WSGI empty."""
     headers = [
         (name, value)
         for name, value in scope["headers"]
@@ -325,7 +328,7 @@ def _with_length(scope: Message, body: bytes, request_id: str) -> Message:
 
 
 class _Seen:
-    """What Flask answered, for the log."""
+    """Status and size of an answer by Flask, for the log."""
 
     def __init__(self, transmit: Transmit) -> None:
         self._transmit = transmit
@@ -341,7 +344,7 @@ class _Seen:
 
 
 def _replay(body: bytes) -> Receive:
-    """Give a body that was read already to another application."""
+    """Pass a body that has been read to another application."""
     messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def receive() -> Message:
@@ -354,7 +357,7 @@ def _replay(body: bytes) -> Receive:
 
 
 def _impatient(transmit: Transmit) -> Transmit:
-    """Let a page's thread go when its client reads nothing: what is left is swallowed."""
+    """Discard the rest of a page whose client stopped reading, to free its thread."""
     gone = False
 
     async def send(message: Message) -> None:

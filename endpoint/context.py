@@ -1,0 +1,101 @@
+"""What every part of a server works with, whatever interface a request comes through."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from endpoint.access.auth import Authenticator
+from endpoint.access.rate import Limiter
+from endpoint.access.tokens import TokenStore
+from endpoint.http.conditional import Versions
+from endpoint.monitoring.audit import Audit
+from endpoint.monitoring.health import Health
+from endpoint.monitoring.log import LineWriter
+from endpoint.monitoring.metrics import Metrics
+from endpoint.monitoring.request_log import RequestLog
+from endpoint.monitoring.running_queries import RunningQueries
+from endpoint.rosbridge.services import Engine
+from endpoint.settings import Config
+from rtask.knowledge_base import KnowledgeBase
+
+
+@dataclass(frozen=True)
+class ServerContext:
+    """The shared parts of one server.
+
+    Parameters
+    ----------
+    kb
+        The knowledge base.
+    engine
+        Carries out operations and services.
+    tokens
+        Access tokens.
+    config
+        Settings.
+    auth, limiter
+        Identify callers and limit their rates.
+    metrics, audit, health, queries, request_log
+        What operators see of the server.
+    versions
+        Entity tags of answers.
+    gauges
+        Further values for ``/metrics``, measured when asked for.
+    """
+
+    kb: KnowledgeBase
+    engine: Engine
+    tokens: TokenStore
+    config: Config
+    auth: Authenticator
+    limiter: Limiter
+    metrics: Metrics
+    audit: Audit
+    health: Health
+    queries: RunningQueries
+    request_log: RequestLog
+    versions: Versions
+    gauges: dict[str, Callable[[], float]] = field(default_factory=dict)
+
+    @classmethod
+    def create(
+        cls,
+        kb: KnowledgeBase,
+        engine: Engine,
+        tokens: TokenStore,
+        config: Config,
+        writer: LineWriter | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> ServerContext:
+        """Make the parts of a server.
+
+        Parameters
+        ----------
+        writer
+            Receives log lines; none to keep no log.
+        clock
+            Returns the seconds by which rates, sessions and tickets are measured; tests pass their
+            own.
+        """
+        metrics, audit = Metrics(), Audit(kb.folder)
+        return cls(
+            kb=kb,
+            engine=engine,
+            tokens=tokens,
+            config=config,
+            auth=Authenticator(tokens, config, clock),
+            limiter=Limiter(config.rate, config.write_rate, config.max_in_flight, clock),
+            metrics=metrics,
+            audit=audit,
+            health=Health(kb),
+            queries=RunningQueries(config.max_queries),
+            request_log=RequestLog(metrics, audit, config, kb, writer),
+            versions=Versions(kb),
+        )
+
+    def close(self) -> None:
+        """Stop listening to commits and close the audit trail; the caller closes the rest."""
+        self.versions.close()
+        self.audit.close()

@@ -1,0 +1,103 @@
+"""The work that remains once a request has been understood, and how to stop it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from endpoint.http.messages import Response
+
+MAX_SHOWN_TEXT = 2_000
+
+
+@dataclass
+class RunningQuery:
+    """One query in progress.
+
+    Parameters
+    ----------
+    id
+        Request id.
+    owner
+        Key under which the caller's requests are counted; the owner may stop the query.
+    caller
+        Name of the caller, for display.
+    text
+        SPARQL.
+    timeout_s
+        Its time limit.
+    """
+
+    id: str
+    owner: str
+    caller: str
+    text: str
+    timeout_s: float
+    started: float = field(default_factory=time.monotonic)
+    stopped: bool = False
+    _stop: Callable[[], None] | None = None
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def on_stop(self, stop: Callable[[], None]) -> None:
+        """Register how to stop the query; called at once if it has been stopped already."""
+        with self._lock:
+            self._stop = stop
+            late = self.stopped
+        if late:
+            stop()
+
+    def stop(self) -> None:
+        """Stop the query by the function registered with :meth:`on_stop`."""
+        with self._lock:
+            self.stopped = True
+            stop = self._stop
+        if stop is not None:
+            stop()
+
+    def facts(self) -> dict[str, Any]:
+        """Return what lists of running queries show."""
+        return {
+            "id": self.id,
+            "caller": self.caller,
+            "seconds": round(time.monotonic() - self.started, 3),
+            "timeout": self.timeout_s,
+            "query": self.text[:MAX_SHOWN_TEXT],
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A request that was understood; running it does the work.
+
+    Parameters
+    ----------
+    run
+        Does the work; may raise any error of :mod:`rtask.errors`.
+    timeout_s
+        Time limit; none for work that must not be abandoned half-way.
+    lane
+        Where it runs: ``loop`` for what takes no time, ``point`` for a query that looks quick,
+        ``query`` for any other query, ``work`` for everything else.
+    form, text
+        Of SPARQL requests, for the log.
+    running
+        The query to list, and to stop on request, while it runs.
+    again
+        Does the work in the lane ``query`` if it turns out not to be quick.
+    """
+
+    run: Callable[[], Response]
+    timeout_s: float | None = None
+    lane: str = "work"
+    form: str = ""
+    text: str = ""
+    running: RunningQuery | None = None
+    again: Callable[[], Response] | None = None
+
+    @staticmethod
+    def ready(response: Response) -> Plan:
+        """Return a plan whose answer is known already."""
+        return Plan(lambda: response, lane="loop")

@@ -1,0 +1,176 @@
+"""Websocket connections of robots: the handshake, then one rosbridge session for each."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.http.messages import RefusedError, Request
+from endpoint.http.websocket import (
+    INTERNAL_ERROR,
+    POLICY_VIOLATION,
+    SERVICE_RESTART,
+    STALL_S,
+    TRY_AGAIN_LATER,
+    Message,
+    Outbox,
+    Receive,
+    Transmit,
+    refuse_handshake,
+)
+from endpoint.rosbridge.session import Bridge, Session
+from rtask.errors import RtaskError
+
+ADDRESSES = ("/", "/rosbridge")
+LARGE_MESSAGE = 64 << 10
+MAX_CONNECTIONS = 2_000
+MAX_PER_TOKEN = 20
+_log = logging.getLogger(__name__)
+
+
+class Connections:
+    """All open robot connections of a server.
+
+    Parameters
+    ----------
+    bridge
+        State that the sessions share.
+    auth
+        Identifies robots.
+    """
+
+    def __init__(self, bridge: Bridge, auth: Authenticator) -> None:
+        self._bridge = bridge
+        self._auth = auth
+        self._open: set[Connection] = set()
+
+    async def serve(
+        self, request: Request, scope: Message, receive: Receive, transmit: Transmit
+    ) -> None:
+        """Accept a connection and serve it to its end, or refuse it before the upgrade."""
+        await receive()  # websocket.connect
+        try:
+            if request.path.rstrip("/") not in ("", "/rosbridge"):
+                raise RtaskError(f"robots connect to {' or '.join(ADDRESSES)}")
+            caller = self._auth.identify(request, token_in_url=True)
+            self._auth.check_origin(request, caller)
+            self._admit(caller)
+        except RtaskError as error:
+            _log.warning("refused a robot from %s: %s", request.client, error)
+            await refuse_handshake(scope, transmit, error)
+            return
+        await transmit({"type": "websocket.accept"})
+        connection = Connection(self._bridge, caller, receive, transmit)
+        self._open.add(connection)
+        _log.info("robot %s connected from %s", caller.name, request.client)
+        try:
+            await connection.run()
+        finally:
+            self._open.discard(connection)
+            _log.info("robot %s left", caller.name)
+
+    def _admit(self, caller: Caller) -> None:
+        """Refuse a connection too many.
+
+        Raises
+        ------
+        RefusedError
+            503, with the time to wait.
+        """
+        own = 0
+        if caller.token is not None:
+            own = sum(other.caller.key == caller.key for other in self._open)
+        if own < MAX_PER_TOKEN and len(self._open) < MAX_CONNECTIONS:
+            return
+        held = f"{own} connections with this token" if own >= MAX_PER_TOKEN else "too many robots"
+        raise RefusedError(503, "busy", f"{held}; try later", headers=(("Retry-After", "10"),))
+
+    async def close_revoked(self) -> None:
+        """Close the connections whose token has been revoked."""
+        for connection in list(self._open):
+            if not self._auth.still_valid(connection.caller):
+                await connection.close(POLICY_VIOLATION, "token revoked")
+
+    async def close_all(self) -> None:
+        """Close all connections because the server stops."""
+        await asyncio.gather(*(c.close(SERVICE_RESTART, "server stops") for c in list(self._open)))
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+
+class Connection:
+    """The connection of one robot.
+
+    Parameters
+    ----------
+    bridge
+        State that the sessions share.
+    caller
+        The robot.
+    receive, transmit
+        The two halves of the ASGI connection.
+    """
+
+    def __init__(
+        self, bridge: Bridge, caller: Caller, receive: Receive, transmit: Transmit
+    ) -> None:
+        self.caller = caller
+        self._receive = receive
+        self._transmit = transmit
+        self._outbox = Outbox(asyncio.get_running_loop())
+        self._session = Session(bridge, self._outbox.put, caller.access)
+        self._closing = False
+
+    async def run(self) -> None:
+        """Read until the robot leaves, while one task writes."""
+        writer = asyncio.create_task(self._write())
+        try:
+            await self._read()
+        except Exception:  # noqa: BLE001 - one robot's fault must not stop the others
+            _log.exception("the connection of %s failed", self.caller.name)
+            await self.close(INTERNAL_ERROR, "internal error")
+        finally:
+            self._closing = True
+            self._session.close()
+            self._outbox.close()
+            writer.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await writer
+
+    async def _read(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            message = await self._receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text")
+            if text is None:
+                text = "(a binary frame)"  # answered as what it is: not JSON
+            if len(text) > LARGE_MESSAGE:
+                await loop.run_in_executor(None, self._session.feed, text)
+            else:
+                self._session.feed(text)
+            await self._outbox.wait_for_room()
+
+    async def _write(self) -> None:
+        try:
+            while True:
+                text = await self._outbox.take()
+                async with asyncio.timeout(STALL_S):
+                    kind = "text" if isinstance(text, str) else "bytes"
+                    await self._transmit({"type": "websocket.send", kind: text})
+        except TimeoutError:
+            await self.close(TRY_AGAIN_LATER, "nothing read for too long")
+        except (RuntimeError, OSError):
+            self._outbox.close()  # the robot left between two messages
+
+    async def close(self, code: int, reason: str) -> None:
+        """Close the connection from this side."""
+        if self._closing:
+            return
+        self._closing = True
+        with contextlib.suppress(RuntimeError, OSError):
+            await self._transmit({"type": "websocket.close", "code": code, "reason": reason})
