@@ -9,7 +9,7 @@ thing within one answer, which is all that a blank node of an answer does.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pyoxigraph as ox
@@ -22,6 +22,7 @@ from endpoint.sparql.request import UpdateRequest
 from rtask.errors import ForbiddenError, RemoteUnavailableError, RtaskError, TooLargeError
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.transaction import Transaction
+from rtask.kb.readers.updating import needs_reader
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.lexer import body_start, find_block_end, tokenise
 from rtask.sparql.templates import resolve
@@ -146,10 +147,19 @@ def update_with_loads(
     note: str,
     outgoing: Outgoing,
     deadline: float,
+    run_bounded: Callable[[str], Commit],
 ) -> Commit:
     """Run an update whose LOADs are allowed; all of it is one commit.
 
+    Where other operations read the store, the documents become INSERT DATA of the same request, so
+    that a reader can evaluate the whole of it within the limits.
+
     The documents are fetched before anything is changed, so nobody waits for another server.
+
+    Parameters
+    ----------
+    run_bounded
+        Carries out an update without LOAD, within the limits of updates.
 
     Raises
     ------
@@ -164,6 +174,14 @@ def update_with_loads(
         for number, (operation, _) in enumerate(steps)
         if operation.kind == "LOAD"
     }
+    if any(operation.kind != "LOAD" and needs_reader(source) for operation, source in steps):
+        whole = " ;\n".join(
+            _as_data(operation, documents[number], update.base)
+            if operation.kind == "LOAD"
+            else source
+            for number, (operation, source) in enumerate(steps)
+        )
+        return run_bounded(whole)
     with kb.transaction(access=caller.access, note=note) as tx:
         for number, (operation, source) in enumerate(steps):
             if operation.kind == "LOAD":
@@ -214,6 +232,32 @@ def _document(operation: Operation, outgoing: Outgoing, deadline: float, base: s
 
 def _by_suffix(url: str) -> str:
     return next((name for end, name in _SUFFIXES.items() if url.endswith(end)), "")
+
+
+def _as_data(operation: Operation, document: Document, base: str) -> str:
+    """Return INSERT DATA that does what a LOAD does."""
+    if document is None:
+        return "INSERT DATA {}"
+    url, body, name = document
+    into = ""
+    target = operation.target
+    if target is not None and target.scope == "GRAPH":
+        into = str(resolve(target.name, operation.prologue, base or None))
+    blocks: dict[str, list[ox.Triple]] = {}
+    try:
+        for quad in ox.parse(body, format=ox.RdfFormat.from_extension(name), base_iri=url):
+            named = isinstance(quad.graph_name, ox.NamedNode)
+            graph = str(quad.graph_name) if named else into
+            blocks.setdefault(graph, []).append(quad.triple)
+    except (SyntaxError, ValueError) as error:
+        if operation.silent:
+            return "INSERT DATA {}"
+        raise RefusedError(502, "load-failed", f"LOAD {url}: {error}") from None
+    texts = []
+    for graph, triples in blocks.items():
+        data = (ox.serialize(triples, format=ox.RdfFormat.N_TRIPLES) or b"").decode()
+        texts.append(f"GRAPH {graph} {{ {data} }}" if graph else data)
+    return f"INSERT DATA {{ {' '.join(texts)} }}"
 
 
 def _store(tx: Transaction, operation: Operation, document: Document, base: str) -> None:

@@ -24,6 +24,7 @@ from endpoint.sparql.request import QueryRequest, UpdateRequest
 from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.commit.commit import Commit
+from rtask.kb.commit.delta import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.service import without_services
 
@@ -202,18 +203,25 @@ def _commit(
         outgoing = Outgoing("SERVICE", config.allow_service)
         text = federation.answer_services(text, outgoing, deadline, update.base)
     limit_s = config.max_timeout_s if caller.access.role == "admin" else config.write_timeout_s
-    try_where(kb, update, text, limit_s)
+
+    def run(text: str) -> Commit:
+        text = without_services(text)
+        if not kb.readers.evaluate_updates:
+            try_where(kb, update, text, limit_s)
+        return kb.update(
+            text,
+            note=note,
+            using=update.using,
+            named=update.using_named,
+            access=caller.access,
+            base=update.base,
+            limits=UpdateLimits(limit_s),
+        )
+
     if config.allow_load and federation.mentions(text, "LOAD"):
         outgoing = Outgoing("LOAD", config.allow_load)
-        return federation.update_with_loads(kb, update, text, caller, note, outgoing, deadline)
-    return kb.update(
-        without_services(text),
-        note=note,
-        using=update.using,
-        named=update.using_named,
-        access=caller.access,
-        base=update.base,
-    )
+        return federation.update_with_loads(kb, update, text, caller, note, outgoing, deadline, run)
+    return run(text)
 
 
 def plan_description(kb: KnowledgeBase, request: Request, config: Config, *, updates: bool) -> Plan:

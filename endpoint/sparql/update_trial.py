@@ -1,26 +1,23 @@
 """WHERE parts of updates, tried in a reader first.
 
-An update holds the writers' lock while it evaluates its WHERE parts, and nothing in this process
-can be stopped. So each WHERE that does not look quick is evaluated by a reader before, which is
-killed when it takes too long; only then is the update carried out.
+Where readers cannot evaluate whole updates (:mod:`rtask.kb.readers.updating`), because the store is
+too large to be copied, an update is evaluated in this process, which nothing can stop. So its WHERE
+is evaluated by a reader before, which is killed when it takes too long; an update whose WHERE reads
+what the same request writes cannot be tried that way and is refused.
 """
 
 from __future__ import annotations
 
-import time
-
 from endpoint.http.messages import RefusedError
-from endpoint.sparql.quick_queries import is_point
 from endpoint.sparql.request import UpdateRequest
 from rtask.errors import QueryTimeout, RtaskError
+from rtask.kb.commit.delta import UpdateLimits
+from rtask.kb.readers.updating import needs_reader
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.results import Solutions
 from rtask.sparql.service import without_services
 from rtask.sparql.templates import resolve
-from rtask.sparql.update_outline import Operation, Update, read_update
-
-MAX_SOLUTIONS = 1_000_000
-_MAX_FRESH_TOKENS = 3_000
+from rtask.sparql.update_outline import Operation, read_update
 
 
 def try_where(kb: KnowledgeBase, update: UpdateRequest, text: str, seconds: float) -> None:
@@ -31,45 +28,32 @@ def try_where(kb: KnowledgeBase, update: UpdateRequest, text: str, seconds: floa
     text
         The update, without SERVICE.
     seconds
-        For all WHERE parts together.
+        For the WHERE part.
 
     Raises
     ------
     RefusedError
-        504 if it takes longer; 400 if there are too many solutions, or if a long WHERE would read
-        what the same request writes, which no reader can try.
+        504 if it takes longer; 400 if there are too many solutions, or if other operations of the
+        same request stand beside an operation that reads the store.
     """
-    if "WHERE" not in text.upper() or not kb.readers.possible:
+    if not kb.readers.possible or not needs_reader(text):
         return
     outline = read_update(text)
-    deadline = time.monotonic() + seconds
-    fresh = 0
-    for operation in outline.operations:
-        if operation.kind in ("INSERT DATA", "DELETE DATA"):
-            block = operation.insert or operation.delete
-            fresh += block.end - block.start if block else 0
-        if operation.where is None:
-            continue
+    if len(outline.operations) > 1:
+        raise RefusedError(
+            400,
+            "query-too-complex",
+            "on a store of this size an operation that reads the store must stand alone in its "
+            "request; send the operations one by one",
+        )
+    [operation] = outline.operations
+    if operation.where is not None:
         where = without_services(outline.source(operation.where))
-        if is_point(f"{operation.prologue}SELECT * WHERE {where}"):
-            continue
-        if fresh > _MAX_FRESH_TOKENS:
-            raise RefusedError(
-                400,
-                "query-too-complex",
-                "a long WHERE behind much data in one request; send the data first, then this",
-            )
-        _try(kb, update, outline, operation, where, deadline - time.monotonic(), seconds)
+        _try(kb, update, operation, where, seconds)
 
 
 def _try(
-    kb: KnowledgeBase,
-    update: UpdateRequest,
-    outline: Update,
-    operation: Operation,
-    where: str,
-    left: float,
-    seconds: float,
+    kb: KnowledgeBase, update: UpdateRequest, operation: Operation, where: str, seconds: float
 ) -> None:
     default = [_iri(name, operation, update) for name in operation.using] or list(update.using)
     named = [_iri(n, operation, update) for n in operation.using_named] or list(update.using_named)
@@ -82,24 +66,25 @@ def _try(
             default_graphs=default or None,
             named_graphs=named or None,
             base=update.base or None,
-            timeout_s=max(0.001, left),
+            timeout_s=seconds,
         )
     except QueryTimeout:
         raise RefusedError(
             504,
             "query-timeout",
-            f"the WHERE parts of this update take longer than {seconds:g} s; nothing was stored",
+            f"the WHERE part of this update takes longer than {seconds:g} s; nothing was stored",
             limit=seconds,
         ) from None
     except RtaskError:
         return  # what is wrong with it is said where it is carried out
     count = found[0].value("n") if isinstance(found, Solutions) and len(found) else 0
-    if isinstance(count, int) and count > MAX_SOLUTIONS:
+    allowed = UpdateLimits(seconds).solutions
+    if isinstance(count, int) and count > allowed:
         raise RefusedError(
             400,
             "query-too-complex",
-            f"a WHERE with {count} solutions, at most {MAX_SOLUTIONS}; split the update",
-            limit=MAX_SOLUTIONS,
+            f"a WHERE with {count} solutions, at most {allowed}; split the update",
+            limit=allowed,
         )
 
 

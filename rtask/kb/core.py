@@ -41,7 +41,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
             with self._writer.exclusive():
                 self._inference.closure()
         if self.readers.possible:
-            self.readers.start(wait=False)
+            self.readers.start(wait=False, updates=True)
 
     def subscribe_query(
         self,

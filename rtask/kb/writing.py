@@ -9,8 +9,9 @@ from pyoxigraph import Quad
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
-from rtask.kb.commit.delta import UpdateDataset, run_update
+from rtask.kb.commit.delta import UpdateDataset, UpdateLimits, run_update
 from rtask.kb.commit.transaction import Transaction
+from rtask.kb.readers.updating import UpdateOrder, commit_update, needs_reader
 from rtask.kb.searching import Searching
 from rtask.rdf.terms import Graph, NamedNode, iri
 
@@ -44,6 +45,7 @@ class Writing(Searching):
         access: Access | None = None,
         base: str | None = None,
         if_version: int | None = None,
+        limits: UpdateLimits | None = None,
     ) -> Commit:
         """Run a SPARQL update as one commit.
 
@@ -57,11 +59,17 @@ class Writing(Searching):
             The dataset of WHERE, where the text names none.
         if_version
             Refuse unless the last commit has this number.
+        limits
+            For updates of callers that are not trusted: what reads the store to find what to write
+            is evaluated in a process of its own and ended at these limits. ``None``: without end,
+            in this process.
 
         Raises
         ------
         QuerySyntaxError
             With line and column.
+        QueryTimeout, QueryTooExpensive, BusyError
+            Beyond ``limits``, or too many such updates at once; nothing is stored.
         ForbiddenError
             Naming the graph; nothing is stored.
         InconsistentError
@@ -70,6 +78,11 @@ class Writing(Searching):
         request = Request(self.access(agent, access), note, if_version=if_version)
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
         text = self._looked_up(text)
+        if limits is not None and self.readers.evaluate_updates and needs_reader(text):
+            order = UpdateOrder(
+                text, request.access, dataset, limits, self._ontologies(), self.store.is_view
+            )
+            return commit_update(order, request, self.readers, self._writer, lambda: self.seq)
         overlay = self._writer.begin()
         try:
             run_update(overlay, text, request.access, dataset)
@@ -77,6 +90,14 @@ class Writing(Searching):
             self._writer.cancel()
             raise
         return self._writer.finish(overlay, request)
+
+    def _ontologies(self) -> tuple[str, ...]:
+        names = self.store.named_graphs()
+        return tuple(
+            graph.value
+            for graph in names
+            if isinstance(graph, NamedNode) and self.catalogue.is_ontology(graph)
+        )
 
     def transaction(
         self,

@@ -7,6 +7,7 @@ come out as quads (SPARQL 1.1 Update, 3.1.3).
 from __future__ import annotations
 
 import itertools
+import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, RdfFormat, Triple, parse
@@ -123,6 +124,11 @@ def constant_graphs(template: Iterable[Quad], home: Graph) -> set[Graph]:
     }
 
 
+def _new_blank() -> BlankNode:
+    """Return a blank node; the store's own would repeat in processes forked from one parent."""
+    return BlankNode(secrets.token_hex(16))
+
+
 def fill(
     template: Iterable[Quad], solution: Mapping[str, Term], home: Graph, fresh: bool
 ) -> Iterator[Quad]:
@@ -141,7 +147,7 @@ def fill(
         if isinstance(term, Triple):
             return Triple(*(term_of(t) for t in (term.subject, term.predicate, term.object)))  # type: ignore[arg-type]
         if isinstance(term, BlankNode) and fresh:
-            return blanks.setdefault(term.value, BlankNode())
+            return blanks.setdefault(term.value, _new_blank())
         name = _variable(term)
         return term if name is None else solution[name]
 

@@ -3,18 +3,21 @@
 Templates are filled with the solutions of each WHERE; what earlier operations of the request
 changed is seen by later ones through a dry run, an update that is made to fail (SPARQL 1.1
 Update, 3 and 4). Rights and conclusions are decided on the result.
+
+A reader process, whose copy of the store may be changed, needs no dry runs: it applies each
+operation before the next (:func:`evaluate_update`), within :class:`UpdateLimits`.
 """
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
 
-from rtask.errors import DataError, ForbiddenError, QuerySyntaxError
+from rtask.errors import DataError, ForbiddenError, QuerySyntaxError, QueryTooExpensive
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.apply import Functions, Writes, as_update
 from rtask.kb.store.graph_store import GraphStore
@@ -26,11 +29,12 @@ from rtask.sparql.service import without_services
 from rtask.sparql.syntax import check_update, syntax_error
 from rtask.sparql.update_outline import Operation, Target, Update, read_update
 
-__all__ = ["UpdateDataset", "run_update"]
+__all__ = ["NetChange", "UpdateDataset", "UpdateLimits", "evaluate_update", "run_update"]
 
 _ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
 # no text can call these, since nobody can guess their names
 _SECRET = secrets.token_hex(8)
+_QUAD_BYTES = 100  # of a statement without its literal, roughly
 _RECORD = NamedNode(f"urn:rtask-dry:{_SECRET}:record")
 _UNBOUND = NamedNode(f"urn:rtask-dry:{_SECRET}:unbound")
 
@@ -51,6 +55,172 @@ class UpdateDataset:
     using: tuple[NamedNode, ...] = ()
     using_named: tuple[NamedNode, ...] = ()
     base: str | None = None
+
+
+@dataclass(frozen=True)
+class UpdateLimits:
+    """Bounds of one update request; all its operations together.
+
+    Parameters
+    ----------
+    seconds
+        Time until the change must be known.
+    memory_bytes
+        Memory beyond the copy of the store.
+    literal_bytes
+        Length of one literal that a template makes, in UTF-8 at most four times as much.
+    statements, delta_bytes
+        Size of the change, counted as templates are filled.
+    solutions
+        Solutions of one WHERE.
+    """
+
+    seconds: float
+    memory_bytes: int = 512 << 20
+    literal_bytes: int = 1 << 20
+    statements: int = 200_000
+    delta_bytes: int = 64 << 20
+    solutions: int = 1_000_000
+
+
+@dataclass
+class NetChange:
+    """Sum of several changes made one after the other: what was added and removed again cancels.
+
+    Dictionaries keep the order of the changes.
+    """
+
+    removed: dict[Quad, None] = field(default_factory=dict)
+    added: dict[Quad, None] = field(default_factory=dict)
+    created: dict[Graph, None] = field(default_factory=dict)
+    dropped: dict[Graph, None] = field(default_factory=dict)
+
+    def join(self, change: Overlay) -> None:
+        """Add a change that was made after all the others."""
+        _cancel(change.removed, self.added, self.removed)
+        _cancel(change.added, self.removed, self.added)
+        _cancel(change.dropped, self.created, self.dropped)
+        _cancel(change.created, self.dropped, self.created)
+
+
+def _cancel(items: Mapping[Any, None], opposite: dict[Any, None], kept: dict[Any, None]) -> None:
+    for item in items:
+        if item in opposite:
+            del opposite[item]
+        else:
+            kept[item] = None
+
+
+def evaluate_update(
+    store: GraphStore,
+    text: str,
+    access: Access,
+    dataset: UpdateDataset,
+    limits: UpdateLimits,
+    total: NetChange,
+    whole: NetChange,
+) -> None:
+    """Carry out an update on a store of one's own, operation by operation.
+
+    Parameters
+    ----------
+    store
+        A private copy; it is changed, also when an error is raised.
+    total
+        Receives the exact change of the named graphs.
+    whole
+        Receives everything that was changed in the store, its union graph included.
+
+    Raises
+    ------
+    QueryTooExpensive
+        Beyond a limit; names it.
+    RtaskError
+        As :func:`run_update`.
+    """
+    update = _checked(text, dataset)
+    meter = _Meter(limits)
+    for operation in update.operations:
+        overlay = Overlay(store)
+        _Runner(overlay, update, access, dataset, meter).run(operation)
+        union = Overlay(store)
+        if not (access.plain or store.is_view):
+            union = union_change(store, overlay.removed, overlay.added)
+        total.join(overlay)
+        for change in (overlay, union):
+            whole.join(change)
+            apply_change(store, change)
+
+
+def apply_change(store: GraphStore, change: Overlay | NetChange) -> None:
+    """Change a private copy of the store in place."""
+    raw = store.raw
+    for quad in change.removed:
+        raw.remove(quad)
+    raw.extend(change.added)
+    for graph in change.created:
+        if isinstance(graph, (NamedNode, BlankNode)):
+            raw.add_graph(graph)
+    for graph in change.dropped:
+        if isinstance(graph, (NamedNode, BlankNode)):
+            raw.remove_graph(graph)
+
+
+def _checked(text: str, dataset: UpdateDataset) -> Update:
+    update = read_update(without_services(text))
+    check_update(update, dataset.base)
+    _refuse_two_datasets(update, dataset)
+    return update
+
+
+class _Meter:
+    """Counts what templates make, before it is kept."""
+
+    def __init__(self, limits: UpdateLimits | None = None) -> None:
+        self._limits = limits
+        self._statements = self._bytes = 0
+
+    def solutions(self, rows: Iterable[Any]) -> Iterator[Any]:
+        """Yield the solutions of one WHERE as long as there are not too many."""
+        limits = self._limits
+        for number, row in enumerate(rows):
+            if limits is not None and number >= limits.solutions:
+                raise _beyond("solutions", limits.solutions, "solutions of one WHERE")
+            yield row
+
+    def quads(self, quads: Iterable[Quad]) -> Iterator[Quad]:
+        """Yield statements as long as they are not too many or too long."""
+        limits = self._limits
+        if limits is None:
+            yield from quads
+            return
+        for quad in quads:
+            size = _characters(quad.object)
+            if size > limits.literal_bytes:
+                raise _beyond("literal", limits.literal_bytes, "characters in one literal")
+            self._statements += 1
+            self._bytes += size + _QUAD_BYTES
+            if self._statements > limits.statements:
+                raise _beyond("statements", limits.statements, "statements")
+            if self._bytes > limits.delta_bytes:
+                raise _beyond("bytes", limits.delta_bytes, "bytes of statements")
+            yield quad
+
+
+def _characters(term: Term) -> int:
+    if isinstance(term, Literal):
+        return len(term.value)
+    if isinstance(term, Triple):
+        return _characters(term.object)
+    return 0
+
+
+def _beyond(limit: str, allowed: int, what: str) -> QueryTooExpensive:
+    return QueryTooExpensive(
+        f"the update makes more than {allowed} {what}; nothing was stored, split it",
+        limit=limit,
+        allowed=allowed,
+    )
 
 
 def run_update(
@@ -78,10 +248,8 @@ def run_update(
         A graph exists, or is missing, where the operation says otherwise.
     """
     dataset = dataset or UpdateDataset()
-    update = read_update(without_services(text))
-    check_update(update, dataset.base)
-    _refuse_two_datasets(update, dataset)
-    runner = _Runner(overlay, update, access, dataset)
+    update = _checked(text, dataset)
+    runner = _Runner(overlay, update, access, dataset, _Meter())
     for operation in update.operations:
         runner.run(operation)
 
@@ -102,6 +270,7 @@ class _Runner:
     update: Update
     access: Access
     dataset: UpdateDataset
+    meter: _Meter
     home: Graph = field(init=False)
 
     def __post_init__(self) -> None:
@@ -127,7 +296,7 @@ class _Runner:
         template = self._template(operation, block, self.home)
         insert = operation.insert is not None
         change = self.overlay.add if insert else self.overlay.remove
-        for quad in templates.fill(template, {}, self.home, fresh=insert):
+        for quad in self.meter.quads(templates.fill(template, {}, self.home, fresh=insert)):
             change(stored_quad(quad))
 
     def _template(self, operation: Operation, block: Any, home: Graph) -> list[Quad]:
@@ -149,21 +318,22 @@ class _Runner:
         removed: list[Quad] = []
         added: list[Quad] = []
         for solution in self._solutions(operation, names):
-            removed += templates.fill(delete, solution, home, fresh=False)
-            added += templates.fill(insert, solution, home, fresh=True)
+            removed += self.meter.quads(templates.fill(delete, solution, home, fresh=False))
+            added += self.meter.quads(templates.fill(insert, solution, home, fresh=True))
         for quad in removed:
             self.overlay.remove(stored_quad(quad))
         for quad in added:
             self.overlay.add(stored_quad(quad))
 
-    def _solutions(self, operation: Operation, names: list[str]) -> list[dict[str, Term]]:
+    def _solutions(self, operation: Operation, names: list[str]) -> Iterable[dict[str, Term]]:
         assert operation.where is not None
         where = self.update.source(operation.where)
         default, named = self._dataset(operation)
         if self.overlay.is_empty():
-            return _select(
+            found = _select(
                 self.overlay.store, operation, where, names, default, named, self.dataset.base
             )
+            return self.meter.solutions(found)
         return self._dry_run(operation, where, names, default, named)
 
     def _dataset(
@@ -268,7 +438,7 @@ class _Runner:
         quads = list(self.overlay.quads(source))
         if operation.kind != "ADD":
             self.overlay.clear(target, drop=False)
-        for quad in quads:
+        for quad in self.meter.quads(quads):
             self.overlay.add(Quad(quad.subject, quad.predicate, quad.object, target))
         self.overlay.create(target)
         if operation.kind == "MOVE":
@@ -319,7 +489,7 @@ def _select(
     default: list[NamedNode] | None,
     named: list[NamedNode] | None,
     base: str | None,
-) -> list[dict[str, Term]]:
+) -> Iterator[dict[str, Term]]:
     projection = " ".join(f"?{name}" for name in names) or "(1 AS ?one)"
     dataset: dict[str, Any] = {}
     if default is not None:
@@ -329,7 +499,8 @@ def _select(
     text = f"{operation.prologue}SELECT {projection} WHERE {where}"
     try:
         rows: Any = store.query(text, base_iri=base, **dataset)
-        return [{name: row[name] for name in names if row[name] is not None} for row in rows]
+        for row in rows:
+            yield {name: row[name] for name in names if row[name] is not None}
     except SyntaxError as error:
         raise syntax_error(error, "WHERE", text) from error
     except RuntimeError as error:

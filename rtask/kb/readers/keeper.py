@@ -39,8 +39,16 @@ _DUMP_PIECE = 256 << 10
 _SEND_TIMEOUT_S = 30.0
 _COALESCE_S = 0.005
 _FEW = 64
-# -I: the folder of the script and the environment must not get in front of the standard library
-_START = "import runpy, sys; sys.path.append(sys.argv.pop()); runpy.run_path(sys.argv.pop(), None, '__main__')"  # noqa: E501
+# -I: the folder of the script and the environment must not get in front of the standard library.
+# The packages that this process uses come right after it, before anything else that is installed.
+_START = """
+import runpy, sys
+places, script = sys.argv.pop().split("\\n"), sys.argv.pop()
+installed = [i for i, place in enumerate(sys.path) if place.endswith("site-packages")]
+at = installed[0] if installed else len(sys.path)
+sys.path[at:at] = places
+runpy.run_path(script, None, "__main__")
+"""
 
 
 class ReaderGone(Exception):
@@ -143,10 +151,10 @@ class ReaderProcess:
             self._pid, self._rss = facts["pid"], facts["rss"]
             self._pid_handle = descriptors[0] if descriptors else -1
 
-    def ask(self, question: bytes) -> None:
-        """Send the waiting commits, then a query."""
+    def ask(self, question: bytes, kind: bytes = b"Q") -> None:
+        """Send the waiting commits, then a query, or an update as kind ``U``."""
         with self._lock:
-            self._flush(message(b"Q", question))
+            self._flush(message(kind, question))
 
     def follow(self) -> None:
         """Send the waiting commits now, if nobody uses the reader; a few may wait."""
@@ -240,6 +248,7 @@ class KeeperProcess:
         self.retired = False
         self.failed = False
         self.follows = store is not None
+        self.evaluates_updates = False
         self.waiting_bytes = 0
         self._max_waiting = max_waiting
         self._readers: dict[int, ReaderProcess] = {}
@@ -295,6 +304,7 @@ class KeeperProcess:
                 "number": reader.number,
                 "memory": self.memory_bytes,
                 "snapshot": None if snapshot is None else str(snapshot),
+                "updates": self.evaluates_updates,
             }
             self._outbox.append(reader)
             self._changed.notify()
@@ -419,11 +429,12 @@ class KeeperProcess:
 def _start(connection: socket.socket) -> subprocess.Popen[bytes]:
     import subprocess
 
-    site = str(Path(ox.__file__).parent.parent)
+    here = Path(reader_main.__file__).parents[3]  # of the package rtask
+    places = "\n".join(map(str, (here, Path(ox.__file__).parent.parent)))
     script = str(Path(reader_main.__file__))
     descriptor = connection.fileno()
     return subprocess.Popen(
-        [sys.executable, "-I", "-c", _START, str(descriptor), script, site],
+        [sys.executable, "-I", "-c", _START, str(descriptor), script, places],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         pass_fds=[descriptor],

@@ -18,6 +18,8 @@ class ReaderLimits:
         Queries that run at a time.
     reserved
         How many of these places are for point queries, see :mod:`rtask.sparql.query_cost`.
+    updates
+        Updates that are evaluated at a time.
     queue
         Queries that may wait for a reader.
     memory_bytes
@@ -28,6 +30,7 @@ class ReaderLimits:
 
     count: int = field(default_factory=lambda: 2 + (os.cpu_count() or 1))
     reserved: int = 2
+    updates: int = 2
     queue: int = 64
     memory_bytes: int = 2 << 30
     replica_max: int = 1_000_000

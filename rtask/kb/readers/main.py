@@ -9,8 +9,8 @@ without harm to anybody else.
 Messages are a type byte, a length and a payload. To the keeper: ``L`` a dump of the store follows
 as ``D`` pieces, the last one empty; ``F`` a commit; ``K`` fork a reader on the descriptors that
 come along. From the keeper: ``R`` the dump is loaded, ``E`` a reader ended. To a reader: ``F``,
-and ``Q`` a query. From a reader, through a pipe: ``M`` what the answer is, ``C`` a piece of it,
-``E`` its end, ``X`` an error.
+``Q`` a query, and ``U`` an update, whose exact change is the answer. From a reader, through a
+pipe: ``M`` what the answer is, ``C`` a piece of it, ``E`` its end, ``X`` an error.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import socket
 import struct
 import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NoReturn
 
 import pyoxigraph as ox
@@ -163,6 +163,8 @@ class Keeper:
             self._connection.sendall(message(b"R"))
 
     def _fork(self, order: dict[str, Any], control: int, answers: int) -> None:
+        if order["updates"]:
+            _prepare_updates()
         keeper = os.getpid()
         pid = os.fork()
         if pid == 0:
@@ -201,8 +203,18 @@ def _read(
         kind, payload, _ = incoming.next()
         if kind == b"F":
             apply_commit(store, payload)
+        elif kind == b"U":
+            _update(store, json.loads(payload), answers)
         else:
             _answer(store, json.loads(payload), answers)
+
+
+def _prepare_updates() -> None:
+    """Import what evaluates updates before forking, so that not every reader has to."""
+    with contextlib.suppress(ImportError):
+        import rtask.kb.readers.update_main  # noqa: F401
+
+        gc.freeze()
 
 
 def _die_with(keeper: int) -> None:
@@ -218,12 +230,16 @@ def _limit_memory(allowed: int) -> None:
     """Let this process take so many bytes more than it has."""
     import resource
 
-    used = 0
-    with contextlib.suppress(OSError, ValueError, StopIteration), open("/proc/self/status") as file:  # noqa: PTH123 - no pathlib in a process that must be small
-        line = next(line for line in file if line.startswith("VmData:"))
-        used = int(line.split()[1]) << 10
+    used = _data_bytes()
     resource.setrlimit(resource.RLIMIT_DATA, (used + allowed, used + allowed))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _data_bytes() -> int:
+    with contextlib.suppress(OSError, ValueError, StopIteration), open("/proc/self/status") as file:  # noqa: PTH123 - no pathlib in a process that must be small
+        line = next(line for line in file if line.startswith("VmData:"))
+        return int(line.split()[1]) << 10
+    return 0
 
 
 def _say_hello(control: socket.socket) -> None:
@@ -355,6 +371,43 @@ def _answer(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
             _refuse(pipe, "limit", str(over), **over.facts)
         else:
             _refuse(pipe, "evaluation", str(error))
+
+
+def _update(store: ox.Store, order: dict[str, Any], pipe: int) -> None:
+    """Evaluate an update on the copy, send its exact change, and undo it or end."""
+    undone = False
+    try:
+        from rtask.kb.readers.update_main import evaluate
+
+        with _less_memory(order["memory"]):
+            payload, undone = evaluate(store, order)
+    except MemoryError:
+        _refuse(pipe, "memory", "")
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other side must know
+        undone = getattr(error, "undone", False)
+        facts = {"error": type(error).__name__, "details": getattr(error, "details", {})}
+        _refuse(pipe, "update", str(error), reusable=undone, **facts)
+    else:
+        facts = {"kind": "update", "type": "application/n-quads", "gzip": False}
+        end = {"bytes": len(payload), "rss": _resident(), "reusable": undone}
+        parts = [message(b"M", json.dumps(facts).encode()), message(b"C", payload)]
+        _send_all(pipe, b"".join([*parts, message(b"E", json.dumps(end).encode())]))
+    if not undone:
+        os._exit(0)
+
+
+@contextlib.contextmanager
+def _less_memory(allowed: int) -> Iterator[None]:
+    """Let this process take at most so many bytes more for a while."""
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    limit = _data_bytes() + allowed
+    resource.setrlimit(resource.RLIMIT_DATA, (limit if soft < 0 else min(limit, soft), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def _dataset(question: dict[str, Any]) -> dict[str, Any]:

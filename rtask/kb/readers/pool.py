@@ -17,10 +17,17 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rtask.errors import BusyError, ClosedError, QueryTimeout, QueryTooExpensive
+from rtask.errors import (
+    BusyError,
+    ClosedError,
+    QueryTimeout,
+    QueryTooExpensive,
+    UnsupportedError,
+)
 from rtask.kb.commit.apply import Writes
 from rtask.kb.readers.deadlines import Deadlines
 from rtask.kb.readers.keeper import CommitFrame, KeeperProcess, ReaderGone, ReaderProcess
@@ -40,6 +47,16 @@ _MAX_GROWTH = 256 << 20
 _MAX_WAITING = 64 << 20
 _SMALL = 50_000
 _KILLED = (None, -signal.SIGKILL, -signal.SIGTERM)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A message to a reader, and what errors say about it."""
+
+    payload: bytes
+    text: str
+    kind: bytes = b"Q"
+    what: str = "query"
 
 
 class Readers:
@@ -77,7 +94,8 @@ class Readers:
         self._idle: list[ReaderProcess] = []
         self._used: dict[int, Snapshot] = {}
         self._running: weakref.WeakSet[ReaderStream] = weakref.WeakSet()
-        self._taken = self._heavy = self._waiting = self._killed = self._answered = 0
+        self._taken = self._heavy = self._updating = 0
+        self._waiting = self._killed = self._answered = 0
         self._refused: dict[bytes, tuple[float, str]] = {}
         self._deadlines = Deadlines()
         self._closed = False
@@ -139,16 +157,64 @@ class Readers:
         self._refuse_again(key)
         leave = self._enter(not is_point_query(question.text), at, timeout_s)
         try:
-            stream = self._ask(question, at, timeout_s, key, on_start)
+            asked = _Asked(question.encode(), question.text)
+            stream = self._ask(asked, at, timeout_s, key, on_start)
         except BaseException:
             leave()
             raise
         stream.hold(leave)
         return stream
 
+    @property
+    def evaluate_updates(self) -> bool:
+        """Whether readers can evaluate updates: they need a copy that they may change."""
+        if not self._possible:
+            return False
+        if self._snapshots is None:
+            return True
+        if self._snapshots.frozen:
+            return False
+        if self._size < 0:
+            self._size = len(self._store)
+        return self._size <= self.limits.replica_max
+
+    def evaluate_update(
+        self, text: str, order: bytes, timeout_s: float, limit_s: float
+    ) -> tuple[bytes, Callable[[], bool]]:
+        """Return the change that an update makes, and whether its reader's copy is still in use.
+
+        Parameters
+        ----------
+        order
+            From :meth:`rtask.kb.readers.updating.UpdateOrder.encode`.
+        timeout_s, limit_s
+            Time that is left, and the time that the error names.
+
+        Raises
+        ------
+        QueryTimeout, QueryTooExpensive, BusyError
+            As :meth:`ask`.
+        RtaskError
+            What is wrong with the update.
+        """
+        at = time.monotonic() + timeout_s
+        key = hashlib.sha256(b"update " + text.encode()).digest()
+        self._refuse_again(key)
+        leave = self._enter(True, at, limit_s, update=True)
+        try:
+            asked = _Asked(order, text, b"U", "update")
+            stream = self._ask(asked, at, limit_s, key, None)
+        except BaseException:
+            leave()
+            raise
+        stream.hold(leave)
+        keeper = stream.reader.keeper
+        with stream:
+            return stream.read(), lambda: self._replica is keeper
+
     def _ask(
         self,
-        question: Question,
+        asked: _Asked,
         at: float | None,
         timeout_s: float | None,
         key: bytes,
@@ -156,16 +222,16 @@ class Readers:
     ) -> ReaderStream:
         for attempt in (1, 2):
             try:
-                reader = self._reader(at)
+                reader = self._reader(at, asked.kind == b"U")
             except ReaderGone:
                 _require_time(at, timeout_s)
                 if attempt == 2:
                     raise
                 continue
             crash = functools.partial(self._too_expensive, key)
-            stream = ReaderStream(reader, question.text, timeout_s, self._done, crash)
+            stream = ReaderStream(reader, asked.text, timeout_s, self._done, crash, asked.what)
             try:
-                reader.ask(question.encode())
+                reader.ask(asked.payload, asked.kind)
                 with self._changed:
                     self._running.add(stream)
                 if at is not None:
@@ -193,7 +259,7 @@ class Readers:
         if code is not None and code < 0:
             with contextlib.suppress(ValueError):
                 how = f"was ended by {signal.Signals(-code).name}"
-        reason = f"the query needs more memory than it may have or crashes; its reader {how}"
+        reason = f"it needs more memory than it may have or crashes; its reader {how}"
         if code not in _KILLED:
             self._refused[key] = (time.monotonic() + _REFUSE_S, reason)
         _log.warning("%s", reason)
@@ -206,14 +272,16 @@ class Readers:
                 raise QueryTooExpensive(reason + "; refused for ten minutes")
             del self._refused[key]
 
-    def _enter(self, heavy: bool, at: float | None, timeout_s: float | None) -> Callable[[], None]:
+    def _enter(
+        self, heavy: bool, at: float | None, timeout_s: float | None, update: bool = False
+    ) -> Callable[[], None]:
         """Wait for a place; return what gives it back."""
         with self._changed:
-            if not self._is_room(heavy) and self._waiting >= self.limits.queue:
+            if not self._is_room(heavy, update) and self._waiting >= self.limits.queue:
                 raise BusyError(f"{self._waiting} queries wait already; try again later")
             self._waiting += 1
             try:
-                while not self._is_room(heavy) and not self._closed:
+                while not self._is_room(heavy, update) and not self._closed:
                     _require_time(at, timeout_s)
                     self._changed.wait(None if at is None else at - time.monotonic())
             finally:
@@ -222,18 +290,22 @@ class Readers:
                 raise ClosedError("the knowledge base is closed")
             self._taken += 1
             self._heavy += heavy
-        return functools.partial(self._leave, heavy)
+            self._updating += update
+        return functools.partial(self._leave, heavy, update)
 
-    def _is_room(self, heavy: bool) -> bool:
+    def _is_room(self, heavy: bool, update: bool) -> bool:
         limits = self.limits
+        if update and self._updating >= limits.updates:
+            return False
         if heavy and self._heavy >= max(1, limits.count - limits.reserved):
             return False
         return self._taken < limits.count
 
-    def _leave(self, heavy: bool) -> None:
+    def _leave(self, heavy: bool, update: bool) -> None:
         with self._changed:
             self._taken -= 1
             self._heavy -= heavy
+            self._updating -= update
             self._changed.notify_all()
 
     def _done(self, reader: ReaderProcess, reusable: bool) -> None:
@@ -273,9 +345,13 @@ class Readers:
 
     # Processes
 
-    def _reader(self, at: float | None) -> ReaderProcess:
+    def _reader(self, at: float | None, updates: bool = False) -> ReaderProcess:
         """Return a reader that has every commit stored until now."""
-        replica = self._ready_replica(at)
+        replica = self._ready_replica(at, wait=updates)
+        if updates:
+            if replica is None:
+                raise UnsupportedError("this store is too large to evaluate updates in a reader")
+            replica.evaluates_updates = True
         reader = self._idle_reader(replica) or self._new_reader(replica)
         left = _HELLO_S if at is None else max(0.0, at - time.monotonic())
         try:
@@ -351,15 +427,19 @@ class Readers:
             replica.ready.wait(None if at is None else max(0.0, at - time.monotonic()))
         return replica
 
-    def start(self, wait: bool = True) -> None:
+    def start(self, wait: bool = True, updates: bool = False) -> None:
         """Start what the first query would start.
 
         Parameters
         ----------
         wait
             For the replica, even where snapshots can be read while it is being built.
+        updates
+            Prepare readers for updates, too.
         """
-        self._ready_replica(None, wait)
+        replica = self._ready_replica(None, wait)
+        if updates and replica is not None:
+            replica.evaluates_updates = True
         reader = self._reader(time.monotonic() + _HELLO_S)
         with self._changed:
             reader.busy = False

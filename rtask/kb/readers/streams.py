@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from rtask import errors
 from rtask.errors import (
     ClosedError,
     DataError,
@@ -90,6 +91,8 @@ class ReaderStream(Stream):
         Called once with whether the reader can be used again.
     crash
         Makes the error for a reader that ended without a word.
+    what
+        Kind of request, for errors.
     """
 
     def __init__(
@@ -99,6 +102,7 @@ class ReaderStream(Stream):
         timeout_s: float | None,
         done: Callable[[ReaderProcess, bool], None],
         crash: Callable[[ReaderProcess], RtaskError],
+        what: str = "query",
     ) -> None:
         self.reader = reader
         self.expired = False
@@ -107,6 +111,7 @@ class ReaderStream(Stream):
         self._timeout_s = timeout_s
         self._done: Callable[[ReaderProcess, bool], None] | None = done
         self._crash = crash
+        self._what = what
         self._release: Callable[[], None] | None = None
         self._first: bytes | None = None
         self._read_ahead = b""
@@ -167,10 +172,11 @@ class ReaderStream(Stream):
             return payload
         facts = json.loads(payload)
         if kind == b"X":
-            self._finish(facts["reason"] not in ("memory", "limit"))
+            known = facts["reason"] not in ("memory", "limit")
+            self._finish(facts.get("reusable", known))
             raise self._error(facts)
         self.reader.measured(facts["rss"])
-        self._finish(True)
+        self._finish(facts.get("reusable", True))
         return b""
 
     def _error(self, facts: dict[str, Any]) -> RtaskError:
@@ -188,7 +194,9 @@ class ReaderStream(Stream):
                 allowed=allowed,
             )
         if reason == "memory":
-            return QueryTooExpensive("the query needs more memory than it may have")
+            return QueryTooExpensive(f"the {self._what} needs more memory than it may have")
+        if reason == "update":
+            return _rebuilt(facts["error"], text, facts["details"])
         return DataError(f"the query cannot be evaluated: {text}")
 
     def _next_message(self) -> tuple[bytes, bytes]:
@@ -202,8 +210,8 @@ class ReaderStream(Stream):
                 raise ClosedError("the query was stopped") from None
             if was_expired:
                 raise QueryTimeout(
-                    f"the query did not end within {self._timeout_s:g} s; narrow it, or give it "
-                    "more time",
+                    f"the {self._what} did not end within {self._timeout_s:g} s; narrow it, or "
+                    "give it more time",
                     timeout_s=self._timeout_s,
                 ) from None
             raise ReaderGone from None
@@ -254,3 +262,11 @@ class ReaderStream(Stream):
 
     def __del__(self) -> None:
         self.close()
+
+
+def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:
+    """Return the error that a reader raised, as the same class."""
+    found = getattr(errors, name, None)
+    if isinstance(found, type) and issubclass(found, RtaskError):
+        return found(text, **details)
+    return DataError(f"the update cannot be evaluated: {text}")

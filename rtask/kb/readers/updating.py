@@ -1,0 +1,165 @@
+"""Updates of callers that are not trusted: evaluated in a reader, committed by the writer.
+
+A reader knows the store as of one commit. Its answer is committed if that commit is still the last
+one; otherwise the update is evaluated again (optimistic concurrency control, Kung and Robinson
+1981). An update that loses repeatedly and is quick is evaluated with the writers' lock held.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import pyoxigraph as ox
+from pyoxigraph import NamedNode, RdfFormat
+
+from rtask.errors import BusyError, QueryTimeout
+from rtask.kb.commit.access import Access
+from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.commit.delta import UpdateDataset, UpdateLimits
+from rtask.kb.commit.writer import Writer
+from rtask.kb.readers.pool import Readers
+from rtask.kb.store.overlay import Overlay
+from rtask.sparql.update_outline import read_update
+
+__all__ = ["UpdateOrder", "commit_update", "needs_reader"]
+
+_IN_PLACE = frozenset(("INSERT DATA", "DELETE DATA", "CREATE", "LOAD"))
+_SHRINKING = frozenset(("CLEAR", "DROP"))
+# The writers' lock is held while a reader evaluates at most this long.
+_QUICK_S = 0.1
+_LOSSES = 2
+
+
+def needs_reader(text: str) -> bool:
+    """Whether an update may take long or grow: it reads the store to find what to write.
+
+    >>> needs_reader("INSERT DATA { <urn:s> <urn:p> 1 }")
+    False
+    >>> needs_reader("DELETE WHERE { ?s ?p 1 }")
+    True
+    """
+    kinds = {operation.kind for operation in read_update(text).operations}
+    return not (kinds <= _IN_PLACE or kinds <= _SHRINKING)
+
+
+@dataclass(frozen=True)
+class UpdateOrder:
+    """An update as a reader gets it.
+
+    Parameters
+    ----------
+    access
+        The caller's rights, bound to the knowledge base.
+    ontologies
+        Graphs that hold ontologies, which not every caller may write.
+    is_view
+        Whether the store's default graph is a view of all named graphs.
+    """
+
+    text: str
+    access: Access
+    dataset: UpdateDataset
+    limits: UpdateLimits
+    ontologies: tuple[str, ...] = ()
+    is_view: bool = False
+
+    def encode(self) -> bytes:
+        """Return the message's payload."""
+        graphs = self.access.graphs
+        return json.dumps(
+            {
+                "text": self.text,
+                "agent": self.access.agent,
+                "role": self.access.role,
+                "graphs": graphs.base if graphs else "",
+                "ontologies": self.ontologies,
+                "plain": self.access.plain,
+                "view": self.is_view,
+                "using": [graph.value for graph in self.dataset.using],
+                "using_named": [graph.value for graph in self.dataset.using_named],
+                "base": self.dataset.base,
+                "limits": asdict(self.limits),
+                "memory": self.limits.memory_bytes,
+            }
+        ).encode()
+
+
+def commit_update(
+    order: UpdateOrder,
+    request: Request,
+    readers: Readers,
+    writer: Writer,
+    last_seq: Callable[[], int],
+) -> Commit:
+    """Evaluate an update in a reader and store its change as one commit.
+
+    Raises
+    ------
+    QueryTimeout
+        The change is not known within the order's time.
+    QueryTooExpensive
+        The update is beyond another limit.
+    BusyError
+        Others committed each time while it was evaluated, or too many updates wait.
+    RtaskError
+        As :meth:`rtask.KnowledgeBase.update`.
+    """
+    deadline = time.monotonic() + order.limits.seconds
+    payload = order.encode()
+    took, losses = order.limits.seconds, 0
+    while True:
+        if losses >= _LOSSES and took <= _QUICK_S:
+            overlay = writer.begin()
+            try:
+                change, _ = _change(order, payload, readers, deadline)
+                _fill(overlay, change)
+            except BaseException:
+                writer.cancel()
+                raise
+            return writer.finish(overlay, request)
+        started = time.monotonic()
+        seq = last_seq()
+        try:
+            change, is_current = _change(order, payload, readers, deadline)
+        except QueryTimeout:
+            if losses and took < order.limits.seconds / 2:
+                raise BusyError(
+                    "others changed the graph each time this update was evaluated; try it again"
+                ) from None
+            raise
+        took = time.monotonic() - started
+        overlay = writer.begin()
+        if last_seq() == seq and is_current():
+            try:
+                _fill(overlay, change)
+            except BaseException:
+                writer.cancel()
+                raise
+            return writer.finish(overlay, request)
+        writer.cancel()
+        losses += 1
+
+
+def _change(
+    order: UpdateOrder, payload: bytes, readers: Readers, deadline: float
+) -> tuple[bytes, Callable[[], bool]]:
+    left = deadline - time.monotonic()
+    return readers.evaluate_update(order.text, payload, left, order.limits.seconds)
+
+
+def _fill(overlay: Overlay, change: bytes) -> None:
+    """Put a change that a reader found into an overlay of the same state."""
+    line, _, body = change.partition(b"\n")
+    head = json.loads(line)
+    cut = head["removed"]
+    for graph in head["dropped"]:
+        overlay.dropped[NamedNode(graph)] = None
+    for quad in ox.parse(body[:cut], format=RdfFormat.N_QUADS):
+        overlay.remove(quad)
+    for quad in ox.parse(body[cut:], format=RdfFormat.N_QUADS):
+        overlay.add(quad)
+    for graph in head["created"]:
+        overlay.create(NamedNode(graph))

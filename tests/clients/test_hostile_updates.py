@@ -1,0 +1,144 @@
+"""Updates that would end the server: each ends within its limit and hurts nobody else."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from collections.abc import Iterator
+
+import httpx
+import psutil
+import pytest
+
+from tests.servers import RunningServer, running_server
+
+UPDATE = {"Content-Type": "application/sparql-update"}
+GROW = "INSERT { <urn:s> <urn:p> ?z } WHERE { <urn:s> <urn:p> ?x BIND(CONCAT(?x, ?x) AS ?z) }"
+# The default time of an update is 5 s. The rest is room for a machine with other work to do.
+PATIENCE_S = 5.0 + 25.0
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    with running_server(tmp_path_factory.mktemp("hostile") / "store") as running:
+        data = " . ".join(f"<urn:a{i}> <urn:b> {i % 7}" for i in range(400))
+        answer = httpx.post(
+            f"{running.url}/update",
+            content=f"INSERT DATA {{ {data} . <urn:s> <urn:p> 'xxxxxxxxxx' }}",
+            headers=UPDATE,
+        )
+        assert answer.status_code == 204
+        yield running
+
+
+def resident(server: RunningServer) -> int:
+    """Return the memory of the server and all its children, in bytes."""
+    own = psutil.Process(server.process.pid)
+    total = 0
+    for process in (own, *own.children(recursive=True)):
+        try:
+            total += process.memory_info().rss
+        except psutil.NoSuchProcess:
+            continue
+    return total
+
+
+def send(server: RunningServer, text: str) -> httpx.Response:
+    return httpx.post(f"{server.url}/update", content=text, headers=UPDATE, timeout=PATIENCE_S + 30)
+
+
+def test_forty_doublings_in_one_request_leave_the_server_as_it_was(server: RunningServer) -> None:
+    before = psutil.Process(server.process.pid).memory_info().rss
+    answer = send(server, " ;\n".join([GROW] * 40))
+    assert (answer.status_code, answer.json()["limit"]) == (400, "literal")
+    assert psutil.Process(server.process.pid).memory_info().rss - before < 100 << 20
+    count = httpx.get(
+        f"{server.url}/sparql",
+        params={"query": "SELECT (COUNT(*) AS ?n) { <urn:s> <urn:p> ?x }"},
+        headers={"Accept": "text/csv"},
+    )
+    assert count.text.split() == ["n", "1"]
+
+
+def _harmless(rng: random.Random) -> str:
+    return rng.choice(
+        (
+            f"INSERT DATA {{ <urn:h{rng.randrange(99)}> <urn:b> {rng.randrange(9)} }}",
+            "DELETE WHERE { <urn:nothing> ?p ?o }",
+            "INSERT { <urn:s> <urn:r> ?n } WHERE { <urn:a1> <urn:b> ?n }",
+            "CREATE SILENT GRAPH <urn:g>",
+        )
+    )
+
+
+def _hostile(rng: random.Random) -> str:
+    pairs = " . ".join(f"?a{i} <urn:b> ?b{i}" for i in range(rng.randint(4, 6)))
+    steps = " ".join(f"BIND(CONCAT(?x{i}, ?x{i}) AS ?x{i + 1})" for i in range(40))
+    return rng.choice(
+        (
+            " ;\n".join([GROW] * rng.randint(30, 60)),
+            f"INSERT {{ ?a0 <urn:c> ?b1 }} WHERE {{ {pairs} }}",
+            f"INSERT {{ <urn:s> <urn:c> ?x40 }} WHERE {{ <urn:s> <urn:p> ?x0 {steps} }}",
+            "INSERT { ?a <urn:reach> ?c } WHERE { ?a (!<urn:none>|^!<urn:none>)* ?c . "
+            "?d (!<urn:none>|^!<urn:none>)* ?e }",
+            "INSERT { ?s <urn:u> ?u } WHERE { ?s <urn:b> ?o . ?t <urn:b> ?q . ?v <urn:b> ?w "
+            "BIND(UUID() AS ?u) }",
+            " ;\n".join(
+                ["INSERT { ?s ?p _:n . _:n <urn:b> ?o } WHERE { ?s ?p ?o }"] * rng.randint(15, 30)
+            ),
+            "INSERT { <urn:s> <urn:n> ?n } WHERE { { SELECT (COUNT(*) AS ?n) { "
+            f"{{ SELECT * {{ {pairs} }} }} }} }} }}",
+        )
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6))
+def test_a_hostile_update_ends_while_others_are_served(server: RunningServer, seed: int) -> None:
+    rng = random.Random(seed)
+    steps = [*(_harmless(rng) for _ in range(rng.randint(0, 3))), _hostile(rng)]
+    text = " ;\n".join(steps)
+    answers: list[httpx.Response] = []
+    attacker = threading.Thread(target=lambda: answers.append(send(server, text)))
+    attacker.start()
+    served = 0
+    deadline = time.monotonic() + PATIENCE_S
+    with httpx.Client(base_url=server.url, timeout=10) as client:
+        while attacker.is_alive() and time.monotonic() < deadline:
+            assert client.get("/health/live").status_code == 200
+            insert = f"INSERT DATA {{ <urn:robot> <urn:saw> {seed * 10_000 + served} }}"
+            assert client.post("/update", content=insert, headers=UPDATE).status_code == 204
+            served += 1
+            time.sleep(0.05)
+    attacker.join(timeout=30)
+    assert answers
+    assert answers[0].status_code in (204, 400, 503, 504), answers[0].text
+    assert served > 0
+
+
+def test_sigterm_ends_a_server_that_evaluates_a_hostile_update(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    with running_server(tmp_path_factory.mktemp("ended") / "store") as running:
+        data = " . ".join(f"<urn:a{i}> <urn:b> {i}" for i in range(400))
+        assert send(running, f"INSERT DATA {{ {data} }}").status_code == 204
+        endless = " . ".join(f"?a{i} <urn:b> ?b{i}" for i in range(6))
+        text = (
+            f"INSERT {{ <urn:s> <urn:n> ?n }} WHERE {{ SELECT (COUNT(*) AS ?n) {{ {endless} }} }}"
+        )
+        ended: list[object] = []
+
+        def attack() -> None:
+            try:
+                ended.append(send(running, text).status_code)
+            except httpx.HTTPError as error:
+                ended.append(error)
+
+        attacker = threading.Thread(target=attack)
+        attacker.start()
+        time.sleep(0.5)
+        running.process.terminate()
+        running.process.wait(timeout=20)
+        attacker.join(timeout=10)
+        assert ended
