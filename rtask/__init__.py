@@ -12,7 +12,7 @@ Importing this package loads nothing heavy; what is not used is not imported.
 from __future__ import annotations
 
 import importlib.metadata
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from rtask import errors
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rtask.client import Client
+    from rtask.graph import Graph
     from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
@@ -27,10 +28,20 @@ __all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
 __version__ = importlib.metadata.version("rtask-kg")
 
 
-def open(target: str | Path, **options: Any) -> KnowledgeBase:
+@overload
+def open(target: Path | Literal[":memory:"], **options: Any) -> KnowledgeBase: ...
+
+
+@overload
+def open(target: str | Path, **options: Any) -> Graph: ...
+
+
+def open(target: str | Path, **options: Any) -> Graph:
     """Open a knowledge base: a folder, ``":memory:"`` or the address of a SPARQL server.
 
-    Parameters and errors: :func:`rtask.opening.open_knowledge_base`.
+    Parameters and errors: :func:`rtask.opening.open_knowledge_base`. Type checkers see a
+    :class:`KnowledgeBase` for a ``Path`` or ``":memory:"``; other text may be the address of a
+    server, so it gives a :class:`~rtask.graph.Graph`, which has the methods that both share.
     """
     from rtask.opening import open_knowledge_base
 

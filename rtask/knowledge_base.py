@@ -43,7 +43,10 @@ class KnowledgeBase(GraphCore):
     """
 
     def load(
-        self, source: Path | str | bytes | BinaryIO, format: str | None = None, **options: Any
+        self,
+        source: Path | str | bytes | BinaryIO,
+        format: RdfFormat | str | None = None,
+        **options: Any,
     ) -> LoadReport:
         """Load a file, a folder, bytes or a known IRI; see :func:`rtask.loader.load.load`."""
         from rtask.loader.load import load

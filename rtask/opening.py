@@ -1,13 +1,13 @@
-"""Opening: a folder, memory, or a server; every failure says what to do."""
+"""Open a knowledge base: a folder, memory or a server."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 from rtask.errors import UsageError
+from rtask.graph import Graph
 from rtask.kb.checks.statistics import closure_state
 from rtask.kb.checks.validation import Validator, policy
 from rtask.kb.commit.catalogue import Catalogue
@@ -59,7 +59,7 @@ def open_knowledge_base(
     ontologies: bool = True,
     token: str | None = None,
     timeout_s: float = 30.0,
-) -> KnowledgeBase:
+) -> Graph:
     """Open a knowledge base.
 
     Parameters
@@ -97,6 +97,12 @@ def open_knowledge_base(
         Of a remote server: who asks, and how long to wait for an answer. The other options are
         the server's own.
 
+    Returns
+    -------
+    A :class:`~rtask.knowledge_base.KnowledgeBase` for a folder or memory. A server gives a
+    :class:`~rtask.kb.remote.knowledge_base.RemoteKnowledgeBase`. Both are a
+    :class:`~rtask.graph.Graph`.
+
     Raises
     ------
     StoreLockedError
@@ -116,8 +122,7 @@ def open_knowledge_base(
     if text.startswith(("http://", "https://", "sparql+http")):
         from rtask.kb.remote.knowledge_base import open_remote
 
-        # The same methods; those that need the embedded store raise UnsupportedError.
-        return cast("KnowledgeBase", open_remote(text, token, timeout_s))
+        return open_remote(text, token, timeout_s)
     quarantines = on_inconsistency == "quarantine"
     options = _Options(mode, flush == "commit", reason, ontologies, quarantines, policy(validate))
     if text == ":memory:":

@@ -5,6 +5,12 @@
 >>> with rtask.open(":memory:") as kb, kb.session(agent="nao-1") as s:
 ...     s.query(RTASK.ManipulableObject).count()
 0
+
+The files of this package refer to each other in both directions, unlike those of the rest: an
+instance reads its unread fields through its session, a session makes instances, and a field
+belongs to a class whose attribute, when named on the class, is a path for queries. Putting an
+interface between them would hide these relations without removing them. Nothing outside the
+package takes part: the knowledge base below knows nothing of objects.
 """
 
 from __future__ import annotations

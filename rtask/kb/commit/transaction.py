@@ -10,7 +10,7 @@ import datetime as dt
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import BinaryIO, Self
 
 from pyoxigraph import NamedNode, Quad, RdfFormat
 
@@ -69,7 +69,7 @@ class Transaction:
         """The graph of statements that name none."""
         return self._request.access.home()
 
-    def __enter__(self) -> Transaction:
+    def __enter__(self) -> Self:
         self._overlay = self._writer.begin()
         return self
 

@@ -7,8 +7,9 @@ provenance are the server's. What needs the embedded store raises :class:`Unsupp
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 from urllib.parse import parse_qs, urljoin, urlsplit
 
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
@@ -71,7 +72,7 @@ class RemoteKnowledgeBase:
         For one answer.
     """
 
-    folder = None
+    folder: Path | None = None
 
     def __init__(
         self,
@@ -171,20 +172,26 @@ class RemoteKnowledgeBase:
         UnsupportedError
             If an agent or a note is given; the server records them for itself.
         """
-        if agent is not None or note is not None:
-            raise UnsupportedError("a remote server takes the agent from the token, and no note")
+        _refuse_agent(agent, note)
         check_update(read_update(text), base or self.update_url)
         parameters = _dataset("using-graph-uri", using) + _dataset("using-named-graph-uri", named)
         headers = {"Content-Type": "application/sparql-update"}
         self._wire.send(self.update_url, parameters, text, headers, repeat=False)
 
-    def transaction(self) -> RemoteTransaction:
-        """Return a context manager whose changes become one update request."""
+    def transaction(self, agent: str | None = None, note: str | None = None) -> RemoteTransaction:
+        """Return a context manager whose changes become one update request.
+
+        Raises
+        ------
+        UnsupportedError
+            If an agent or a note is given; the server records them for itself.
+        """
+        _refuse_agent(agent, note)
         return RemoteTransaction(self)
 
     def load(
         self,
-        data: Any,
+        source: bytes | str | Path,
         format: RdfFormat | str | None = None,
         graph: NamedNode | str | None = None,
         base: str | None = None,
@@ -196,7 +203,7 @@ class RemoteKnowledgeBase:
         """
         from rtask.rdf.formats import read_document
 
-        quads = read_document(data, format, base)
+        quads = read_document(source, format, base)
         blank = [quad for quad in quads if not _is_ground(quad)]
         ground = [quad for quad in quads if _is_ground(quad)]
         first = max(0, _PIECE - len(blank))
@@ -211,7 +218,7 @@ class RemoteKnowledgeBase:
         """Close the connection."""
         self._wire.close()
 
-    def __enter__(self) -> RemoteKnowledgeBase:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -277,7 +284,7 @@ class RemoteTransaction:
         check_update(read_update(text))
         self._operations.append(text)
 
-    def __enter__(self) -> RemoteTransaction:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -306,6 +313,13 @@ def open_remote(
         raise UsageError(f"{address}: name at least ?query=")
     query, update = (urljoin(plain, named.get(key, [""])[0]) for key in ("query", "update"))
     return RemoteKnowledgeBase(query, update if "update" in named else None, token, timeout_s)
+
+
+def _refuse_agent(agent: str | None, note: str | None) -> None:
+    if agent is not None or note is not None:
+        raise UnsupportedError(
+            "a remote server takes the agent from the token and keeps no note; leave both out"
+        )
 
 
 def _dataset(name: str, graphs: Iterable[NamedNode | str] | None) -> list[tuple[str, str]]:

@@ -210,6 +210,10 @@ def test_what_needs_the_embedded_store_says_so(kb: rtask.KnowledgeBase) -> None:
             getattr(kb, name)
     with pytest.raises(UnsupportedError, match="agent from the token"):
         kb.update("CLEAR ALL", agent="nao-1")
+    with pytest.raises(UnsupportedError, match="agent from the token"):
+        kb.transaction(agent="nao-1")
+    with pytest.raises(UnsupportedError, match="no note"):
+        kb.transaction(note="first sight")
     with pytest.raises(AttributeError):
         kb.nonsense  # type: ignore[attr-defined]  # noqa: B018
     kb.close()
