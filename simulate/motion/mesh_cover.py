@@ -1,6 +1,6 @@
-"""Spheres around a mesh, for planning: what a robot's own description brings as files.
+"""Spheres that cover a mesh, for planning with the link shapes of a robot's own description.
 
-Only vertices of Wavefront files are read; the physics engine reads the faces itself.
+Only vertices are needed here; the physics engine reads the faces itself.
 """
 
 from __future__ import annotations
@@ -22,24 +22,26 @@ _ALONG, _ACROSS = 0.8, 1.3
 
 
 def read_vertices(path: str) -> Floats:
-    """Return the vertices (n, 3) of a Wavefront file, in its own units.
+    """Return the vertices (n, 3) of a mesh file (OBJ, STL, PLY, ...), in its own units.
 
     Raises
     ------
     RobotError
-        The file is missing, of another format or without vertices.
+        The file is missing, of an unknown format or without vertices.
     """
+    import trimesh
+
     file = Path(path)
-    if file.suffix.lower() != ".obj":
-        raise RobotError(f"{file}: shapes are read from .obj files only")
     try:
-        lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+        mesh = trimesh.load_mesh(file, process=False, skip_materials=True)
     except OSError as error:
         raise RobotError(f"{file}: {error.strerror}; a link's shape is missing") from error
-    rows = [line.split()[1:4] for line in lines if line.startswith("v ")]
-    if not rows:
-        raise RobotError(f"{file}: no vertices")
-    return np.array(rows, dtype=np.float64)
+    except (ValueError, NotImplementedError, ImportError) as error:
+        raise RobotError(f"{file}: cannot read the mesh: {error}") from error
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    if not len(vertices):
+        raise RobotError(f"{file}: the mesh has no vertices")
+    return vertices
 
 
 @functools.cache
@@ -52,9 +54,9 @@ def cover_mesh(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
     Parameters
     ----------
     path
-        Of a Wavefront file.
+        Of a mesh file.
     scale
-        (x, y, z), to m.
+        (x, y, z), from the file's units to m.
     """
     parts = [read_vertices(path) * np.array(scale)]
     centres, radii = [], []

@@ -1,17 +1,15 @@
-"""Intervals for shares and for means: Wilson (1927) and the percentile bootstrap (Efron 1979)."""
+"""95 % intervals of shares (Wilson 1927) and of statistics (percentile bootstrap, Efron 1979)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 __all__ = ["bootstrap", "mean_interval", "share", "wilson"]
-
-_Z95 = 1.959964
 
 
 def wilson(hits: int, n: int) -> tuple[float, float]:
@@ -21,13 +19,11 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
     [0.596, 0.982]
     """
     if not 0 <= hits <= n:
-        raise ValueError(f"{hits} of {n} is no share")
+        raise ValueError(f"{hits} hits of {n} are not a share")
     if n == 0:
         return 0.0, 1.0
-    p, z2 = hits / n, _Z95**2
-    middle = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = _Z95 * math.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    interval = stats.binomtest(hits, n).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def share(hits: int, n: int) -> dict[str, Any]:
@@ -49,20 +45,25 @@ def bootstrap(
     Parameters
     ----------
     statistic
-        Takes (n,) indices drawn with repetition.
+        Takes (n,) indices drawn with replacement.
+    n
+        Size of the sample; of a single one the interval is its value.
     """
-    rng = np.random.default_rng(seed)
-    values = [statistic(rng.integers(0, n, n)) for _ in range(draws)]
-    low, high = np.nanpercentile(values, [2.5, 97.5])
-    return float(low), float(high)
+    indices = np.arange(n)
+    if n == 1:
+        return (value := float(statistic(indices))), value
+    found = stats.bootstrap(
+        (indices,), statistic, n_resamples=draws, vectorized=False, method="percentile",
+        rng=np.random.default_rng(seed),
+    ).confidence_interval  # fmt: skip
+    return float(found.low), float(found.high)
 
 
 def mean_interval(values: ArrayLike, draws: int = 1000, seed: int = 0) -> dict[str, Any]:
-    """Return a mean with its bootstrap interval as JSON data; of nothing, None."""
-    rows: Sequence[float] | NDArray[np.float64] = np.asarray(values, dtype=np.float64)
-    if not len(rows):
+    """Return a mean with its bootstrap interval as JSON data; None without values."""
+    array = np.asarray(values, dtype=np.float64)
+    if not len(array):
         return {"mean": None, "n": 0, "interval95": None}
-    array = np.asarray(rows)
     low, high = bootstrap(lambda i: float(array[i].mean()), len(array), draws, seed)
     return {
         "mean": round(float(array.mean()), 4),
