@@ -80,6 +80,9 @@ class ServerContext:
             own.
         """
         metrics, audit = Metrics(), Audit(kb.folder)
+        gauges: dict[str, Callable[[], float]] = {}
+        if writer is not None:
+            gauges["rtask_log_lines_dropped_total"] = lambda: writer.dropped
         return cls(
             kb=kb,
             engine=engine,
@@ -93,6 +96,7 @@ class ServerContext:
             queries=RunningQueries(config.max_queries),
             request_log=RequestLog(metrics, audit, config, kb, writer),
             versions=Versions(kb),
+            gauges=gauges,
         )
 
     def close(self) -> None:
