@@ -147,7 +147,10 @@ def _change(
     order: UpdateOrder, payload: bytes, readers: Readers, deadline: float
 ) -> tuple[bytes, Callable[[], bool]]:
     left = deadline - time.monotonic()
-    return readers.evaluate_update(order.text, payload, left, order.limits.seconds)
+    try:
+        return readers.evaluate_update(order.text, payload, left, order.limits.seconds)
+    except QueryTimeout as error:
+        raise QueryTimeout(f"{error}; nothing was stored", **error.details) from None
 
 
 def _fill(overlay: Overlay, change: bytes) -> None:
