@@ -24,7 +24,7 @@ from endpoint.http.conditional import Versions, is_known
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
-from rtask.engine.curation.redirects import present_name
+from rtask.engine.curation.merging import present_name
 from rtask.errors import DataError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES, PROV

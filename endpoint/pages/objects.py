@@ -7,7 +7,7 @@ import flask
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri
 from endpoint.pages.render import PAGE_SIZE, Model, knowledge_base, page, page_number, select
-from rtask.engine.curation.redirects import present_name
+from rtask.engine.curation.merging import present_name
 from rtask.rdf.namespaces import PROV, RDF, RT
 from rtask.rdf.terms import iri, python_value
 

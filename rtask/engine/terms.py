@@ -19,7 +19,15 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
     from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["ClassCatalogue", "ObjectClass", "find_function", "find_task", "folded", "known_reasons"]
+__all__ = [
+    "ClassCatalogue",
+    "FunctionCatalogue",
+    "ObjectClass",
+    "find_function",
+    "find_task",
+    "folded",
+    "known_reasons",
+]
 
 _TASKS = {
     "pick": RT.Grasp,
@@ -174,3 +182,41 @@ SELECT DISTINCT ?class ?name ?short {{
     return {
         iri: ObjectClass(NamedNode(iri), tuple(n), shorts.get(iri, "")) for iri, n in names.items()
     }
+
+
+class FunctionCatalogue:
+    """What objects are for, by name; read again when a function is added or renamed."""
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._lock = threading.Lock()
+        self._known: Mapping[str, tuple[str, ...]] | None = None
+
+    def forget_if_changed(self, change: Change) -> None:
+        """Read again after a commit that touches functions or names."""
+        for quad in (*change.added, *change.removed):
+            if quad.object == RT.ObjectFunction or quad.predicate == RDFS.label:
+                with self._lock:
+                    self._known = None
+                return
+
+    def all(self) -> Mapping[str, tuple[str, ...]]:
+        """Return the names of every function by IRI, the label first."""
+        with self._lock:
+            if self._known is None:
+                self._known = _read_functions(self._kb)
+            return self._known
+
+
+def _read_functions(kb: KnowledgeBase) -> dict[str, tuple[str, ...]]:
+    rows = kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?function ?name ?other {{ ?function a rt:ObjectFunction
+  OPTIONAL {{ ?function rdfs:label ?name }} OPTIONAL {{ ?function skos:altLabel ?other }}
+}} ORDER BY ?function ?name ?other""")
+    names: dict[str, dict[str, None]] = {}
+    for row in rows:
+        known = names.setdefault(str(row.value("function")), {})
+        for variable in ("name", "other"):
+            if row[variable] is not None:
+                known.setdefault(str(row.value(variable)))
+    return {one: tuple(known) or (local_name(one),) for one, known in names.items()}

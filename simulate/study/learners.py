@@ -24,8 +24,8 @@ from grasp.learning.state import GrowingComponents
 from grasp.learning.transition import Agent, Transition
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.experience import Weights, gather
-from rtask.engine.memory.recall import Remembered, Tally
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import Remembered, Tally
 from simulate.grasping.record import is_counted
 
 __all__ = ["FAILED", "LEARNERS", "Learner", "replay"]

@@ -201,7 +201,7 @@ def _outline(source: str, data: Path, store: bool, vertex_std: float | None) -> 
     from rtask.engine.records.shapes import object_cloud
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        thing, points = object_cloud(engine, source)
+        thing, points = object_cloud(engine.context, source)
     ring, height = outline_from_cloud(points)
     note = f"{thing}: footprint of {len(points)} points"
     outline = Outline(ring, None, len(ring), note, height, unit="m")
@@ -253,7 +253,7 @@ def _store(
             "nothing stored, no candidate closes: try more of them (--density, --angles)"
         )
     with rtask.open(data) as kb, Engine(kb) as engine:
-        return store_planned(engine, thing, planned, options["gripper_type"])
+        return store_planned(engine.context, thing, planned, options["gripper_type"])
 
 
 def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:

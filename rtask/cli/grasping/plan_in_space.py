@@ -91,7 +91,7 @@ def _shape(
     from rtask.engine.records.shapes import object_shape
 
     with open_to_read(data) as kb, Engine(kb) as engine:
-        known = object_shape(engine, source)
+        known = object_shape(engine.context, source)
     return known.points if known.mesh is None else known.mesh, known.note, known
 
 
@@ -161,7 +161,7 @@ def _store(
     with rtask.open(data) as kb, Engine(kb) as engine:
         planned = as_planned(sure, _noise(options), options["samples"])
         return store_planned_in_space(
-            engine, known.thing, planned, kind, derived_from=known.sources
+            engine.context, known.thing, planned, kind, derived_from=known.sources
         )
 
 

@@ -25,8 +25,8 @@ def objects() -> None:
 @json_option
 def show(name: str, data: Path, as_json: bool) -> None:
     """Say what is stored of an object: NAME is an IRI, also a former one."""
-    from rtask.engine.curation.redirects import present_name
-    from rtask.engine.perception.models import stored_models
+    from rtask.engine.curation.merging import present_name
+    from rtask.engine.stored import stored_models
     from rtask.errors import UnknownTermError
     from rtask.rdf.namespaces import RT
     from rtask.rdf.terms import iri, python_value

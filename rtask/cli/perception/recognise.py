@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from features.recognition import Match, RecognitionIndex, ViewFeatures
     from features.recognition import Recognition as Answer
-    from rtask.engine.perception.models import Models
     from rtask.engine.perception.poses import ObjectPose
+    from rtask.engine.stored import Models
     from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["recognise"]
@@ -91,7 +91,7 @@ def recognise(
     into objects first. Nothing is written to the knowledge base.
     """
     from features.geometry import Frame
-    from rtask.engine.perception.models import Models
+    from rtask.engine.stored import Models
 
     frame = read_scene(file, View(colour, depth_unit, focal, centre))
     if not isinstance(frame, Frame):
@@ -130,7 +130,7 @@ def recognise(
 def _index_of(kb: KnowledgeBase) -> RecognitionIndex:
     """Return an index in memory, made from the graph: whoever serves it keeps the one on disk."""
     from features.recognition import RecognitionIndex
-    from rtask.engine.perception.views import stored_views
+    from rtask.engine.stored import stored_views
 
     index = RecognitionIndex()
     for row in stored_views(kb):
@@ -173,7 +173,7 @@ def _posed(models: Models, one: Seen) -> Seen:
 
     from rtask.engine.memory.question import Question
     from rtask.engine.memory.recall import recall
-    from rtask.engine.perception.observation import Observation
+    from rtask.engine.observation import Observation
     from rtask.engine.perception.poses import find_pose
 
     if not one.answer.accepted:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from rtask.engine.records.facts import Facts
+from rtask.engine.triples import Triples
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import NamedNode, Quad, Triple, object_term
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.commit import Commit
     from rtask.knowledge_base import KnowledgeBase
 
@@ -68,9 +68,9 @@ class Edit:
             self.removed[old] = None
             self.added[new] = None
 
-    def state(self, facts: Facts, graph: NamedNode) -> None:
+    def state(self, triples: Triples, graph: NamedNode) -> None:
         """Assert facts in a graph."""
-        for subject, predicate, value in facts.triples:
+        for subject, predicate, value in triples:
             self.added[Quad(subject, predicate, object_term(value), graph)] = None
 
     def rename(self, old: NamedNode, new: NamedNode, keep: Callable[[Quad], bool]) -> None:
@@ -124,14 +124,14 @@ class Edit:
                 freed.append(blob)
         return freed
 
-    def commit(self, engine: Engine, note: str, author: Access) -> Commit:
+    def commit(self, context: Context, note: str, author: Access) -> Commit:
         """Store it as one commit, in the name of the person; the caller holds the write lock."""
         access = Access(author.agent, "admin")
-        with engine.kb.transaction(access=access, note=NOTE + note) as tx:
+        with context.kb.transaction(access=access, note=NOTE + note) as tx:
             for quad in self.removed.keys() - self.added.keys():
                 tx.remove(quad.subject, quad.predicate, quad.object, _name(quad))
             tx.add_quads(quad for quad in self.added if quad not in self.removed)
-        engine.sync_index()
+        context.views.sync()
         return tx.commit
 
 

@@ -7,7 +7,7 @@ object that stays, as matched views tell; the models are made again. Each is one
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 from grasp.spatial.frames import matrix_from_pose, tilt, wrap_turn, yaw_of
 from rtask.engine.curation.edit import Edit
 from rtask.engine.names import tail
-from rtask.engine.perception.models import posed_views, regrown, state_model
-from rtask.engine.perception.views import view_features
-from rtask.engine.records.facts import Facts
+from rtask.engine.perception.growth import posed_views, regrown, state_model
 from rtask.engine.records.objects import body_frame
-from rtask.engine.records.record import home_graph
+from rtask.engine.stored import view_features
+from rtask.engine.triples import Triples
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RDF, RDFS, RT
 from rtask.rdf.terms import Literal, NamedNode, Quad, iri, object_term, python_value
 
 if TYPE_CHECKING:
     from features.recognition.views.view import ViewFeatures
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
+    from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["frames_apart", "merge_objects", "move_frame", "withdraw_models"]
 
@@ -42,7 +42,7 @@ _OF_ITS_OWN = (
 _NUMBERS = (RT.x, RT.y, RT.z, RT.theta, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
-def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
+def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
     """Make one object of two; the other's IRI leads to the one that is kept.
 
     Parameters
@@ -59,12 +59,12 @@ def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Acc
         raise UsageError(
             f"into: both names mean {kept.value}, which cannot be merged with itself", field="into"
         )
-    with engine.writing:
-        kb = engine.kb
-        apart = frames_apart(engine, kept, other)
+    with context.writing:
+        kb = context.kb
+        apart = frames_apart(context, kept, other)
         edit = Edit(kb)
         names = [str(python_value(q.object)) for q in kb.match(other, RT.name)]
-        move_frame(engine, edit, body_frame(engine, other), body_frame(engine, kept), apart)
+        move_frame(context, edit, body_frame(context, other), body_frame(context, kept), apart)
         for node in (kept, other):
             withdraw_models(edit, node)
         kinds = {q.object for q in kb.match(kept, RDF.type)} - {RT.ManipulableObject}
@@ -75,16 +75,16 @@ def merge_objects(engine: Engine, kept: NamedNode, other: NamedNode, author: Acc
             return quad.predicate not in _OF_ITS_OWN
 
         edit.rename(other, kept, goes_along)
-        facts = Facts()
-        facts.add(other, RT.mergedInto, kept)
+        triples = Triples()
+        triples.add(other, RT.mergedInto, kept)
         for name in sorted(set(names)):
-            facts.add(other, RDFS.label, Literal(name))
+            triples.add(other, RDFS.label, Literal(name))
         views = posed_views(kb, kept) + [(v, apart @ pose) for v, pose in posed_views(kb, other)]
         model = regrown(kb, views)
         if model is not None:
-            state_model(engine, facts, kept, model)
-        edit.state(facts, home_graph(engine, author))
-        return edit.commit(engine, f"merge {tail(other)} into {tail(kept)}", author)
+            state_model(context, triples, kept, model)
+        edit.state(triples, context.home_graph(author))
+        return edit.commit(context, f"merge {tail(other)} into {tail(kept)}", author)
 
 
 def withdraw_models(edit: Edit, thing: NamedNode) -> None:
@@ -100,7 +100,7 @@ def withdraw_models(edit: Edit, thing: NamedNode) -> None:
             edit.remove(edit.match(node))
 
 
-def frames_apart(engine: Engine, kept: NamedNode, other: NamedNode) -> NDArray[np.float64]:
+def frames_apart(context: Context, kept: NamedNode, other: NamedNode) -> NDArray[np.float64]:
     """Return ``kept_from_other`` (4, 4): a turn and a shift on the table, as matched views tell.
 
     Where no views match the frames are taken for one: both lie in the middle of what was measured,
@@ -108,7 +108,7 @@ def frames_apart(engine: Engine, kept: NamedNode, other: NamedNode) -> NDArray[n
     """
     from features.recognition.pairs import match_views
 
-    here, there = (_posed_views(engine, thing) for thing in (kept, other))
+    here, there = (_posed_views(context, thing) for thing in (kept, other))
     best, agreed = np.eye(4), _LEAST_AGREED - 1
     for features, kept_from_camera in here[:_MOST_PAIRS]:
         for others, other_from_camera in there[:_MOST_PAIRS]:
@@ -126,12 +126,12 @@ def frames_apart(engine: Engine, kept: NamedNode, other: NamedNode) -> NDArray[n
 
 
 def _posed_views(
-    engine: Engine, thing: NamedNode
+    context: Context, thing: NamedNode
 ) -> list[tuple[ViewFeatures, NDArray[np.float64]]]:
     """Return features and ``object_from_camera`` of the views whose viewpoint is known."""
     found = []
-    for view, pose in posed_views(engine.kb, thing):
-        features = view_features(engine.kb, iri(view))
+    for view, pose in posed_views(context.kb, thing):
+        features = view_features(context.kb, iri(view))
         if features is not None:
             found.append((features, pose))
     return found
@@ -144,7 +144,7 @@ def _numbers(quads: Iterable[Quad]) -> dict[NamedNode, float]:
 
 
 def move_frame(
-    engine: Engine,
+    context: Context,
     edit: Edit,
     old: NamedNode,
     new: NamedNode,
@@ -167,21 +167,52 @@ def move_frame(
         edit.replace(link, Quad(pose, RT.inFrame, new, graph))
         quads = [q for q in edit.match(pose) if q.graph_name == graph]
         numbers = _numbers(quads)
-        facts = Facts()
+        triples = Triples()
         if RT.theta in numbers:
             place = np.array([*(numbers[p] for p in _NUMBERS[:3]), 1.0])
             x, y, z = (new_from_old @ place)[:3].tolist()
             theta = round(wrap_turn(numbers[RT.theta] + yaw_of(new_from_old)), 6)
-            facts.node(pose, [], {RT.x: x, RT.y: y, RT.z: z})
-            facts.add(pose, RT.theta, 0.0 if theta >= 2 * np.pi else theta)
+            triples.node(pose, [], {RT.x: x, RT.y: y, RT.z: z})
+            triples.add(pose, RT.theta, 0.0 if theta >= 2 * np.pi else theta)
         elif RT.qw in numbers:
             place = np.array([numbers[p] for p in _NUMBERS[:3]])
             turn = np.array([numbers[p] for p in _NUMBERS[4:]])
-            facts.pose(pose, new, new_from_old @ matrix_from_pose(place, turn))
-        said = [fact for fact in facts.triples if fact[1] in _NUMBERS]
+            triples.pose(pose, new, new_from_old @ matrix_from_pose(place, turn))
+        said = [fact for fact in triples if fact[1] in _NUMBERS]
         for _, predicate, value in said:
             for quad in quads:
                 if quad.predicate == predicate:
                     edit.replace(quad, Quad(pose, predicate, object_term(value), graph))
     if only is None:
         edit.remove(edit.match(old))
+
+
+def present_name(kb: KnowledgeBase, name: str) -> str:
+    """Return the IRI of the object that this one was merged into, else its own; text stays text."""
+    seen = {name}
+    while ":" in name:
+        try:
+            node = NamedNode(name)
+        except ValueError:
+            return name
+        onwards = [q.object for q in kb.match(node, RT.mergedInto)]
+        targets = sorted(o.value for o in onwards if isinstance(o, NamedNode))
+        if not targets or targets[0] in seen:
+            return name
+        name = targets[0]
+        seen.add(name)
+    return name
+
+
+def followed(kb: KnowledgeBase, request: dict[str, Any]) -> dict[str, Any]:
+    """Return a request in which ``object`` is its present name, at top and in ``objects``."""
+    if isinstance(request.get("object"), str):
+        request = {**request, "object": present_name(kb, request["object"])}
+    if isinstance(request.get("objects"), list):
+        request = {**request, "objects": [_entry(kb, one) for one in request["objects"]]}
+    return request
+
+
+def _entry(kb: KnowledgeBase, one: Any) -> Any:
+    """Return one of ``objects``, which are requests themselves or names."""
+    return followed(kb, one) if isinstance(one, dict) else one

@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING
 
 from rtask.engine.curation.edit import Edit
 from rtask.engine.names import slug, tail
-from rtask.engine.records.facts import Facts
 from rtask.engine.records.prepared import classes_named
-from rtask.engine.records.record import home_graph
+from rtask.engine.triples import Triples
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RDF, RDFS, RT
 from rtask.rdf.terms import Literal, NamedNode, Triple, iri
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
@@ -24,7 +23,7 @@ _OWL_CLASS = iri("http://www.w3.org/2002/07/owl#Class")
 
 
 def name_object(
-    engine: Engine, thing: NamedNode, description: str | None, name: str | None, author: Access
+    context: Context, thing: NamedNode, description: str | None, name: str | None, author: Access
 ) -> Commit:
     """Say what a stored object is; what was guessed or said of its name and kind before goes.
 
@@ -44,47 +43,47 @@ def name_object(
     """
     if not description and not name:
         raise UsageError("name is missing: a name, a class_description or both", field="name")
-    with engine.writing:
-        edit, facts = Edit(engine.kb), Facts()
+    with context.writing:
+        edit, triples = Edit(context.kb), Triples()
         if name:
             edit.remove(edit.match(thing, RT.name))
-            facts.add(thing, RT.name, " ".join(name.split()))
+            triples.add(thing, RT.name, " ".join(name.split()))
         if description:
-            kind = described_class(engine, facts, description)
-            short_id_of(engine, facts, kind)
-            _withdraw_kinds(engine, edit, thing)
-            facts.add(thing, RDF.type, kind)
-        edit.state(facts, home_graph(engine, author))
-        return edit.commit(engine, f"name {tail(thing)}", author)
+            kind = described_class(context, triples, description)
+            short_id_of(context, triples, kind)
+            _withdraw_kinds(context, edit, thing)
+            triples.add(thing, RDF.type, kind)
+        edit.state(triples, context.home_graph(author))
+        return edit.commit(context, f"name {tail(thing)}", author)
 
 
-def described_class(engine: Engine, facts: Facts, description: str) -> NamedNode:
+def described_class(context: Context, triples: Triples, description: str) -> NamedNode:
     """Return the class of a description, made from the words when nobody taught it before."""
-    found = classes_named(engine, description)
+    found = classes_named(context, description)
     if found:
         return found[0]
-    made = engine.names.named("class", slug(description))
-    facts.node(made, [_OWL_CLASS], {RDFS.subClassOf: RT.ManipulableObject, RT.taught: True})
-    facts.add(made, RDFS.label, Literal(" ".join(description.split()), language="en"))
+    made = context.names.named("class", slug(description))
+    triples.node(made, [_OWL_CLASS], {RDFS.subClassOf: RT.ManipulableObject, RT.taught: True})
+    triples.add(made, RDFS.label, Literal(" ".join(description.split()), language="en"))
     return made
 
 
-def short_id_of(engine: Engine, facts: Facts, kind: NamedNode) -> str:
+def short_id_of(context: Context, triples: Triples, kind: NamedNode) -> str:
     """Return the number that stands for a class in messages; a class without one gets it."""
-    known = engine.classes.get(kind.value).short_id
-    stated = [str(v) for s, p, v in facts.triples if s == kind and p == RT.shortId]
+    known = context.classes.get(kind.value).short_id
+    stated = [str(v) for s, p, v in triples if s == kind and p == RT.shortId]
     if known or stated:
         return known or stated[0]
-    others = sum(1 for _, p, _ in facts.triples if p == RT.shortId)
-    short_id = str(int(engine.classes.next_short_id()) + others)
-    facts.add(kind, RT.shortId, short_id)
+    others = sum(1 for _, p, _ in triples if p == RT.shortId)
+    short_id = str(int(context.classes.next_short_id()) + others)
+    triples.add(kind, RT.shortId, short_id)
     return short_id
 
 
-def _withdraw_kinds(engine: Engine, edit: Edit, thing: NamedNode) -> None:
+def _withdraw_kinds(context: Context, edit: Edit, thing: NamedNode) -> None:
     """Withdraw the kinds that an object is said to be of, with what is said about that."""
     kinds = {q.object for q in edit.match(thing, RDF.type)} - {RT.ManipulableObject}
-    kinds = {k for k in kinds if isinstance(k, NamedNode) and k.value in engine.classes.all()}
+    kinds = {k for k in kinds if isinstance(k, NamedNode) and k.value in context.classes.all()}
     edit.remove(quad for quad in edit.match(thing, RDF.type) if quad.object in kinds)
     for quad in edit.match(None, RDF.reifies, None):
         said = quad.object

@@ -12,16 +12,15 @@ from rtask.engine.curation.edit import Edit
 from rtask.engine.curation.merging import move_frame, withdraw_models
 from rtask.engine.memory.statistics import judged, state, statistics_of
 from rtask.engine.names import slug, tail
-from rtask.engine.perception.models import posed_views, regrown, state_model
-from rtask.engine.records.facts import Facts, stamp
+from rtask.engine.perception.growth import posed_views, regrown, state_model
 from rtask.engine.records.objects import body_frame
-from rtask.engine.records.record import home_graph
+from rtask.engine.triples import Triples, stamp
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, SOSA
 from rtask.rdf.terms import NamedNode, Quad, iri
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
@@ -32,7 +31,7 @@ _HISTORY = ("task", "attempt", "outcome", "feedback", "grasp", "statistics", "re
 
 
 def split_object(
-    engine: Engine, thing: NamedNode, views: list[str], name: str | None, author: Access
+    context: Context, thing: NamedNode, views: list[str], name: str | None, author: Access
 ) -> tuple[NamedNode, Commit]:
     """Let some views of an object, and what was tried on them, be another object.
 
@@ -47,16 +46,16 @@ def split_object(
     -------
     The new object and the commit.
     """
-    moving = _views_of(engine, thing, views)
-    with engine.writing:
-        kb = engine.kb
-        new = engine.names.counted("object")
-        edit, facts = Edit(kb), Facts()
-        _state_twin(engine, edit, facts, thing, new, name, author)
-        frame = body_frame(engine, new)
+    moving = _views_of(context, thing, views)
+    with context.writing:
+        kb = context.kb
+        new = context.names.counted("object")
+        edit, triples = Edit(kb), Triples()
+        _state_twin(context, edit, triples, thing, new, name, author)
+        frame = body_frame(context, new)
         events, poses = _move_views(edit, thing, new, moving)
-        poses |= _move_tries(engine, edit, thing, new, events)
-        move_frame(engine, edit, body_frame(engine, thing), frame, np.eye(4), frozenset(poses))
+        poses |= _move_tries(context, edit, thing, new, events)
+        move_frame(context, edit, body_frame(context, thing), frame, np.eye(4), frozenset(poses))
         withdraw_models(edit, thing)
         posed = posed_views(kb, thing)
         for owner, mine in (
@@ -65,13 +64,13 @@ def split_object(
         ):
             model = regrown(kb, mine)
             if model is not None:
-                state_model(engine, facts, owner, model)
-        edit.state(facts, home_graph(engine, author))
-        return new, edit.commit(engine, f"split {tail(new)} from {tail(thing)}", author)
+                state_model(context, triples, owner, model)
+        edit.state(triples, context.home_graph(author))
+        return new, edit.commit(context, f"split {tail(new)} from {tail(thing)}", author)
 
 
-def _views_of(engine: Engine, thing: NamedNode, views: Iterable[str]) -> set[NamedNode]:
-    known = {q.object for q in engine.kb.match(thing, RT.hasView)}
+def _views_of(context: Context, thing: NamedNode, views: Iterable[str]) -> set[NamedNode]:
+    known = {q.object for q in context.kb.match(thing, RT.hasView)}
     chosen = {iri(view) for view in views}
     if not chosen:
         raise UsageError("views is missing: which views of the object are meant?", field="views")
@@ -84,7 +83,7 @@ def _views_of(engine: Engine, thing: NamedNode, views: Iterable[str]) -> set[Nam
 
 
 def _state_twin(
-    engine: Engine, edit: Edit, facts: Facts, thing: NamedNode, new: NamedNode,
+    context: Context, edit: Edit, triples: Triples, thing: NamedNode, new: NamedNode,
     name: str | None, author: Access,
 ) -> None:  # fmt: skip
     """State the new object: of the same kinds, size and symmetry, with a name of its own."""
@@ -93,8 +92,8 @@ def _state_twin(
     for quad in edit.match(thing):
         if quad.predicate in alike:
             edit.added[Quad(new, quad.predicate, quad.object, quad.graph_name)] = None
-    frame = body_frame(engine, new)
-    facts.node(
+    frame = body_frame(context, new)
+    triples.node(
         new,
         [RT.ManipulableObject],
         {
@@ -104,7 +103,7 @@ def _state_twin(
             PROV.wasDerivedFrom: thing,
         },
     )
-    facts.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(new)}"})
+    triples.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(new)}"})
 
 
 def _move_views(
@@ -129,7 +128,7 @@ def _objects(edit: Edit, subject: NamedNode, predicate: NamedNode) -> set[NamedN
 
 
 def _move_tries(
-    engine: Engine, edit: Edit, thing: NamedNode, new: NamedNode, events: set[NamedNode]
+    context: Context, edit: Edit, thing: NamedNode, new: NamedNode, events: set[NamedNode]
 ) -> set[NamedNode]:
     """Move the attempts told together with observations; return the poses of grasps that move.
 
@@ -138,7 +137,7 @@ def _move_tries(
     ids = {q.object for event in events for q in edit.match(event, RT.requestId)}
     if not ids:
         return set()
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
   ?task rt:handles {thing} ; rt:through ?attempt .
   ?attempt rt:executesGrasp ?grasp OPTIONAL {{ ?attempt rt:requestId ?id }} }}""")
@@ -162,15 +161,15 @@ SELECT DISTINCT ?task ?attempt ?grasp ?id WHERE {{
                 edit.replace(quad, Quad(new, RT.hasGrasp, grasp, quad.graph_name))
             poses |= _objects(edit, grasp, RT.graspPose)
         else:
-            _copy_grasp(engine, edit, new, grasp, attempts)
+            _copy_grasp(context, edit, new, grasp, attempts)
     return poses
 
 
 def _copy_grasp(
-    engine: Engine, edit: Edit, new: NamedNode, grasp: NamedNode, attempts: list[NamedNode]
+    context: Context, edit: Edit, new: NamedNode, grasp: NamedNode, attempts: list[NamedNode]
 ) -> None:
-    twin = engine.names.counted("grasp")
-    frame = body_frame(engine, new)
+    twin = context.names.counted("grasp")
+    frame = body_frame(context, new)
     for quad in edit.match(grasp):
         value, graph = quad.object, quad.graph_name
         if quad.predicate == RT.graspPose and isinstance(value, NamedNode):
@@ -184,15 +183,15 @@ def _copy_grasp(
     for attempt in attempts:
         for quad in edit.match(attempt, RT.executesGrasp, grasp):
             edit.replace(quad, Quad(attempt, RT.executesGrasp, twin, quad.graph_name))
-    _recount(engine, edit, grasp, twin, attempts)
+    _recount(context, edit, grasp, twin, attempts)
 
 
 def _recount(
-    engine: Engine, edit: Edit, grasp: NamedNode, twin: NamedNode, attempts: list[NamedNode]
+    context: Context, edit: Edit, grasp: NamedNode, twin: NamedNode, attempts: list[NamedNode]
 ) -> None:
     """Count a grasp without some attempts, and its twin with them."""
     totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
-    every, moved = judged(engine, grasp=[grasp]), judged(engine, attempt=attempts)
+    every, moved = judged(context, grasp=[grasp]), judged(context, attempt=attempts)
     for rows, owner, sign in ((every, grasp, 1), (moved, grasp, -1), (moved, twin, 1)):
         for _, robot, gripper_type, held, n in rows:
             total = totals.setdefault((owner, robot, gripper_type), [0, 0])
@@ -203,26 +202,26 @@ def _recount(
         edit.remove(edit.match(link.subject))
     for (owner, robot, gripper_type), (successes, tries) in totals.items():
         if tries:
-            facts, node = Facts(), statistics_of(engine, owner, robot)
-            state(facts, node, owner, gripper_type, robot, successes, tries)
-            edit.state(facts, engine.kb.graphs.agent(tail(robot)))
+            triples, node = Triples(), statistics_of(context, owner, robot)
+            state(triples, node, owner, gripper_type, robot, successes, tries)
+            edit.state(triples, context.kb.graphs.agent(tail(robot)))
 
 
 def forget_views(
-    engine: Engine, thing: NamedNode, views: list[str], purge: bool, author: Access
+    context: Context, thing: NamedNode, views: list[str], purge: bool, author: Access
 ) -> Commit:
     """Forget some views of an object; its model is made again from the others."""
-    gone = _views_of(engine, thing, views)
-    with engine.writing:
-        kb, edit, facts = engine.kb, Edit(engine.kb), Facts()
+    gone = _views_of(context, thing, views)
+    with context.writing:
+        kb, edit, triples = context.kb, Edit(context.kb), Triples()
         freed = [blob for view in sorted(gone, key=str) for blob in _forget_view(edit, view)]
         withdraw_models(edit, thing)
         model = regrown(kb, [v for v in posed_views(kb, thing) if iri(v[0]) not in gone])
         if model is not None:
-            state_model(engine, facts, thing, model)
-        edit.state(facts, home_graph(engine, author))
-        commit = edit.commit(engine, f"forget {len(gone)} views of {tail(thing)}", author)
-        _discard(engine, freed if purge else [])
+            state_model(context, triples, thing, model)
+        edit.state(triples, context.home_graph(author))
+        commit = edit.commit(context, f"forget {len(gone)} views of {tail(thing)}", author)
+        _discard(context, freed if purge else [])
         return commit
 
 
@@ -239,7 +238,7 @@ def _forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
     return freed
 
 
-def forget_object(engine: Engine, thing: NamedNode, purge: bool, author: Access) -> Commit:
+def forget_object(context: Context, thing: NamedNode, purge: bool, author: Access) -> Commit:
     """Forget an object: nobody recognises it any more.
 
     Parameters
@@ -249,8 +248,8 @@ def forget_object(engine: Engine, thing: NamedNode, purge: bool, author: Access)
         still tells what was once said. Otherwise attempts and outcomes stay as history, and the
         bytes until they are collected.
     """
-    with engine.writing:
-        edit = Edit(engine.kb)
+    with context.writing:
+        edit = Edit(context.kb)
         freed = [
             blob
             for view in sorted(_objects(edit, thing, RT.hasView), key=str)
@@ -258,21 +257,21 @@ def forget_object(engine: Engine, thing: NamedNode, purge: bool, author: Access)
         ]
         withdraw_models(edit, thing)
         if purge:
-            for node in _history(engine, edit, thing):
+            for node in _history(context, edit, thing):
                 freed += edit.forget_bytes(node)
                 edit.remove(edit.match(node))
                 edit.remove(edit.match(None, None, node))
             edit.remove(edit.match(None, None, thing))
-        frame = body_frame(engine, thing)
+        frame = body_frame(context, thing)
         edit.remove(edit.match(frame))
         edit.remove(q for q in edit.match(thing) if q not in edit.removed)
         _forget_notes(edit, thing)
-        facts = Facts()
-        facts.add(thing, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
-        edit.state(facts, home_graph(engine, author))
+        triples = Triples()
+        triples.add(thing, PROV.invalidatedAtTime, stamp(dt.datetime.now(dt.UTC)))
+        edit.state(triples, context.home_graph(author))
         how = "forget for good" if purge else "forget"
-        commit = edit.commit(engine, f"{how} {tail(thing)}", author)
-        _discard(engine, freed if purge else [])
+        commit = edit.commit(context, f"{how} {tail(thing)}", author)
+        _discard(context, freed if purge else [])
         return commit
 
 
@@ -287,9 +286,9 @@ def _forget_notes(edit: Edit, thing: NamedNode) -> None:
             edit.remove(edit.match(quad.subject))
 
 
-def _history(engine: Engine, edit: Edit, thing: NamedNode) -> set[NamedNode]:
+def _history(context: Context, edit: Edit, thing: NamedNode) -> set[NamedNode]:
     """Return everything that exists because of an object: tries, outcomes, grasps, counts."""
-    base = engine.kb.base
+    base = context.kb.base
     starts = tuple(f"{base}{kind}/" for kind in _HISTORY)
     seen: set[NamedNode] = set()
     inverse = (RT.handles, SOSA.hasFeatureOfInterest)
@@ -306,9 +305,9 @@ def _history(engine: Engine, edit: Edit, thing: NamedNode) -> set[NamedNode]:
     return seen
 
 
-def _discard(engine: Engine, blobs: Iterable[NamedNode]) -> None:
+def _discard(context: Context, blobs: Iterable[NamedNode]) -> None:
     """Delete bytes that nothing names any more."""
-    kb = engine.kb
+    kb = context.kb
     for blob in blobs:
         if not kb.match(None, RT.hasBlob, blob) and kb.blobs.has(blob):
             kb.blobs.discard(blob.value.rpartition(":")[2], 0.0)

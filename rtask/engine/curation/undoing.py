@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 from grasp.spatial.frames import matrix_from_pose
 from rtask.engine.curation.edit import NOTE, Edit
 from rtask.engine.curation.merging import withdraw_models
-from rtask.engine.perception.models import regrown, state_model
-from rtask.engine.records.facts import Facts
-from rtask.engine.records.record import home_graph
+from rtask.engine.perception.growth import regrown, state_model
+from rtask.engine.triples import Triples
 from rtask.errors import ConflictError, ForbiddenError, UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, SOSA, values
 from rtask.rdf.terms import NamedNode, Quad, python_value
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
     from rtask.kb.feed.history import HistoryEntry
@@ -28,7 +27,7 @@ __all__ = ["undo"]
 _NUMBERS = (RT.x, RT.y, RT.z, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
-def undo(engine: Engine, commit: str, author: Access) -> Commit:
+def undo(context: Context, commit: str, author: Access) -> Commit:
     """Take back one commit that put objects right.
 
     What was told since then stays, and what it withdrew since then stays withdrawn.
@@ -42,33 +41,33 @@ def undo(engine: Engine, commit: str, author: Access) -> Commit:
     ConflictError
         Taken back already, or something since then stands in the way.
     """
-    with engine.writing:
-        entry = _entry(engine, commit)
-        edit = _turned_round(engine, entry)
-        if not edit.removed and all(quad in engine.kb.store for quad in edit.added):
+    with context.writing:
+        entry = _entry(context, commit)
+        edit = _turned_round(context, entry)
+        if not edit.removed and all(quad in context.kb.store for quad in edit.added):
             raise ConflictError(f"commit: {commit} was taken back already")
-        _refuse_gone(engine, edit, commit)
-        _refuse_moved_on(engine, edit, entry.seq)
-        _refuse_told_since(engine, edit)
-        _tries_go_along(engine, edit)
-        facts = Facts()
+        _refuse_gone(context, edit, commit)
+        _refuse_moved_on(context, edit, entry.seq)
+        _refuse_told_since(context, edit)
+        _tries_go_along(context, edit)
+        triples = Triples()
         for thing in sorted(_grown_since(edit), key=str):
             withdraw_models(edit, thing)
             _leave_out_models(edit, thing)
-            model = regrown(engine.kb, _posed_after(edit, thing))
+            model = regrown(context.kb, _posed_after(edit, thing))
             if model is not None:
-                state_model(engine, facts, thing, model)
-        edit.state(facts, home_graph(engine, author))
-        return edit.commit(engine, f"take back {commit}", author)
+                state_model(context, triples, thing, model)
+        edit.state(triples, context.home_graph(author))
+        return edit.commit(context, f"take back {commit}", author)
 
 
-def _entry(engine: Engine, commit: str) -> HistoryEntry:
+def _entry(context: Context, commit: str) -> HistoryEntry:
     """Return the commit that is meant."""
     number = commit.removeprefix("c-")
     if not number.isdecimal():
         raise UnknownTermError(f"commit: {commit!r} is no commit; c-00012 is wanted")
     seq = int(number)
-    entries = [e for e in engine.kb.history(since=seq - 1, upto=seq) if e.seq == seq]
+    entries = [e for e in context.kb.history(since=seq - 1, upto=seq) if e.seq == seq]
     if not entries:
         raise UnknownTermError(f"commit: no commit {commit} of objects is known")
     if not (entries[0].note or "").startswith(NOTE):
@@ -76,26 +75,26 @@ def _entry(engine: Engine, commit: str) -> HistoryEntry:
     return entries[0]
 
 
-def _turned_round(engine: Engine, entry: HistoryEntry) -> Edit:
+def _turned_round(context: Context, entry: HistoryEntry) -> Edit:
     """Return what takes a commit back, as far as it still stands."""
-    edit, rights = Edit(engine.kb), engine.kb.access()
+    edit, rights = Edit(context.kb), context.kb.access()
     mine = [q for q in entry.added if rights.may_write(q.graph_name)]
-    edit.remove(quad for quad in mine if quad in engine.kb.store)
+    edit.remove(quad for quad in mine if quad in context.kb.store)
     edit.added.update(dict.fromkeys(q for q in entry.removed if rights.may_write(q.graph_name)))
     return edit
 
 
-def _refuse_gone(engine: Engine, edit: Edit, commit: str) -> None:
+def _refuse_gone(context: Context, edit: Edit, commit: str) -> None:
     """Refuse to restore features without their bytes."""
     blobs = {q.object for q in edit.added if q.predicate == RT.hasBlob}
-    gone = [b for b in blobs if isinstance(b, NamedNode) and not engine.kb.blobs.has(b)]
+    gone = [b for b in blobs if isinstance(b, NamedNode) and not context.kb.blobs.has(b)]
     if gone:
         raise ForbiddenError(f"commit: the bytes of {len(gone)} features are gone for good")
 
 
-def _refuse_moved_on(engine: Engine, edit: Edit, seq: int) -> None:
+def _refuse_moved_on(context: Context, edit: Edit, seq: int) -> None:
     """Refuse where views or grasps belong to others by now, and names or kinds are others."""
-    kinds = engine.classes.all().keys() - {RT.ManipulableObject.value}
+    kinds = context.classes.all().keys() - {RT.ManipulableObject.value}
 
     def says(quad: Quad) -> bool:
         if quad.predicate == RT.name:
@@ -109,16 +108,16 @@ def _refuse_moved_on(engine: Engine, edit: Edit, seq: int) -> None:
         if quad.predicate in (RT.hasView, RT.hasGrasp) and isinstance(value, NamedNode):
             owners = {q.subject for q in edit.after(None, quad.predicate, value)}
             if owners != {subject} or not edit.after(value) or not edit.after(subject, RT.objectId):
-                raise _in_the_way(engine, value, seq)
-        elif says(quad) and not subject.value.startswith(f"{engine.kb.base}statement/"):
+                raise _in_the_way(context, value, seq)
+        elif says(quad) and not subject.value.startswith(f"{context.kb.base}statement/"):
             since = {q for q in edit.after(subject, quad.predicate) if says(q)} - edit.added.keys()
             if since:
-                raise _in_the_way(engine, subject, seq)
+                raise _in_the_way(context, subject, seq)
 
 
-def _in_the_way(engine: Engine, thing: NamedNode, seq: int) -> ConflictError:
+def _in_the_way(context: Context, thing: NamedNode, seq: int) -> ConflictError:
     """Return the error that names the last commit about a thing since then."""
-    history = engine.kb.history
+    history = context.kb.history
     since = [
         entry
         for entry in (*history(thing, since=seq), *history(value=thing, since=seq))
@@ -134,7 +133,7 @@ def _in_the_way(engine: Engine, thing: NamedNode, seq: int) -> ConflictError:
     )
 
 
-def _refuse_told_since(engine: Engine, edit: Edit) -> None:
+def _refuse_told_since(context: Context, edit: Edit) -> None:
     """Refuse to let an object vanish of which robots told something since it came to be."""
     for quad in edit.removed:
         thing = quad.subject
@@ -153,13 +152,13 @@ def _refuse_told_since(engine: Engine, edit: Edit) -> None:
             )
 
 
-def _tries_go_along(engine: Engine, edit: Edit) -> None:
+def _tries_go_along(context: Context, edit: Edit) -> None:
     """Let what was tried since then follow the grasps that go back to their objects."""
     owner = {q.object: q.subject for q in edit.added if q.predicate == RT.hasGrasp}
     grasps = [grasp for grasp in owner if isinstance(grasp, NamedNode)]
     if not grasps:
         return
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task ?grasp WHERE {{ VALUES ?grasp {{ {values(grasps)} }}
   ?attempt rt:executesGrasp ?grasp . ?task rt:through ?attempt }}""")
     for row in rows:

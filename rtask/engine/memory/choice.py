@@ -5,25 +5,24 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
+from grasp.learning.bandit import Arm, Axes, BetaThompson
 from grasp.learning.bandit import Trial as Tried
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
-from grasp.spatial.frames import angle_between_axes, wrap_axis
+from grasp.spatial.frames import angle_between_axes, wrap_axis, wrap_turn, yaw_of
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
+from rtask.engine.decisions import Option
 from rtask.engine.memory.experience import Weights, gather, without_trials
-from rtask.engine.memory.recall import Memory, Remembered, Trial
-from rtask.engine.perception.placement import Placement
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import Memory, Remembered, Trial
 
-__all__ = ["Option", "Scene", "choose", "options"]
+__all__ = ["Scene", "choose", "options"]
 
 _MERGE_M = 0.005
 _MERGE_RAD = np.deg2rad(10)
@@ -37,8 +36,8 @@ class Scene:
     ----------
     footprint
         Of the object, in the robot's frame.
-    placement
-        Of the object, in the robot's frame.
+    frame_from_upright : (4, 4) float64, m
+        Pose of the object in the robot's frame as it stands, z up.
     neighbours : (m, 3) or None, m
         x, y in the robot's frame, z over the support.
     frame_from_object : (4, 4) or None, m
@@ -47,7 +46,7 @@ class Scene:
     """
 
     footprint: Footprint
-    placement: Placement
+    frame_from_upright: NDArray[np.float64]
     gripper: ParallelGripper
     neighbours: NDArray[np.float64] | None = None
     seed: int = 0
@@ -57,61 +56,6 @@ class Scene:
     def size(self) -> tuple[float, float, float]:
         """(length, width, height), m."""
         return self.footprint.length, self.footprint.width, self.footprint.height
-
-
-@dataclass(frozen=True)
-class Option:
-    """A grasp that may be chosen.
-
-    Parameters
-    ----------
-    id
-        IRI of a remembered grasp, ``candidate:<k>`` of a proposed one.
-    grasp
-        In the robot's frame; z of a planar one is over the support.
-    in_object
-        (x, y, z, theta) in the object's frame.
-    remembered
-        What the graph knows about this very grasp.
-    choice
-        The learner's view; filled in by :func:`choose`.
-    sources
-        Objects whose outcomes speak about it.
-    """
-
-    id: str
-    grasp: PlanarGrasp | GraspCandidate
-    in_object: tuple[float, float, float, float]
-    remembered: Remembered | None = None
-    choice: Choice | None = None
-    sources: tuple[str, ...] = ()
-
-    @property
-    def quality(self) -> float:
-        """By geometry, 0..1: of a grasp in space the confidence with which it was planned."""
-        if isinstance(self.grasp, GraspCandidate):
-            return self.grasp.scores["confidence"]
-        return self.grasp.quality
-
-    @property
-    def opening(self) -> float:
-        """Between the jaws before closing, m."""
-        return self.grasp.width if self.grasp.opening is None else self.grasp.opening
-
-    @property
-    def quaternion(self) -> tuple[float, float, float, float] | None:
-        """Of a grasp in space in the object's frame (x, y, z, w)."""
-        return None if self.remembered is None else self.remembered.quaternion
-
-    @property
-    def explanation(self) -> dict[str, Any]:
-        """Why it stands where it stands: parts of the belief, and a sentence."""
-        if self.choice is None:
-            return {}
-        parts = dict(self.choice.explanation)
-        parts["objects"] = list(self.sources)
-        parts["text"] = _sentence(self, parts)
-        return parts
 
 
 def options(
@@ -131,7 +75,7 @@ def options(
     found: list[Option] = []
     own = memory.of(object_iri) if object_iri else []
     for known in (one for one in own if one.quaternion is None):
-        x, y, theta = scene.placement.to_frame(known.x, known.y, known.theta)
+        x, y, theta = _to_frame(scene.frame_from_upright, known.x, known.y, known.theta)
         draft = PlanarGrasp(
             x, y, known.z, wrap_axis(theta), 0.0, known.opening, 0.0, "memory", scene.seed
         )
@@ -149,7 +93,7 @@ def options(
         if not any(_same(grasp, other.grasp, _MERGE_M, _MERGE_RAD) for other in found[:200]
                    if other.remembered is not None
                    and isinstance(other.grasp, PlanarGrasp)):  # fmt: skip
-            x, y, theta = scene.placement.to_object(grasp.x, grasp.y, grasp.theta)
+            x, y, theta = _to_object(scene.frame_from_upright, grasp.x, grasp.y, grasp.theta)
             # As the graph will keep it, so that it weighs the same before and after.
             x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
             found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
@@ -201,7 +145,7 @@ def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
     mine = [one for one in known if one.gripper_type == hand.gripper_type]
     if pose is None or not mine:
         return []
-    support = float(scene.placement.frame_from_object[2, 3])
+    support = float(scene.frame_from_upright[2, 3])
     around = scene.neighbours
     if around is not None:
         around = around + np.array([0.0, 0.0, support])
@@ -242,26 +186,22 @@ def _all_axes(
     return np.array([_axes(one.remembered) or f for one, f in zip(candidates, flat, strict=True)])
 
 
+def _to_frame(
+    frame_from_upright: NDArray[np.float64], x: float, y: float, theta: float
+) -> tuple[float, float, float]:
+    """Return (x, y, theta) of a planar grasp of the object in the robot's frame."""
+    point = frame_from_upright @ np.array([x, y, 0.0, 1.0])
+    return float(point[0]), float(point[1]), wrap_turn(theta + yaw_of(frame_from_upright))
+
+
+def _to_object(
+    frame_from_upright: NDArray[np.float64], x: float, y: float, theta: float
+) -> tuple[float, float, float]:
+    """Return (x, y, theta) in the object's frame of a planar grasp in the robot's frame."""
+    point = np.linalg.inv(frame_from_upright) @ np.array([x, y, frame_from_upright[2, 3], 1.0])
+    return float(point[0]), float(point[1]), wrap_turn(theta - yaw_of(frame_from_upright))
+
+
 def _same(a: PlanarGrasp, b: PlanarGrasp, metres: float, radians: float) -> bool:
     near = np.hypot(a.x - b.x, a.y - b.y) <= metres and abs(a.z - b.z) <= metres
     return bool(near and angle_between_axes(a.theta, b.theta) <= radians)
-
-
-def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
-    """Return the explanation in words."""
-    assert option.choice is not None
-    won, lost = parts["graph"]
-    said = [f"geometry rates it {parts['quality']:.2f}"]
-    if option.remembered is not None and option.remembered.attempts:
-        known = option.remembered
-        said.append(f"it held {known.successes} of {known.attempts} times")
-    if max(won, lost) >= 0.05:
-        where = f" on {len(option.sources)} object(s)" if option.sources else ""
-        said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
-    if max(parts["episode"]) >= 0.05:
-        said.append(f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}")
-    low, high = option.choice.interval90
-    chance = f"chance {option.choice.mean:.2f} ({low:.2f} to {high:.2f})"
-    how = {"proven": "proven, so it goes first", "sample": "drawn among the best",
-           "mean": "in order of chance"}[parts["selected_by"]]  # fmt: skip
-    return f"{chance}: {'; '.join(said)}; {how}"

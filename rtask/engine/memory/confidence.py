@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 from grasp.learning.bandit import Arm, BetaThompson
 from rtask.engine.names import slug
 from rtask.engine.policy import Policy
-from rtask.engine.records.facts import Facts
+from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RT, values
 from rtask.rdf.terms import NamedNode, Value, iri, object_term, python_value
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
 __all__ = ["Belief", "Confidence", "believe", "posterior", "stored_confidences"]
 
@@ -99,11 +99,11 @@ def posterior(
     return Belief(float(alpha), float(beta))
 
 
-def stored_confidences(engine: Engine, grasps: Sequence[str]) -> dict[str, Confidence]:
+def stored_confidences(context: Context, grasps: Sequence[str]) -> dict[str, Confidence]:
     """Return what is stored about grasps, by IRI; one query."""
     if not grasps:
         return {}
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
   VALUES ?grasp {{ {values(grasps)} }}
   ?grasp rt:hasEvaluation ?evaluation . ?evaluation rt:graspConfidence ?confidence
@@ -130,8 +130,8 @@ SELECT ?grasp ?evaluation ?confidence ?alpha ?beta ?time ?policy WHERE {{
 
 
 def believe(
-    engine: Engine,
-    facts: Facts,
+    context: Context,
+    triples: Triples,
     grasp: NamedNode,
     counts: Mapping[tuple[bool, bool], int],
     author: NamedNode,
@@ -152,19 +152,19 @@ def believe(
     -------
     The statements of this author's last posterior, to withdraw.
     """
-    weighed = [(held, n * engine.policy.weight_of(fast)) for (held, fast), n in counts.items()]
-    first = stored_confidences(engine, [grasp.value]).get(grasp.value, Confidence())
-    prior = _quality(engine, facts, grasp) if first.prior is None else first.prior
-    belief = posterior(engine.policy, prior, weighed)
-    home = engine.kb.graphs.owner(graph) or "shared"
+    weighed = [(held, n * context.policy.weight_of(fast)) for (held, fast), n in counts.items()]
+    first = stored_confidences(context, [grasp.value]).get(grasp.value, Confidence())
+    prior = _quality(context, triples, grasp) if first.prior is None else first.prior
+    belief = posterior(context.policy, prior, weighed)
+    home = context.kb.graphs.owner(graph) or "shared"
     node = iri(f"{grasp.value}/evaluation/{slug(home)}")
-    facts.triples = [t for t in facts.triples if not (t[0] == node and t[1] in _BELIEF)]
+    triples.discard(node, _BELIEF)
     old: list[tuple[NamedNode, NamedNode, Value]] = []
-    for quad in engine.kb.match(node, graph=graph):
+    for quad in context.kb.match(node, graph=graph):
         if quad.predicate in _BELIEF:
             old.append((node, quad.predicate, quad.object))
-    facts.add(grasp, RT.hasEvaluation, node)
-    facts.node(
+    triples.add(grasp, RT.hasEvaluation, node)
+    triples.node(
         node,
         [RT.GraspEvaluation],
         {
@@ -173,7 +173,7 @@ def believe(
             RT.beliefBeta: belief.beta,
             # Not rt:atTime, by which rules look for the newest.
             PROV.generatedAtTime: dt.datetime.now(dt.UTC),
-            RT.policyVersion: engine.policy.version,
+            RT.policyVersion: context.policy.version,
             PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,
             PROV.wasAttributedTo: author,
         },
@@ -185,11 +185,11 @@ def _iso(time: Any) -> str:
     return time.isoformat() if isinstance(time, dt.datetime) else str(time)
 
 
-def _quality(engine: Engine, facts: Facts, grasp: NamedNode) -> float | None:
+def _quality(context: Context, triples: Triples, grasp: NamedNode) -> float | None:
     """Return the generator's score of a grasp that is stored or about to be."""
-    for subject, predicate, value in facts.triples:
+    for subject, predicate, value in triples:
         if subject == grasp and predicate == RT.graspQuality and isinstance(value, float):
             return min(max(value, 0.0), 1.0)
-    for quad in engine.kb.match(grasp, RT.graspQuality):
+    for quad in context.kb.match(grasp, RT.graspQuality):
         return min(max(float(str(python_value(object_term(quad.object)))), 0.0), 1.0)
     return None

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from grasp.learning.bandit import kernel, kernel_in_space
 from grasp.spatial.gripper import ParallelGripper
-from rtask.engine.memory.recall import Memory, Remembered, Tally
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import Memory, Remembered, Tally
 
 __all__ = ["Evidence", "Weights", "gather", "without_trials"]
 

@@ -25,15 +25,15 @@ from grasp.learning.transition import Transition
 from grasp.spatial.frames import closing_turn, matrix_from_pose
 from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import slug
-from rtask.engine.perception.views import stored_views
-from rtask.engine.records.facts import Facts, stamp
+from rtask.engine.stored import stored_views
+from rtask.engine.triples import Triples, stamp
 from rtask.errors import MissingBlobError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PREFIXES, PROV, RT
 from rtask.rdf.terms import iri, literal
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
 __all__ = ["Resumed", "Saved", "experience", "keep_learner", "resume_learner"]
 
@@ -58,7 +58,7 @@ class Resumed:
     note: str = ""
 
 
-def experience(engine: Engine) -> list[Transition]:
+def experience(context: Context) -> list[Transition]:
     """Return what all robots learned, as steps of the thesis's problem, the oldest first.
 
     The state is how the object looks, in five components of all views that this release can read;
@@ -69,8 +69,8 @@ def experience(engine: Engine) -> list[Transition]:
     -------
     One step for each judged attempt; people's verdicts count, disputed ones do not.
     """
-    states = _states(engine)
-    rows = engine.kb.select(f"""{PREFIXES}
+    states = _states(context)
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?attempt ?ended ?object ?theta ?held ?qx ?qy ?qz ?qw WHERE {{
   ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose . {JUDGED}
   OPTIONAL {{ ?pose rt:theta ?theta }}
@@ -97,12 +97,12 @@ def _closing_turn(at: dict[str, Any]) -> float | None:
     return closing_turn(matrix_from_pose(np.zeros(3), turn))
 
 
-def _states(engine: Engine) -> dict[str, NDArray[np.float64]]:
+def _states(context: Context) -> dict[str, NDArray[np.float64]]:
     """Return five numbers of how each object looks; all by the same components."""
     components = GrowingComponents()
     views: dict[str, NDArray[np.float64]] = {}
-    for row in stored_views(engine.kb):
-        features = row.features(engine.kb)
+    for row in stored_views(context.kb):
+        features = row.features(context.kb)
         if features is None:
             continue
         view, is_told = pooled(features.descriptors)
@@ -113,7 +113,7 @@ def _states(engine: Engine) -> dict[str, NDArray[np.float64]]:
 
 
 def keep_learner(
-    engine: Engine, learner: Saved, name: str, agent: str | None = None, steps: int | None = None
+    context: Context, learner: Saved, name: str, agent: str | None = None, steps: int | None = None
 ) -> str:
     """Store a learner's state in the graph; the one of this name and agent before it goes.
 
@@ -133,39 +133,39 @@ def keep_learner(
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "learner.npz"
         learner.save(file)
-        blob = engine.kb.blobs.put(file.read_bytes(), "application/x-npz")
-    node = engine.names.named("learner", f"{slug(agent or 'shared')}-{slug(name)}")
-    facts = Facts()
+        blob = context.kb.blobs.put(file.read_bytes(), "application/x-npz")
+    node = context.names.named("learner", f"{slug(agent or 'shared')}-{slug(name)}")
+    triples = Triples()
     author = Access(agent, "robot") if agent else Access()
-    facts.node(
+    triples.node(
         node,
         [RT.LearnerSnapshot],
         {
             RT.name: name,
             RT.algorithm: type(learner).__name__,
             RT.stepCount: steps,
-            RT.hasBlob: facts.blob(blob),
+            RT.hasBlob: triples.blob(blob),
             RT.atTime: stamp(dt.datetime.now(dt.UTC)),
-            PROV.wasAttributedTo: engine.agent_iri(author) if agent else None,
+            PROV.wasAttributedTo: context.agent_iri(author) if agent else None,
         },
     )
-    home = engine.kb.graphs.agent(agent) if agent else engine.kb.graphs.shared
-    with engine.writing, engine.kb.transaction(access=author, note="a learner's state") as tx:
-        for quad in engine.kb.match(node, graph=home):
+    home = context.kb.graphs.agent(agent) if agent else context.kb.graphs.shared
+    with context.writing, context.kb.transaction(access=author, note="a learner's state") as tx:
+        for quad in context.kb.match(node, graph=home):
             tx.remove(quad.subject, quad.predicate, quad.object, home)
-        for subject, predicate, value in facts.triples:
+        for subject, predicate, value in triples:
             tx.add(subject, predicate, value, home)
     return node.value
 
 
-def resume_learner(engine: Engine, learner: Saved, name: str) -> Resumed:
+def resume_learner(context: Context, learner: Saved, name: str) -> Resumed:
     """Let a learner go on from the latest state of its name and kind; else it stays as it is.
 
     A state of another version, or of other states and actions, is not mixed in: the note says why,
     and :func:`experience` is there to learn from anew.
     """
     kind = type(learner).__name__
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?snapshot ?blob ?kind ?time WHERE {{
   ?snapshot a rt:LearnerSnapshot ; rt:name {literal(name)} ; rt:algorithm ?kind ;
     rt:hasBlob ?blob ; rt:atTime ?time
@@ -177,7 +177,7 @@ SELECT ?snapshot ?blob ?kind ?time WHERE {{
             notes.append(f"{where} is a {row.value('kind')}, not a {kind}")
             continue
         try:
-            data = engine.kb.blobs.read(iri(str(row.value("blob"))))
+            data = context.kb.blobs.read(iri(str(row.value("blob"))))
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder) / "learner.npz"
                 file.write_bytes(data)

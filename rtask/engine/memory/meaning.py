@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import difflib
 import re
-import threading
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from rtask.engine.terms import folded
-from rtask.rdf.namespaces import PREFIXES, RDFS, RT, local_name
+from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
-    from rtask.kb.commit.commit import Change
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.engine.context import Context
 
-__all__ = ["FunctionCatalogue", "Meaning", "Sense", "meaning", "stems"]
+__all__ = ["Meaning", "Sense", "meaning", "stems"]
 
 _FILLERS = frozenset(
     re.findall(
@@ -81,44 +78,6 @@ class Meaning:
         return [term for sense in self.senses if sense.kind == kind for term in sense.terms]
 
 
-class FunctionCatalogue:
-    """What objects are for, by name; read again when a function is added or renamed."""
-
-    def __init__(self, kb: KnowledgeBase) -> None:
-        self._kb = kb
-        self._lock = threading.Lock()
-        self._known: Mapping[str, tuple[str, ...]] | None = None
-
-    def forget_if_changed(self, change: Change) -> None:
-        """Read again after a commit that touches functions or names."""
-        for quad in (*change.added, *change.removed):
-            if quad.object == RT.ObjectFunction or quad.predicate == RDFS.label:
-                with self._lock:
-                    self._known = None
-                return
-
-    def all(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the names of every function by IRI, the label first."""
-        with self._lock:
-            if self._known is None:
-                self._known = _read_functions(self._kb)
-            return self._known
-
-
-def _read_functions(kb: KnowledgeBase) -> dict[str, tuple[str, ...]]:
-    rows = kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?function ?name ?other {{ ?function a rt:ObjectFunction
-  OPTIONAL {{ ?function rdfs:label ?name }} OPTIONAL {{ ?function skos:altLabel ?other }}
-}} ORDER BY ?function ?name ?other""")
-    names: dict[str, dict[str, None]] = {}
-    for row in rows:
-        known = names.setdefault(str(row.value("function")), {})
-        for variable in ("name", "other"):
-            if row[variable] is not None:
-                known.setdefault(str(row.value(variable)))
-    return {one: tuple(known) or (local_name(one),) for one, known in names.items()}
-
-
 def stems(text: str) -> list[str]:
     """Return the telling words of a text in a form that plural and -ing do not change.
 
@@ -146,24 +105,24 @@ def _stem(word: str) -> str:
     return word[:-1] if word.endswith("e") and len(word) > 3 else word
 
 
-def meaning(engine: Engine, wish: str) -> Meaning:
+def meaning(context: Context, wish: str) -> Meaning:
     """Return what a wish means: the IRI of a class or function, or words for one.
 
     Names that the words hold come first, then names whose words begin with theirs, then whatever
     full-text search finds in labels and comments.
     """
-    classes = {c.iri.value: c.names for c in engine.classes.all().values()}
-    functions = engine.functions.all()
+    classes = {c.iri.value: c.names for c in context.classes.all().values()}
+    functions = context.functions.all()
     term = wish.strip().strip("<>")
     if term in classes:
-        return Meaning((Sense("class", (term,), engine.classes.get(term).label),))
+        return Meaning((Sense("class", (term,), context.classes.get(term).label),))
     if term in functions:
         return Meaning((Sense("function", (term,), functions[term][0]),))
     named = [*_named("class", classes), *_named("function", functions)]
     words = stems(wish)
     found, left = _longest_names(named, words)
     if not found:
-        found = _searched(engine, words, classes, functions)
+        found = _searched(context, words, classes, functions)
         left = [] if found else words
     if found:
         return Meaning(tuple(found), tuple(left))
@@ -203,7 +162,7 @@ def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], 
 
 
 def _searched(
-    engine: Engine,
+    context: Context,
     words: list[str],
     classes: Mapping[str, Iterable[str]],
     functions: Mapping[str, Iterable[str]],
@@ -211,7 +170,7 @@ def _searched(
     """Return what full-text search finds: one sense, any class or function of which will do."""
     if not words:
         return []
-    hits = engine.kb.search(" ".join(f"{word}*" for word in words), limit=_MOST_HITS)
+    hits = context.kb.search(" ".join(f"{word}*" for word in words), limit=_MOST_HITS)
     found = [hit.subject.value for hit in hits]
     said = " ".join(words)
     for kind, known in (("function", functions), ("class", classes)):

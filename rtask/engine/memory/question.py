@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from rtask.rdf.namespaces import PREFIXES, reason, values
+from rtask.engine.grippers import KnownGripper
+from rtask.engine.observation import Observation
+from rtask.engine.policy import Policy
+from rtask.rdf.namespaces import PREFIXES, RT, reason, values
+from rtask.rdf.terms import iri
 
-__all__ = ["JUDGED", "UNJUDGED", "Question", "query_text"]
+if TYPE_CHECKING:
+    from features.recognition.recogniser import Recognition
+
+__all__ = ["JUDGED", "UNJUDGED", "Question", "query_text", "question_for"]
 
 UNJUDGED = (
     "timed_out", "stopped_by_human", "hardware",
@@ -170,3 +178,46 @@ def _view_part(views: Iterable[str]) -> str:
     ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
       rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
     BIND("view" AS ?part)"""
+
+
+def question_for(
+    policy: Policy,
+    seen: Observation,
+    recognition: Recognition,
+    tracked: str | None,
+    gripper: KnownGripper | None,
+    only: tuple[str, ...] = (),
+) -> Question:
+    """Return what to ask the graph about a look: the matches, the kind, the robot's own tries."""
+    objects = {match.object_iri for match in recognition.matches}
+    kinds: set[str] = set()
+    if recognition.accepted and not tracked:
+        kinds.add(recognition.matches[0].class_iri)
+    guess = seen.guess
+    if guess is not None:
+        kinds.add(guess[0].value)
+    kinds -= {RT.ManipulableObject.value, ""}
+    shape = seen.shape
+    return Question(
+        objects=tuple(sorted(objects | ({iri(tracked).value} if tracked else set()))),
+        classes=tuple(sorted(kinds)) if gripper is not None else (),
+        size=None if shape is None
+        else (float(shape.length), float(shape.width), float(shape.height)),
+        size_tolerance=policy.size_tolerance,
+        tracked=tracked,
+        robot=None if gripper is None else gripper.robot.value,
+        views=tuple(sorted({m.view_iri for m in recognition.matches if m.view_iri})),
+        only=only,
+        doubtful=_doubtful(recognition, tracked, policy),
+    )  # fmt: skip
+
+
+def _doubtful(recognition: Recognition, tracked: str | None, policy: Policy) -> tuple[str, ...]:
+    """Return the matches that say less as the object itself than as another of its kind.
+
+    Both together never count more than an outcome of the object itself.
+    """
+    most = 1 - policy.same_class
+    others = recognition.matches[1:] if recognition.accepted else recognition.matches
+    names = (m.object_iri for m in others if m.confidence < most)
+    return tuple(sorted(name for name in names if name != tracked))

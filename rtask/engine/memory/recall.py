@@ -8,133 +8,23 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.spatial.frames import closing_turn, matrix_from_pose, pose_from_planar
+from grasp.spatial.frames import closing_turn, matrix_from_pose
 from rtask.engine.memory.question import Question, query_text
+from rtask.engine.remembered import KnownObject, Memory, Remembered, Tally, Trial
 from rtask.rdf.namespaces import RT, local_name
 
 if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
     from rtask.sparql.results import Row, Solutions
 
-__all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial", "recall"]
+__all__ = ["recall"]
 
 _NUMBERS = ("x", "y", "z", "opening", "quality")
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Judged attempts of one grasp that ended alike."""
-
-    held: bool
-    count: int
-    is_fast: bool = False
-    latest: dt.datetime | None = None
-
-
-@dataclass(frozen=True)
-class Remembered:
-    """A grasp in the graph.
-
-    Parameters
-    ----------
-    x, y, z, theta
-        In the frame of its object, m and rad.
-    of_class
-        It comes from another object of the class, not from the object itself.
-    size
-        (length, width, height) of its object, m.
-    prior
-        Quality as computed before any attempt, 0..1; None where nobody computed it.
-    quaternion : (x, y, z, w) or None
-        Of a grasp in space; ``theta`` is then the direction of its closing axis seen from above.
-    width
-        Between the contacts, m, where it is known.
-    """
-
-    grasp: str
-    object: str
-    of_class: bool
-    x: float
-    y: float
-    z: float
-    theta: float
-    opening: float
-    quality: float
-    gripper_type: str
-    size: tuple[float, float, float] | None
-    tallies: tuple[Tally, ...] = ()
-    prior: float | None = None
-    quaternion: tuple[float, float, float, float] | None = None
-    width: float | None = None
-
-    @property
-    def object_from_gripper(self) -> NDArray[np.float64]:
-        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
-        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
-
-    @property
-    def attempts(self) -> int:
-        """Judged attempts of all robots."""
-        return sum(tally.count for tally in self.tallies)
-
-    @property
-    def successes(self) -> int:
-        """Those that held."""
-        return sum(tally.count for tally in self.tallies if tally.held)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """An attempt of this robot on the tracked object."""
-
-    grasp: str
-    x: float
-    y: float
-    z: float
-    theta: float
-    held: bool
-    number: int
-    ended: str
-    is_fast: bool = False
-    quaternion: tuple[float, float, float, float] | None = None
-
-    @property
-    def object_from_gripper(self) -> NDArray[np.float64]:
-        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
-        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
-
-
-@dataclass(frozen=True)
-class KnownObject:
-    """What the graph says about an object."""
-
-    iri: str
-    name: str = ""
-    class_iri: str = ""
-    label: str = ""
-    short_id: str = ""
-    size: tuple[float, float, float] | None = None
-    is_round: bool = False
-
-
-@dataclass(frozen=True)
-class Memory:
-    """The answer to a :class:`Question`."""
-
-    objects: Mapping[str, KnownObject] = field(default_factory=dict)
-    grasps: tuple[Remembered, ...] = ()
-    trials: tuple[Trial, ...] = ()
-    viewpoints: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-
-    def of(self, iri: str) -> list[Remembered]:
-        """Return the grasps of one object."""
-        return [g for g in self.grasps if g.object == iri and not g.of_class]
 
 
 def recall(kb: KnowledgeBase, question: Question) -> Memory:
@@ -166,14 +56,6 @@ def _text(row: Row, name: str) -> str:
 def _number(row: Row, name: str, default: float = 0.0) -> float:
     value: Any = row.value(name)
     return default if value is None else float(value)
-
-
-def _gripper_pose(
-    x: float, y: float, z: float, theta: float, quaternion: tuple[float, ...] | None
-) -> NDArray[np.float64]:
-    if quaternion is None:
-        return np.asarray(pose_from_planar(x, y, z, theta), dtype=np.float64)
-    return np.asarray(matrix_from_pose(np.array([x, y, z]), np.array(quaternion)), np.float64)
 
 
 def _turn(row: Row) -> tuple[float, tuple[float, float, float, float] | None]:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.question import JUDGED, UNJUDGED
 from rtask.engine.names import tail
-from rtask.engine.records.facts import Facts
+from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
 from rtask.rdf.terms import NamedNode, object_term, python_value
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.commit import Commit
 
 __all__ = [
@@ -58,13 +58,13 @@ def summary(successes: int, attempts: int) -> dict[str, Any]:
     }
 
 
-def statistics_of(engine: Engine, grasp: NamedNode, robot: NamedNode) -> NamedNode:
+def statistics_of(context: Context, grasp: NamedNode, robot: NamedNode) -> NamedNode:
     """Return the IRI of one robot's count of a grasp."""
-    return engine.names.named("statistics", f"{tail(grasp)}-{tail(robot)}")
+    return context.names.named("statistics", f"{tail(grasp)}-{tail(robot)}")
 
 
 def count(
-    engine: Engine, facts: Facts, grasp: NamedNode, gripper_type: str, robot: NamedNode,
+    context: Context, triples: Triples, grasp: NamedNode, gripper_type: str, robot: NamedNode,
     graph: NamedNode, attempts: int, successes: int,
 ) -> list[tuple[NamedNode, NamedNode, Any]]:  # fmt: skip
     """State a robot's new count of a grasp.
@@ -80,28 +80,27 @@ def count(
     -------
     The statements of the old count, to withdraw.
     """
-    node = statistics_of(engine, grasp, robot)
+    node = statistics_of(context, grasp, robot)
     counted = (RT.attempts, RT.successes, RT.meanSuccess, RT.lower95)
-    pending = [fact for fact in facts.triples if fact[0] == node and fact[1] in counted]
-    facts.triples = [fact for fact in facts.triples if fact not in pending]
+    pending = triples.discard(node, counted)
     old = [
         (node, quad.predicate, quad.object)
-        for quad in engine.kb.match(node, graph=graph)
+        for quad in context.kb.match(node, graph=graph)
         if quad.predicate in counted
     ]
     numbers = {p: float(str(python_value(object_term(v)))) for _, p, v in (*old, *pending)}
     total = max(int(numbers.get(RT.attempts, 0)) + attempts, 0)
     held = min(max(int(numbers.get(RT.successes, 0)) + successes, 0), total)
-    state(facts, node, grasp, gripper_type, robot, held, total)
+    state(triples, node, grasp, gripper_type, robot, held, total)
     return old
 
 
 def state(
-    facts: Facts, node: NamedNode, grasp: NamedNode, gripper_type: str, robot: NamedNode,
+    triples: Triples, node: NamedNode, grasp: NamedNode, gripper_type: str, robot: NamedNode,
     successes: int, attempts: int,
 ) -> None:  # fmt: skip
     """State one count."""
-    facts.node(
+    triples.node(
         node,
         [RT.GraspStatistics],
         {
@@ -116,16 +115,16 @@ def state(
     )
 
 
-def over_all_robots(engine: Engine, grasp: NamedNode) -> dict[str, Any]:
+def over_all_robots(context: Context, grasp: NamedNode) -> dict[str, Any]:
     """Return the statistics of one grasp, counted from the attempts of all robots."""
-    rows = judged(engine, grasp=[grasp])
+    rows = judged(context, grasp=[grasp])
     held = sum(n for *_, won, n in rows if won)
     return summary(held, sum(n for *_, n in rows))
 
 
-def judged_counts(engine: Engine, grasp: NamedNode) -> dict[tuple[bool, bool], int]:
+def judged_counts(context: Context, grasp: NamedNode) -> dict[tuple[bool, bool], int]:
     """Return how many judged attempts of a grasp there are, by (held, in coarse physics)."""
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {grasp} }}
   {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?fast)
 }} GROUP BY ?held ?fast""")
@@ -144,15 +143,15 @@ def totalled(counts: Mapping[tuple[bool, bool], int]) -> dict[str, Any]:
     return summary(held, sum(counts.values()))
 
 
-def rebuild(engine: Engine) -> Commit:
+def rebuild(context: Context) -> Commit:
     """Count every grasp again from the attempts, people's verdicts included; one commit."""
-    with engine.writing:
+    with context.writing:
         totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
-        for grasp, robot, gripper_type, won, n in judged(engine):
+        for grasp, robot, gripper_type, won, n in judged(context):
             total = totals.setdefault((grasp, robot, gripper_type), [0, 0])
             total[0] += n if won else 0
             total[1] += n
-        kb = engine.kb
+        kb = context.kb
         with kb.transaction(note="rebuild statistics") as tx:
             for node in {q.subject for q in kb.match(None, RT.statisticsOf)}:
                 for quad in kb.match(node):
@@ -163,17 +162,17 @@ def rebuild(engine: Engine) -> Commit:
             for (grasp, robot, gripper_type), (successes, attempts) in sorted(
                 totals.items(), key=str
             ):
-                facts = Facts()
-                node = statistics_of(engine, grasp, robot)
-                state(facts, node, grasp, gripper_type, robot, successes, attempts)
+                triples = Triples()
+                node = statistics_of(context, grasp, robot)
+                state(triples, node, grasp, gripper_type, robot, successes, attempts)
                 graph = kb.graphs.agent(tail(robot))
-                for subject, predicate, value in facts.triples:
+                for subject, predicate, value in triples:
                     tx.add(subject, predicate, value, graph)
         return tx.commit
 
 
 def judged(
-    engine: Engine, **only: Iterable[NamedNode]
+    context: Context, **only: Iterable[NamedNode]
 ) -> list[tuple[NamedNode, NamedNode, str, bool, int]]:
     """Return (grasp, robot, gripper type, held, how often) of judged attempts.
 
@@ -186,7 +185,7 @@ def judged(
     chosen = " ".join(
         f"VALUES ?{name} {{ {' '.join(map(str, things))} }}" for name, things in only.items()
     )
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?grasp ?robot ?gripper ?held (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ {chosen}
   ?attempt rt:executesGrasp ?grasp ; rt:performedBy ?robot ; rt:activates/rt:gripperType ?gripper ;
     rt:hasOutcome ?outcome . ?outcome rt:hasReason ?reason ; rt:success ?decided

@@ -13,28 +13,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.operations.messages import Field
+from rtask.engine.decisions import Option
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import KnownObject, Memory
 
 if TYPE_CHECKING:
-    from rtask.engine.memory.choice import Option
-    from rtask.engine.operations.recognise import Situation
+    from features.pose import PoseEstimate
+    from features.recognition.recogniser import Recognition
 
-__all__ = ["DECISION", "Thresholds", "asked", "decide", "grasps_above"]
+__all__ = ["Assessment", "Thresholds", "asked", "decide", "grasps_above"]
 
 _MOST_ALTERNATIVES = 3
-
-DECISION = (
-    Field("decide", "boolean", "answer with a grasp or with the confidence that was too low",
-          default=False),
-    Field("min_identity", "number", "c_I, that it is this object; asks to decide",
-          low=0.0, high=1.0),
-    Field("min_pose", "number", "c_T, that it is where it seems; asks to decide",
-          low=0.0, high=1.0),
-    Field("min_grasp", "number", "c_G, that the grasp will hold; asks to decide",
-          low=0.0, high=1.0),
-)  # fmt: skip
-"""Fields of a request that ask for a decision; without any of them nothing is held back."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +33,27 @@ class Thresholds:
     identity: float
     pose: float
     grasp: float
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What a decision is made on.
+
+    Parameters
+    ----------
+    known
+        The object in question; None when it was not recognised.
+    pose
+        Where the object is; None when nothing stored can tell.
+    chosen
+        Every option that the learner offers, in its order.
+    """
+
+    recognition: Recognition
+    memory: Memory
+    known: KnownObject | None
+    pose: PoseEstimate | None
+    chosen: Sequence[Option]
 
 
 def asked(policy: Policy, request: dict[str, Any]) -> Thresholds | None:
@@ -67,18 +77,16 @@ def grasps_above(chosen: Sequence[Option], threshold: float) -> list[Option]:
     return [one for one in chosen if one.choice is not None and one.choice.mean >= threshold]
 
 
-def decide(thresholds: Thresholds, situation: Situation, identity: float) -> dict[str, Any]:
+def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[str, Any]:
     """Return the decision: ``grasp``, or which confidence was too low and what would help.
 
     Parameters
     ----------
-    situation
-        With every option that the learner offers.
     identity
         s_I of the best match, 1.0 for an object that the robot followed.
     """
-    pose = None if situation.pose is None else float(situation.pose.confidence)
-    grasp = max((o.choice.mean for o in situation.chosen if o.choice is not None), default=0.0)
+    pose = None if case.pose is None else float(case.pose.confidence)
+    grasp = max((o.choice.mean for o in case.chosen if o.choice is not None), default=0.0)
     answer: dict[str, Any] = {
         "answer": "grasp",
         "too_low": "",
@@ -94,12 +102,12 @@ def decide(thresholds: Thresholds, situation: Situation, identity: float) -> dic
         "text": "",
         "advice": "",
     }
-    if situation.known is None or identity < thresholds.identity:
-        low = ("identity", identity, thresholds.identity, _objects(situation), _look(situation))
+    if case.known is None or identity < thresholds.identity:
+        low = ("identity", identity, thresholds.identity, _objects(case), _look(case))
     elif pose is not None and pose < thresholds.pose:
-        low = ("pose", pose, thresholds.pose, _poses(situation), _turn(situation))
-    elif not situation.chosen or grasp < thresholds.grasp:
-        low = ("grasp", grasp, thresholds.grasp, _grasps(situation), _try(situation))
+        low = ("pose", pose, thresholds.pose, _poses(case), _turn(case))
+    elif not case.chosen or grasp < thresholds.grasp:
+        low = ("grasp", grasp, thresholds.grasp, _grasps(case), _try(case))
     else:
         answer["text"] = _sentence(identity, pose, grasp)
         return answer
@@ -107,7 +115,7 @@ def decide(thresholds: Thresholds, situation: Situation, identity: float) -> dic
     said = f"{name}: {math.floor(confidence * 100) / 100:.2f} is below {threshold:.2f}"
     if name == "identity" and confidence >= threshold:
         said = f"identity: {confidence:.2f}, and too little is known yet to compare it with"
-    elif name == "grasp" and not situation.chosen:
+    elif name == "grasp" and not case.chosen:
         said = "grasp: there is none that could hold it"
     answer.update(
         answer="too_low", too_low=name, confidence=confidence, threshold=threshold,
@@ -121,10 +129,10 @@ def _sentence(identity: float, pose: float | None, grasp: float) -> str:
     return f"what it is {identity:.2f}{seen}, that it will hold {grasp:.2f}: all suffice"
 
 
-def _objects(situation: Situation) -> list[dict[str, Any]]:
+def _objects(case: Assessment) -> list[dict[str, Any]]:
     """Return the best matches; the second near to the first tells a false match (Kehoe 4.6)."""
-    matches = situation.recognition.matches[:_MOST_ALTERNATIVES]
-    known = situation.memory.objects
+    matches = case.recognition.matches[:_MOST_ALTERNATIVES]
+    known = case.memory.objects
     return [
         {
             "object": match.object_iri,
@@ -135,28 +143,28 @@ def _objects(situation: Situation) -> list[dict[str, Any]]:
     ]
 
 
-def _look(situation: Situation) -> str:
-    if not situation.recognition.matches:
+def _look(case: Assessment) -> str:
+    if not case.recognition.matches:
         return "nothing known looks like it: insert it, or let a person name it (teach_object)"
     return "look again from another side or nearer, or let a person name it (teach_object)"
 
 
-def _poses(situation: Situation) -> list[dict[str, Any]]:
-    assert situation.pose is not None
-    others = situation.pose.estimate.alternatives[:_MOST_ALTERNATIVES]
+def _poses(case: Assessment) -> list[dict[str, Any]]:
+    assert case.pose is not None
+    others = case.pose.alternatives[:_MOST_ALTERNATIVES]
     return [{"score": float(other.score)} for other in others]
 
 
-def _turn(situation: Situation) -> str:
-    assert situation.pose is not None
-    found = situation.pose.estimate
+def _turn(case: Assessment) -> str:
+    assert case.pose is not None
+    found = case.pose
     if found.ambiguous:
         return "it fits in several poses: look from a side that tells them apart"
     return f"{100 * found.coverage:.0f} % of what was seen fits: look from where it was seen before"
 
 
-def _grasps(situation: Situation) -> list[dict[str, Any]]:
-    sure = [one for one in situation.chosen if one.choice is not None]
+def _grasps(case: Assessment) -> list[dict[str, Any]]:
+    sure = [one for one in case.chosen if one.choice is not None]
     sure.sort(key=lambda one: -one.choice.mean if one.choice else 0.0)
     return [
         {
@@ -169,7 +177,7 @@ def _grasps(situation: Situation) -> list[dict[str, Any]]:
     ]
 
 
-def _try(situation: Situation) -> str:
-    if not situation.chosen:
+def _try(case: Assessment) -> str:
+    if not case.chosen:
         return "no grasp is left: let geometry propose (propose), or plan one (rtask grasp)"
     return "let geometry propose others (propose), try another hand, or turn the object"

@@ -9,17 +9,35 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.question import UNJUDGED
-from rtask.engine.records.attempts import Verdict
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import PREFIXES, local_name
 from rtask.rdf.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
-__all__ = ["Judged", "find_attempt", "label_of"]
+__all__ = ["Judged", "Verdict", "find_attempt", "label_of"]
 
 _RECENT = 500
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a person says about an outcome.
+
+    Parameters
+    ----------
+    by
+        Name of the person.
+    reason
+        Code of why it ended so, in the person's opinion; empty = no opinion.
+    """
+
+    by: str
+    held: bool
+    time: dt.datetime
+    reason: str = ""
+    comment: str = ""
 
 
 @dataclass(frozen=True)
@@ -69,7 +87,7 @@ def label_of(judged: Judged) -> bool | None:
     return None if label == judged.decided and judged.reason in UNJUDGED else label
 
 
-def find_attempt(engine: Engine, request: Mapping[str, Any]) -> Judged:
+def find_attempt(context: Context, request: Mapping[str, Any]) -> Judged:
     """Return the latest attempt that a request means, with everything said about it.
 
     Raises
@@ -88,7 +106,7 @@ def find_attempt(engine: Engine, request: Mapping[str, Any]) -> Judged:
         patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(request['object'])} .")
     if not patterns:
         raise UsageError("task_id is missing: or name the object and the grasp", field="task_id")
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?attempt ?outcome ?grasp ?robot ?gripper ?decided ?code ?fast ?by ?held ?why ?said ?time
 WHERE {{
   {{ SELECT ?attempt WHERE {{ {" ".join(patterns)}
@@ -105,7 +123,7 @@ WHERE {{
 }} ORDER BY ?time ?feedback""")
     found = [row.to_dict() for row in rows]
     if not found:
-        raise UnknownTermError(_nothing_fits(engine, request))
+        raise UnknownTermError(_nothing_fits(context, request))
     first: dict[str, Any] = found[0]
     verdicts = {
         (str(row["time"]), str(row["by"])): Verdict(
@@ -137,10 +155,10 @@ def _time(value: Any) -> dt.datetime:
     return time if time.tzinfo else time.replace(tzinfo=dt.UTC)
 
 
-def _nothing_fits(engine: Engine, request: Mapping[str, Any]) -> str:
+def _nothing_fits(context: Context, request: Mapping[str, Any]) -> str:
     """Return why there is nothing to judge, with the nearest name among the latest attempts."""
     said = {name: request[name] for name in ("task_id", "grasp", "object") if request[name]}
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task_id ?grasp ?object WHERE {{
   ?attempt rt:hasOutcome ?outcome ; rt:requestId ?task_id ; rt:executesGrasp ?grasp ;
     prov:endedAtTime ?ended . ?task rt:through ?attempt ; rt:handles ?object

@@ -14,18 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
 from rtask.engine.memory.statistics import count, judged_counts, totalled
-from rtask.engine.memory.verdicts import Judged, find_attempt, label_of
+from rtask.engine.memory.verdicts import Judged, Verdict, find_attempt, label_of
 from rtask.engine.names import tail
 from rtask.engine.operations.messages import Field, nearest
-from rtask.engine.records.attempts import Verdict, state_verdict
-from rtask.engine.records.facts import Facts
-from rtask.engine.records.record import home_graph
+from rtask.engine.records.attempts import state_verdict
+from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import Graph
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
 __all__ = ["GIVE_FEEDBACK", "give_feedback"]
 
@@ -52,18 +51,18 @@ class _Recounting(Access):
         return super().may_write(graph) or graph == self.counts
 
 
-def give_feedback(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def give_feedback(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Store a person's verdict; answer with everything that is said and what follows from it."""
     operator = _operator(request["operator"], access)
-    with engine.writing:
-        before = find_attempt(engine, request)
-        said = _verdict(engine, request, before, operator)
+    with context.writing:
+        before = find_attempt(context, request)
+        said = _verdict(context, request, before, operator)
         old = next((v for v in reversed(before.verdicts) if v.by == operator), None)
         if old is not None and _same(old, said):
-            return _answer(engine, before, stored=0, commit="")
+            return _answer(context, before, stored=0, commit="")
         after = replace(before, verdicts=(*before.verdicts, said))
-        commit = _write(engine, before, after, engine.author(access, operator, "teacher"))
-    return _answer(engine, after, stored=1, commit=commit)
+        commit = _write(context, before, after, context.author(access, operator, "teacher"))
+    return _answer(context, after, stored=1, commit=commit)
 
 
 def _operator(named: str | None, access: Access) -> str:
@@ -81,7 +80,7 @@ def _operator(named: str | None, access: Access) -> str:
     return named or access.agent or "operator"
 
 
-def _verdict(engine: Engine, request: dict[str, Any], judged: Judged, operator: str) -> Verdict:
+def _verdict(context: Context, request: dict[str, Any], judged: Judged, operator: str) -> Verdict:
     """Return the verdict that a request means for an attempt."""
     kind, held, code = request["verdict"], request["held"], request["reason"] or ""
     if kind == "correct" and held is None and not code:
@@ -94,8 +93,8 @@ def _verdict(engine: Engine, request: dict[str, Any], judged: Judged, operator: 
         held = not judged.decided
     elif held is None:
         held = code == "ok"
-    if code and code not in engine.reasons:
-        hint = nearest(code, sorted(engine.reasons))
+    if code and code not in context.reasons:
+        hint = nearest(code, sorted(context.reasons))
         raise UnknownTermError(f"unknown reason {code!r}{hint}")
     if code and held != (code == "ok"):
         word = "held" if held else "did not hold"
@@ -108,43 +107,43 @@ def _same(a: Verdict, b: Verdict) -> bool:
     return (a.held, a.reason, a.comment) == (b.held, b.reason, b.comment)
 
 
-def _write(engine: Engine, before: Judged, after: Judged, author: Access) -> str:
+def _write(context: Context, before: Judged, after: Judged, author: Access) -> str:
     """Store the last verdict of an attempt with the counts and the belief that follow."""
-    facts, counts = Facts(), Facts()
-    state_verdict(engine, facts, after.outcome, after.verdicts[-1], after.votes)
-    home, kept = home_graph(engine, author), engine.kb.graphs.agent(tail(after.robot))
+    triples, counts = Triples(), Triples()
+    state_verdict(context, triples, after.outcome, after.verdicts[-1], after.votes)
+    home, kept = context.home_graph(author), context.kb.graphs.agent(tail(after.robot))
     was, now = label_of(before), label_of(after)
     withdrawn, recounted = [], []
     if was != now:
         recounted = count(
-            engine, counts, after.grasp, after.gripper_type, after.robot, kept,
+            context, counts, after.grasp, after.gripper_type, after.robot, kept,
             attempts=(now is not None) - (was is not None), successes=bool(now) - bool(was),
         )  # fmt: skip
-        totals = judged_counts(engine, after.grasp)
+        totals = judged_counts(context, after.grasp)
         # Without a reasoner the graph counts what robots decided.
-        seen = was if engine.kb.reasons else label_of(replace(before, verdicts=()))
+        seen = was if context.kb.reasons else label_of(replace(before, verdicts=()))
         for label, more in ((seen, -1), (now, 1)):
             if label is not None:
                 key = label, after.is_fast
                 totals[key] = max(totals.get(key, 0) + more, 0)
-        who = engine.agent_iri(author)
-        withdrawn = believe(engine, facts, after.grasp, totals, who, home)
+        who = context.agent_iri(author)
+        withdrawn = believe(context, triples, after.grasp, totals, who, home)
     rights = _Recounting(author.agent, author.role, counts=kept)
-    with engine.kb.transaction(access=rights, note="a person's verdict") as tx:
+    with context.kb.transaction(access=rights, note="a person's verdict") as tx:
         for subject, predicate, value in recounted:
             tx.remove(subject, predicate, value, kept)
         for subject, predicate, value in withdrawn:
             tx.remove(subject, predicate, value, home)
-        for subject, predicate, value in counts.triples:
+        for subject, predicate, value in counts:
             tx.add(subject, predicate, value, kept)
-        for subject, predicate, value in facts.triples:
+        for subject, predicate, value in triples:
             tx.add(subject, predicate, value, home)
-    return engine.commit_id(tx.commit)
+    return context.commit_id(tx.commit)
 
 
-def _answer(engine: Engine, judged: Judged, stored: int, commit: str) -> dict[str, Any]:
+def _answer(context: Context, judged: Judged, stored: int, commit: str) -> dict[str, Any]:
     label, (held, lost) = label_of(judged), judged.votes
-    known = stored_confidences(engine, [judged.grasp.value]).get(judged.grasp.value, Confidence())
+    known = stored_confidences(context, [judged.grasp.value]).get(judged.grasp.value, Confidence())
     return {
         "stored": stored,
         "commit": commit,
@@ -162,7 +161,7 @@ def _answer(engine: Engine, judged: Judged, stored: int, commit: str) -> dict[st
             for v in judged.verdicts
         ],
         "text": _sentence(judged),
-        "statistics": totalled(judged_counts(engine, judged.grasp)),
+        "statistics": totalled(judged_counts(context, judged.grasp)),
         "confidence": known.belief.mean if known.belief else None,
     }  # fmt: skip
 

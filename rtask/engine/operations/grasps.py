@@ -10,19 +10,17 @@ from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.confidence import Confidence, posterior, stored_confidences
 from rtask.engine.memory.question import Question
-from rtask.engine.memory.recall import Remembered, recall
+from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import lower_95, summary
-from rtask.engine.operations.messages import Field, nearest
-from rtask.engine.records.objects import frame_id_of
-from rtask.errors import UnknownTermError
-from rtask.rdf.namespaces import PREFIXES
-from rtask.rdf.terms import literal
+from rtask.engine.operations.messages import Field
+from rtask.engine.records.objects import frame_id_of, known_object
+from rtask.engine.remembered import Remembered
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["RECALL_GRASPS", "as_messages", "known_object", "recall_grasps", "recalled"]
+__all__ = ["RECALL_GRASPS", "as_messages", "recall_grasps", "recalled"]
 
 RECALL_GRASPS = (
     Field("object", "string", "IRI, objectId or name of the object", required=True),
@@ -33,24 +31,24 @@ RECALL_GRASPS = (
 )  # fmt: skip
 
 
-def recall_grasps(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def recall_grasps(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Return the grasps of an object in its own frame, the surest first."""
-    name = known_object(engine, request["object"])
-    memory = recall(engine.kb, Question(objects=(name,), in_space=request["in_space"]))
+    name = known_object(context, request["object"])
+    memory = recall(context.kb, Question(objects=(name,), in_space=request["in_space"]))
     known = memory.objects[name]
     grasps = memory.of(name)
     if request["gripper_id"]:
-        wanted = engine.grippers.find(request["gripper_id"], access.agent).gripper.gripper_type
+        wanted = context.grippers.find(request["gripper_id"], access.agent).gripper.gripper_type
         grasps = [g for g in grasps if g.gripper_type == wanted]
     return {
         "object": name,
         "class_iri": known.class_iri,
         "label": known.label,
-        "grasps": recalled(engine, grasps, request["max_grasps"]),
+        "grasps": recalled(context, grasps, request["max_grasps"]),
     }
 
 
-def recalled(engine: Engine, grasps: Iterable[Remembered], most: int) -> list[dict[str, Any]]:
+def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[dict[str, Any]]:
     """Return grasps in their object's frame as messages carry them, the surest first.
 
     Surest is the best lower bound on what happened, then the stored quality.
@@ -58,15 +56,15 @@ def recalled(engine: Engine, grasps: Iterable[Remembered], most: int) -> list[di
     order = sorted(
         grasps, key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality)
     )[:most]
-    return as_messages(engine, order)
+    return as_messages(context, order)
 
 
-def as_messages(engine: Engine, grasps: Sequence[Remembered]) -> list[dict[str, Any]]:
+def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[dict[str, Any]]:
     """Return grasps in their object's frame as messages carry them, in the given order."""
-    stored = stored_confidences(engine, [g.grasp for g in grasps])
+    stored = stored_confidences(context, [g.grasp for g in grasps])
     return [
         {
-            **_message(engine, g),
+            **_message(context, g),
             "id": g.grasp,
             "kind": "planar" if g.quaternion is None else "spatial",
             "gripper_type": g.gripper_type,
@@ -78,31 +76,31 @@ def as_messages(engine: Engine, grasps: Sequence[Remembered]) -> list[dict[str, 
             "opening": g.opening,
             "grasp_quality": g.quality,
             "statistics": summary(g.successes, g.attempts),
-            "confidence": _confidence(engine, g, stored.get(g.grasp, Confidence())),
+            "confidence": _confidence(context, g, stored.get(g.grasp, Confidence())),
         }
         for g in grasps
     ]
 
 
-def _message(engine: Engine, known: Remembered) -> dict[str, Any]:
+def _message(context: Context, known: Remembered) -> dict[str, Any]:
     """Return a grasp as moveit_msgs/Grasp in its object's frame, for its type of gripper."""
     kind, opening = known.gripper_type, known.opening
-    hands = [one.gripper for one in engine.grippers.all() if one.gripper.gripper_type == kind]
+    hands = [one.gripper for one in context.grippers.all() if one.gripper.gripper_type == kind]
     hand = hands[0] if hands else ParallelGripper(kind, kind, 0.0, max(opening, 1e-3))
     width = opening if known.width is None else known.width
     candidate = GraspCandidate(
         known.object_from_gripper, width, source="recalled", opening=opening,
         scores={"confidence": known.quality},
     )  # fmt: skip
-    return spatial_grasp_message(candidate, hand, frame_id_of(engine, known.object))
+    return spatial_grasp_message(candidate, hand, frame_id_of(context, known.object))
 
 
-def _confidence(engine: Engine, grasp: Remembered, stored: Confidence) -> dict[str, Any]:
+def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> dict[str, Any]:
     """Return prior and posterior of a grasp; before the first outcome the two are one.
 
     A belief that was stored under other rules is computed anew from the attempts.
     """
-    policy, note = engine.policy, ""
+    policy, note = context.policy, ""
     prior = grasp.prior if stored.prior is None else stored.prior
     belief = stored.belief
     if belief is None:
@@ -121,25 +119,3 @@ def _confidence(engine: Engine, grasp: Remembered, stored: Confidence) -> dict[s
         "policy": policy.version,
         "note": note,
     }
-
-
-def known_object(engine: Engine, name: str) -> str:
-    """Return the IRI of the object with this IRI, objectId or name.
-
-    Raises
-    ------
-    UnknownTermError
-        With the nearest name.
-    """
-    rows = engine.kb.select(f"""{PREFIXES}
-SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
-  OPTIONAL {{ ?object rt:name ?name }}
-  FILTER(STR(?object) = {literal(name)} || ?id = {literal(name)} || ?name = {literal(name)})
-}} ORDER BY ?object""")
-    if rows:
-        return str(rows[0].value("object"))
-    names = engine.kb.select(
-        f"{PREFIXES} SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }} ORDER BY ?n"
-    )
-    hint = nearest(name, [str(row.value("n")) for row in names])
-    raise UnknownTermError(f"unknown object {name!r}{hint}")

@@ -17,14 +17,12 @@ from rtask.engine.curation.naming import described_class, short_id_of
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.names import slug, tail
+from rtask.engine.observation import Observation
 from rtask.engine.operations.messages import Field
-from rtask.engine.perception.models import grow, old_models, state_model
-from rtask.engine.perception.observation import Observation
-from rtask.engine.records.facts import Facts
+from rtask.engine.perception.growth import grow, old_models, state_model
 from rtask.engine.records.objects import (
     NewObject,
     Sight,
-    guess_class,
     state_object,
     state_view,
 )
@@ -39,18 +37,18 @@ from rtask.engine.records.record import (
     Earlier,
     Entry,
     Withdrawn,
-    home_graph,
     record_try,
     resolve_grasp,
 )
 from rtask.engine.terms import find_function, folded
+from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
 __all__ = ["INSERT_OBJECT", "insert_object", "wrapped"]
@@ -69,30 +67,30 @@ def wrapped(args: dict[str, Any]) -> dict[str, Any]:
     return args if "objects" in args or not args else {"objects": [args]}
 
 
-def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def insert_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Store a list of objects as one commit; the first bad entry refuses all."""
     prepared = []
     for k, item in enumerate(request["objects"]):
         where = f"objects[{k}]."
         try:
-            prepared.append(prepare(engine, item, where, access))
+            prepared.append(prepare(context, item, where, access))
         except UnknownTermError as error:
             raise UnknownTermError(f"{where.rstrip('.')}: {error}", **error.details) from error
     grippers = [one.gripper for one in prepared if one.gripper is not None]
     fallback = grippers[0].robot_name if grippers else None
-    with engine.writing:
-        author = engine.author(access, fallback)
-        writer = _Writer(engine, author)
+    with context.writing:
+        author = context.author(access, fallback)
+        writer = _Writer(context, author)
         entries = [writer.write(one) for one in prepared]
-        with engine.kb.transaction(access=author, note="insert objects") as tx:
+        with context.kb.transaction(access=author, note="insert objects") as tx:
             for subject, predicate, value in writer.withdrawn:
                 tx.remove(subject, predicate, value)
-            writer.facts.write(tx)
-        commit = engine.commit_id(tx.commit) if tx.commit.added else ""
+            writer.triples.write(tx)
+        commit = context.commit_id(tx.commit) if tx.commit.added else ""
         for view, thing, class_iri, seen in writer.views:
-            engine.learn(view, thing, class_iri, seen.features)
+            context.views.learn(view, thing, class_iri, seen.features)
         for blob, model in writer.models:
-            engine.models.keep(blob, model)
+            context.models.keep(blob, model)
     for entry in entries:
         entry["commit"] = commit
     return {"stored": writer.stored, "commit": commit, "objects": entries}
@@ -101,12 +99,12 @@ def insert_object(engine: Engine, request: dict[str, Any], access: Access) -> di
 class _Writer:
     """Turns prepared entries into statements; the caller holds the engine's write lock."""
 
-    def __init__(self, engine: Engine, author: Access) -> None:
-        self.engine = engine
+    def __init__(self, context: Context, author: Access) -> None:
+        self.context = context
         self.author = author
-        self.graph = home_graph(engine, author)
-        self.agent = engine.agent_iri(author)
-        self.facts = Facts()
+        self.graph = context.home_graph(author)
+        self.agent = context.agent_iri(author)
+        self.triples = Triples()
         self.withdrawn: Withdrawn = []
         self.views: list[tuple[NamedNode, NamedNode, str, Observation]] = []
         self.models: list[tuple[str, ObjectModel]] = []
@@ -122,10 +120,10 @@ class _Writer:
         if task_id in self._told:
             return {**self._told[task_id], "new": False}
         # Again under the lock: the same request may have come in twice at once.
-        before = stored_before(self.engine, task_id, self.author, one.gripper)
+        before = stored_before(self.context, task_id, self.author, one.gripper)
         if before is not None:
             return self._answer_again(before)
-        answer = self._write_new(one, task_id or self.engine.names.unique("task").value)
+        answer = self._write_new(one, task_id or self.context.names.unique("task").value)
         self.stored += 1
         if task_id:
             self._told[task_id] = answer
@@ -134,26 +132,26 @@ class _Writer:
     def _answer_again(self, before: Earlier) -> dict[str, Any]:
         """Return what a repeated request is told: what the first one stored."""
         question = Question(objects=(before.thing,))
-        known = recall(self.engine.kb, question).objects.get(before.thing)
+        known = recall(self.context.kb, question).objects.get(before.thing)
         return _entry(
             before.thing, known.class_iri if known else "", known.short_id if known else "",
             known.label if known else "", before.grasp, before.view, False, 0,
         )  # fmt: skip
 
     def _write_new(self, one: Prepared, task_id: str) -> dict[str, Any]:
-        engine, is_new = self.engine, one.known is None
+        context, is_new = self.context, one.known is None
         if one.known is None:
             thing, class_iri, short_id, label = self._new_object(one)
         else:
             thing, class_iri = iri(one.known.iri), one.known.class_iri
             short_id, label = one.known.short_id, one.known.label
-        event, view = engine.names.unique("observation"), one.view
+        event, view = context.names.unique("observation"), one.view
         now = dt.datetime.now(dt.UTC)
         stamp_s = one.seen.stamp_s
         time = now if stamp_s is None else dt.datetime.fromtimestamp(stamp_s, dt.UTC)
         camera = one.gripper.camera if one.gripper else None
         state_view(
-            engine, self.facts, thing,
+            context, self.triples, thing,
             Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time,
                   self._grown(one, thing)),
         )  # fmt: skip
@@ -167,23 +165,23 @@ class _Writer:
 
     def _grown(self, one: Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
         """State the model with this view in it; return how the camera stood, as the model says."""
-        growth, engine = one.growth, self.engine
+        growth, context = one.growth, self.context
         if growth is None:
             return None
-        now = engine.models.of(thing)
+        now = context.models.of(thing)
         if thing in self._grown_things or growth.before != ("" if now is None else now[0].blob):
             # Another view came in between: what grew from the model before would lose it.
             if thing in self._grown_things:
                 return None
             growth = grow(
-                engine.models, thing, one.seen, growth.registration.object_from_camera, one.view,
+                context.models, thing, one.seen, growth.registration.object_from_camera, one.view,
                 one.placement is not None and one.placement.is_round,
             )  # fmt: skip
             if growth is None:
                 return None
         self._grown_things.add(thing)
-        self.withdrawn += [old[:3] for old in old_models(engine.kb, thing, self.graph)]
-        _, blob = state_model(engine, self.facts, thing, growth.model)
+        self.withdrawn += [old[:3] for old in old_models(context.kb, thing, self.graph)]
+        _, blob = state_model(context, self.triples, thing, growth.model)
         self.models.append((blob, growth.model))
         known = one.known is not None and one.known.is_round
         return None if known else growth.registration.object_from_camera
@@ -194,10 +192,10 @@ class _Writer:
         if one.grasp is None or one.outcome is None:
             return None
         if one.gripper is None:
-            return resolve_grasp(self.engine, self.facts, thing, _UNKNOWN_GRIPPER, one.grasp)
-        decision = self.engine.decisions.get(one.item["task_id"])
+            return resolve_grasp(self.context, self.triples, thing, _UNKNOWN_GRIPPER, one.grasp)
+        decision = self.context.decisions.get(one.item["task_id"])
         grasp, withdrawn = record_try(
-            self.engine, self.facts,
+            self.context, self.triples,
             Entry(thing, one.gripper, one.grasp, one.outcome, one.item["task"], task_id, now,
                   self.graph, decision, event),
         )  # fmt: skip
@@ -206,32 +204,32 @@ class _Writer:
 
     def _new_object(self, one: Prepared) -> tuple[NamedNode, str, str, str]:
         """State a new object; return it with class, short id and label."""
-        engine = self.engine
-        thing = engine.names.counted("object")
-        guess = guess_class(one.seen)
+        context = self.context
+        thing = context.names.counted("object")
+        guess = one.seen.guess
         confidence: float | None = None
         class_iri: NamedNode | None = None
         if one.item["class_description"]:
-            class_iri = described_class(engine, self.facts, one.item["class_description"])
+            class_iri = described_class(context, self.triples, one.item["class_description"])
         elif guess is not None:
             class_iri, confidence = guess
-        kind = engine.classes.get((class_iri or RT.ManipulableObject).value)
+        kind = context.classes.get((class_iri or RT.ManipulableObject).value)
         label = folded(one.item["class_description"] or kind.label)
         name = one.item["name"] or f"{label} {tail(thing)}"
         function = one.item["function"]
         state_object(
-            engine, self.facts,
+            context, self.triples,
             NewObject(
                 iri=thing,
                 object_id=f"{slug(self.author.agent or 'shared')}/{tail(thing)}",
                 name=name,
                 class_iri=class_iri,
                 class_confidence=confidence,
-                function=find_function(engine.kb, function) if function else None,
+                function=find_function(context.kb, function) if function else None,
             ),
             one.seen,
         )  # fmt: skip
-        short_id = short_id_of(engine, self.facts, class_iri or RT.ManipulableObject)
+        short_id = short_id_of(context, self.triples, class_iri or RT.ManipulableObject)
         return thing, (class_iri or RT.ManipulableObject).value, short_id, name
 
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.statistics import over_all_robots, totalled
 from rtask.engine.operations.messages import Field, read
-from rtask.engine.records.facts import Facts
 from rtask.engine.records.received import OUTCOME, Outcome, received
-from rtask.engine.records.record import Entry, earlier, home_graph, record
+from rtask.engine.records.record import Entry, earlier, record
+from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
 __all__ = ["REPORT_OUTCOME", "report_outcome"]
@@ -41,47 +41,47 @@ REPORT_OUTCOME = (
 )
 
 
-def report_outcome(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def report_outcome(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
-    gripper = engine.grippers.find(request["gripper_id"], access.agent)
-    outcome = Outcome.of(_fields(request), engine.reasons, "outcome")
+    gripper = context.grippers.find(request["gripper_id"], access.agent)
+    outcome = Outcome.of(_fields(request), context.reasons, "outcome")
     task_id = request["task_id"]
-    decision = engine.decisions.get(task_id)
+    decision = context.decisions.get(task_id)
     grasp = received(_grasp(request), "grasp").completed(decision)
-    thing = _object(engine, request["object"] or (decision.object if decision else ""))
-    with engine.writing:
-        author = engine.author(access, gripper.robot_name)
+    thing = _object(context, request["object"] or (decision.object if decision else ""))
+    with context.writing:
+        author = context.author(access, gripper.robot_name)
         before = None
         if task_id:
-            before = earlier(engine, task_id, [engine.agent_iri(author), gripper.robot])
+            before = earlier(context, task_id, [context.agent_iri(author), gripper.robot])
         if before is not None and before.has_attempt:
-            statistics = over_all_robots(engine, iri(before.grasp))
+            statistics = over_all_robots(context, iri(before.grasp))
             return {"stored": 0, "commit": "", "statistics": statistics, "grasp": before.grasp}
-        facts = Facts()
+        triples = Triples()
         recorded = record(
-            engine,
-            facts,
+            context,
+            triples,
             Entry(
                 thing=thing,
                 gripper=gripper,
                 received=grasp,
                 outcome=outcome,
                 task=request["task"],
-                task_id=task_id or engine.names.unique("task").value,
+                task_id=task_id or context.names.unique("task").value,
                 ended=_ended(request["stamp"]),
-                graph=home_graph(engine, author),
+                graph=context.home_graph(author),
                 decision=decision,
             ),
         )
-        with engine.kb.transaction(access=author, note="report outcome") as tx:
+        with context.kb.transaction(access=author, note="report outcome") as tx:
             for subject, predicate, value in recorded.withdrawn:
                 tx.remove(subject, predicate, value)
-            facts.write(tx)
+            triples.write(tx)
     node, counts = recorded.grasp, recorded.counts
     return {
         "stored": 1,
-        "commit": engine.commit_id(tx.commit),
-        "statistics": over_all_robots(engine, node) if counts is None else totalled(counts),
+        "commit": context.commit_id(tx.commit),
+        "statistics": over_all_robots(context, node) if counts is None else totalled(counts),
         "grasp": node.value,
     }
 
@@ -101,14 +101,14 @@ def _grasp(request: dict[str, Any]) -> Any:
     return {"grasp_pose": request["grasp_pose"]}
 
 
-def _object(engine: Engine, name: str) -> NamedNode:
+def _object(context: Context, name: str) -> NamedNode:
     if not name:
         raise UsageError(
             "object is missing: an object that the graph does not know yet is told with "
             "insert_object", field="object",
         )  # fmt: skip
     thing = iri(name)
-    if not engine.kb.match(thing, RT.objectId):
+    if not context.kb.match(thing, RT.objectId):
         raise UnknownTermError(f"object: the graph knows no object {name}")
     return thing
 

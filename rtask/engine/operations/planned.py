@@ -16,10 +16,10 @@ from rtask.engine.operations.grasps import as_messages
 from rtask.engine.operations.messages import Field
 from rtask.engine.perception.placement import MOST_TILT
 from rtask.engine.records.attempts import find_grasp, state_grasp
-from rtask.engine.records.facts import Facts
 from rtask.engine.records.objects import state_frame
 from rtask.engine.records.received import Received, in_object
 from rtask.engine.records.shapes import ObjectShape, object_shape
+from rtask.engine.triples import Triples
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RT
@@ -28,7 +28,7 @@ from rtask.rdf.terms import NamedNode, iri, object_term, python_value
 if TYPE_CHECKING:
     from grasp.spatial.candidate import GraspCandidate
     from grasp.spatial.scoring.confidence import PoseNoise
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
 __all__ = [
     "PLAN_IN_SPACE",
@@ -117,7 +117,7 @@ class PlannedSpatialGrasp:
     orientation_sigma: float
 
 
-def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def plan_in_space(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Plan grasps in space on the best stored shape of an object, store them and return them.
 
     Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
@@ -125,15 +125,15 @@ def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> di
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.scoring.confidence import PoseNoise
 
-    hand = engine.grippers.find(request["gripper_id"], access.agent).gripper.modelled()
+    hand = context.grippers.find(request["gripper_id"], access.agent).gripper.modelled()
     if request["friction"] is not None:
         hand = replace(hand, friction=request["friction"])
-    shape = object_shape(engine, request["object"])
+    shape = object_shape(context, request["object"])
     noise = PoseNoise(request["position_std"], request["rotation_std"])
     found = shape.plan(
         hand,
         SpatialOptions(
-            noise=noise, samples=request["samples"], mass=request["mass"] or _mass(engine, shape),
+            noise=noise, samples=request["samples"], mass=request["mass"] or _mass(context, shape),
             tries=_TRIES, seed=request["seed"],
         ),
     )  # fmt: skip
@@ -146,9 +146,9 @@ def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> di
     if sure:
         planned = as_planned(sure[: request["max_grasps"]], noise, request["samples"])
         stored = store_planned_in_space(
-            engine, shape.thing, planned, hand.gripper_type, access, shape.sources
+            context, shape.thing, planned, hand.gripper_type, access, shape.sources
         )
-    memory = recall(engine.kb, Question(objects=(shape.thing,), in_space=True))
+    memory = recall(context.kb, Question(objects=(shape.thing,), in_space=True))
     known = {one.grasp: one for one in memory.of(shape.thing)}
     return {
         "object": shape.thing,
@@ -156,12 +156,12 @@ def plan_in_space(engine: Engine, request: dict[str, Any], access: Access) -> di
         "reason": reason,
         "commit": stored["commit"],
         "tried": dict(found.counts),
-        "grasps": as_messages(engine, [known[name] for name in dict.fromkeys(stored["grasps"])]),
+        "grasps": as_messages(context, [known[name] for name in dict.fromkeys(stored["grasps"])]),
     }
 
 
-def _mass(engine: Engine, shape: ObjectShape) -> float | None:
-    for quad in engine.kb.match(iri(shape.thing), RT.mass):
+def _mass(context: Context, shape: ObjectShape) -> float | None:
+    for quad in context.kb.match(iri(shape.thing), RT.mass):
         mass = float(str(python_value(object_term(quad.object))))
         return mass if mass > 0 else None
     return None
@@ -182,7 +182,7 @@ def as_planned(
 
 
 def store_planned(
-    engine: Engine,
+    context: Context,
     thing: str,
     grasps: Sequence[PlannedGrasp],
     gripper_type: str,
@@ -211,11 +211,11 @@ def store_planned(
             RT.vertexSigma: planned.vertex_sigma,
         }
 
-    return _store(engine, thing, grasps, gripper_type, as_received, evaluation, access)
+    return _store(context, thing, grasps, gripper_type, as_received, evaluation, access)
 
 
 def store_planned_in_space(
-    engine: Engine,
+    context: Context,
     thing: str,
     grasps: Sequence[PlannedSpatialGrasp],
     gripper_type: str,
@@ -259,12 +259,12 @@ def store_planned_in_space(
         }
 
     return _store(
-        engine, thing, grasps, gripper_type, as_received, evaluation, access, derived_from
+        context, thing, grasps, gripper_type, as_received, evaluation, access, derived_from
     )
 
 
 def _store(
-    engine: Engine,
+    context: Context,
     thing: str,
     grasps: Sequence[Planned],
     gripper_type: str,
@@ -281,26 +281,26 @@ def _store(
         raise UsageError("there are no grasps to store")
     target = iri(thing)
     named: list[NamedNode] = []
-    with engine.writing:
-        facts = Facts()
+    with context.writing:
+        triples = Triples()
         for planned in grasps:
             received = as_received(planned)
-            node = find_grasp(engine, target, gripper_type, received)
+            node = find_grasp(context, target, gripper_type, received)
             if node is None:
-                node = state_grasp(engine, facts, target, gripper_type, received)
+                node = state_grasp(context, triples, target, gripper_type, received)
             named.append(node)
-            if engine.kb.match(node, RT.hasEvaluation):
+            if context.kb.match(node, RT.hasEvaluation):
                 continue
             judged = iri(node.value + "/evaluation")
-            facts.add(node, RT.hasEvaluation, judged)
-            facts.node(judged, [RT.GraspEvaluation], evaluation(planned))
+            triples.add(node, RT.hasEvaluation, judged)
+            triples.node(judged, [RT.GraspEvaluation], evaluation(planned))
             for source in derived_from:
-                facts.add(judged, PROV.wasDerivedFrom, iri(source))
+                triples.add(judged, PROV.wasDerivedFrom, iri(source))
         commit = ""
-        if facts.triples:
-            state_frame(engine, facts, target)
-            author = engine.author(access or Access(), _PLANNER)
-            with engine.kb.transaction(access=author, note="planned grasps") as tx:
-                facts.write(tx)
-            commit = engine.commit_id(tx.commit)
+        if len(triples):
+            state_frame(context, triples, target)
+            author = context.author(access or Access(), _PLANNER)
+            with context.kb.transaction(access=author, note="planned grasps") as tx:
+                triples.write(tx)
+            commit = context.commit_id(tx.commit)
     return {"object": thing, "grasps": [node.value for node in named], "commit": commit}

@@ -17,32 +17,31 @@ from numpy.typing import NDArray
 from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.frames import closing_turn, tilt
-from rtask.engine.memory.choice import Option, Scene, choose, options
-from rtask.engine.memory.question import Question
-from rtask.engine.memory.recall import KnownObject, Memory, recall
+from rtask.engine.decisions import Decision, Option
+from rtask.engine.grippers import KnownGripper
+from rtask.engine.memory.choice import Scene, choose, options
+from rtask.engine.memory.question import question_for
+from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import summary
-from rtask.engine.memory.tasks import Decision
-from rtask.engine.memory.thresholds import DECISION, Thresholds, asked, decide, grasps_above
+from rtask.engine.memory.thresholds import Assessment, Thresholds, asked, decide, grasps_above
+from rtask.engine.observation import Observation
 from rtask.engine.operations.messages import Field
-from rtask.engine.operations.robots import KnownGripper
 from rtask.engine.operations.search import match_message, similar_objects
 from rtask.engine.perception.identity import recognise, settle
-from rtask.engine.perception.observation import Observation
-from rtask.engine.perception.placement import MOST_TILT, Placement, footprint_of, place, posed
-from rtask.engine.perception.poses import ObjectPose, find_pose, pose_fields
-from rtask.engine.policy import Policy
-from rtask.engine.records.objects import guess_class
+from rtask.engine.perception.observation import observe_once
+from rtask.engine.perception.placement import MOST_TILT, Placement, footprint_of
+from rtask.engine.perception.poses import ObjectPose, locate, pose_fields
+from rtask.engine.records.prepared import SIGHT
+from rtask.engine.remembered import KnownObject, Memory
 from rtask.engine.terms import find_task
 from rtask.errors import UnknownTermError
-from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
-    from features.recognition.recogniser import Match, Recognition
-    from rtask.engine.engine import Engine
+    from features.recognition.recogniser import Recognition
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["RECOGNISE_FOR_GRASP", "SIGHT", "Clock", "locate", "question_for", "recognise_for_grasp"]
+__all__ = ["RECOGNISE_FOR_GRASP", "Clock", "recognise_for_grasp"]
 
 _MOST_CANDIDATES = 50
 _MOST_MATCHES = 10
@@ -50,16 +49,16 @@ _STEPS = (
     "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s", "choice_s",
 )  # fmt: skip
 
-SIGHT = (
-    Field("data", "bytes", "base64 of one object's compressed cloud", required=True,
-          aliases=("new_point_cloud",)),
-    Field("image", "bytes", "base64 PNG or JPEG of the object"),
-    Field("sensor_pose", "pose", "pose of the camera in frame_id; default: identity"),
-    Field("frame_id", "string", "frame of the robot with z up, e.g. base_footprint"),
-    Field("support_height", "number", "height of the table in frame_id, m; default: lowest point"),
-    Field("stamp", "time", "when the cloud was taken"),
+_DECISION = (
+    Field("decide", "boolean", "answer with a grasp or with the confidence that was too low",
+          default=False),
+    Field("min_identity", "number", "c_I, that it is this object; asks to decide",
+          low=0.0, high=1.0),
+    Field("min_pose", "number", "c_T, that it is where it seems; asks to decide",
+          low=0.0, high=1.0),
+    Field("min_grasp", "number", "c_G, that the grasp will hold; asks to decide",
+          low=0.0, high=1.0),
 )  # fmt: skip
-"""Fields of one look at one object."""
 
 RECOGNISE_FOR_GRASP = (
     Field("task", "string", "what it is for: pick, place, push", default="pick"),
@@ -78,7 +77,7 @@ RECOGNISE_FOR_GRASP = (
     Field("exclude", "strings", "ids of grasps not to offer again", default=[], high=1000),
     Field("seed", "integer", "of the choice", default=0, low=0),
     Field("neighbours", "points", "points of what stands around, m, frame_id"),
-    *DECISION,
+    *_DECISION,
 )
 
 
@@ -120,36 +119,38 @@ class Situation:
     chosen: Sequence[Option] = ()
 
 
-def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def recognise_for_grasp(
+    context: Context, request: dict[str, Any], access: Access
+) -> dict[str, Any]:
     """Answer with the object, its grasps in the learner's order, and why."""
     clock = Clock(*_STEPS)
     find_task(request["task"])
-    gripper = engine.grippers.find(request["gripper_id"], access.agent)
-    thresholds = asked(engine.policy, request)
-    seen = engine.observations.observe(request)
+    gripper = context.grippers.find(request["gripper_id"], access.agent)
+    thresholds = asked(context.policy, request)
+    seen = observe_once(context, request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
     least = request["min_confidence"] if thresholds is None else thresholds.identity
-    recognition = recognise(engine.recogniser, seen, engine.policy, _MOST_MATCHES, least)
+    recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES, least)
     clock.lap("matching_s")
-    question = question_for(engine, seen, recognition, request["object"], gripper)
+    question = question_for(context.policy, seen, recognition, request["object"], gripper)
     question = replace(question, in_space=request["in_space"])
-    memory = recall(engine.kb, question)
-    recognition = settle(recognition, memory, seen, engine.policy)
+    memory = recall(context.kb, question)
+    recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")
     known = _known(request["object"], recognition, memory)
-    placement, pose = locate(engine, seen, recognition, known, memory)
+    placement, pose = locate(context.models, seen, recognition, known, memory)
     clock.lap("pose_s")
     situation = Situation(seen, recognition, memory, known, placement, gripper, pose)
-    chosen = _choose(engine, situation, request, clock)
+    chosen = _choose(context, situation, request, clock)
     situation = replace(situation, chosen=chosen)
     situation, decision = _decided(situation, thresholds)
     known = situation.known
-    task = engine.names.unique("task").value
-    answer = {**_answer(engine, situation, request["max_grasps"], task), "decision": decision}
+    task = context.names.unique("task").value
+    answer = {**_answer(context, situation, request["max_grasps"], task), "decision": decision}
     clock.times["total_s"] = clock.total()
     answer["times"] = {name: round(seconds, 6) for name, seconds in clock.times.items()}
-    engine.decisions.put(
+    context.decisions.put(
         task,
         Decision(
             known.iri if known else "",
@@ -162,49 +163,6 @@ def recognise_for_grasp(engine: Engine, request: dict[str, Any], access: Access)
     return answer
 
 
-def question_for(
-    engine: Engine,
-    seen: Observation,
-    recognition: Recognition,
-    tracked: str | None,
-    gripper: KnownGripper | None,
-    only: tuple[str, ...] = (),
-) -> Question:
-    """Return what to ask the graph about a look: the matches, the kind, the robot's own tries."""
-    objects = {match.object_iri for match in recognition.matches}
-    kinds: set[str] = set()
-    if recognition.accepted and not tracked:
-        kinds.add(recognition.matches[0].class_iri)
-    guess = guess_class(seen)
-    if guess is not None:
-        kinds.add(guess[0].value)
-    kinds -= {RT.ManipulableObject.value, ""}
-    shape, policy = seen.shape, engine.policy
-    return Question(
-        objects=tuple(sorted(objects | ({iri(tracked).value} if tracked else set()))),
-        classes=tuple(sorted(kinds)) if gripper is not None else (),
-        size=None if shape is None
-        else (float(shape.length), float(shape.width), float(shape.height)),
-        size_tolerance=policy.size_tolerance,
-        tracked=tracked,
-        robot=None if gripper is None else gripper.robot.value,
-        views=tuple(sorted({m.view_iri for m in recognition.matches if m.view_iri})),
-        only=only,
-        doubtful=_doubtful(recognition, tracked, policy),
-    )  # fmt: skip
-
-
-def _doubtful(recognition: Recognition, tracked: str | None, policy: Policy) -> tuple[str, ...]:
-    """Return the matches that say less as the object itself than as another of its kind.
-
-    Both together never count more than an outcome of the object itself.
-    """
-    most = 1 - policy.same_class
-    others = recognition.matches[1:] if recognition.accepted else recognition.matches
-    names = (m.object_iri for m in others if m.confidence < most)
-    return tuple(sorted(name for name in names if name != tracked))
-
-
 def _known(tracked: str | None, recognition: Recognition, memory: Memory) -> KnownObject | None:
     """Return the object in question: the one the robot followed, else the one recognised."""
     if tracked:
@@ -215,31 +173,8 @@ def _known(tracked: str | None, recognition: Recognition, memory: Memory) -> Kno
     return memory.objects.get(recognition.matches[0].object_iri) if recognition.accepted else None
 
 
-def locate(
-    engine: Engine,
-    seen: Observation,
-    recognition: Recognition,
-    known: KnownObject | None,
-    memory: Memory,
-) -> tuple[Placement | None, ObjectPose | None]:
-    """Return where the object stands, and its pose where something stored can tell.
-
-    The frame comes from an accepted pose; else from a matching view; else from the measured sides.
-    """
-    if known is None:
-        return place(seen), None
-    match: Match | None = next((m for m in recognition.matches if m.object_iri == known.iri), None)
-    query_from_view, viewpoint = None, None
-    if match is not None and match.query_from_view is not None:
-        query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
-        viewpoint = memory.viewpoints.get(match.view_iri)
-    placement = place(seen, known.is_round, query_from_view, viewpoint)
-    pose = find_pose(engine.models, seen, known, match, memory, placement)
-    return posed(placement, pose), pose
-
-
 def _choose(
-    engine: Engine, situation: Situation, request: dict[str, Any], clock: Clock
+    context: Context, situation: Situation, request: dict[str, Any], clock: Clock
 ) -> list[Option]:
     seen, placement = situation.observation, situation.placement
     if placement is None or seen.shape is None:
@@ -248,7 +183,7 @@ def _choose(
     if neighbours is not None and len(neighbours):
         neighbours = neighbours - np.array([0.0, 0.0, seen.shape.support_height])
     scene = Scene(
-        footprint_of(seen.shape, placement), placement, situation.gripper.gripper,
+        footprint_of(seen.shape, placement), placement.frame_from_object, situation.gripper.gripper,
         neighbours, request["seed"], _pose_in_space(placement, situation.pose),
     )  # fmt: skip
     object_iri = situation.known.iri if situation.known else None
@@ -259,7 +194,7 @@ def _choose(
     confidence = {m.object_iri: float(m.confidence) for m in situation.recognition.matches}
     if request["object"]:
         confidence[request["object"]] = 1.0
-    chosen = choose(found, scene, situation.memory, confidence, engine.policy)
+    chosen = choose(found, scene, situation.memory, confidence, context.policy)
     clock.lap("choice_s")
     return chosen
 
@@ -281,11 +216,21 @@ def _decided(
     """Return what is left of a situation by the thresholds, and the decision, if one was asked."""
     if thresholds is None:
         return situation, None
-    decision = decide(thresholds, situation, _identity(situation))
+    decision = decide(thresholds, _assessment(situation), _identity(situation))
     chosen = grasps_above(situation.chosen, thresholds.grasp)
     if decision["too_low"] == "identity":
         return replace(situation, known=None, chosen=()), decision
     return replace(situation, chosen=() if decision["too_low"] else chosen), decision
+
+
+def _assessment(situation: Situation) -> Assessment:
+    return Assessment(
+        situation.recognition,
+        situation.memory,
+        situation.known,
+        None if situation.pose is None else situation.pose.estimate,
+        situation.chosen,
+    )
 
 
 def _identity(situation: Situation) -> float:
@@ -299,7 +244,7 @@ def _identity(situation: Situation) -> float:
     return float(found[0].confidence)
 
 
-def _answer(engine: Engine, situation: Situation, max_grasps: int, task: str) -> dict[str, Any]:
+def _answer(context: Context, situation: Situation, max_grasps: int, task: str) -> dict[str, Any]:
     seen, known = situation.observation, situation.known
     grasps = [_grasp(option, situation) for option in situation.chosen[:max_grasps]]
     first = situation.chosen[0] if situation.chosen else None

@@ -13,22 +13,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.capability import Bounds, Verdict, can_hold
 from rtask.engine.memory.confidence import posterior
 from rtask.engine.memory.meaning import Meaning, Sense, meaning
-from rtask.engine.memory.proof import proof_lines
 from rtask.engine.memory.question import Question
-from rtask.engine.memory.recall import KnownObject, Memory, Remembered, recall
+from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import recalled
 from rtask.engine.operations.messages import Field
-from rtask.engine.operations.robots import KnownGripper
+from rtask.engine.remembered import KnownObject, Memory, Remembered
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
-from rtask.rdf.terms import iri
+from rtask.rdf.terms import NamedNode, Value, iri
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
+    from rtask.knowledge_base import KnowledgeBase
     from rtask.sparql.results import Row
 
 __all__ = ["RESOLVE_REQUEST", "resolve_request"]
@@ -94,16 +95,16 @@ class Found:
         }
 
 
-def resolve_request(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def resolve_request(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Answer with one object that is seen and can be held, and its grasps, or say why not."""
-    gripper = engine.grippers.find(request["gripper_id"], access.agent)
-    meant = meaning(engine, request["wanted"])
+    gripper = context.grippers.find(request["gripper_id"], access.agent)
+    meant = meaning(context, request["wanted"])
     found: list[Found] = []
     memory = Memory()
     if meant.senses:
-        found = _found(engine, meant, gripper, request)
-        memory = recall(engine.kb, Question(objects=tuple(sorted(one.iri for one in found))))
-        found = sorted((_known(one, memory, gripper, engine) for one in found), key=_order)
+        found = _found(context, meant, gripper, request)
+        memory = recall(context.kb, Question(objects=tuple(sorted(one.iri for one in found))))
+        found = sorted((_known(one, memory, gripper, context) for one in found), key=_order)
     excluded = set(request["exclude"])
     offered = [
         one for one in found
@@ -111,13 +112,13 @@ def resolve_request(engine: Engine, request: dict[str, Any], access: Access) -> 
     ]  # fmt: skip
     best = offered[0] if offered else None
     known = memory.objects.get(best.iri, KnownObject(best.iri)) if best else KnownObject("")
-    reasons = _reasons(engine, request["wanted"], meant, found, excluded)
+    reasons = _reasons(context, request["wanted"], meant, found, excluded)
     return {
         "task_response": "object" if best else "unmet",
         "object": best.iri if best else "",
         "class_iri": known.class_iri,
         "label": known.label,
-        "grasps": _grasps(engine, memory, best, gripper, request["max_grasps"]),
+        "grasps": _grasps(context, memory, best, gripper, request["max_grasps"]),
         "objects": [one.message() for one in offered],
         "reasons": reasons,
         "understood": {
@@ -126,8 +127,8 @@ def resolve_request(engine: Engine, request: dict[str, Any], access: Access) -> 
             "ignored": list(meant.ignored),
         },
         "explanation": {
-            "text": _sentence(engine, meant, best, reasons),
-            "proof": _proof(engine, meant, best, gripper) if best and request["prove"] else [],
+            "text": _sentence(context, meant, best, reasons),
+            "proof": _proof(context, meant, best, gripper) if best and request["prove"] else [],
         },
         "suggestions": list(meant.suggestions),
     }
@@ -137,7 +138,7 @@ def resolve_request(engine: Engine, request: dict[str, Any], access: Access) -> 
 
 
 def _found(
-    engine: Engine, meant: Meaning, gripper: KnownGripper, request: dict[str, Any]
+    context: Context, meant: Meaning, gripper: KnownGripper, request: dict[str, Any]
 ) -> list[Found]:
     """Return the objects that fit the words, the seen ones first; one query."""
     given = request["objects"]
@@ -145,7 +146,7 @@ def _found(
     fresh = now - dt.timedelta(seconds=request["seen_within_s"])
     known: set[str] = set()
     found = []
-    for row in engine.kb.select(_query(meant.senses, gripper, given)):
+    for row in context.kb.select(_query(meant.senses, gripper, given)):
         name = str(row.value("object"))
         known.add(name)
         if not row.value("fits"):
@@ -224,11 +225,11 @@ def _place(row: Row) -> dict[str, Any] | None:
 # Which one
 
 
-def _known(one: Found, memory: Memory, gripper: KnownGripper, engine: Engine) -> Found:
+def _known(one: Found, memory: Memory, gripper: KnownGripper, context: Context) -> Found:
     """Return an object with its name, kind and the chance of its surest grasp."""
     known = memory.objects.get(one.iri, KnownObject(one.iri))
     chances = [
-        _chance(engine, g) for g in memory.of(one.iri)
+        _chance(context, g) for g in memory.of(one.iri)
         if g.gripper_type == gripper.gripper.gripper_type
     ]  # fmt: skip
     return Found(
@@ -238,9 +239,9 @@ def _known(one: Found, memory: Memory, gripper: KnownGripper, engine: Engine) ->
     )  # fmt: skip
 
 
-def _chance(engine: Engine, grasp: Remembered) -> float:
-    counts = [(t.held, t.count * engine.policy.weight_of(t.is_fast)) for t in grasp.tallies]
-    return round(posterior(engine.policy, grasp.prior, counts).mean, 6)
+def _chance(context: Context, grasp: Remembered) -> float:
+    counts = [(t.held, t.count * context.policy.weight_of(t.is_fast)) for t in grasp.tallies]
+    return round(posterior(context.policy, grasp.prior, counts).mean, 6)
 
 
 def _order(one: Found) -> tuple[bool, bool, float, str]:
@@ -250,20 +251,20 @@ def _order(one: Found) -> tuple[bool, bool, float, str]:
 
 
 def _grasps(
-    engine: Engine, memory: Memory, best: Found | None, gripper: KnownGripper, most: int
+    context: Context, memory: Memory, best: Found | None, gripper: KnownGripper, most: int
 ) -> list[dict[str, Any]]:
     if best is None:
         return []
     kind = gripper.gripper.gripper_type
     mine = [g for g in memory.of(best.iri) if g.gripper_type == kind]
-    return recalled(engine, mine, most)
+    return recalled(context, mine, most)
 
 
 # What is said
 
 
 def _reasons(
-    engine: Engine, wanted: str, meant: Meaning, found: list[Found], excluded: set[str]
+    context: Context, wanted: str, meant: Meaning, found: list[Found], excluded: set[str]
 ) -> list[dict[str, Any]]:
     """Return why what was asked for is not there, or why another object was not taken."""
     if not meant.senses:
@@ -272,7 +273,7 @@ def _reasons(
     reasons = []
     seen = [one for one in found if one.is_seen]
     if not seen:
-        text = f"{_asked(engine, meant)}: nothing of that is seen"
+        text = f"{_asked(context, meant)}: nothing of that is seen"
         reasons.append(_reason("not_seen", text))
     for one in seen:
         if one.iri in excluded:
@@ -283,7 +284,7 @@ def _reasons(
     latest = sorted(unseen, key=lambda one: one.seen, reverse=True)[:_MOST_ELSEWHERE]
     reasons += [_reason("elsewhere", f"{one.label} {_last_seen(one)}", one) for one in latest]
     if not found:
-        reasons.append(_reason("none_known", f"{_asked(engine, meant)}: the graph knows none"))
+        reasons.append(_reason("none_known", f"{_asked(context, meant)}: the graph knows none"))
     return reasons
 
 
@@ -312,15 +313,15 @@ def _reason(code: str, text: str, one: Found | None = None) -> dict[str, Any]:
     }
 
 
-def _asked(engine: Engine, meant: Meaning) -> str:
+def _asked(context: Context, meant: Meaning) -> str:
     """Return the request in the graph's words: ``a cup to drink from``."""
     kinds = [
-        " or ".join(f"a {engine.classes.get(term).label}" for term in sense.terms)
+        " or ".join(f"a {context.classes.get(term).label}" for term in sense.terms)
         for sense in meant.senses
         if sense.kind == "class"
     ]
     uses = [
-        "to " + " or ".join(engine.functions.all()[term][0] for term in sense.terms)
+        "to " + " or ".join(context.functions.all()[term][0] for term in sense.terms)
         for sense in meant.senses
         if sense.kind == "function"
     ]
@@ -328,7 +329,7 @@ def _asked(engine: Engine, meant: Meaning) -> str:
 
 
 def _sentence(
-    engine: Engine, meant: Meaning, best: Found | None, reasons: Sequence[dict[str, Any]]
+    context: Context, meant: Meaning, best: Found | None, reasons: Sequence[dict[str, Any]]
 ) -> str:
     """Return the answer in words."""
     if best is None:
@@ -336,20 +337,38 @@ def _sentence(
     chance = "no grasp of it is known yet"
     if best.chance is not None:
         chance = f"its surest grasp holds with a chance of {best.chance:.2f}"
-    said = f"{best.label} is {_asked(engine, meant)}; it {best.verdict.text}; {chance}"
+    said = f"{best.label} is {_asked(context, meant)}; it {best.verdict.text}; {chance}"
     over = f"; not understood: {', '.join(meant.ignored)}" if meant.ignored else ""
     return said + over
 
 
-def _proof(engine: Engine, meant: Meaning, best: Found, gripper: KnownGripper) -> list[str]:
+def _proof(context: Context, meant: Meaning, best: Found, gripper: KnownGripper) -> list[str]:
     """Return why the object is what was asked for and why the robot can hold it, line by line."""
     thing = iri(best.iri)
     lines = []
     for sense in meant.senses:
         predicate = RDF.type if sense.kind == "class" else RT.hasFunction
-        held = [t for t in sense.terms if engine.kb.match(thing, predicate, iri(t))]
+        held = [t for t in sense.terms if context.kb.match(thing, predicate, iri(t))]
         for term in held[:1]:
-            lines += proof_lines(engine.kb, thing, predicate, iri(term))
+            lines += proof_lines(context.kb, thing, predicate, iri(term))
     if best.can_grasp:
-        lines += proof_lines(engine.kb, gripper.robot, RT.canGrasp, thing)
+        lines += proof_lines(context.kb, gripper.robot, RT.canGrasp, thing)
     return lines
+
+
+def proof_lines(
+    kb: KnowledgeBase, subject: NamedNode, predicate: NamedNode, value: Value
+) -> list[str]:
+    """Return the reasoner's proof of a statement; what is asserted names its graphs.
+
+    Empty when the statement does not hold, or holds no more.
+    """
+    graphs = [quad.graph_name for quad in kb.match(subject, predicate, value)]
+    asserted = [graph for graph in graphs if graph != kb.graphs.inferred]
+    if asserted:
+        where = ", ".join(sorted(str(graph) for graph in asserted))
+        return [f"{subject} {predicate} {value} asserted in {where}"]
+    if not kb.reasons:
+        return []
+    found = kb.explain(subject, predicate, value)
+    return [] if found is None else found.render().splitlines()

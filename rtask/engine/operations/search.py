@@ -4,40 +4,50 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.memory.recall import Memory, Remembered, recall
+from rtask.engine.memory.question import Question, question_for
+from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import lower_95
+from rtask.engine.observation import Observation
 from rtask.engine.perception.identity import recognise, settle
-from rtask.engine.perception.observation import Observation
+from rtask.engine.perception.observation import observe_once
 from rtask.engine.perception.placement import place
+from rtask.engine.remembered import Memory, Remembered
+from rtask.engine.stored import view_features
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Match, Recognition
-    from rtask.engine.engine import Engine
+    from features.recognition.views.view import ViewFeatures
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["best_grasp", "match_message", "search_object", "similar_objects"]
+__all__ = ["best_grasp", "look_alikes", "match_message", "search_object", "similar_objects"]
 
 
-def search_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def search_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Answer with the known objects that look alike, best first; writes nothing.
 
     A description narrows the answer to its kinds of objects, in the same query.
     """
-    from rtask.engine.operations.recognise import question_for
-
-    seen = engine.observations.observe(request)
+    seen = observe_once(context, request)
     recognition = recognise(
-        engine.recogniser, seen, engine.policy, request["max_results"], request["min_confidence"]
+        context.views.recogniser,
+        seen,
+        context.policy,
+        request["max_results"],
+        request["min_confidence"],
     )
     description = request["class_description"]
-    kinds = engine.classes.find(description) if description else []
+    kinds = context.classes.find(description) if description else []
     answer: dict[str, Any] = {"similar_objects": [], "suggestions": []}
     if description and not kinds:
-        answer["suggestions"] = engine.classes.suggestions(description)
+        answer["suggestions"] = context.classes.suggestions(description)
         return answer
     only = tuple(kind.iri.value for kind in kinds)
-    memory = recall(engine.kb, question_for(engine, seen, recognition, None, None, only))
-    recognition = settle(recognition, memory, seen, engine.policy)
+    memory = recall(context.kb, question_for(context.policy, seen, recognition, None, None, only))
+    recognition = settle(recognition, memory, seen, context.policy)
     least = request["min_confidence"] or 0.0
     similar = similar_objects(seen, recognition, memory)
     answer["similar_objects"] = [entry for entry in similar if entry["confidence"] >= least]
@@ -90,3 +100,63 @@ def best_grasp(grasps: list[Remembered]) -> Remembered | None:
         key=lambda g: (lower_95(g.successes, g.attempts), g.successes, g.quality, g.x, g.y),
         default=None,
     )
+
+
+def look_alikes(context: Context, thing: NamedNode, description: str | None) -> dict[str, Any]:
+    """Answer with the other objects that look like a stored one, best first; writes nothing.
+
+    Its newest view is compared as if the object itself were not stored, for it would outdo all
+    others.
+
+    Parameters
+    ----------
+    description
+        Only objects of the kinds that these words mean.
+
+    Raises
+    ------
+    UnknownTermError
+        The object has no view that can be compared.
+    """
+    from features.recognition.confidence import confidences
+
+    kinds = context.classes.find(description) if description else []
+    answer: dict[str, Any] = {"similar_objects": [], "suggestions": []}
+    if description and not kinds:
+        return {**answer, "suggestions": context.classes.suggestions(description)}
+    snapshot = context.views.index.snapshot()
+    found = [
+        (candidate, snapshot.object_iris[candidate.object_number])
+        for candidate in context.views.recogniser.gather(_newest(context, thing), snapshot)
+    ]
+    others = [(candidate, name) for candidate, name in found if name != thing.value]
+    constants = context.views.recogniser.params.confidence
+    sure = confidences([candidate.evidence for candidate, _ in others], constants)
+    question = Question(
+        objects=tuple(name for _, name in others), only=tuple(kind.iri.value for kind in kinds)
+    )
+    memory = recall(context.kb, question).objects
+    for k in sorted(range(len(others)), key=lambda k: -sure[k]):
+        known = memory.get(others[k][1])
+        if known is not None:
+            answer["similar_objects"].append(
+                {
+                    "class": known.short_id,
+                    "class_iri": known.class_iri,
+                    "object": known.iri,
+                    "label": known.label,
+                    "confidence": float(sure[k]),
+                    **dict.fromkeys(("X", "Y", "Z", "rad", "grasp")),
+                }
+            )
+    return answer
+
+
+def _newest(context: Context, thing: NamedNode) -> ViewFeatures:
+    """Return what the newest view of an object shows; the names of views sort by age."""
+    for quad in sorted(context.kb.match(thing, RT.hasView), key=str, reverse=True):
+        assert isinstance(quad.object, NamedNode)
+        features = view_features(context.kb, quad.object)
+        if features is not None:
+            return features
+    raise UnknownTermError(f"object: no view of {thing.value} can be compared", field="object")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.curation.curate import CURATE_OBJECT, curate_object
+from rtask.engine.operations.curate import CURATE_OBJECT, curate_object
 from rtask.engine.operations.feedback import GIVE_FEEDBACK, give_feedback
 from rtask.engine.operations.grasps import RECALL_GRASPS, recall_grasps
 from rtask.engine.operations.insert import INSERT_OBJECT, insert_object, wrapped
@@ -20,21 +20,12 @@ from rtask.engine.operations.search import search_object
 from rtask.engine.operations.teach import SEARCH_OBJECT, TEACH_OBJECT, teach_object
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["OPERATIONS", "SCOPES", "Handler", "Operation"]
+__all__ = ["OPERATIONS", "Handler", "Operation"]
 
-Handler = Callable[["Engine", dict[str, Any], "Access"], dict[str, Any]]
-
-SCOPES: Mapping[str, frozenset[str]] = {
-    "reader": frozenset({"read"}),
-    "robot": frozenset({"read", "write"}),
-    "teacher": frozenset({"read", "write", "teach"}),
-    "anonymous": frozenset({"read", "write", "teach"}),
-    "admin": frozenset({"read", "write", "teach"}),
-}
-"""Scopes of operations that each role holds."""
+Handler = Callable[["Context", dict[str, Any], "Access"], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -50,7 +41,7 @@ class Operation:
     summary
         One line.
     handler
-        Takes the engine, the checked request and the caller's rights.
+        Takes the context, the checked request and the caller's rights.
     fields
         Of the request.
     prepare

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.curation.curate import author_of, object_meant
 from rtask.engine.curation.naming import name_object
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
+from rtask.engine.operations.curate import author_of, object_meant
 from rtask.engine.operations.feedback import give_feedback
 from rtask.engine.operations.insert import insert_object
 from rtask.engine.operations.messages import Field, read
-from rtask.engine.operations.recognise import SIGHT
-from rtask.engine.operations.search import search_object
-from rtask.engine.perception.alike import look_alikes
-from rtask.engine.records.prepared import ITEM
+from rtask.engine.operations.search import look_alikes, search_object
+from rtask.engine.records.prepared import ITEM, SIGHT
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
 __all__ = ["SEARCH_OBJECT", "TEACH_OBJECT", "teach_object"]
@@ -46,51 +44,51 @@ TEACH_OBJECT = (
 )  # fmt: skip
 
 
-def teach_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def teach_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Carry out what a person wants; all but ``search`` write, and need the scope ``teach``."""
     operation = request["operation"]
     if operation == "search":
-        return _search(engine, request, access)
-    engine.require(access, "teach")
+        return _search(context, request, access)
+    context.require(access, "teach")
     if operation == "teach":
-        return _teach(engine, request, access)
-    return _judge(engine, request, access, held=operation == "confirm")
+        return _teach(context, request, access)
+    return _judge(context, request, access, held=operation == "confirm")
 
 
-def _search(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def _search(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     if request["data"] is None and request["object"]:
-        thing = object_meant(engine, request["object"], "object")
-        return look_alikes(engine, thing, request["class_description"])
+        thing = object_meant(context, request["object"], "object")
+        return look_alikes(context, thing, request["class_description"])
     _wanted(request, "class_description", "data")
     names = [field.name for field in SEARCH_OBJECT]
     # The values were read already; reading bytes and poses again leaves them as they are.
     return search_object(
-        engine,
+        context,
         {**{name: request.get(name) for name in names}, "max_results": 10},
         access,
     )
 
 
-def _teach(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def _teach(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     if request["data"] is None and request["object"]:
-        return _name(engine, request, access)
+        return _name(context, request, access)
     _wanted(request, "class_description", "data")
     item: dict[str, Any] = {field.name: field.default for field in ITEM}
     for field in (*SIGHT, *(f for f in ITEM if f.name in _SAID)):
         item[field.name] = request.get(field.name)
-    author = engine.author(access, request["operator"], "teacher")
-    stored = insert_object(engine, {"objects": [item]}, author)
+    author = context.author(access, request["operator"], "teacher")
+    stored = insert_object(context, {"objects": [item]}, author)
     return {"similar_objects": [], "suggestions": [], **stored}
 
 
-def _name(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def _name(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Say what an object is that is stored already."""
-    author = author_of(engine, request["operator"], access)
-    with engine.writing:
-        thing = object_meant(engine, request["object"], "object")
-        done = name_object(engine, thing, request["class_description"], request["name"], author)
-    commit = engine.commit_id(done) if done.added or done.removed else ""
-    known = recall(engine.kb, Question(objects=(thing.value,))).objects[thing.value]
+    author = author_of(context, request["operator"], access)
+    with context.writing:
+        thing = object_meant(context, request["object"], "object")
+        done = name_object(context, thing, request["class_description"], request["name"], author)
+    commit = context.commit_id(done) if done.added or done.removed else ""
+    known = recall(context.kb, Question(objects=(thing.value,))).objects[thing.value]
     entry = {
         "object": thing.value,
         "class": known.short_id,
@@ -111,12 +109,12 @@ def _name(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, 
     }
 
 
-def _judge(engine: Engine, request: dict[str, Any], access: Access, held: bool) -> dict[str, Any]:
+def _judge(context: Context, request: dict[str, Any], access: Access, held: bool) -> dict[str, Any]:
     """Store a person's verdict that a grasp was good, or not, whatever the robot reported."""
     names = ("task_id", "object", "grasp", "operator", "comment")
     said = {name: request[name] for name in names}
     told = give_feedback(
-        engine, {**said, "verdict": "correct", "held": held, "reason": None}, access
+        context, {**said, "verdict": "correct", "held": held, "reason": None}, access
     )
     return {
         "similar_objects": [],

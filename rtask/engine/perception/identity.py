@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rtask.engine.memory.recall import KnownObject, Memory
-from rtask.engine.perception.observation import Observation
+from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import KnownObject, Memory
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex

@@ -1,89 +1,38 @@
-"""What a robot sent: one object's compressed cloud, decoded, described and measured."""
+"""Decode, describe and measure what a robot sent: one object's compressed cloud."""
 
 from __future__ import annotations
 
 import hashlib
-import threading
 import time
-from collections import OrderedDict
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rtask.engine.context import Context
+from rtask.engine.observation import Observation
+from rtask.engine.perception.placement import classify_shape
 from rtask.errors import UsageError
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
-    from features.geometry import Frame
-    from features.recognition.views.view import ViewFeatures
     from features.tabletop import TabletopShape
 
-__all__ = ["Observation", "ObservationCache", "observe"]
+__all__ = ["observe", "observe_once"]
 
 
-@dataclass(frozen=True)
-class Observation:
-    """One object as one camera saw it.
-
-    Parameters
-    ----------
-    data
-        As received; what the graph keeps.
-    frame
-        Decoded, in the optical frame of the camera; with an image of the object.
-    features
-        Described from ``frame``.
-    frame_from_camera : (4, 4)
-        In the robot's frame ``frame_id``, z up.
-    points : (n, 3), m, ``frame_id``
-        Of the object alone.
-    shape
-        Measured on its support; None when the points are too few to say.
-    is_rendered
-        The image was made from the cloud's own colours.
-    is_posed
-        It is known which way was up: without, ``shape`` measures in a frame of no meaning.
-    seconds
-        ``decode_s`` and ``extraction_s``; zeros when it was known already.
-    """
-
-    data: bytes
-    frame: Frame
-    features: ViewFeatures
-    frame_from_camera: NDArray[np.float64]
-    points: NDArray[np.float64]
-    shape: TabletopShape | None
-    frame_id: str = ""
-    stamp_s: float | None = None
-    is_rendered: bool = False
-    is_posed: bool = True
-    seconds: dict[str, float] = field(default_factory=dict, compare=False)
-
-
-class ObservationCache:
-    """Remembers the last observations, since a robot sends one view twice: to ask and to tell."""
-
-    def __init__(self, size: int = 32) -> None:
-        self._size = size
-        self._kept: OrderedDict[str, Observation] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def observe(self, request: dict[str, Any], where: str = "") -> Observation:
-        """Return the observation of a request, decoded at most once; see :func:`observe`."""
-        key = _digest(request)
-        with self._lock:
-            known = self._kept.get(key)
-            if known is not None:
-                self._kept.move_to_end(key)
-                known.seconds.update(decode_s=0.0, extraction_s=0.0)
-                return known
-        made = observe(request, where)
-        with self._lock:
-            self._kept[key] = made
-            while len(self._kept) > self._size:
-                self._kept.popitem(last=False)
-        return made
+def observe_once(context: Context, request: dict[str, Any], where: str = "") -> Observation:
+    """Return the observation of a request, decoded at most once; see :func:`observe`."""
+    key = _digest(request)
+    known = context.observations.get(key)
+    if known is not None:
+        known.seconds.update(decode_s=0.0, extraction_s=0.0)
+        return known
+    made = observe(request, where)
+    context.observations.put(key, made)
+    return made
 
 
 def observe(request: dict[str, Any], where: str = "") -> Observation:
@@ -137,6 +86,7 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
     # A crop of a depth image lies in the optical frame, whose z looks forward and not up.
     frame_id = request.get("frame_id") or decoded.frame_id
     is_upright = not isinstance(decoded, Frame) and bool(frame_id)
+    is_posed = sensor_pose is not None or is_upright
     return Observation(
         data=request["data"],
         frame=frame,
@@ -147,7 +97,8 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
         frame_id=frame_id,
         stamp_s=request.get("stamp"),
         is_rendered=is_rendered,
-        is_posed=sensor_pose is not None or is_upright,
+        is_posed=is_posed,
+        guess=_guess(shape, points) if is_posed else None,
         seconds={"decode_s": decoded_s, "extraction_s": time.perf_counter() - started},
     )
 
@@ -162,6 +113,14 @@ def _measure(points: NDArray[np.float64], support_height: float | None) -> Table
         return measure(points, lowest)
     except ValueError:
         return None
+
+
+def _guess(
+    shape: TabletopShape | None, points: NDArray[np.float64]
+) -> tuple[NamedNode, float] | None:
+    """Return the class that a measured shape suggests, with a confidence."""
+    found = None if shape is None else classify_shape(shape, points)
+    return None if found is None else (getattr(RT, found[0]), found[1])
 
 
 def _digest(request: dict[str, Any]) -> str:

@@ -18,10 +18,9 @@ from grasp.spatial.frames import FloatArray, surface_from_object, tilt, wrap_tur
 
 if TYPE_CHECKING:
     from features.tabletop import TabletopShape
-    from rtask.engine.perception.observation import Observation
-    from rtask.engine.perception.poses import ObjectPose
+    from rtask.engine.observation import Observation
 
-__all__ = ["MOST_TILT", "Placement", "classify_shape", "footprint_of", "place", "posed"]
+__all__ = ["MOST_TILT", "Placement", "classify_shape", "footprint_of", "oriented", "place"]
 
 MOST_TILT = np.deg2rad(20)
 """Off the vertical, rad: what leans less stands."""
@@ -105,15 +104,19 @@ def place(
     return Placement(_turned(upright, float(shape.yaw)), is_round=False, is_verified=is_first)
 
 
-def posed(placement: Placement | None, pose: ObjectPose | None) -> Placement | None:
-    """Return the placement with the turn of an accepted pose, where the object stands upright.
+def oriented(placement: Placement, matched: NDArray[np.float64]) -> Placement:
+    """Return the placement with the yaw of an accepted pose, where the object stands upright.
 
-    Where keypoints or measured sides had fixed the turn and the pose agrees, they stand: a side
-    measured over its whole length is the more exact. What is round keeps the robot's direction.
+    Where keypoints or measured sides had fixed the yaw and the pose agrees, they stand: a side
+    measured over its whole length is the more exact. A round object keeps the robot's direction.
+
+    Parameters
+    ----------
+    matched : (4, 4) float64, m
+        Pose of the object in the robot's frame.
     """
-    if placement is None or pose is None or not pose.accepted or placement.is_round:
+    if placement.is_round:
         return placement
-    matched = pose.frame_from_object
     shift = float(np.linalg.norm(matched[:2, 3] - placement.frame_from_object[:2, 3]))
     if tilt(matched) >= MOST_TILT or shift >= _MOST_SHIFT_M:
         return placement

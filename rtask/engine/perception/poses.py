@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.engine.perception.observation import Observation
-from rtask.engine.perception.placement import Placement
+from rtask.engine.observation import Observation
+from rtask.engine.perception.placement import Placement, oriented, place
 from rtask.engine.perception.surroundings import surrounded
 from rtask.engine.perception.views import stored_frame
 from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
     from features.pose import PoseEstimate, PoseModel
-    from features.recognition.recogniser import Match
-    from rtask.engine.memory.recall import KnownObject, Memory
-    from rtask.engine.perception.models import Models
+    from features.recognition.recogniser import Match, Recognition
+    from rtask.engine.remembered import KnownObject, Memory
+    from rtask.engine.stored import Models
     from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["ObjectPose", "find_pose", "pose_fields"]
+__all__ = ["ObjectPose", "find_pose", "locate", "pose_fields"]
 
 # Bounded by work, not by the clock: the same observation gives the same pose on a busy machine.
 _STARTS, _KEPT, _POINTS = 160, 12, 800
@@ -65,6 +65,31 @@ class ObjectPose:
     def object_from_camera(self) -> NDArray[np.float64]:
         """Pose of the camera in the object's frame, (4, 4)."""
         return np.linalg.inv(self.camera_from_object).astype(np.float64)
+
+
+def locate(
+    models: Models,
+    seen: Observation,
+    recognition: Recognition,
+    known: KnownObject | None,
+    memory: Memory,
+) -> tuple[Placement | None, ObjectPose | None]:
+    """Return where the object stands, and its pose where something stored can tell.
+
+    The frame comes from an accepted pose; else from a matching view; else from the measured sides.
+    """
+    if known is None:
+        return place(seen), None
+    match: Match | None = next((m for m in recognition.matches if m.object_iri == known.iri), None)
+    query_from_view, viewpoint = None, None
+    if match is not None and match.query_from_view is not None:
+        query_from_view = np.asarray(match.query_from_view, dtype=np.float64)
+        viewpoint = memory.viewpoints.get(match.view_iri)
+    placement = place(seen, known.is_round, query_from_view, viewpoint)
+    pose = find_pose(models, seen, known, match, memory, placement)
+    if placement is not None and pose is not None and pose.accepted:
+        placement = oriented(placement, pose.frame_from_object)
+    return placement, pose
 
 
 def find_pose(

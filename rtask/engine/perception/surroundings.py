@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from features.geometry import Frame
-    from rtask.engine.perception.observation import Observation
+    from rtask.engine.observation import Observation
 
 __all__ = ["surrounded", "table_plane", "with_table"]
 

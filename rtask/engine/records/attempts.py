@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_turn
-from rtask.engine.operations.robots import KnownGripper
+from rtask.engine.grippers import KnownGripper
+from rtask.engine.memory.verdicts import Verdict
 from rtask.engine.perception.images import check_picture
-from rtask.engine.records.facts import Facts, stamp
 from rtask.engine.records.objects import body_frame
 from rtask.engine.records.received import TIMES, Outcome, Received
+from rtask.engine.triples import Triples, stamp
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
 from rtask.rdf.terms import NamedNode, iri, literal
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
-__all__ = ["Try", "Verdict", "find_grasp", "state_grasp", "state_try", "state_verdict"]
+__all__ = ["Try", "find_grasp", "state_grasp", "state_try", "state_verdict"]
 
 _GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
 
@@ -59,27 +60,8 @@ class Try:
     seed: int | None = None
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a person says about an outcome.
-
-    Parameters
-    ----------
-    by
-        Name of the person.
-    reason
-        Code of why it ended so, in the person's opinion; empty = no opinion.
-    """
-
-    by: str
-    held: bool
-    time: dt.datetime
-    reason: str = ""
-    comment: str = ""
-
-
 def find_grasp(
-    engine: Engine, thing: NamedNode, gripper_type: str, grasp: Received
+    context: Context, thing: NamedNode, gripper_type: str, grasp: Received
 ) -> NamedNode | None:
     """Return the grasp of an object that is the same as the given one, if the graph has it."""
     if grasp.in_object is None:
@@ -87,14 +69,14 @@ def find_grasp(
     turn = "rt:theta ?theta"
     if grasp.turn is not None:
         turn = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT * WHERE {{
   {thing} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
-  ?pose rt:inFrame {body_frame(engine, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn}
+  ?pose rt:inFrame {body_frame(context, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn}
   OPTIONAL {{ ?grasp rt:jawOpening ?opening }}
   FILTER(?type = {literal(gripper_type)}) }} ORDER BY ?grasp""")
     x, y, z, _ = grasp.in_object
-    near = engine.policy.same_pose_m
+    near = context.policy.same_pose_m
     for row in rows:
         there: dict[str, Any] = row.to_dict()
         apart = max(abs(there["x"] - x), abs(there["y"] - y), abs(there["z"] - z))
@@ -102,7 +84,7 @@ SELECT DISTINCT * WHERE {{
         wider = abs(opening - grasp.opening) if opening and grasp.opening else 0.0
         if (
             max(apart, wider) <= near
-            and _turned(grasp, there) <= engine.policy.same_pose_rad
+            and _turned(grasp, there) <= context.policy.same_pose_rad
             and isinstance(row["grasp"], NamedNode)
         ):
             return row["grasp"]
@@ -121,17 +103,17 @@ def _turned(grasp: Received, there: Mapping[str, Any]) -> float:
 
 
 def state_grasp(
-    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, grasp: Received,
+    context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received,
     derived_from: NamedNode | None = None,
 ) -> NamedNode:  # fmt: skip
     """State a new grasp of an object, and return its IRI."""
     if grasp.in_object is None:
         raise UsageError("grasp: its pose on the object is not known; send the object's data too")
     x, y, z, theta = grasp.in_object
-    node = engine.names.counted("grasp")
+    node = context.names.counted("grasp")
     pose = iri(node.value + "/pose")
-    facts.add(thing, RT.hasGrasp, node)
-    facts.node(
+    triples.add(thing, RT.hasGrasp, node)
+    triples.node(
         node,
         [RT.PlanarGrasp if grasp.turn is None else RT.SpatialGrasp, RT.GraspCandidate],
         {
@@ -146,16 +128,16 @@ def state_grasp(
     )
     if grasp.turn is not None:
         at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.turn))
-        facts.pose(pose, body_frame(engine, thing), np.asarray(at, dtype=np.float64))
+        triples.pose(pose, body_frame(context, thing), np.asarray(at, dtype=np.float64))
         return node
-    facts.node(
+    triples.node(
         pose,
         [RT.PlanarPose],
-        {RT.inFrame: body_frame(engine, thing), RT.x: float(x), RT.y: float(y), RT.z: float(z)},
+        {RT.inFrame: body_frame(context, thing), RT.x: float(x), RT.y: float(y), RT.z: float(z)},
     )
     # Rounding 2 pi - 1e-9 up would leave [0, 2 pi).
     turned = round(wrap_turn(theta), 6)
-    facts.add(pose, RT.theta, 0.0 if turned >= 2 * np.pi else turned)
+    triples.add(pose, RT.theta, 0.0 if turned >= 2 * np.pi else turned)
     return node
 
 
@@ -163,12 +145,12 @@ def _kind(grasp: Received) -> str:
     return "planar outline" if grasp.turn is None else "pose perturbation"
 
 
-def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
+def state_try(context: Context, triples: Triples, one: Try) -> NamedNode:
     """State an attempt with its task, outcome, evidence and pictures; return the outcome."""
     fields = one.outcome.fields
-    outcome, feedback = engine.names.unique("outcome"), engine.names.unique("feedback")
+    outcome, feedback = context.names.unique("outcome"), context.names.unique("feedback")
     robot, belief = one.gripper.robot, one.received.belief
-    facts.node(
+    triples.node(
         one.task,
         [one.task_class],
         {
@@ -180,7 +162,7 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
     )
     started = one.ended - dt.timedelta(seconds=float(fields.get("duration_s") or 0.0))
     preset = fields.get("preset")
-    facts.node(
+    triples.node(
         one.attempt,
         [RT.GraspAttempt],
         {
@@ -198,7 +180,7 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
             RT.qualityKind: None if one.received.quality is None else _kind(one.received),
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
-            RT.policyVersion: engine.policy.version if belief else None,
+            RT.policyVersion: context.policy.version if belief else None,
             RT.approachTilt: fields.get("approach_tilt"),
             RT.seed: one.seed if fields.get("seed") is None else fields["seed"],
             PROV.startedAtTime: started,
@@ -206,7 +188,7 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
             **{TIMES[k]: float(v) for k, v in sorted(one.times.items()) if v is not None},
         },
     )
-    facts.node(
+    triples.node(
         outcome,
         [RT.GraspOutcome],
         {
@@ -216,7 +198,7 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
             RT.hasFeedback: feedback,
         },
     )
-    facts.node(
+    triples.node(
         feedback,
         [RT.PhysicsFeedback],
         {
@@ -232,17 +214,17 @@ def state_try(engine: Engine, facts: Facts, one: Try) -> NamedNode:
         },
     )
     for comment in one.outcome.comments:
-        facts.add(feedback, RT.comment, comment)
+        triples.add(feedback, RT.comment, comment)
     if fields.get("confirmed_by") == "human":
         operator = fields.get("operator") or "operator"
         said = Verdict(operator, one.outcome.held, one.ended)
-        state_verdict(engine, facts, outcome, said, (int(said.held), int(not said.held)))
-    _state_pictures(engine, facts, one)
+        state_verdict(context, triples, outcome, said, (int(said.held), int(not said.held)))
+    _state_pictures(context, triples, one)
     return outcome
 
 
 def state_verdict(
-    engine: Engine, facts: Facts, outcome: NamedNode, said: Verdict, votes: tuple[int, int],
+    context: Context, triples: Triples, outcome: NamedNode, said: Verdict, votes: tuple[int, int],
 ) -> NamedNode:  # fmt: skip
     """State what a person says about an outcome; what most people say outweighs the robot.
 
@@ -251,11 +233,11 @@ def state_verdict(
     votes
         How many people, this one too, say that it held and that it did not.
     """
-    person = engine.kb.graphs.agent_iri(said.by, "teacher")
-    facts.node(person, [RT.Human], {RT.name: said.by})
-    feedback = engine.names.unique("feedback")
-    facts.add(outcome, RT.hasFeedback, feedback)
-    return facts.node(
+    person = context.kb.graphs.agent_iri(said.by, "teacher")
+    triples.node(person, [RT.Human], {RT.name: said.by})
+    feedback = context.names.unique("feedback")
+    triples.add(outcome, RT.hasFeedback, feedback)
+    return triples.node(
         feedback,
         [RT.HumanFeedback],
         {
@@ -270,15 +252,15 @@ def state_verdict(
     )
 
 
-def _state_pictures(engine: Engine, facts: Facts, one: Try) -> None:
+def _state_pictures(context: Context, triples: Triples, one: Try) -> None:
     for k, picture in enumerate(one.outcome.fields.get("images") or []):
         media_type, width, height = check_picture(picture["data"], f"outcome.images[{k}].data")
-        facts.node(
+        triples.node(
             iri(f"{one.attempt.value}/image/{k + 1}"),
             [RT.ColorImage],
             {
                 RT.name: picture["phase"],
-                RT.hasBlob: facts.blob(engine.kb.blobs.put(picture["data"], media_type)),
+                RT.hasBlob: triples.blob(context.kb.blobs.put(picture["data"], media_type)),
                 RT.widthPx: width,
                 RT.heightPx: height,
                 RT.encoding: "rgb8",

@@ -14,23 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.engine.names import tail
+from rtask.engine.observation import Observation
+from rtask.engine.operations.messages import nearest
 from rtask.engine.perception.images import encode_crop
-from rtask.engine.perception.observation import Observation
-from rtask.engine.perception.placement import Placement, classify_shape
-from rtask.engine.records.facts import Facts, stamp
-from rtask.rdf.namespaces import PROV, RDF, RT, SOSA
-from rtask.rdf.terms import NamedNode, iri, object_term, python_value
+from rtask.engine.perception.placement import Placement
+from rtask.engine.triples import Triples, stamp
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, SOSA
+from rtask.rdf.terms import NamedNode, iri, literal, object_term, python_value
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
 __all__ = [
     "NewObject",
     "Sight",
     "body_frame",
     "frame_id_of",
-    "guess_class",
+    "known_object",
     "state_frame",
     "state_object",
     "state_recognition",
@@ -85,42 +87,58 @@ class Sight:
     object_from_camera: NDArray[np.float64] | None = None
 
 
-def body_frame(engine: Engine, thing: NamedNode) -> NamedNode:
+def known_object(context: Context, name: str) -> str:
+    """Return the IRI of the object with this IRI, objectId or name.
+
+    Raises
+    ------
+    UnknownTermError
+        With the nearest name.
+    """
+    rows = context.kb.select(f"""{PREFIXES}
+SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
+  OPTIONAL {{ ?object rt:name ?name }}
+  FILTER(STR(?object) = {literal(name)} || ?id = {literal(name)} || ?name = {literal(name)})
+}} ORDER BY ?object""")
+    if rows:
+        return str(rows[0].value("object"))
+    names = context.kb.select(
+        f"{PREFIXES} SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }} ORDER BY ?n"
+    )
+    hint = nearest(name, [str(row.value("n")) for row in names])
+    raise UnknownTermError(f"unknown object {name!r}{hint}")
+
+
+def body_frame(context: Context, thing: NamedNode) -> NamedNode:
     """Return the frame that moves with an object: the one it has, else the one it will get."""
-    for quad in engine.kb.match(thing, RT.bodyFrame):
+    for quad in context.kb.match(thing, RT.bodyFrame):
         if isinstance(quad.object, NamedNode):
             return quad.object
-    return engine.names.named("frame", f"object-{tail(thing)}")
+    return context.names.named("frame", f"object-{tail(thing)}")
 
 
-def frame_id_of(engine: Engine, thing: str) -> str:
+def frame_id_of(context: Context, thing: str) -> str:
     """Return the name of an object's frame in messages."""
-    for quad in engine.kb.match(body_frame(engine, iri(thing)), RT.frameId):
+    for quad in context.kb.match(body_frame(context, iri(thing)), RT.frameId):
         return str(python_value(object_term(quad.object)))
     return f"object/{tail(iri(thing))}"
 
 
-def state_frame(engine: Engine, facts: Facts, thing: NamedNode) -> None:
+def state_frame(context: Context, triples: Triples, thing: NamedNode) -> None:
     """State an object's frame, unless it has one: objects of other sources may lack it."""
-    if not engine.kb.match(thing, RT.bodyFrame):
-        frame = body_frame(engine, thing)
-        facts.add(thing, RT.bodyFrame, frame)
-        facts.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(thing)}"})
+    if not context.kb.match(thing, RT.bodyFrame):
+        frame = body_frame(context, thing)
+        triples.add(thing, RT.bodyFrame, frame)
+        triples.node(frame, [RT.Frame], {RT.frameId: f"object/{tail(thing)}"})
 
 
-def guess_class(observation: Observation) -> tuple[NamedNode, float] | None:
-    """Return the class that the measured shape suggests, with a confidence."""
-    if observation.shape is None or not observation.is_posed:
-        return None
-    found = classify_shape(observation.shape, observation.points)
-    return None if found is None else (getattr(RT, found[0]), found[1])
-
-
-def state_object(engine: Engine, facts: Facts, new: NewObject, observation: Observation) -> None:
+def state_object(
+    context: Context, triples: Triples, new: NewObject, observation: Observation
+) -> None:
     """State a new object: identity, kind, size, frame, symmetry."""
     shape = observation.shape
-    frame = body_frame(engine, new.iri)
-    facts.node(
+    frame = body_frame(context, new.iri)
+    triples.node(
         new.iri,
         [RT.ManipulableObject],
         {
@@ -129,15 +147,15 @@ def state_object(engine: Engine, facts: Facts, new: NewObject, observation: Obse
             RT.hasFunction: new.function,
         },
     )
-    state_frame(engine, facts, new.iri)
+    state_frame(context, triples, new.iri)
     if new.class_iri is not None and new.class_confidence is None:
-        facts.node(new.iri, [new.class_iri], {})
+        triples.node(new.iri, [new.class_iri], {})
     elif new.class_iri is not None and new.class_confidence is not None:
-        reifier = engine.names.unique("statement")
-        facts.with_confidence(reifier, new.iri, RDF.type, new.class_iri, new.class_confidence)
+        reifier = context.names.unique("statement")
+        triples.with_confidence(reifier, new.iri, RDF.type, new.class_iri, new.class_confidence)
     if shape is None or not observation.is_posed:
         return
-    facts.node(
+    triples.node(
         new.iri,
         [],
         {
@@ -149,10 +167,10 @@ def state_object(engine: Engine, facts: Facts, new: NewObject, observation: Obse
         },
     )
     if shape.is_round:
-        symmetry, axis = engine.names.unique("symmetry"), engine.names.unique("direction")
-        facts.add(new.iri, RT.hasSymmetry, symmetry)
-        facts.node(symmetry, [RT.Symmetry], {RT.symmetryOrder: 0, RT.symmetryAxis: axis})
-        facts.node(
+        symmetry, axis = context.names.unique("symmetry"), context.names.unique("direction")
+        triples.add(new.iri, RT.hasSymmetry, symmetry)
+        triples.node(symmetry, [RT.Symmetry], {RT.symmetryOrder: 0, RT.symmetryAxis: axis})
+        triples.node(
             axis,
             [RT.Direction],
             {RT.inFrame: frame, RT.dirX: 0.0, RT.dirY: 0.0, RT.dirZ: 1.0},
@@ -165,10 +183,10 @@ def viewpoint_of(seen: Observation, placement: Placement) -> NDArray[np.float64]
     return np.asarray(pose, dtype=np.float64)
 
 
-def state_view(engine: Engine, facts: Facts, thing: NamedNode, sight: Sight) -> None:
+def state_view(context: Context, triples: Triples, thing: NamedNode, sight: Sight) -> None:
     """State one view of an object: bytes, where it was taken from, who took it when."""
     seen = sight.observation
-    facts.node(
+    triples.node(
         sight.event,
         [RT.Observation],
         {
@@ -179,20 +197,20 @@ def state_view(engine: Engine, facts: Facts, thing: NamedNode, sight: Sight) -> 
             RT.requestId: sight.request_id,
         },
     )
-    facts.add(thing, RT.hasView, sight.view)
-    facts.node(sight.view, [RT.View], {PROV.wasDerivedFrom: sight.event})
-    facts.add(sight.view, RT.atTime, stamp(sight.time))
+    triples.add(thing, RT.hasView, sight.view)
+    triples.node(sight.view, [RT.View], {PROV.wasDerivedFrom: sight.event})
+    triples.add(sight.view, RT.atTime, stamp(sight.time))
     object_from_camera = sight.object_from_camera
     if object_from_camera is None and sight.placement is not None and sight.placement.is_verified:
         object_from_camera = viewpoint_of(seen, sight.placement)
     if object_from_camera is not None:
         pose = iri(sight.view.value + "/viewpoint")
-        facts.add(sight.view, RT.viewpoint, pose)
-        facts.pose(pose, body_frame(engine, thing), object_from_camera)
-    for name, kinds, properties in _contents(engine, facts, seen):
+        triples.add(sight.view, RT.viewpoint, pose)
+        triples.pose(pose, body_frame(context, thing), object_from_camera)
+    for name, kinds, properties in _contents(context, triples, seen):
         content = iri(f"{sight.view.value}/{name}")
-        facts.add(sight.view, RT.viewContent, content)
-        facts.node(
+        triples.add(sight.view, RT.viewContent, content)
+        triples.node(
             content,
             kinds,
             {**properties, RT.acquiredBy: sight.camera, PROV.wasGeneratedBy: sight.event},
@@ -200,10 +218,10 @@ def state_view(engine: Engine, facts: Facts, thing: NamedNode, sight: Sight) -> 
 
 
 def _contents(
-    engine: Engine, facts: Facts, seen: Observation
+    context: Context, triples: Triples, seen: Observation
 ) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
     """Return name, classes and properties of what a view holds; its bytes are stored now."""
-    blobs = engine.kb.blobs
+    blobs = context.kb.blobs
     picture = blobs.put(encode_crop(seen.frame), "image/jpeg")
     is_own = seen.data.startswith(b"RTKC")
     cloud = blobs.put(seen.data, _CLOUD if is_own else "application/octet-stream")
@@ -213,27 +231,27 @@ def _contents(
         (
             "image",
             [RT.ColorImage, *([RT.CloudImage] if seen.is_rendered else [])],
-            {RT.hasBlob: facts.blob(picture), RT.widthPx: width, RT.heightPx: height,
+            {RT.hasBlob: triples.blob(picture), RT.widthPx: width, RT.heightPx: height,
              RT.encoding: "rgb8"},
         ),
         (
             "cloud",
             [RT.CompressedPointCloud],
-            {RT.hasBlob: facts.blob(cloud), RT.pointCount: len(seen.points),
+            {RT.hasBlob: triples.blob(cloud), RT.pointCount: len(seen.points),
              RT.codec: "RTKC/1" if is_own else "foreign"},
         ),
         (
             "descriptors",
             [RT.SIFTFeatureSet],
-            {RT.hasBlob: facts.blob(described), RT.descriptorCount: len(seen.features),
+            {RT.hasBlob: triples.blob(described), RT.descriptorCount: len(seen.features),
              RT.descriptorLength: 128, RT.elementType: "uint8"},
         ),
-        *_visual_features(engine, facts, seen),
+        *_visual_features(context, triples, seen),
     ]  # fmt: skip
 
 
 def _visual_features(
-    engine: Engine, facts: Facts, seen: Observation
+    context: Context, triples: Triples, seen: Observation
 ) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
     """Return HOG, FPFH and B-splines of a view (Gatto 2016, 3.2.2); their bytes are stored now."""
     from features.recognition.views.stored import stored_features
@@ -243,7 +261,7 @@ def _visual_features(
             feature.kind.lower(),
             [getattr(RT, feature.kind)],
             {
-                RT.hasBlob: facts.blob(engine.kb.blobs.put(feature.data, "application/x-npz")),
+                RT.hasBlob: triples.blob(context.kb.blobs.put(feature.data, "application/x-npz")),
                 **{getattr(RT, name): value for name, value in feature.numbers.items()},
             },
         )
@@ -252,12 +270,12 @@ def _visual_features(
 
 
 def state_recognition(
-    engine: Engine, facts: Facts, recognition: Recognition, event: NamedNode | None
+    context: Context, triples: Triples, recognition: Recognition, event: NamedNode | None
 ) -> NamedNode:
     """State what recognition answered, and return the result's IRI."""
-    result = engine.names.unique("recognition")
+    result = context.names.unique("recognition")
     matches = recognition.matches
-    facts.node(
+    triples.node(
         result,
         [RT.RecognitionResult],
         {
@@ -268,8 +286,8 @@ def state_recognition(
     )
     for rank, match in enumerate(matches[:_MOST_MATCHES], start=1):
         node = iri(f"{result.value}/match/{rank}")
-        facts.add(result, RT.hasMatch, node)
-        facts.node(
+        triples.add(result, RT.hasMatch, node)
+        triples.node(
             node,
             [RT.Match],
             {
@@ -280,5 +298,5 @@ def state_recognition(
             },
         )
         if rank == 1 and recognition.accepted:
-            facts.add(result, RT.bestMatch, node)
+            triples.add(result, RT.bestMatch, node)
     return result

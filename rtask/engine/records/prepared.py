@@ -8,30 +8,42 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rtask.engine.memory.recall import KnownObject, recall
+from rtask.engine.grippers import KnownGripper
+from rtask.engine.memory.question import question_for
+from rtask.engine.memory.recall import recall
+from rtask.engine.observation import Observation
 from rtask.engine.operations.messages import Field, read
-from rtask.engine.operations.recognise import SIGHT, locate, question_for
-from rtask.engine.operations.robots import KnownGripper
+from rtask.engine.perception.growth import Growth, grow
 from rtask.engine.perception.identity import is_plausible, recognise, settle
-from rtask.engine.perception.models import Growth, grow
-from rtask.engine.perception.observation import Observation
+from rtask.engine.perception.observation import observe_once
 from rtask.engine.perception.placement import Placement
-from rtask.engine.perception.poses import ObjectPose
+from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.objects import viewpoint_of
 from rtask.engine.records.received import OUTCOME, Outcome, Received, received
 from rtask.engine.records.record import Earlier, earlier
+from rtask.engine.remembered import KnownObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["ITEM", "Prepared", "Repeated", "classes_named", "prepare", "stored_before"]
+__all__ = ["ITEM", "SIGHT", "Prepared", "Repeated", "classes_named", "prepare", "stored_before"]
 
 _MOST_MATCHES = 5
 _PLACE = ("X", "Y", "Z", "rad")
+
+SIGHT = (
+    Field("data", "bytes", "base64 of one object's compressed cloud", required=True,
+          aliases=("new_point_cloud",)),
+    Field("image", "bytes", "base64 PNG or JPEG of the object"),
+    Field("sensor_pose", "pose", "pose of the camera in frame_id; default: identity"),
+    Field("frame_id", "string", "frame of the robot with z up, e.g. base_footprint"),
+    Field("support_height", "number", "height of the table in frame_id, m; default: lowest point"),
+    Field("stamp", "time", "when the cloud was taken"),
+)  # fmt: skip
 
 ITEM = (
     *SIGHT,
@@ -78,7 +90,7 @@ class Repeated:
 
 
 def prepare(
-    engine: Engine, item: dict[str, Any], where: str, access: Access
+    context: Context, item: dict[str, Any], where: str, access: Access
 ) -> Prepared | Repeated:
     """Return an entry ready to be written, or what an earlier request of its id stored.
 
@@ -89,19 +101,19 @@ def prepare(
     UsageError
         When its fields do not belong together.
     """
-    gripper = _gripper(engine, item, access)
-    before = stored_before(engine, item["task_id"], access, gripper)
+    gripper = _gripper(context, item, access)
+    before = stored_before(context, item["task_id"], access, gripper)
     if before is not None:
         return Repeated(item["task_id"], before, gripper)
-    seen = engine.observations.observe(item, where)
-    kinds = classes_named(engine, item["class_description"])
-    recognition = recognise(engine.recogniser, seen, engine.policy, _MOST_MATCHES)
+    seen = observe_once(context, item, where)
+    kinds = classes_named(context, item["class_description"])
+    recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES)
     question = question_for(
-        engine, seen, recognition, item["object"], gripper,
+        context.policy, seen, recognition, item["object"], gripper,
         () if item["object"] else tuple(kind.value for kind in kinds),
     )  # fmt: skip
-    memory = recall(engine.kb, question)
-    recognition = settle(recognition, memory, seen, engine.policy)
+    memory = recall(context.kb, question)
+    recognition = settle(recognition, memory, seen, context.policy)
     known = None
     if item["object"]:
         known = memory.objects.get(item["object"])
@@ -109,22 +121,22 @@ def prepare(
             raise UnknownTermError(f"the graph knows no object {item['object']}")
     elif item["merge"] and recognition.accepted and (kinds or not item["class_description"]):
         known = memory.objects.get(recognition.matches[0].object_iri)
-    placement, pose = locate(engine, seen, recognition, known, memory)
-    decision = engine.decisions.get(item["task_id"])
+    placement, pose = locate(context.models, seen, recognition, known, memory)
+    decision = context.decisions.get(item["task_id"])
     grasp = _grasp(item, where)
     if grasp is not None:
         grasp = grasp.placed(placement).completed(decision)
-    outcome = _outcome(engine, item, grasp, where)
+    outcome = _outcome(context, item, grasp, where)
     if item["outcome"] is not None and gripper is None:
         raise UsageError(
             f"{where}gripper_id is missing: an outcome is one of a gripper; "
             "register_robot introduces it", field=where + "gripper_id",
         )  # fmt: skip
-    view = engine.names.unique("view")
-    is_alike = known is None or is_plausible(known, seen, engine.policy)
+    view = context.names.unique("view")
+    is_alike = known is None or is_plausible(known, seen, context.policy)
     is_round = placement is not None and placement.is_round
     growth = grow(
-        engine.models, None if known is None else iri(known.iri), seen,
+        context.models, None if known is None else iri(known.iri), seen,
         _viewpoint(seen, known, placement, pose) if is_alike else None, view, is_round,
     )  # fmt: skip
     return Prepared(item, where, seen, known, placement, gripper, grasp, outcome, view, growth)
@@ -145,31 +157,31 @@ def _viewpoint(
 
 
 def stored_before(
-    engine: Engine, task_id: str | None, access: Access, gripper: KnownGripper | None
+    context: Context, task_id: str | None, access: Access, gripper: KnownGripper | None
 ) -> Earlier | None:
     """Return what an earlier request of this id and author stored."""
     if task_id is None:
         return None
-    author = engine.author(access, gripper.robot_name if gripper else None)
-    agents = [engine.agent_iri(author), *([gripper.robot] if gripper else [])]
-    return earlier(engine, task_id, agents)
+    author = context.author(access, gripper.robot_name if gripper else None)
+    agents = [context.agent_iri(author), *([gripper.robot] if gripper else [])]
+    return earlier(context, task_id, agents)
 
 
-def _gripper(engine: Engine, item: dict[str, Any], access: Access) -> KnownGripper | None:
+def _gripper(context: Context, item: dict[str, Any], access: Access) -> KnownGripper | None:
     try:
-        return engine.grippers.find(item["gripper_id"], access.agent)
+        return context.grippers.find(item["gripper_id"], access.agent)
     except UnknownTermError:
         if item["gripper_id"]:
             raise
         return None
 
 
-def classes_named(engine: Engine, description: str | None) -> list[NamedNode]:
+def classes_named(context: Context, description: str | None) -> list[NamedNode]:
     """Return the classes whose names are the description, not only begin with it."""
     if not description:
         return []
     wanted = folded(description)
-    found = engine.classes.find(description)
+    found = context.classes.find(description)
     return [kind.iri for kind in found if wanted in map(folded, kind.names)]
 
 
@@ -186,7 +198,7 @@ def _grasp(item: dict[str, Any], where: str) -> Received | None:
 
 
 def _outcome(
-    engine: Engine, item: dict[str, Any], grasp: Received | None, where: str
+    context: Context, item: dict[str, Any], grasp: Received | None, where: str
 ) -> Outcome | None:
     fields = item["outcome"]
     if fields is None:
@@ -197,4 +209,4 @@ def _outcome(
         fields = read(OUTCOME, {**said, "operator": item["operator"]})
     elif grasp is None:
         raise UsageError(f"{where}grasp is missing: an outcome is one of a grasp")
-    return Outcome.of(fields, engine.reasons, where + "outcome")
+    return Outcome.of(fields, context.reasons, where + "outcome")

@@ -19,7 +19,7 @@ from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.engine.memory.tasks import Decision
+    from rtask.engine.decisions import Decision
 
 __all__ = ["CANDIDATE", "OUTCOME", "TIMES", "Outcome", "Received", "in_object", "received"]
 

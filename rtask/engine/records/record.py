@@ -8,23 +8,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.decisions import Decision
+from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.confidence import believe
 from rtask.engine.memory.question import UNJUDGED
 from rtask.engine.memory.statistics import count, judged_counts
-from rtask.engine.memory.tasks import Decision
-from rtask.engine.operations.robots import KnownGripper
 from rtask.engine.records.attempts import Try, find_grasp, state_grasp, state_try
-from rtask.engine.records.facts import Facts
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.received import Outcome, Received
 from rtask.engine.terms import find_task
+from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RT, reason
 from rtask.rdf.terms import NamedNode, Value, iri, literal
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
-    from rtask.kb.commit.access import Access
+    from rtask.engine.context import Context
 
 __all__ = [
     "Earlier",
@@ -73,12 +72,12 @@ class Entry:
     event: NamedNode | None = None
 
 
-def earlier(engine: Engine, task_id: str, who: list[NamedNode]) -> Earlier | None:
+def earlier(context: Context, task_id: str, who: list[NamedNode]) -> Earlier | None:
     """Return what was stored under a request id by one of these agents, or None."""
     agents = f"VALUES ?agent {{ {' '.join(map(str, who))} }}"
     known = f"?event rt:requestId {literal(task_id)}"
     # Each part by itself: the store would else read every event before it looks at the id.
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?thing ?grasp ?view WHERE {{
   {{ {agents} {known} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
      ?task rt:through ?event ; rt:handles ?thing }}
@@ -97,14 +96,14 @@ SELECT ?thing ?grasp ?view WHERE {{
     return Earlier(first("thing"), grasp, first("view"), bool(grasp))
 
 
-def task_iri(engine: Engine, task_id: str) -> NamedNode:
+def task_iri(context: Context, task_id: str) -> NamedNode:
     """Return the task that an id names; ids of clients' own making get an IRI here."""
-    start = f"{engine.kb.base}task/"
-    return iri(task_id) if task_id.startswith(start) else engine.names.unique("task")
+    start = f"{context.kb.base}task/"
+    return iri(task_id) if task_id.startswith(start) else context.names.unique("task")
 
 
 def resolve_grasp(
-    engine: Engine, facts: Facts, thing: NamedNode, gripper_type: str, grasp: Received
+    context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received
 ) -> NamedNode:
     """Return the grasp of an object that a message means, stated anew where it is new.
 
@@ -116,21 +115,21 @@ def resolve_grasp(
     UnknownTermError
         When only an id came and it is no grasp of this object.
     """
-    if grasp.iri is not None and engine.kb.match(thing, RT.hasGrasp, grasp.iri):
+    if grasp.iri is not None and context.kb.match(thing, RT.hasGrasp, grasp.iri):
         return grasp.iri
     if grasp.in_object is None:
         name = grasp.id or "without an id"
         raise UnknownTermError(
             f"grasp {name} is no grasp of {thing.value}, and its pose is missing"
         )
-    same = find_grasp(engine, thing, gripper_type, grasp)
+    same = find_grasp(context, thing, gripper_type, grasp)
     if same is not None:
         return same
-    state_frame(engine, facts, thing)
+    state_frame(context, triples, thing)
     source = grasp.iri
-    if source is not None and not engine.kb.match(None, RT.hasGrasp, source):
+    if source is not None and not context.kb.match(None, RT.hasGrasp, source):
         source = None
-    return state_grasp(engine, facts, thing, gripper_type, grasp, derived_from=source)
+    return state_grasp(context, triples, thing, gripper_type, grasp, derived_from=source)
 
 
 @dataclass(frozen=True)
@@ -151,30 +150,30 @@ class Recorded:
     counts: Mapping[tuple[bool, bool], int] | None = None
 
 
-def record_try(engine: Engine, facts: Facts, entry: Entry) -> tuple[NamedNode, Withdrawn]:
+def record_try(context: Context, triples: Triples, entry: Entry) -> tuple[NamedNode, Withdrawn]:
     """State an attempt; see :func:`record`."""
-    recorded = record(engine, facts, entry)
+    recorded = record(context, triples, entry)
     return recorded.grasp, recorded.withdrawn
 
 
-def record(engine: Engine, facts: Facts, entry: Entry) -> Recorded:
+def record(context: Context, triples: Triples, entry: Entry) -> Recorded:
     """State an attempt with grasp, outcome, count and belief."""
     grasp = resolve_grasp(
-        engine, facts, entry.thing, entry.gripper.gripper.gripper_type, entry.received
+        context, triples, entry.thing, entry.gripper.gripper.gripper_type, entry.received
     )
     recognition = None
     if entry.decision is not None and entry.decision.recognition is not None:
-        recognition = state_recognition(engine, facts, entry.decision.recognition, entry.event)
+        recognition = state_recognition(context, triples, entry.decision.recognition, entry.event)
     task_class, task_name = find_task(entry.task)
     state_try(
-        engine,
-        facts,
+        context,
+        triples,
         Try(
-            attempt=engine.names.unique("attempt"),
+            attempt=context.names.unique("attempt"),
             thing=entry.thing,
             grasp=grasp,
             gripper=entry.gripper,
-            task=task_iri(engine, entry.task_id),
+            task=task_iri(context, entry.task_id),
             task_class=task_class,
             task_name=task_name,
             request_id=entry.task_id,
@@ -190,20 +189,20 @@ def record(engine: Engine, facts: Facts, entry: Entry) -> Recorded:
         return Recorded(grasp, [])
     gripper, held = entry.gripper, entry.outcome.held
     withdrawn: Withdrawn = []
-    if entry.graph == engine.kb.graphs.agent(gripper.robot_name):
+    if entry.graph == context.kb.graphs.agent(gripper.robot_name):
         withdrawn += count(
-            engine, facts, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,
+            context, triples, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,
             attempts=1, successes=int(held),
         )  # fmt: skip
-    counts = Counter(judged_counts(engine, grasp)) + _pending(facts, grasp)
-    withdrawn += believe(engine, facts, grasp, counts, gripper.robot, entry.graph)
+    counts = Counter(judged_counts(context, grasp)) + _pending(triples, grasp)
+    withdrawn += believe(context, triples, grasp, counts, gripper.robot, entry.graph)
     return Recorded(grasp, withdrawn, counts)
 
 
-def _pending(facts: Facts, grasp: NamedNode) -> Counter[tuple[bool, bool]]:
+def _pending(triples: Triples, grasp: NamedNode) -> Counter[tuple[bool, bool]]:
     """Count the judged attempts of a grasp that are stated and not stored yet, this one too."""
     said: dict[NamedNode, dict[NamedNode, list[Any]]] = {}
-    for subject, predicate, value in facts.triples:
+    for subject, predicate, value in triples:
         said.setdefault(subject, {}).setdefault(predicate, []).append(value)
     unjudged = {reason(code) for code in UNJUDGED}
     counts: Counter[tuple[bool, bool]] = Counter()
@@ -224,10 +223,3 @@ def _times(entry: Entry) -> Mapping[str, float]:
         decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
     told = {k: v for k, v in entry.outcome.fields.get("times", {}).items() if v is not None}
     return {**decided, **told}
-
-
-def home_graph(engine: Engine, author: Access) -> NamedNode:
-    """Return the graph that an author writes."""
-    home = author.bind(engine.kb.graphs).home()
-    assert isinstance(home, NamedNode)
-    return home

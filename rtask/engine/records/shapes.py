@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from grasp.spatial.collision import Support, Surroundings
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
-from rtask.engine.operations.grasps import known_object
 from rtask.engine.perception.views import stored_frame
+from rtask.engine.records.objects import known_object
 from rtask.errors import DataError, MissingBlobError
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import iri
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from grasp.spatial.gripper import ParallelGripper
     from grasp.spatial.hand_search.classifier import GraspClassifier
     from grasp.spatial.meshes.mesh import Mesh
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
 
 __all__ = ["ObjectShape", "object_cloud", "object_shape"]
 
@@ -90,7 +90,7 @@ class ObjectShape:
         return plan_on_cloud(self.points, gripper, support, eyes, options, classifier)
 
 
-def object_shape(engine: Engine, name: str) -> ObjectShape:
+def object_shape(context: Context, name: str) -> ObjectShape:
     """Return the best shape of an object that the graph has.
 
     Parameters
@@ -105,33 +105,33 @@ def object_shape(engine: Engine, name: str) -> ObjectShape:
     DataError
         When nothing of it is stored that has a shape.
     """
-    thing = known_object(engine, name)
-    for node, blob in _meshes(engine, thing):
-        mesh = _read_mesh(engine, blob)
+    thing = known_object(context, name)
+    for node, blob in _meshes(context, thing):
+        mesh = _read_mesh(context, blob)
         if mesh is not None and _is_closed(mesh):
             note = f"{thing}: closed mesh of {len(mesh.faces)} faces"
             return ObjectShape(thing, "mesh", (node,), mesh.vertices, mesh, note=note)
-    known = engine.models.of(iri(thing))
+    known = context.models.of(iri(thing))
     swept = None
-    if known is not None and _is_round(engine, thing):
+    if known is not None and _is_round(context, thing):
         swept = _swept(known[1])
     if known is not None and swept is not None:
         note = f"{thing}: round, {len(swept.faces)} faces swept about its axis"
         return ObjectShape(thing, "mesh", (known[0].iri.value,), swept.vertices, swept, note=note)
     if known is None or len(known[1].sources) < 2:
         # One view as it came is denser than the model that began with it.
-        _, points, views, eyes = _views(engine, thing)
+        _, points, views, eyes = _views(context, thing)
         note = f"{thing}: {len(points)} points of {len(views)} views"
         return ObjectShape(thing, "views", views, points, None, eyes, note)
     stored, model = known
-    seen = [pose[:3, 3] for view, pose in model.sources if _is_of_camera(engine, view)]
+    seen = [pose[:3, 3] for view, pose in model.sources if _is_of_camera(context, view)]
     points = model.cloud[:, :3].astype(np.float64)
     note = f"{thing}: {len(points)} points grown from {len(model.sources)} views"
     eyes = np.array(seen).reshape(-1, 3)
     return ObjectShape(thing, "model", (stored.iri.value,), points, None, eyes, note)
 
 
-def object_cloud(engine: Engine, name: str) -> tuple[str, NDArray[np.float64]]:
+def object_cloud(context: Context, name: str) -> tuple[str, NDArray[np.float64]]:
     """Return the IRI of an object and the points (n, 3) of all its views in its own frame, m.
 
     Parameters
@@ -146,15 +146,15 @@ def object_cloud(engine: Engine, name: str) -> tuple[str, NDArray[np.float64]]:
     DataError
         When no view of it has a cloud whose place is known.
     """
-    return _views(engine, known_object(engine, name))[:2]
+    return _views(context, known_object(context, name))[:2]
 
 
 Views = tuple[str, NDArray[np.float64], tuple[str, ...], NDArray[np.float64]]
 
 
-def _views(engine: Engine, thing: str) -> Views:
+def _views(context: Context, thing: str) -> Views:
     """Return the object, the points (n, 3) of its views, their IRIs and where the cameras were."""
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
   {iri(thing)} rt:hasView ?view . ?view rt:viewContent ?content ; rt:viewpoint ?pose .
   ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob .
@@ -165,7 +165,7 @@ SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
         at: dict[str, Any] = row.to_dict()
         pose = [float(at[k]) for k in ("x", "y", "z", "qx", "qy", "qz", "qw")]
         try:
-            points, is_camera = _points(engine.kb.blobs.read(str(row.value("blob"))), pose)
+            points, is_camera = _points(context.kb.blobs.read(str(row.value("blob"))), pose)
         except (MissingBlobError, ValueError):
             continue
         clouds.append(points)
@@ -196,9 +196,9 @@ def _points(data: bytes, pose: Sequence[float]) -> tuple[NDArray[np.float64], bo
     return np.asarray(moved[np.isfinite(moved).all(axis=1)]), is_camera
 
 
-def _meshes(engine: Engine, thing: str) -> list[tuple[str, str]]:
+def _meshes(context: Context, thing: str) -> list[tuple[str, str]]:
     """Return IRIs and bytes of stored meshes: given ones, then those of the most views."""
-    rows = engine.kb.select(f"""{PREFIXES}
+    rows = context.kb.select(f"""{PREFIXES}
 SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
   {iri(thing)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
   OPTIONAL {{ ?mesh prov:wasDerivedFrom ?model . ?model rt:builtFrom ?view }}
@@ -211,18 +211,18 @@ SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
     return [(mesh, blob) for _, _, mesh, blob in sorted(found)]
 
 
-def _read_mesh(engine: Engine, blob: str) -> Mesh | None:
+def _read_mesh(context: Context, blob: str) -> Mesh | None:
     from grasp.spatial.meshes.mesh_files import mesh_from_ply
 
     try:
-        return mesh_from_ply(engine.kb.blobs.read(blob))
+        return mesh_from_ply(context.kb.blobs.read(blob))
     except (MissingBlobError, ValueError):
         return None
 
 
-def _is_of_camera(engine: Engine, view: str) -> bool:
+def _is_of_camera(context: Context, view: str) -> bool:
     """Tell whether a camera took a view: what hides nothing has no viewpoint."""
-    found = stored_frame(engine.kb, view)
+    found = stored_frame(context.kb, view)
     return found is not None and found[1]
 
 
@@ -241,8 +241,8 @@ def _swept(model: ObjectModel) -> Mesh | None:
     return mesh if mesh is not None and _is_closed(mesh) else None
 
 
-def _is_round(engine: Engine, thing: str) -> bool:
-    known = recall(engine.kb, Question(objects=(thing,))).objects.get(thing)
+def _is_round(context: Context, thing: str) -> bool:
+    known = recall(context.kb, Question(objects=(thing,))).objects.get(thing)
     return known is not None and known.is_round
 
 

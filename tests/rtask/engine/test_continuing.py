@@ -168,8 +168,8 @@ def test_a_belief_of_other_rules_is_computed_anew_and_says_so(folder):
 
 def test_what_robots_did_is_experience_for_the_learners_of_the_thesis(folder):
     with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
-        steps = experience(engine)
-        again = experience(engine)
+        steps = experience(engine.context)
+        again = experience(engine.context)
     assert sorted(step.reward for step in steps) == [-1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
     assert len({tuple(step.state) for step in steps}) == 2  # one for each object
     assert [tuple(s.state) for s in steps] == [tuple(s.state) for s in again]
@@ -178,14 +178,14 @@ def test_what_robots_did_is_experience_for_the_learners_of_the_thesis(folder):
 
 def test_views_of_an_older_extractor_are_left_out(folder):
     with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
-        before = experience(engine)
+        before = experience(engine.context)
         from rtask.engine.memory import learners
 
         one = learners.stored_views(kb)[0].object
         spoiled = [view for view in learners.stored_views(kb) if view.object == one]
         for view in spoiled:
             kb.blobs.path(view.blob).write_bytes(b"another format")
-        left = experience(engine)
+        left = experience(engine.context)
     assert len(before) == 6
     assert len(left) == 3
 
@@ -197,33 +197,36 @@ def learner(seed=1):
 def test_a_learner_goes_on_from_its_state_in_the_graph(folder):
     with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
         first = learner()
-        steps = experience(engine)
+        steps = experience(engine.context)
         first.learn_examples(steps)
-        node = keep_learner(engine, first, "quadrants", "nao-1", len(steps))
+        node = keep_learner(engine.context, first, "quadrants", "nao-1", len(steps))
         acts = [first.act(step.state) for step in steps]
     with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
         assert kb.match(rtask.rdf.terms.iri(node), graph=kb.graphs.agent("nao-1"))
         second = learner(seed=99)
-        told = resume_learner(engine, second, "quadrants")
+        told = resume_learner(engine.context, second, "quadrants")
         assert told.done
         assert np.array_equal(second.values, first.values)
-        assert [second.act(step.state) for step in experience(engine)] == acts
-        keep_learner(engine, second, "quadrants", "nao-1")
+        assert [second.act(step.state) for step in experience(engine.context)] == acts
+        keep_learner(engine.context, second, "quadrants", "nao-1")
         assert len(kb.match(rtask.rdf.terms.iri(node), rtask.rdf.namespaces.RT.algorithm)) == 1
 
 
 def test_a_state_of_an_older_version_is_left_alone_with_a_note(folder):
     with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
         first = learner()
-        first.learn_examples(experience(engine))
-        keep_learner(engine, Older(first), "quadrants")
+        first.learn_examples(experience(engine.context))
+        keep_learner(engine.context, Older(first), "quadrants")
         fresh = learner()
-        told = resume_learner(engine, fresh, "quadrants")
+        told = resume_learner(engine.context, fresh, "quadrants")
         assert not told.done
         assert "version 1" in told.note
         assert "learn anew from the outcomes" in told.note
         assert not fresh.values.any()
-        assert resume_learner(engine, fresh, "nothing").note == "no learner 'nothing' is stored"
+        assert (
+            resume_learner(engine.context, fresh, "nothing").note
+            == "no learner 'nothing' is stored"
+        )
 
 
 class Older:

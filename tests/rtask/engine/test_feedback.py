@@ -122,11 +122,11 @@ def test_the_same_word_again_stores_nothing(trial):
 def test_counts_made_again_from_the_attempts_are_the_same(trial):
     trial.say("ann", "refuse")
     assert trial.counted() == (0, 1)
-    rebuild(trial.engine)
+    rebuild(trial.engine.context)
     assert trial.counted() == (0, 1)
     trial.say("bob", "confirm")
     trial.say("cleo", "confirm")
-    rebuild(trial.engine)
+    rebuild(trial.engine.context)
     assert trial.counted() == (1, 1)
 
 
@@ -172,7 +172,7 @@ def test_a_planned_grasp_keeps_its_evaluation_and_gets_a_posterior(bench, trial)
     from rtask.engine.operations.planned import PlannedGrasp, store_planned
 
     plan = PlannedGrasp(0.0, 0.0, 0.02, 0.3, 0.03, 0.045, 0.8, 100, 0.001)
-    (grasp,) = store_planned(trial.engine, trial.object, [plan], "nao_hand")["grasps"]
+    (grasp,) = store_planned(trial.engine.context, trial.object, [plan], "nao_hand")["grasps"]
     before = {g["id"]: g for g in trial.robot.call("recall_grasps", object="tea box")["grasps"]}
     assert before[grasp]["confidence"]["evaluation"] == grasp + "/evaluation"
     assert before[grasp]["confidence"]["prior"] == 0.8

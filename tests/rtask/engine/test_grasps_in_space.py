@@ -134,7 +134,7 @@ def test_outcomes_of_a_grasp_in_space_move_its_statistics_its_belief_and_the_ord
     recalled = robot.call("recall_grasps", object=thing, max_grasps=50)["grasps"]
     (mine,) = [grasp for grasp in recalled if grasp["id"] == best["id"]]
     assert mine["confidence"]["mean"] < mine["confidence"]["prior"]
-    steps = experience(engine)
+    steps = experience(engine.context)
     assert [(step.action, step.reward) for step in steps] == [
         (quadrant(best["in_object"]["theta"]), -1.0)
     ] * 2
@@ -173,35 +173,35 @@ def test_a_closed_mesh_is_planned_on_before_clouds_and_a_round_thing_is_swept(
 ) -> None:
     robot = panda(bench, engine)
     can = robot.insert(bench.sight(bench.CAN), name="can")["objects"][0]["object"]
-    swept = object_shape(engine, can)
+    swept = object_shape(engine.context, can)
     assert swept.mesh is not None
     assert np.abs(swept.mesh.extent[:2] - bench.CAN.size[:2]).max() < 0.006
     box = box_mesh((0.03, 0.03, 0.08))
     store_mesh(engine, can, box, range(len(box.faces)))
-    found = object_shape(engine, "can")
+    found = object_shape(engine.context, "can")
     assert found.mesh is not None
     assert len(found.mesh.faces) == 12
     # Without its sides it is not closed, so the sweep stands again.
     sides = np.flatnonzero(np.abs(box.normals[:, 0]) < 0.5)
     store_mesh(engine, can, box, sides)
-    assert "swept" in object_shape(engine, "can").note
+    assert "swept" in object_shape(engine.context, "can").note
 
 
 def store_mesh(engine: Any, thing: str, mesh: Any, faces: Any) -> None:
     """State a mesh of an object, in place of the one before."""
     from features.modelling import mesh_to_ply
-    from rtask.engine.records.facts import Facts
+    from rtask.engine.triples import Triples
     from rtask.rdf.namespaces import RT
     from rtask.rdf.terms import iri
 
-    facts, node = Facts(), iri(thing + "/cad")
+    triples, node = Triples(), iri(thing + "/cad")
     kept = mesh.faces[list(faces)]
     grey = np.full((len(mesh.vertices), 3), 90, np.uint8)
     data = mesh_to_ply(mesh.vertices + np.array([0, 0, 0.04]), kept, grey)
     blob = engine.kb.blobs.put(data, "model/ply")
-    facts.add(iri(thing), RT.hasFeature, node)
-    facts.node(node, [RT.TriangleMesh], {RT.hasBlob: facts.blob(blob)})
+    triples.add(iri(thing), RT.hasFeature, node)
+    triples.node(node, [RT.TriangleMesh], {RT.hasBlob: triples.blob(blob)})
     with engine.kb.transaction(note="a mesh") as tx:
         for quad in engine.kb.match(node, RT.hasBlob):
             tx.remove(node, RT.hasBlob, quad.object)
-        facts.write(tx)
+        triples.write(tx)

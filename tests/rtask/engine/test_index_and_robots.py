@@ -99,8 +99,8 @@ def test_a_view_given_to_another_object_is_found_under_that(bench, kb, engine):
 
 def test_an_index_ahead_of_the_graph_names_no_object(bench, kb, engine):
     from rtask.engine.operations.messages import read
-    from rtask.engine.operations.recognise import SIGHT
     from rtask.engine.perception.observation import observe
+    from rtask.engine.records.prepared import SIGHT
 
     robot = fill(bench, engine)
     features = observe(read(SIGHT, bench.sight(bench.PEN))).features

@@ -15,7 +15,7 @@ from features.geometry import Frame
 from features.modelling import ObjectModel
 from grasp.messages import matrix_from_message
 from rtask.engine import Engine
-from rtask.engine.perception.models import stored_models
+from rtask.engine.stored import stored_models
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri

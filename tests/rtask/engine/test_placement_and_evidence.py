@@ -13,9 +13,9 @@ from features.tabletop import measure
 from grasp.spatial.frames import surface_from_object
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.experience import Weights, gather, without_trials
-from rtask.engine.memory.recall import Memory, Remembered, Tally, Trial
 from rtask.engine.perception.placement import classify_shape, footprint_of, place
 from rtask.engine.policy import Policy
+from rtask.engine.remembered import Memory, Remembered, Tally, Trial
 
 HAND = ParallelGripper("hand", "nao_hand", 0.0, 0.05)
 SIZE = (0.04, 0.03, 0.06)

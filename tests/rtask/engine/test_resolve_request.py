@@ -195,5 +195,5 @@ def test_stems_do_not_mind_plural_and_gerund():
 
 
 def test_the_longest_name_wins(room):
-    found = meaning(room.engine, "a drinking vessel")
+    found = meaning(room.engine.context, "a drinking vessel")
     assert [(s.kind, s.terms) for s in found.senses] == [("class", (RT + "DrinkingVessel",))]

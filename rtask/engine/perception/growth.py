@@ -9,8 +9,6 @@ that are in it; of several the one with the most views counts. All can be made a
 from __future__ import annotations
 
 import logging
-import threading
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -21,30 +19,27 @@ from numpy.typing import NDArray
 from grasp.spatial.frames import tilt
 from rtask.engine.perception.surroundings import surrounded, with_table
 from rtask.engine.perception.views import stored_frame, viewpoint
-from rtask.engine.records.facts import Facts
-from rtask.errors import MissingBlobError
+from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import NamedNode, Value, iri
 
 if TYPE_CHECKING:
     from features.geometry import Frame
     from features.modelling import ObjectModel, Registration
-    from rtask.engine.engine import Engine
-    from rtask.engine.perception.observation import Observation
+    from rtask.engine.context import Context
+    from rtask.engine.observation import Observation
+    from rtask.engine.stored import Models
     from rtask.kb.commit.commit import Commit
     from rtask.knowledge_base import KnowledgeBase
 
 __all__ = [
     "Growth",
-    "Models",
-    "StoredModel",
     "grow",
     "old_models",
     "posed_views",
     "rebuild_models",
     "regrown",
     "state_model",
-    "stored_models",
 ]
 
 log = logging.getLogger(__name__)
@@ -55,21 +50,6 @@ _CODEC = "RTASK-model/1"
 _ENOUGH_VIEWS, _MOST_VIEWS = 8, 48
 _WORTH = 1.02
 _UPRIGHT, _MOST_FLOAT_M = np.deg2rad(20), 0.012
-
-
-@dataclass(frozen=True)
-class StoredModel:
-    """A model as the graph names it.
-
-    Parameters
-    ----------
-    views
-        IRIs of the views that are in it.
-    """
-
-    iri: NamedNode
-    blob: str
-    views: frozenset[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,68 +65,6 @@ class Growth:
     model: ObjectModel
     registration: Registration
     before: str = ""
-
-
-def stored_models(kb: KnowledgeBase, thing: NamedNode) -> list[StoredModel]:
-    """Return the models of an object, that with the most views first."""
-    found = []
-    for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:
-        if not isinstance(model, NamedNode):
-            continue
-        blobs = {quad.object for quad in kb.match(model, RT.hasBlob)}
-        if len(blobs) != 1:
-            continue
-        (blob,) = blobs
-        assert isinstance(blob, NamedNode)
-        views = frozenset(
-            quad.object.value
-            for quad in kb.match(model, RT.builtFrom)
-            if isinstance(quad.object, NamedNode)
-        )
-        found.append(StoredModel(model, blob.value, views))
-    return sorted(found, key=lambda model: (-len(model.views), model.iri.value))
-
-
-class Models:
-    """Decoded models by the IRI of their bytes; the last ones used stay."""
-
-    def __init__(self, kb: KnowledgeBase, size: int = 64) -> None:
-        self.kb = kb
-        self._size = size
-        self._kept: OrderedDict[str, ObjectModel] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def of(self, thing: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
-        """Return the model of an object, or None when there is none or its bytes are gone."""
-        for stored in stored_models(self.kb, thing):
-            model = self.read(stored.blob)
-            if model is not None:
-                return stored, model
-        return None
-
-    def read(self, blob: str) -> ObjectModel | None:
-        """Return the model of some bytes, or None when they are gone or of another version."""
-        from features.modelling import ObjectModel
-
-        with self._lock:
-            known = self._kept.get(blob)
-            if known is not None:
-                self._kept.move_to_end(blob)
-                return known
-        try:
-            model = ObjectModel.from_bytes(self.kb.blobs.read(blob))
-        except (MissingBlobError, ValueError) as error:
-            log.warning("no model from %s: %s", blob, error)
-            return None
-        self.keep(blob, model)
-        return model
-
-    def keep(self, blob: str, model: ObjectModel) -> None:
-        """Remember a model that was just stored."""
-        with self._lock:
-            self._kept[blob] = model
-            while len(self._kept) > self._size:
-                self._kept.popitem(last=False)
 
 
 def grow(
@@ -256,7 +174,7 @@ def regrown(
     return None if model.is_empty else model
 
 
-def rebuild_models(engine: Engine) -> tuple[Commit, int]:
+def rebuild_models(context: Context) -> tuple[Commit, int]:
     """Make the models of all objects again from their views; one commit.
 
     Returns
@@ -264,54 +182,54 @@ def rebuild_models(engine: Engine) -> tuple[Commit, int]:
     Commit
     Number of models.
     """
-    kb = engine.kb
-    with engine.writing:
+    kb = context.kb
+    with context.writing:
         things = {q.subject for q in kb.match(None, RT.hasView) if isinstance(q.subject, NamedNode)}
         things |= {
             q.subject for q in kb.match(None, RT.hasModel) if isinstance(q.subject, NamedNode)
         }
-        facts, made = Facts(), 0
+        triples, made = Triples(), 0
         old: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
         for thing in sorted(things, key=str):
             old += old_models(kb, thing)
             model = regrown(kb, posed_views(kb, thing))
             if model is not None:
-                state_model(engine, facts, thing, model)
+                state_model(context, triples, thing, model)
                 made += 1
         rights = kb.access()
         with kb.transaction(note="rebuild models") as tx:
             for subject, predicate, value, graph in old:
                 if rights.may_write(graph):
                     tx.remove(subject, predicate, value, graph)
-            facts.write(tx)
+            triples.write(tx)
         return tx.commit, made
 
 
 def state_model(
-    engine: Engine, facts: Facts, thing: NamedNode, model: ObjectModel
+    context: Context, triples: Triples, thing: NamedNode, model: ObjectModel
 ) -> tuple[NamedNode, str]:
     """State a model, cloud and mesh; return its IRI and that of its bytes, which are stored."""
     from features.modelling import mesh_to_ply
 
-    node = engine.names.unique("model")
-    cloud = engine.kb.blobs.put(model.to_bytes(), _MODEL)
-    facts.add(thing, RT.hasModel, node)
-    facts.node(
+    node = context.names.unique("model")
+    cloud = context.kb.blobs.put(model.to_bytes(), _MODEL)
+    triples.add(thing, RT.hasModel, node)
+    triples.node(
         node,
         [RT.ObjectModel],
-        {RT.hasBlob: facts.blob(cloud), RT.pointCount: len(model.cloud), RT.codec: _CODEC},
+        {RT.hasBlob: triples.blob(cloud), RT.pointCount: len(model.cloud), RT.codec: _CODEC},
     )
     for name, _ in model.sources:
-        facts.add(node, RT.builtFrom, iri(name))
+        triples.add(node, RT.builtFrom, iri(name))
     vertices, faces, colours = model.mesh()
     if len(faces):
         mesh = iri(f"{node.value}/mesh")
-        data = engine.kb.blobs.put(mesh_to_ply(vertices, faces, colours), _MESH)
-        facts.add(thing, RT.hasFeature, mesh)
-        facts.node(
+        data = context.kb.blobs.put(mesh_to_ply(vertices, faces, colours), _MESH)
+        triples.add(thing, RT.hasFeature, mesh)
+        triples.node(
             mesh,
             [RT.TriangleMesh],
-            {RT.hasBlob: facts.blob(data), RT.vertexCount: len(vertices),
+            {RT.hasBlob: triples.blob(data), RT.vertexCount: len(vertices),
              RT.faceCount: len(faces), PROV.wasDerivedFrom: node},
         )  # fmt: skip
     return node, cloud.iri.value

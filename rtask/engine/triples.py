@@ -1,9 +1,9 @@
-"""Statements in the making: triples about individuals, with numbers and times in one form."""
+"""Triples to be stored together, with numbers and times in one form."""
 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.transaction import Transaction
     from rtask.kb.durability.blobs import Blob
 
-__all__ = ["Facts", "stamp"]
+__all__ = ["Triples", "stamp"]
 
 _STAMP = NamedNode(ontology.PREFIXES["xsd"] + "dateTimeStamp")
 _METRE_DIGITS = 6
@@ -30,20 +30,26 @@ def stamp(time: dt.datetime) -> Literal:
     return Literal(time.astimezone(dt.UTC).isoformat().replace("+00:00", "Z"), datatype=_STAMP)
 
 
-class Facts:
+class Triples:
     """Triples that will be stored together.
 
     Examples
     --------
-    >>> facts = Facts()
-    >>> facts.add(RT.mug, RT.mass, 0.3)
-    >>> facts.add(RT.mug, RT.name, None)
-    >>> len(facts.triples)
+    >>> triples = Triples()
+    >>> triples.add(RT.mug, RT.mass, 0.3)
+    >>> triples.add(RT.mug, RT.name, None)
+    >>> len(triples)
     1
     """
 
     def __init__(self) -> None:
-        self.triples: list[tuple[NamedNode, NamedNode, Value]] = []
+        self._stated: list[tuple[NamedNode, NamedNode, Value]] = []
+
+    def __iter__(self) -> Iterator[tuple[NamedNode, NamedNode, Value]]:
+        return iter(self._stated)
+
+    def __len__(self) -> int:
+        return len(self._stated)
 
     def add(self, subject: NamedNode, predicate: NamedNode, value: Value | None) -> None:
         """State one thing; None states nothing."""
@@ -52,7 +58,7 @@ class Facts:
         if isinstance(value, float):
             # -0.0 and 0.0 would be two values of a property that may have one.
             value = round(value, _METRE_DIGITS) + 0.0
-        self.triples.append((subject, predicate, value))
+        self._stated.append((subject, predicate, value))
 
     def node(
         self,
@@ -62,7 +68,7 @@ class Facts:
     ) -> NamedNode:
         """State the classes and properties of an individual, and return it."""
         for kind in kinds:
-            self.triples.append((subject, RDF.type, kind))
+            self._stated.append((subject, RDF.type, kind))
         for predicate, value in properties.items():
             self.add(subject, predicate, value)
         return subject
@@ -78,14 +84,14 @@ class Facts:
         for name, number in zip("xyzw", quaternion, strict=True):
             # A norm of 1 within 1e-6 is asked for; six digits would not keep it.
             exact = round(float(number), _QUATERNION_DIGITS) + 0.0
-            self.triples.append((subject, getattr(RT, "q" + name), exact))
+            self._stated.append((subject, getattr(RT, "q" + name), exact))
         return subject
 
     def blob(self, blob: Blob) -> NamedNode:
         """Describe stored bytes."""
         for subject, predicate, value in blob.statements():
             assert isinstance(subject, NamedNode)
-            self.triples.append((subject, predicate, value))
+            self._stated.append((subject, predicate, value))
         return blob.iri
 
     def with_confidence(
@@ -97,11 +103,19 @@ class Facts:
         confidence: float,
     ) -> None:
         """State something that is only likely, and how likely, on its reifier (RDF 1.2)."""
-        self.triples.append((subject, predicate, value))
-        self.triples.append((reifier, RDF.reifies, Triple(subject, predicate, value)))
+        self._stated.append((subject, predicate, value))
+        self._stated.append((reifier, RDF.reifies, Triple(subject, predicate, value)))
         self.add(reifier, RT.confidence, confidence)
+
+    def discard(
+        self, subject: NamedNode, predicates: Collection[NamedNode]
+    ) -> list[tuple[NamedNode, NamedNode, Value]]:
+        """Take back what was stated of some properties of a subject, and return it."""
+        taken = [t for t in self._stated if t[0] == subject and t[1] in predicates]
+        self._stated = [t for t in self._stated if t not in taken]
+        return taken
 
     def write(self, transaction: Transaction) -> None:
         """Assert everything in the transaction's own graph."""
-        for subject, predicate, value in self.triples:
+        for subject, predicate, value in self._stated:
             transaction.add(subject, predicate, value)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.curation.merging import merge_objects
-from rtask.engine.curation.redirects import present_name
+from rtask.engine.curation.merging import merge_objects, present_name
 from rtask.engine.curation.splitting import forget_object, forget_views, split_object
 from rtask.engine.curation.undoing import undo
 from rtask.engine.operations.messages import Field, nearest
@@ -18,7 +17,7 @@ from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, literal
 
 if TYPE_CHECKING:
-    from rtask.engine.engine import Engine
+    from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
@@ -39,14 +38,14 @@ CURATE_OBJECT = (
 )  # fmt: skip
 
 
-def curate_object(engine: Engine, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def curate_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     """Carry out what a person wants; robots have no right to it."""
-    author = author_of(engine, request["operator"], access)
-    with engine.writing:
-        return _curate(engine, request, author)
+    author = author_of(context, request["operator"], access)
+    with context.writing:
+        return _curate(context, request, author)
 
 
-def author_of(engine: Engine, operator: str | None, access: Access) -> Access:
+def author_of(context: Context, operator: str | None, access: Access) -> Access:
     """Return in whose name a person's change is made; nobody changes in another person's name.
 
     Raises
@@ -58,29 +57,29 @@ def author_of(engine: Engine, operator: str | None, access: Access) -> Access:
         raise ForbiddenError(
             f"the token belongs to {access.agent!r}: it cannot change in the name of {operator!r}"
         )
-    return engine.author(access, operator, "teacher")
+    return context.author(access, operator, "teacher")
 
 
-def _curate(engine: Engine, request: dict[str, Any], author: Access) -> dict[str, Any]:
+def _curate(context: Context, request: dict[str, Any], author: Access) -> dict[str, Any]:
     operation = request["operation"]
     if operation == "undo":
         if not request["commit"]:
             raise UsageError("commit is missing: which one is taken back?", field="commit")
-        return _answer(engine, undo(engine, request["commit"], author), "")
-    thing = object_meant(engine, request["object"], "object")
+        return _answer(context, undo(context, request["commit"], author), "")
+    thing = object_meant(context, request["object"], "object")
     if operation == "merge":
-        kept = object_meant(engine, request["into"], "into")
-        return _answer(engine, merge_objects(engine, kept, thing, author), kept.value)
+        kept = object_meant(context, request["into"], "into")
+        return _answer(context, merge_objects(context, kept, thing, author), kept.value)
     if operation == "split":
-        new, commit = split_object(engine, thing, request["views"], request["name"], author)
-        return _answer(engine, commit, new.value)
+        new, commit = split_object(context, thing, request["views"], request["name"], author)
+        return _answer(context, commit, new.value)
     if request["views"]:
-        done = forget_views(engine, thing, request["views"], request["purge"], author)
-        return _answer(engine, done, thing.value)
-    return _answer(engine, forget_object(engine, thing, request["purge"], author), "")
+        done = forget_views(context, thing, request["views"], request["purge"], author)
+        return _answer(context, done, thing.value)
+    return _answer(context, forget_object(context, thing, request["purge"], author), "")
 
 
-def object_meant(engine: Engine, name: str | None, field: str) -> NamedNode:
+def object_meant(context: Context, name: str | None, field: str) -> NamedNode:
     """Return the object that a field of a request means: by IRI, former IRI, objectId or name.
 
     Raises
@@ -92,7 +91,7 @@ def object_meant(engine: Engine, name: str | None, field: str) -> NamedNode:
     """
     if not name:
         raise UsageError(f"{field} is missing: IRI of the object", field=field)
-    kb = engine.kb
+    kb = context.kb
     text = literal(present_name(kb, name))
     rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:name ?name }}
@@ -110,10 +109,10 @@ SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:
     raise UnknownTermError(f"{field}: the graph knows no object {name}{hint}", field=field)
 
 
-def _answer(engine: Engine, commit: Commit, thing: str) -> dict[str, Any]:
+def _answer(context: Context, commit: Commit, thing: str) -> dict[str, Any]:
     return {
         "object": thing,
-        "commit": engine.commit_id(commit),
+        "commit": context.commit_id(commit),
         "added": commit.added,
         "removed": commit.removed,
     }

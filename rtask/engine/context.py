@@ -1,0 +1,137 @@
+"""What every operation works with: the knowledge base, its catalogues, the index and the caches."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from rtask.engine.decisions import Decision
+from rtask.engine.grippers import GripperCatalogue
+from rtask.engine.names import Names
+from rtask.engine.observation import Observation
+from rtask.engine.policy import Policy
+from rtask.engine.recent import Recent
+from rtask.engine.stored import Models
+from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, known_reasons
+from rtask.engine.view_index import ViewIndex
+from rtask.errors import ForbiddenError
+from rtask.kb.commit.access import Access
+from rtask.rdf.terms import NamedNode
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rtask.kb.commit.commit import Change, Commit
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["SCOPES", "Context"]
+
+SCOPES: Mapping[str, frozenset[str]] = {
+    "reader": frozenset({"read"}),
+    "robot": frozenset({"read", "write"}),
+    "teacher": frozenset({"read", "write", "teach"}),
+    "anonymous": frozenset({"read", "write", "teach"}),
+    "admin": frozenset({"read", "write", "teach"}),
+}
+"""Scopes of operations that each role holds."""
+
+_OBSERVATIONS, _DECISIONS = 32, 2048
+
+
+class Context:
+    """Shared state of the operations on one knowledge base.
+
+    Parameters
+    ----------
+    kb
+        With the ontology and the union of graphs.
+    index_folder
+        Where the index of views is kept; None = in memory.
+    policy
+        Thresholds and weights.
+
+    Attributes
+    ----------
+    writing
+        Lock of the writer: numbers are given, statements made and stored while it is held.
+    names, grippers, classes, functions
+        Catalogues, current after each commit.
+    reasons
+        Codes of outcome reasons that the ontology has.
+    views
+        Index of stored views, by which recognition works.
+    models
+        Models of objects, decoded.
+    observations
+        The last observations by digest: a robot sends one view twice, to ask and to tell.
+    decisions
+        Recent decisions by task, so that an outcome can be stored with its reasons. Kept in memory
+        only: after a restart an outcome is stored without them.
+    """
+
+    def __init__(self, kb: KnowledgeBase, index_folder: Path | None, policy: Policy) -> None:
+        self.kb = kb
+        self.policy = policy
+        self.writing = threading.RLock()
+        self.names = Names(kb)
+        self.grippers = GripperCatalogue(kb)
+        self.classes = ClassCatalogue(kb)
+        self.functions = FunctionCatalogue(kb)
+        self.reasons = known_reasons(kb)
+        self.models = Models(kb)
+        self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
+        self.decisions: Recent[Decision] = Recent(_DECISIONS)
+        self.views = ViewIndex(kb, index_folder, self.writing)
+        self._stop_listening = kb.on_commit(self._on_commit)
+        self.views.sync()
+
+    def require(self, access: Access, scope: str) -> None:
+        """Refuse a caller whose role lacks a scope.
+
+        Raises
+        ------
+        ForbiddenError
+            Naming the scope.
+        """
+        if scope not in SCOPES[access.role]:
+            raise ForbiddenError(f"needs scope {scope}; the role {access.role} lacks it")
+
+    def author(
+        self, access: Access, fallback: str | None, role: Literal["robot", "teacher"] = "robot"
+    ) -> Access:
+        """Return the identity under which something is written.
+
+        A caller without a name (a server without tokens, the owner of the store) writes for the
+        robot or person that the message names, with no more rights than that one has.
+        """
+        if access.agent or not fallback:
+            return access
+        return Access(fallback, role)
+
+    def agent_iri(self, author: Access) -> NamedNode:
+        """Return the individual that stands for an author."""
+        if author.agent is None:
+            return self.names.named("agent", "anonymous")
+        role = "teacher" if author.role == "teacher" else "robot"
+        return self.kb.graphs.agent_iri(author.agent, role)
+
+    def home_graph(self, author: Access) -> NamedNode:
+        """Return the graph that an author writes to."""
+        home = author.bind(self.kb.graphs).home()
+        assert isinstance(home, NamedNode)
+        return home
+
+    def commit_id(self, commit: Commit) -> str:
+        """Return the id of a commit as messages carry it."""
+        return f"c-{commit.seq:05d}"
+
+    def close(self) -> None:
+        """Close the index; the knowledge base stays open."""
+        self._stop_listening()
+        self.views.close()
+
+    def _on_commit(self, change: Change) -> None:
+        self.grippers.forget_if_changed(change)
+        self.classes.forget_if_changed(change)
+        self.functions.forget_if_changed(change)

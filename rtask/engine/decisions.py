@@ -1,0 +1,113 @@
+"""Grasps that were offered for a task, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from grasp.learning.bandit import Choice
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.planar import PlanarGrasp
+from rtask.engine.remembered import Remembered
+
+if TYPE_CHECKING:
+    from features.recognition.recogniser import Recognition
+
+__all__ = ["Decision", "Option"]
+
+
+@dataclass(frozen=True)
+class Option:
+    """A grasp that may be chosen.
+
+    Parameters
+    ----------
+    id
+        IRI of a remembered grasp, ``candidate:<k>`` of a proposed one.
+    grasp
+        In the robot's frame; z of a planar one is over the support.
+    in_object
+        (x, y, z, theta) in the object's frame.
+    remembered
+        What the graph knows about this very grasp.
+    choice
+        The learner's view; filled in by :func:`choose`.
+    sources
+        Objects whose outcomes speak about it.
+    """
+
+    id: str
+    grasp: PlanarGrasp | GraspCandidate
+    in_object: tuple[float, float, float, float]
+    remembered: Remembered | None = None
+    choice: Choice | None = None
+    sources: tuple[str, ...] = ()
+
+    @property
+    def quality(self) -> float:
+        """By geometry, 0..1: of a grasp in space the confidence with which it was planned."""
+        if isinstance(self.grasp, GraspCandidate):
+            return self.grasp.scores["confidence"]
+        return self.grasp.quality
+
+    @property
+    def opening(self) -> float:
+        """Between the jaws before closing, m."""
+        return self.grasp.width if self.grasp.opening is None else self.grasp.opening
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float] | None:
+        """Of a grasp in space in the object's frame (x, y, z, w)."""
+        return None if self.remembered is None else self.remembered.quaternion
+
+    @property
+    def explanation(self) -> dict[str, Any]:
+        """Why it stands where it stands: parts of the belief, and a sentence."""
+        if self.choice is None:
+            return {}
+        parts = dict(self.choice.explanation)
+        parts["objects"] = list(self.sources)
+        parts["text"] = _sentence(self, parts)
+        return parts
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the engine answered for one task.
+
+    Parameters
+    ----------
+    object
+        IRI of the object, empty when it was unknown.
+    options
+        Offered grasps by id.
+    times
+        Durations of the steps, s.
+    """
+
+    object: str
+    recognition: Recognition | None
+    options: Mapping[str, Option] = field(default_factory=dict)
+    times: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+
+
+def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
+    """Return the explanation in words."""
+    assert option.choice is not None
+    won, lost = parts["graph"]
+    said = [f"geometry rates it {parts['quality']:.2f}"]
+    if option.remembered is not None and option.remembered.attempts:
+        known = option.remembered
+        said.append(f"it held {known.successes} of {known.attempts} times")
+    if max(won, lost) >= 0.05:
+        where = f" on {len(option.sources)} object(s)" if option.sources else ""
+        said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
+    if max(parts["episode"]) >= 0.05:
+        said.append(f"tries just now add {parts['episode'][0]:.1f} and {parts['episode'][1]:.1f}")
+    low, high = option.choice.interval90
+    chance = f"chance {option.choice.mean:.2f} ({low:.2f} to {high:.2f})"
+    how = {"proven": "proven, so it goes first", "sample": "drawn among the best",
+           "mean": "in order of chance"}[parts["selected_by"]]  # fmt: skip
+    return f"{chance}: {'; '.join(said)}; {how}"

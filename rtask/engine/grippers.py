@@ -1,0 +1,126 @@
+"""End effectors that robots registered, by name."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from grasp.spatial.gripper import ParallelGripper
+from rtask.engine.operations.messages import nearest
+from rtask.errors import UnknownTermError
+from rtask.rdf.namespaces import PREFIXES, RT, local_name
+from rtask.rdf.terms import NamedNode
+
+if TYPE_CHECKING:
+    from rtask.kb.commit.commit import Change
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["GripperCatalogue", "KnownGripper"]
+
+
+@dataclass(frozen=True)
+class KnownGripper:
+    """An end effector in the graph."""
+
+    iri: NamedNode
+    robot: NamedNode
+    robot_name: str
+    gripper: ParallelGripper
+    kind: str
+    camera: NamedNode | None = None
+
+
+class GripperCatalogue:
+    """End effectors by name, read again when a robot changes.
+
+    A decision asks the graph once; what a gripper is was known before.
+    """
+
+    def __init__(self, kb: KnowledgeBase) -> None:
+        self._kb = kb
+        self._lock = threading.Lock()
+        self._known: list[KnownGripper] | None = None
+
+    def forget_if_changed(self, change: Change) -> None:
+        """Read again after a commit that touches robots."""
+        telling = {RT.hasEndEffector, RT.hasSensor, RT.gripperType, RT.minOpening, RT.maxOpening,
+                   RT.jawWidth, RT.fingerLength, RT.maxPayload}  # fmt: skip
+        if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
+            with self._lock:
+                self._known = None
+
+    def all(self) -> list[KnownGripper]:
+        """Return every end effector, in the order of their IRIs."""
+        with self._lock:
+            if self._known is None:
+                self._known = _read_grippers(self._kb)
+            return self._known
+
+    def find(self, gripper_id: str | None, agent: str | None) -> KnownGripper:
+        """Return the end effector that a message names.
+
+        Parameters
+        ----------
+        gripper_id
+            IRI or name; None = the only one of the robot that asks. Nobody is credited with what
+            another robot's hand did, so a robot without a gripper must name one.
+        agent
+            Who asks: its own grippers come first where a name is used by several robots.
+
+        Raises
+        ------
+        UnknownTermError
+            With the nearest name.
+        """
+        known = self.all()
+        own = [g for g in known if g.robot_name == agent]
+        if gripper_id is None:
+            if len(own) == 1:
+                return own[0]
+            said = f"{agent} has {len(own)} grippers" if agent else "the caller has no name"
+            raise UnknownTermError(f"gripper_id is missing, and {said}")
+        for g in (*own, *known):
+            if gripper_id in (g.iri.value, g.gripper.name):
+                return g
+        names = sorted({g.gripper.name for g in known})
+        hint = nearest(gripper_id, names) or f"; known: {', '.join(names) or 'none yet'}"
+        raise UnknownTermError(f"unknown gripper {gripper_id!r}{hint}", did_you_mean=names[:3])
+
+
+_GRIPPERS = f"""{PREFIXES}
+SELECT ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload
+  (MIN(?sensor) AS ?camera) WHERE {{
+  ?robot rt:hasEndEffector ?part ; rt:name ?robot_name .
+  ?part rt:name ?name ; rt:gripperType ?type ; rt:maxOpening ?high
+  OPTIONAL {{ ?part a ?kind FILTER(?kind IN (rt:Hand, rt:ParallelJawGripper)) }}
+  OPTIONAL {{ ?part rt:minOpening ?low }} OPTIONAL {{ ?part rt:jawWidth ?jaw }}
+  OPTIONAL {{ ?part rt:fingerLength ?finger }} OPTIONAL {{ ?part rt:maxPayload ?payload }}
+  OPTIONAL {{ ?robot rt:hasSensor ?sensor }}
+}} GROUP BY ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload"""
+
+
+def _read_grippers(kb: KnowledgeBase) -> list[KnownGripper]:
+    found: dict[str, KnownGripper] = {}
+    for row in kb.select(_GRIPPERS):
+        given = {name: value for name, value in row.to_dict().items() if value is not None}
+        part, robot, camera = row["part"], row["robot"], row["camera"]
+        if not isinstance(part, NamedNode) or not isinstance(robot, NamedNode):
+            continue
+        kind = local_name(str(given.get("kind", "Hand")))
+        gripper = ParallelGripper(
+            name=str(given["name"]),
+            gripper_type=str(given["type"]),
+            min_opening=float(str(given.get("low", 0.0))),
+            max_opening=float(str(given["high"])),
+            symmetric=kind != "Hand",
+            finger_width=float(str(given.get("jaw", ParallelGripper.finger_width))),
+            finger_length=float(str(given.get("finger", ParallelGripper.finger_length))),
+            max_payload=float(str(given.get("payload", ParallelGripper.max_payload))),
+        )
+        known = KnownGripper(
+            part, robot, str(given["robot_name"]), gripper, kind,
+            camera if isinstance(camera, NamedNode) else None,
+        )  # fmt: skip
+        found.setdefault(part.value, known)
+    return [found[key] for key in sorted(found)]

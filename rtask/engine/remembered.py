@@ -1,0 +1,132 @@
+"""What the graph knows of objects and their grasps, as plain values."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import matrix_from_pose, pose_from_planar
+
+__all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial"]
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Judged attempts of one grasp that ended alike."""
+
+    held: bool
+    count: int
+    is_fast: bool = False
+    latest: dt.datetime | None = None
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A grasp in the graph.
+
+    Parameters
+    ----------
+    x, y, z, theta
+        In the frame of its object, m and rad.
+    of_class
+        It comes from another object of the class, not from the object itself.
+    size
+        (length, width, height) of its object, m.
+    prior
+        Quality as computed before any attempt, 0..1; None where nobody computed it.
+    quaternion : (x, y, z, w) or None
+        Of a grasp in space; ``theta`` is then the direction of its closing axis seen from above.
+    width
+        Between the contacts, m, where it is known.
+    """
+
+    grasp: str
+    object: str
+    of_class: bool
+    x: float
+    y: float
+    z: float
+    theta: float
+    opening: float
+    quality: float
+    gripper_type: str
+    size: tuple[float, float, float] | None
+    tallies: tuple[Tally, ...] = ()
+    prior: float | None = None
+    quaternion: tuple[float, float, float, float] | None = None
+    width: float | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
+        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
+
+    @property
+    def attempts(self) -> int:
+        """Judged attempts of all robots."""
+        return sum(tally.count for tally in self.tallies)
+
+    @property
+    def successes(self) -> int:
+        """Those that held."""
+        return sum(tally.count for tally in self.tallies if tally.held)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An attempt of this robot on the tracked object."""
+
+    grasp: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    held: bool
+    number: int
+    ended: str
+    is_fast: bool = False
+    quaternion: tuple[float, float, float, float] | None = None
+
+    @property
+    def object_from_gripper(self) -> NDArray[np.float64]:
+        """Pose (4, 4), m, of the tool centre point in the frame of its object."""
+        return _gripper_pose(self.x, self.y, self.z, self.theta, self.quaternion)
+
+
+@dataclass(frozen=True)
+class KnownObject:
+    """What the graph says about an object."""
+
+    iri: str
+    name: str = ""
+    class_iri: str = ""
+    label: str = ""
+    short_id: str = ""
+    size: tuple[float, float, float] | None = None
+    is_round: bool = False
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The answer to a :class:`Question`."""
+
+    objects: Mapping[str, KnownObject] = field(default_factory=dict)
+    grasps: tuple[Remembered, ...] = ()
+    trials: tuple[Trial, ...] = ()
+    viewpoints: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    def of(self, iri: str) -> list[Remembered]:
+        """Return the grasps of one object."""
+        return [g for g in self.grasps if g.object == iri and not g.of_class]
+
+
+def _gripper_pose(
+    x: float, y: float, z: float, theta: float, quaternion: tuple[float, ...] | None
+) -> NDArray[np.float64]:
+    if quaternion is None:
+        return np.asarray(pose_from_planar(x, y, z, theta), dtype=np.float64)
+    return np.asarray(matrix_from_pose(np.array([x, y, z]), np.array(quaternion)), np.float64)

@@ -1,0 +1,148 @@
+"""Views and models of objects that the graph keeps, read from their bytes."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rtask.engine.recent import Recent
+from rtask.errors import MissingBlobError
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import NamedNode
+
+if TYPE_CHECKING:
+    from features.modelling import ObjectModel
+    from features.recognition.views.view import ViewFeatures
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["Models", "StoredModel", "StoredView", "stored_models", "stored_views", "view_features"]
+
+log = logging.getLogger(__name__)
+
+
+_VIEWS = f"""{PREFIXES}
+SELECT DISTINCT ?view ?object ?blob ?class ?above WHERE {{
+  ?object rt:hasView ?view . ?view rt:viewContent ?content .
+  ?content a rt:SIFTFeatureSet ; rt:hasBlob ?blob
+  OPTIONAL {{ ?object a ?class . ?class rdfs:subClassOf rt:ManipulableObject
+    FILTER(?class != rt:ManipulableObject && isIRI(?class))
+    OPTIONAL {{ ?class rdfs:subClassOf ?above . ?above rdfs:subClassOf rt:ManipulableObject
+      FILTER(?above != ?class && isIRI(?above)) }} }}
+}}"""
+
+
+@dataclass(frozen=True)
+class StoredView:
+    """A view whose descriptors the graph keeps."""
+
+    view: str
+    object: str
+    class_iri: str
+    blob: str
+
+    def features(self, kb: KnowledgeBase) -> ViewFeatures | None:
+        """Return what the view shows, or None when the bytes are gone or of another version."""
+        from features.recognition.views.view import ViewFeatures
+
+        try:
+            return ViewFeatures.from_bytes(kb.blobs.read(self.blob))
+        except (MissingBlobError, ValueError) as error:
+            log.warning("view %s cannot be indexed: %s", self.view, error)
+            return None
+
+
+def stored_views(kb: KnowledgeBase) -> list[StoredView]:
+    """Return every stored view, in the order of their IRIs, which is that of their making."""
+    found: dict[tuple[str, str, str], dict[str, int]] = {}
+    for row in kb.select(_VIEWS):
+        key = (str(row.value("view")), str(row.value("object")), str(row.value("blob")))
+        classes = found.setdefault(key, {})
+        if row["class"] is not None:
+            name = str(row.value("class"))
+            classes[name] = classes.get(name, 0) + (row["above"] is not None)
+    views = []
+    for (view, thing, blob), classes in sorted(found.items()):
+        lowest = min(classes, key=lambda c: (-classes[c], c), default=RT.ManipulableObject.value)
+        views.append(StoredView(view, thing, lowest, blob))
+    return views
+
+
+def view_features(kb: KnowledgeBase, view: NamedNode) -> ViewFeatures | None:
+    """Return what one stored view shows, or None when it cannot be read."""
+    rows = kb.select(f"""{PREFIXES}
+SELECT ?blob WHERE {{ {view} rt:viewContent ?content .
+  ?content a rt:SIFTFeatureSet ; rt:hasBlob ?blob }} ORDER BY ?blob LIMIT 1""")
+    for row in rows:
+        return StoredView(view.value, "", "", str(row.value("blob"))).features(kb)
+    return None
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """A model as the graph names it.
+
+    Parameters
+    ----------
+    views
+        IRIs of the views that are in it.
+    """
+
+    iri: NamedNode
+    blob: str
+    views: frozenset[str]
+
+
+def stored_models(kb: KnowledgeBase, thing: NamedNode) -> list[StoredModel]:
+    """Return the models of an object, that with the most views first."""
+    found = []
+    for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:
+        if not isinstance(model, NamedNode):
+            continue
+        blobs = {quad.object for quad in kb.match(model, RT.hasBlob)}
+        if len(blobs) != 1:
+            continue
+        (blob,) = blobs
+        assert isinstance(blob, NamedNode)
+        views = frozenset(
+            quad.object.value
+            for quad in kb.match(model, RT.builtFrom)
+            if isinstance(quad.object, NamedNode)
+        )
+        found.append(StoredModel(model, blob.value, views))
+    return sorted(found, key=lambda model: (-len(model.views), model.iri.value))
+
+
+class Models:
+    """Decoded models by the IRI of their bytes; the last ones used stay."""
+
+    def __init__(self, kb: KnowledgeBase, size: int = 64) -> None:
+        self.kb = kb
+        self._decoded: Recent[ObjectModel] = Recent(size)
+
+    def of(self, thing: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
+        """Return the model of an object, or None when there is none or its bytes are gone."""
+        for stored in stored_models(self.kb, thing):
+            model = self.read(stored.blob)
+            if model is not None:
+                return stored, model
+        return None
+
+    def read(self, blob: str) -> ObjectModel | None:
+        """Return the model of some bytes, or None when they are gone or of another version."""
+        from features.modelling import ObjectModel
+
+        known = self._decoded.get(blob)
+        if known is not None:
+            return known
+        try:
+            model = ObjectModel.from_bytes(self.kb.blobs.read(blob))
+        except (MissingBlobError, ValueError) as error:
+            log.warning("no model from %s: %s", blob, error)
+            return None
+        self.keep(blob, model)
+        return model
+
+    def keep(self, blob: str, model: ObjectModel) -> None:
+        """Remember a model that was just stored."""
+        self._decoded.put(blob, model)

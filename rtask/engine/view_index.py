@@ -1,0 +1,125 @@
+"""Index of stored views, by which recognition works; derived from the graph and kept in step."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rtask.engine.stored import stored_views
+from rtask.rdf.terms import NamedNode
+
+if TYPE_CHECKING:
+    from features.recognition.index.recognition_index import RecognitionIndex
+    from features.recognition.recogniser import Recogniser
+    from features.recognition.views.view import ViewFeatures
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["ViewIndex"]
+
+log = logging.getLogger(__name__)
+
+
+class ViewIndex:
+    """The views of one knowledge base, indexed.
+
+    Parameters
+    ----------
+    folder
+        Where the index is kept; None = in memory.
+    writing
+        Lock of the writer.
+
+    Attributes
+    ----------
+    index, recogniser
+        As they are now; rebuilding replaces both.
+    """
+
+    index: RecognitionIndex
+    recogniser: Recogniser
+
+    def __init__(self, kb: KnowledgeBase, folder: Path | None, writing: threading.RLock) -> None:
+        self._kb = kb
+        self._folder = folder
+        self._writing = writing
+        self._use(self._open())
+
+    def learn(
+        self, view: NamedNode, thing: NamedNode, class_iri: str, features: ViewFeatures
+    ) -> None:
+        """Let recognition find a view from now on; its commit has been stored already.
+
+        When this fails the view is not lost: the index is derived data, and is completed from the
+        graph at the next start.
+        """
+        try:
+            self.index.add(view.value, thing.value, class_iri, features)
+        except (OSError, ValueError):
+            log.exception("view %s is stored but not indexed yet", view.value)
+
+    def sync(self) -> int:
+        """Bring the index in step with the graph; return how many views were added."""
+        with self._writing:
+            wanted = {row.view: row for row in stored_views(self._kb)}
+            present = {name.view_iri: name for name in self.index.views()}
+            for view, name in present.items():
+                if view not in wanted:
+                    self.index.remove(view)
+                elif name[1:] != (wanted[view].object, wanted[view].class_iri):
+                    self.index.relabel(view, wanted[view].object, wanted[view].class_iri)
+            missing = sorted(wanted.keys() - present.keys())
+            for view in missing:
+                row = wanted[view]
+                features = row.features(self._kb)
+                if features is not None:
+                    self.learn(NamedNode(view), NamedNode(row.object), row.class_iri, features)
+            if missing:
+                log.info("indexed %d views from the graph", len(missing))
+            return len(missing)
+
+    def rebuild(self) -> int:
+        """Make the index again from the graph alone; return the number of views."""
+        from features.recognition.index.recognition_index import RecognitionIndex
+
+        with self._writing:
+            self.index.close()
+            if self._folder is None:
+                self._use(RecognitionIndex())
+                return self.sync()
+            self._use(self._rebuilt(self._folder))
+            return len(self.index)
+
+    def close(self) -> None:
+        """Close the files."""
+        self.index.close()
+
+    def _use(self, index: RecognitionIndex) -> None:
+        from features.recognition.recogniser import Recogniser
+
+        self.index = index
+        self.recogniser = Recogniser(index)
+
+    def _open(self) -> RecognitionIndex:
+        from features.recognition.index.recognition_index import RecognitionIndex
+        from features.recognition.index.segments import IndexCorruptError
+
+        try:
+            return RecognitionIndex(self._folder)
+        except IndexCorruptError as error:
+            if self._folder is None:
+                raise
+            log.warning("%s; making the index again from the graph", error)
+            return self._rebuilt(self._folder)
+
+    def _rebuilt(self, folder: Path) -> RecognitionIndex:
+        """Return the index of a folder, made from the graph; killed halfway, the old stays."""
+        from features.recognition.index.recognition_index import RecognitionIndex
+
+        described = (
+            (row.view, row.object, row.class_iri, features.to_bytes())
+            for row in stored_views(self._kb)
+            if (features := row.features(self._kb)) is not None
+        )
+        return RecognitionIndex.rebuild(folder, described)
