@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -23,11 +24,27 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
+class _FiniteRange(click.FloatRange):
+    """A bounded number; `nan` and `inf` are none, though every comparison lets them through."""
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> float:
+        number = float(super().convert(value, parameter, context))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", parameter, context)
+        return number
+
+
+_ABOVE_ZERO = _FiniteRange(0, min_open=True)
+_ZERO_OR_MORE = _FiniteRange(0)
+
+
 _Decorator = Callable[[Callable[..., None]], Callable[..., None]]
 
 
 def _options(*options: _Decorator) -> _Decorator:
-    """Put several options on a command, in the order given."""
+    """Combine several options into one decorator; help lists them in this order."""
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         for option in reversed(options):
@@ -45,20 +62,36 @@ _WHERE = _options(
         expose_value=False,
         callback=lambda *args: _use_file(*args),
         metavar="FILE",
-        help="Settings in TOML, table [serve]; rtask.toml where it exists.",
+        help="Settings in TOML, table [serve]; by default rtask.toml if it exists.",
     ),
     data_option,
-    click.option("--temp", is_flag=True, help="Keep everything in memory; gone at the end."),
-    click.option("--store", default="", metavar="URL", help="Store at another SPARQL 1.1 server."),
-    click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at."),
-    click.option("-p", "--port", default=8765, show_default=True, help="0 takes any free port."),
-    click.option("--public-url", default="", metavar="URL", help="Address that clients use."),
-    click.option("--tls-cert", type=_FILE, metavar="PEM", help="Certificate; serve HTTPS."),
-    click.option("--tls-key", type=_FILE, metavar="PEM", help="Its key."),
+    click.option(
+        "--temp", is_flag=True, help="Keep everything in memory and discard it at the end."
+    ),
+    click.option(
+        "--store", default="", metavar="URL", help="Keep the data at another SPARQL 1.1 server."
+    ),
+    click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on."),
+    click.option(
+        "-p",
+        "--port",
+        default=8765,
+        show_default=True,
+        type=click.IntRange(0, 65535),
+        help="0 picks a free port.",
+    ),
+    click.option(
+        "--public-url",
+        default="",
+        metavar="URL",
+        help="Address under which clients reach the server.",
+    ),
+    click.option("--tls-cert", type=_FILE, metavar="PEM", help="Certificate, to serve HTTPS."),
+    click.option("--tls-key", type=_FILE, metavar="PEM", help="Key of the certificate."),
     click.option(
         "--behind-proxy",
         is_flag=True,
-        help="A proxy on this machine passes requests on; believe its X-Forwarded headers.",
+        help="A proxy on this machine forwards requests; trust its X-Forwarded headers.",
     ),
     click.option(
         "--profile",
@@ -72,57 +105,96 @@ _WHERE = _options(
         type=click.Choice(["commit", "os"]),
         default="commit",
         show_default=True,
-        help="When a write is acknowledged: when it survives a power cut, or a crash only.",
+        help="When a write is acknowledged: once it survives a power cut, or only a crash.",
     ),
 )
 _OTHERS = _options(
-    click.option("--cors", multiple=True, metavar="ORIGIN", help="Let pages of this origin read."),
+    click.option(
+        "--cors", multiple=True, metavar="ORIGIN", help="Allow pages of this origin to read."
+    ),
     click.option(
         "--allow-host",
         multiple=True,
         metavar="NAME",
         envvar="RTASK_ALLOWED_HOSTS",
-        help="Another name of this server.",
+        help="Accept this name of the server as Host, too.",
     ),
     click.option(
         "--allow-origin",
         multiple=True,
         metavar="ORIGIN",
         envvar="RTASK_ALLOWED_ORIGINS",
-        help="Let pages of this origin connect and write.",
+        help="Allow pages of this origin to connect and write.",
     ),
     click.option(
-        "--allow-service", multiple=True, metavar="URL", help="Let SERVICE ask below this address."
+        "--allow-service",
+        multiple=True,
+        metavar="URL",
+        help="Allow SERVICE to query addresses with this prefix.",
     ),
     click.option(
-        "--allow-load", multiple=True, metavar="URL", help="Let LOAD read below this address."
+        "--allow-load",
+        multiple=True,
+        metavar="URL",
+        help="Allow LOAD to read addresses with this prefix.",
     ),
 )
 _LIMITS = _options(
-    click.option("--timeout", default=30.0, show_default=True, help="Seconds for a query."),
     click.option(
-        "--max-timeout", default=600.0, show_default=True, help="What a client may ask for."
+        "--timeout",
+        default=30.0,
+        show_default=True,
+        type=_ABOVE_ZERO,
+        help="Time limit of a query in s.",
     ),
     click.option(
-        "--max-upload", default=256, show_default=True, metavar="MIB", help="Largest request body."
+        "--max-timeout",
+        default=600.0,
+        show_default=True,
+        type=_ABOVE_ZERO,
+        help="Longest limit that a client may request, in s.",
     ),
     click.option(
-        "--max-rows", default=5_000_000, show_default=True, help="Rows of one answer at most."
+        "--max-upload",
+        default=256,
+        show_default=True,
+        type=click.IntRange(1),
+        metavar="MIB",
+        help="Largest request body.",
     ),
     click.option(
-        "--max-queries", default=32, show_default=True, help="Queries at once; as many may wait."
+        "--max-rows",
+        default=5_000_000,
+        show_default=True,
+        type=click.IntRange(1),
+        help="Most rows of one answer.",
     ),
     click.option(
-        "--rate", default=200.0, show_default=True, help="Requests a second of one token; 0: any."
+        "--max-queries",
+        default=32,
+        show_default=True,
+        type=click.IntRange(1),
+        help="Queries that run at once; as many may wait.",
     ),
     click.option(
-        "--write-rate", default=100.0, show_default=True, help="Changes a second of one token."
+        "--rate",
+        default=200.0,
+        show_default=True,
+        type=_ZERO_OR_MORE,
+        help="Requests per second of one token; 0 for no limit.",
+    ),
+    click.option(
+        "--write-rate",
+        default=100.0,
+        show_default=True,
+        type=_ZERO_OR_MORE,
+        help="Changes per second of one token; 0 for no limit.",
     ),
     click.option(
         "--limit",
         multiple=True,
         metavar="NAME=N",
-        help="Bound of one text: query_bytes, update_bytes, patterns, optionals, unions, "
+        help="Bound on one SPARQL text: query_bytes, update_bytes, patterns, optionals, unions, "
         "path_steps, operations.",
     ),
 )
@@ -132,21 +204,21 @@ _THRESHOLDS = _options(
         default=0.7,
         show_default=True,
         type=click.FloatRange(0, 1),
-        help="Confidence that it is this object, for robots that ask for a decision.",
+        help="Least confidence in the identity of an object, for robots that ask for a decision.",
     ),
     click.option(
         "--min-pose",
         default=0.7,
         show_default=True,
         type=click.FloatRange(0, 1),
-        help="Confidence that it is where it seems.",
+        help="Least confidence in its pose.",
     ),
     click.option(
         "--min-grasp",
         default=0.3,
         show_default=True,
         type=click.FloatRange(0, 1),
-        help="Confidence that the grasp will hold.",
+        help="Least confidence that the grasp will hold.",
     ),
 )
 _LOGS = _options(
@@ -154,18 +226,22 @@ _LOGS = _options(
         "--backup-dir",
         type=click.Path(path_type=Path, file_okay=False),
         metavar="DIR",
-        help="Where POST /backup copies to; beside the data folder unless given.",
+        help="Folder for backups by POST /backup; by default beside the data folder.",
     ),
     click.option(
         "--log-level",
         type=click.Choice(["debug", "info", "warning", "error"]),
         default="info",
         show_default=True,
-        help="info: one line for each request.",
+        help="info logs one line for each request.",
     ),
     click.option("--log-queries", is_flag=True, help="Log the text of every query."),
     click.option(
-        "--drain-delay", default=0.0, show_default=True, help="Seconds from not ready to the end."
+        "--drain-delay",
+        default=0.0,
+        show_default=True,
+        type=_ZERO_OR_MORE,
+        help="Seconds between reporting not ready and closing the socket.",
     ),
 )
 
@@ -185,9 +261,9 @@ def _use_file(context: click.Context, parameter: click.Parameter, file: Path | N
 def serve(
     data: Path, temp: bool, store: str, port: int, flush: str, log_level: str, **options: Any
 ) -> None:
-    """Serve a knowledge base: SPARQL, robots, pages.
+    """Serve a knowledge base to programs, robots and people.
 
-    Each option is also an environment variable (--max-rows: RTASK_MAX_ROWS) and a line of the
+    Each option can also be set by an environment variable (--max-rows by RTASK_MAX_ROWS) or in the
     settings file.
     """
     import rtask
@@ -228,13 +304,13 @@ def serve(
         ended = server.serve(context, listener, ready)
         writer.close()
     if not ended:
-        # Everything is stored and closed; only threads of queries that took too long are left, and
-        # the interpreter would wait for them.
+        # Everything is stored and closed. Only threads of abandoned queries are left, and the
+        # interpreter would wait for them.
         os._exit(0)
 
 
 def _policy(options: dict[str, Any]) -> Policy:
-    """Return how the engine decides, with the thresholds that the options name."""
+    """Return the engine's policy with the thresholds that the options give."""
     from rtask.engine.policy import Policy
 
     return Policy(
@@ -250,7 +326,7 @@ def _config(options: dict[str, Any]) -> Config:
 
     cert, key = options["tls_cert"], options["tls_key"]
     if bool(cert) != bool(key):
-        raise UsageError("--tls-cert and --tls-key belong together")
+        raise UsageError("give both --tls-cert and --tls-key, or neither")
     return Config(
         host=options["host"],
         public_url=options["public_url"],
@@ -279,14 +355,14 @@ def _config(options: dict[str, Any]) -> Config:
 
 @click.group()
 def token() -> None:
-    """Make, list and revoke access tokens."""
+    """Create, list and revoke access tokens."""
 
 
 @token.command("create")
 @data_option
-@click.option("--robot", metavar="NAME", help="Robot that the token speaks for.")
-@click.option("--name", metavar="NAME", help="Person that the token speaks for.")
-@click.option("--role", help="reader, robot, teacher or admin; robot where --robot is given.")
+@click.option("--robot", metavar="NAME", help="Robot to which the token belongs.")
+@click.option("--name", metavar="NAME", help="Person to whom the token belongs.")
+@click.option("--role", help="reader, robot, teacher or admin; with --robot, robot by default.")
 @click.option("--expires", metavar="30d", help="Lifetime in hours, days or weeks: 12h, 30d, 4w.")
 @json_option
 def create(
@@ -297,12 +373,12 @@ def create(
     expires: str | None,
     as_json: bool,
 ) -> None:
-    """Make a token; its text is shown this once."""
+    """Create a token and print it, this once."""
     if robot and name:
-        raise UsageError("--robot or --name, not both")
+        raise UsageError("give --robot or --name, not both")
     role = role or ("robot" if robot else None)
     if role is None:
-        raise UsageError("say --robot NAME, or --role with one of reader, teacher, admin")
+        raise UsageError("give --robot NAME, or --role reader, teacher or admin")
     from endpoint.access.tokens import parse_lifetime
 
     lifetime = parse_lifetime(expires, "--expires ") if expires else None
@@ -313,7 +389,7 @@ def create(
         click.echo(json.dumps({"token": text, **_members(made)}))
         return
     click.echo(text)
-    click.echo(f"{_words(made)}; shown this once, keep it secret", err=True)
+    click.echo(f"{_words(made)}; it is shown only now, keep it secret", err=True)
 
 
 @token.command("list")
@@ -334,7 +410,7 @@ def list_tokens(data: Path, as_json: bool) -> None:
 @click.argument("token_id", metavar="ID")
 @data_option
 def revoke(token_id: str, data: Path) -> None:
-    """Revoke a token; it opens nothing from now on."""
+    """Revoke a token; it gives no access from now on."""
     with closing(_tokens(data)) as tokens:
         if not tokens.revoke(token_id):
             raise UsageError(f"no token {token_id} to revoke; see rtask token list --data {data}")
@@ -347,7 +423,7 @@ def revoke(token_id: str, data: Path) -> None:
 @click.argument("lifetime", metavar="30d")
 @data_option
 def expire(token_id: str, lifetime: str, data: Path) -> None:
-    """Let a token end after so many hours, days or weeks from now: 12h, 30d, 4w."""
+    """Let a token expire after a number of hours, days or weeks from now: 12h, 30d, 4w."""
     from endpoint.access.tokens import parse_lifetime
 
     with closing(_tokens(data)) as tokens:
@@ -369,7 +445,7 @@ def _tokens(folder: Path, *, make: bool = False) -> TokenStore:
 
 
 def _told(folder: Path, event: str, token_id: str, **facts: Any) -> None:
-    """Write to the audit trail what was done to a token here."""
+    """Record a change of a token in the audit trail."""
     from endpoint.monitoring.audit import Audit
 
     with closing(Audit(folder)) as audit:

@@ -129,6 +129,11 @@ def _ready_url(output: IO[str], errors: list[str]) -> str:
     return line.split()[1]
 
 
+def bearer(token: str) -> dict[str, str]:
+    """Return the header field that sends a token."""
+    return {"Authorization": f"Bearer {token}"}
+
+
 def new_application(
     kb: KnowledgeBase, engine: Engine, tokens: TokenStore, config: Config, **options: Any
 ) -> Application:

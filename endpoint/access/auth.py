@@ -89,7 +89,7 @@ class Authenticator:
         self.sessions = Sessions(clock)
         self.tickets = Tickets(clock)
 
-    def identify(self, request: Request, *, token_in_url: bool = False) -> Caller:
+    def identify(self, request: Request, *, ticket_in_url: bool = False) -> Caller:
         """Return the caller of a request.
 
         Callers without a token: on loopback they are ``anonymous`` and may write until the first
@@ -99,8 +99,9 @@ class Authenticator:
         ----------
         request
             The request as received.
-        token_in_url
-            Whether ``?token=`` counts, a ticket too: browsers cannot set headers on a websocket.
+        ticket_in_url
+            Whether ``?token=`` may carry a ticket, for browsers cannot set headers on a websocket.
+            A token there is refused: addresses end up in histories and proxy logs.
 
         Raises
         ------
@@ -110,9 +111,9 @@ class Authenticator:
             The Host is not a name of this server.
         """
         self.check_host(request)
-        text = self._token_text(request, token_in_url)
+        text = self._token_text(request, ticket_in_url)
         if text is not None:
-            is_ticket = token_in_url and text.startswith(TICKET_PREFIX)
+            is_ticket = ticket_in_url and text.startswith(TICKET_PREFIX)
             token = self._of_ticket(text) if is_ticket else self._tokens.authenticate(text)
             return Caller(token.access, token, address=request.client)
         signed_in = self._signed_in(request)
@@ -204,16 +205,21 @@ class Authenticator:
         raise ForbiddenError("needs scope write; this token may only read")
 
     @staticmethod
-    def _token_text(request: Request, token_in_url: bool) -> str | None:
+    def _token_text(request: Request, ticket_in_url: bool) -> str | None:
         header = request.headers.get("authorization")
         if header is not None:
             scheme, _, text = header.partition(" ")
             if scheme.lower() != "bearer" or not text.strip():
                 raise AuthenticationError("send Authorization: Bearer <token>", token_sent=True)
             return text.strip()
-        if token_in_url:
-            values = request.values("token")
-            return values[-1] if values else None
+        if ticket_in_url and (values := request.values("token")):
+            if not values[-1].startswith(TICKET_PREFIX):
+                raise AuthenticationError(
+                    "a token does not belong in an address; send Authorization: Bearer <token>, or "
+                    "?token=<ticket> with a ticket from POST /tokens/ticket",
+                    token_sent=True,
+                )
+            return values[-1]
         return None
 
 

@@ -119,7 +119,7 @@ class Changes:
         try:
             if request.path.rstrip("/") != ADDRESS:
                 raise RefusedError(404, "not-found", f"followers connect to {ADDRESS}")
-            caller = self._context.auth.identify(request, token_in_url=True)
+            caller = self._context.auth.identify(request, ticket_in_url=True)
             self._context.auth.check_origin(request, caller)
             require_scope(caller.access, "read")
             self._admit(caller)

@@ -1,12 +1,14 @@
-"""What the HTTP server is made to refuse before a request reaches the application.
+"""HTTP protocol of the server: refuses malformed and oversized requests before the application.
 
-uvicorn waits for ever for the end of a header, takes headers of any size, and leaves it to the
-parser what a message with two lengths is (request smuggling, RFC 9112, 11.2).
+uvicorn waits forever for the end of a header, accepts headers of any size and any number of Host
+fields, and leaves it to the parser how long a message with two lengths is (request smuggling,
+RFC 9112, 11.2).
 """
 
 from __future__ import annotations
 
 import asyncio
+import re
 from http import HTTPStatus
 from typing import Any
 
@@ -15,10 +17,12 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 HEADER_S = 30.0
 MAX_HEADER_BYTES = 64 << 10
 MAX_URL_BYTES = 32 << 10
+# RFC 3986, 3.2.2 and 3.2.3: a name, an IPv4 address or a bracketed IPv6 address, and a port.
+_HOST = re.compile(rb"(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._~!$&'()*+,;=%-]*)(?::[0-9]*)?")
 
 
 class GuardedProtocol(HttpToolsProtocol):
-    """uvicorn's protocol with a limit on the time and size of a header."""
+    """uvicorn's protocol, with bounds on the time and size of a header and a check of Host."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -27,17 +31,17 @@ class GuardedProtocol(HttpToolsProtocol):
         self._refusal = HTTPStatus.BAD_REQUEST
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Wait for the first header."""
+        """Start the timer of the first header."""
         super().connection_made(transport)  # type: ignore[arg-type]
         self._arm()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop waiting."""
+        """Stop the timer."""
         self._disarm()
         super().connection_lost(exc)
 
     def on_message_begin(self) -> None:
-        """Wait for the end of the next header."""
+        """Start the timer of the next header."""
         super().on_message_begin()
         self._header_bytes = 0
         if self._header_timer is None:
@@ -57,17 +61,22 @@ class GuardedProtocol(HttpToolsProtocol):
             self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
 
     def on_headers_complete(self) -> None:
-        """Refuse a message that says its length twice, then go on."""
+        """Refuse a message with two lengths, or without exactly one valid Host; then go on."""
         self._disarm()
         lengths = [v for n, v in self.headers if n == b"content-length"]
         if len(lengths) > 1 or (
             lengths and any(name == b"transfer-encoding" for name, _ in self.headers)
         ):
             self._refuse(HTTPStatus.BAD_REQUEST)
+        hosts = [value for name, value in self.headers if name == b"host"]
+        # RFC 9112, 3.2: only before HTTP/1.1 may a request come without one.
+        needed = self.parser.get_http_version() != "1.0"
+        if len(hosts) > 1 or (needed and not hosts) or not all(map(_HOST.fullmatch, hosts)):
+            self._refuse(HTTPStatus.BAD_REQUEST)
         super().on_headers_complete()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what cannot be read; the connection ends."""
+        """Answer a request that cannot be parsed, and close the connection."""
         if self.transport.is_closing():
             return
         status = self._refusal

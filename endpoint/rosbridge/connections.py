@@ -54,7 +54,7 @@ class Connections:
         try:
             if request.path.rstrip("/") not in ("", "/rosbridge"):
                 raise RtaskError(f"robots connect to {' or '.join(ADDRESSES)}")
-            caller = self._auth.identify(request, token_in_url=True)
+            caller = self._auth.identify(request, ticket_in_url=True)
             self._auth.check_origin(request, caller)
             self._admit(caller)
         except RtaskError as error:

@@ -29,6 +29,18 @@ from rtask.kb.commit.access import Access
 
 SERVER_NODE = "/rtask"
 Answer = Callable[[JsonObject], JsonObject]
+# The request fields of each service in the order of its .srv file, for callers that send a list.
+_FIELDS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("topic_type", "publishers", "subscribers"), ("topic",)),
+    **dict.fromkeys(("service_type", "service_node", "service_providers"), ("service",)),
+    **dict.fromkeys(("topics_for_type", "services_for_type", "message_details"), ("type",)),
+    **dict.fromkeys(("service_request_details", "service_response_details"), ("type",)),
+    **dict.fromkeys(("has_param", "delete_param"), ("name",)),
+    "service_request_text": ("type",),
+    "node_details": ("node",),
+    "get_param": ("name", "default_value"),
+    "set_param": ("name", "value"),
+}
 
 
 @dataclass(frozen=True)
@@ -82,7 +94,7 @@ def _service(name: str, scope: str, answer: Answer) -> Service:
 
     camel = "".join(part.title() for part in name.split("_"))
     type_ = "rosapi/GetActionServers" if name == "action_servers" else f"rosapi/{camel}"
-    return Service(f"/rosapi/{name}", type_, scope, handler, inline=True)
+    return Service(f"/rosapi/{name}", type_, scope, handler, True, _FIELDS.get(name, ()))
 
 
 def _listings(graph: Graph) -> dict[str, Answer]:

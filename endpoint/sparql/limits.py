@@ -80,7 +80,8 @@ def _count(tokens: list[Token]) -> Counter[str]:
             if depth < data_depth:
                 data_depth = 0
         elif mark in (".", ";", ","):
-            counts["patterns"] += not data_depth and not parentheses
+            # A semicolon outside of braces separates two operations of an update.
+            counts["patterns"] += depth > 0 and not data_depth and not parentheses
             steps = 0
         elif mark in _STEPS and mark:
             steps += 1

@@ -14,7 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
-from tests.servers import RunningServer
+from tests.servers import RunningServer, bearer
 
 TABLE_M, CAMERA_M = 0.27, 0.87
 CAMERA = Intrinsics.from_fov(320, 240, 1.0)
@@ -90,7 +90,7 @@ def call(robot: ClientConnection, operation: str, **args: Any) -> dict[str, Any]
 def taught(guarded: RunningServer, make_token: Any) -> dict[str, Any]:
     """The object that the first robot stored."""
     token = make_token("--robot", "loop-1")
-    with connect(f"{guarded.websocket}?token={token}", max_size=None) as first:
+    with connect(guarded.websocket, additional_headers=bearer(token), max_size=None) as first:
         call(first, "register_robot", name="loop-1", **ROBOT)
         stored = call(
             first,
@@ -120,7 +120,7 @@ def test_another_robot_finds_it_from_another_place(
     guarded: RunningServer, make_token: Any, taught: dict[str, Any]
 ) -> None:
     token = make_token("--robot", "loop-2")
-    with connect(f"{guarded.websocket}?token={token}", max_size=None) as second:
+    with connect(guarded.websocket, additional_headers=bearer(token), max_size=None) as second:
         data = seen_from_above(seed=7, noise_seed=2, shift_px=9)
         found = call(second, "search_object", data=data, **SIGHT)
     best = found["similar_objects"][0]
@@ -132,14 +132,18 @@ def test_the_messages_of_the_thesis_do_the_same(guarded: RunningServer, make_tok
     """Gatto 2016, 3.2.4: no poses, numbers as strings."""
     insert = {"new_point_cloud": seen_from_above(seed=21, noise_seed=4)}
     place = {"X": "0.5", "Y": "2.5", "Z": "1.5", "rad": "0.314"}
-    with connect(f"{guarded.websocket}?token={make_token('--robot', 'loop-4')}") as first:
+    with connect(
+        guarded.websocket, additional_headers=bearer(make_token("--robot", "loop-4"))
+    ) as first:
         call(first, "register_robot", name="loop-4", **ROBOT)
         message = {"op": "send_new_object", "service": "insert"}
         stored = say(first, {**message, "new_object": [{**insert, **place}]})
     assert stored["op"] == "send_new_object_response"
     assert stored["result"] is True, stored
     assert stored["stored"] == 1
-    with connect(f"{guarded.websocket}?token={make_token('--robot', 'loop-5')}") as second:
+    with connect(
+        guarded.websocket, additional_headers=bearer(make_token("--robot", "loop-5"))
+    ) as second:
         message = {"op": "search_object", "service": "send_point_cloud"}
         found = say(second, {**message, "args": seen_from_above(seed=21, noise_seed=5)})
     assert found["op"] == "search_object_response"

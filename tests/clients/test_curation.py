@@ -70,8 +70,8 @@ class Lab:
 
     def ros(self, who: str) -> roslibpy.Ros:
         """Return a connected client of rosbridge."""
-        address = f"ws://127.0.0.1:{self.server.port}/?token={self.tokens[who]}"
-        client = roslibpy.Ros(host=address, port=None)
+        bearer = {"Authorization": f"Bearer {self.tokens[who]}"}
+        client = roslibpy.Ros("127.0.0.1", self.server.port, headers=bearer)
         client.run(timeout=30)
         return client
 

@@ -57,6 +57,10 @@ NO_REQUESTS = {
     "long header": (f"GET / HTTP/1.1\r\n{HOST}X: {'a' * 100_000}\r\n\r\n", 431),
     "long address": (f"GET /?{'a' * 40_000} HTTP/1.1\r\n{HOST}\r\n", 414),
     "two kinds of length": (f"{POST}Content-Length: 3\r\nTransfer-Encoding: chunked\r\n\r\n", 400),
+    "two hosts": (f"GET /health/live HTTP/1.1\r\n{HOST}Host: evil.example\r\n\r\n", 400),
+    "the same host twice": (f"GET /health/live HTTP/1.1\r\n{HOST}{HOST}\r\n", 400),
+    "no host": ("GET /health/live HTTP/1.1\r\nAccept: */*\r\n\r\n", 400),
+    "a host that is none": ("GET /health/live HTTP/1.1\r\nHost: a b/c\r\n\r\n", 400),
     "two lengths": (f"{POST}Content-Length: 3\r\nContent-Length: 4\r\n\r\nabc", 400),
     "negative length": (f"{POST}Content-Length: -1\r\n\r\n", 400),
     "space in a name": (f"GET / HTTP/1.1\r\n{HOST}X : 1\r\n\r\n", 400),
@@ -73,6 +77,10 @@ def test_what_is_no_request_is_refused_and_the_connection_ends(
     assert answer.startswith(f"HTTP/1.1 {status} ".encode()), answer[:200]
     assert b"Traceback" not in answer
     assert alive(target)
+
+
+def test_before_http_1_1_no_host_is_needed(target: RunningServer) -> None:
+    assert b" 200 " in say(target, b"GET /health/live HTTP/1.0\r\n\r\n").partition(b"\r\n")[0]
 
 
 def test_half_a_body_changes_nothing(target: RunningServer) -> None:
@@ -189,7 +197,7 @@ def test_https_by_certificate_files(certificate: tuple[Path, Path]) -> None:
 
 def test_a_certificate_without_its_key_is_refused(certificate: tuple[Path, Path]) -> None:
     with (
-        pytest.raises(ServerDidNotStartError, match="belong together"),
+        pytest.raises(ServerDidNotStartError, match="both --tls-cert and --tls-key"),
         running_server(None, "--tls-cert", str(certificate[0])),
     ):
         pass

@@ -17,7 +17,7 @@ import roslibpy
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from tests.servers import RunningServer
+from tests.servers import RunningServer, bearer
 
 HAND = {
     "name": "right_hand",
@@ -185,29 +185,29 @@ def test_the_own_page_may_connect_and_no_other_address_takes_robots(
     assert status_of_handshake(server.websocket + "nowhere") != 101
 
 
-def test_a_token_in_the_url_or_the_header_names_the_robot(
-    guarded: RunningServer, make_token: Any
-) -> None:
+def test_a_token_in_the_header_names_the_robot(guarded: RunningServer, make_token: Any) -> None:
     token = make_token("--robot", "ws-1")
     call_ = {"op": "call_service", "service": "/rtask/register_robot"}
-    bearer = {"additional_headers": {"Authorization": f"Bearer {token}"}}
-    for url, options in (
-        (f"{guarded.websocket}?token={token}", {}),
-        (guarded.websocket, bearer),
-    ):
-        with connect(url, **options) as robot:
-            robot.send(json.dumps({**call_, "args": {"name": "ws-1", **ROBOT}}))
-            assert json.loads(robot.recv(timeout=20))["result"] is True
-            robot.send(json.dumps({**call_, "args": {"name": "another", **ROBOT}}))
-            assert json.loads(robot.recv(timeout=20))["result"] is False
+    with connect(guarded.websocket, additional_headers=bearer(token)) as robot:
+        robot.send(json.dumps({**call_, "args": {"name": "ws-1", **ROBOT}}))
+        assert json.loads(robot.recv(timeout=20))["result"] is True
+        robot.send(json.dumps({**call_, "args": {"name": "another", **ROBOT}}))
+        assert json.loads(robot.recv(timeout=20))["result"] is False
+
+
+def test_a_token_in_the_address_is_refused(guarded: RunningServer, make_token: Any) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        connect(f"{guarded.websocket}?token={make_token('--robot', 'ws-url')}")
+    assert refused.value.response.status_code == 401
+    assert b"POST /tokens/ticket" in (refused.value.response.body or b"")
 
 
 def test_a_ticket_opens_one_websocket_and_no_second(
     guarded: RunningServer, make_token: Any
 ) -> None:
     token = make_token("--robot", "ws-ticket")
-    bearer = {"Authorization": f"Bearer {token}"}
-    answer = httpx.post(f"{guarded.url}/tokens/ticket", headers=bearer)
+    header = bearer(token)
+    answer = httpx.post(f"{guarded.url}/tokens/ticket", headers=header)
     assert (answer.status_code, answer.headers["Cache-Control"]) == (201, "no-store")
     ticket = answer.json()["ticket"]
     assert token not in ticket
@@ -217,13 +217,12 @@ def test_a_ticket_opens_one_websocket_and_no_second(
         robot.send(json.dumps(register))
         assert json.loads(robot.recv(timeout=20))["result"] is True
     assert status_of_handshake(f"{guarded.websocket}?token={ticket}") == 401
-    another = httpx.post(f"{guarded.url}/tokens/ticket", headers=bearer).json()["ticket"]
+    another = httpx.post(f"{guarded.url}/tokens/ticket", headers=header).json()["ticket"]
     # In a header it is no token: only websockets take it.
-    header = {"Authorization": f"Bearer {another}"}
-    assert httpx.get(f"{guarded.url}/sparql", headers=header).status_code == 401
+    assert httpx.get(f"{guarded.url}/sparql", headers=bearer(another)).status_code == 401
     assert status_of_handshake(f"{guarded.websocket}?token={another}") == 101
     assert httpx.post(f"{guarded.url}/tokens/ticket").status_code == 401
-    assert httpx.get(f"{guarded.url}/tokens/ticket", headers=bearer).status_code == 405
+    assert httpx.get(f"{guarded.url}/tokens/ticket", headers=header).status_code == 405
 
 
 def test_one_token_holds_a_bounded_number_of_connections(
@@ -232,12 +231,12 @@ def test_one_token_holds_a_bounded_number_of_connections(
     token = make_token("--robot", "ws-many")
     with contextlib.ExitStack() as stack:
         for _ in range(20):
-            stack.enter_context(connect(f"{guarded.websocket}?token={token}"))
-        with pytest.raises(InvalidStatus) as refused, connect(f"{guarded.websocket}?token={token}"):
-            pass
+            stack.enter_context(connect(guarded.websocket, additional_headers=bearer(token)))
+        with pytest.raises(InvalidStatus) as refused:
+            connect(guarded.websocket, additional_headers=bearer(token))
         assert refused.value.response.status_code == 503
         assert refused.value.response.headers["Retry-After"]
-    assert status_of_handshake(f"{guarded.websocket}?token={token}") == 101
+    assert status_of_handshake(guarded.websocket, additional_headers=bearer(token)) == 101
 
 
 def test_a_flood_of_calls_is_answered_in_full_and_harms_no_other_robot(
@@ -261,28 +260,28 @@ def test_a_robot_cannot_write_for_another_over_any_way_in(
 ) -> None:
     token = make_token("--robot", "ws-own")
     other = {"name": "ws-other", **ROBOT}
-    with connect(f"{guarded.websocket}?token={token}") as robot:
+    with connect(guarded.websocket, additional_headers=bearer(token)) as robot:
         robot.send(
             json.dumps({"op": "call_service", "service": "/rtask/register_robot", "args": other})
         )
         refused = json.loads(robot.recv(timeout=20))
     assert (refused["result"], refused["status"]) == (False, 403)
-    bearer = {"Authorization": f"Bearer {token}"}
-    over_http = httpx.post(f"{guarded.url}/engine/register_robot", json=other, headers=bearer)
+    header = bearer(token)
+    over_http = httpx.post(f"{guarded.url}/engine/register_robot", json=other, headers=header)
     assert over_http.status_code == 403
     asked = 'ASK { ?robot ?p "ws-other" }'
     found = httpx.get(f"{guarded.url}/sparql", params={"query": asked},
-                      headers={**bearer, "Accept": "application/sparql-results+json"})  # fmt: skip
+                      headers={**header, "Accept": "application/sparql-results+json"})  # fmt: skip
     assert found.json()["boolean"] is False
 
 
 def test_revoking_a_token_closes_its_connections(guarded: RunningServer, make_token: Any) -> None:
     token = make_token("--robot", "ws-2")
-    with connect(f"{guarded.websocket}?token={token}") as robot:
+    with connect(guarded.websocket, additional_headers=bearer(token)) as robot:
         command = [sys.executable, "-m", "rtask", "token", "revoke", token.split("_")[1]]
         subprocess.run([*command, "--data", str(guarded.data)], check=True, timeout=60)
         with pytest.raises(ConnectionClosed) as closed:
             robot.recv(timeout=10)
     assert closed.value.rcvd is not None
     assert closed.value.rcvd.code == 1008
-    assert status_of_handshake(f"{guarded.websocket}?token={token}") == 401
+    assert status_of_handshake(guarded.websocket, additional_headers=bearer(token)) == 401

@@ -128,6 +128,18 @@ def test_rdflib_reads_and_writes_through_its_stores(server: RunningServer) -> No
     assert len(graph) == 0
 
 
+def test_rdflib_collects_many_changes_into_one_update(server: RunningServer) -> None:
+    """Without autocommit rdflib sends one operation for each statement, joined by semicolons."""
+    store = SPARQLUpdateStore(
+        f"{server.url}/query", f"{server.url}/update", autocommit=False, dirty_reads=True
+    )
+    graph = Graph(store, identifier=URIRef("http://example.org/collected"))
+    for number in range(400):
+        graph.add((URIRef(f"http://example.org/{number}"), URIRef(LABEL), Literal(number)))
+    store.commit()
+    assert len(graph) == 400
+
+
 def test_another_pages_fetch_gets_no_permission_without_cors(client: httpx.Client) -> None:
     answer = client.get(
         "/sparql", params={"query": "ASK {}"}, headers={"Origin": "http://evil.example"}

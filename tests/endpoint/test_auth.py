@@ -68,11 +68,16 @@ def test_another_scheme_is_refused_even_where_none_is_needed(
     assert caught.value.details["token_sent"]
 
 
-def test_a_token_in_the_url_counts_for_websockets_only(tokens: TokenStore) -> None:
-    text, _ = tokens.create("robot", agent="nao-1")
+def test_a_token_in_the_url_is_refused_and_a_ticket_counts_for_websockets_only(
+    tokens: TokenStore,
+) -> None:
+    text, token = tokens.create("robot", agent="nao-1")
     auth = Authenticator(tokens, Config())
     assert auth.identify(request(f"token={text}")).access.role == "reader"
-    assert auth.identify(request(f"token={text}"), token_in_url=True).access.agent == "nao-1"
+    with pytest.raises(AuthenticationError, match="POST /tokens/ticket"):
+        auth.identify(request(f"token={text}"), ticket_in_url=True)
+    ticket = auth.tickets.issue(token.id)
+    assert auth.identify(request(f"token={ticket}"), ticket_in_url=True).access.agent == "nao-1"
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "127.0.0.1.evil.example"])

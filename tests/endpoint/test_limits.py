@@ -81,3 +81,13 @@ def test_a_text_beyond_the_length_is_refused() -> None:
     with pytest.raises(RtaskError) as caught:
         checked_form("#" * (LIMITS.query_bytes + 1), LIMITS)
     assert status_of(caught.value) == 413
+
+
+def test_semicolons_between_operations_are_not_counted_as_patterns() -> None:
+    update = " ; ".join(f"INSERT DATA {{ <urn:s{n}> <urn:p> {n} }}" for n in range(900))
+    assert checked_form(update, Limits(), update=True) == ""
+    with pytest.raises(RefusedError, match="operations"):
+        checked_form(f"{update} ; {update}", Limits(), update=True)
+    inside = "INSERT { ?s a <urn:T> } WHERE { ?s <urn:p> 1 " + "; <urn:p> 1 " * 200 + "}"
+    with pytest.raises(RefusedError, match="patterns"):
+        checked_form(inside, Limits(), update=True)

@@ -25,6 +25,7 @@ from endpoint.access.auth import Caller
 from endpoint.access.rate import Buckets, InFlight, Limiter
 from endpoint.access.tokens import TokenStore
 from endpoint.application import Application
+from endpoint.commands import serve
 from endpoint.http.compression import accepts_gzip, unpacked
 from endpoint.http.messages import RefusedError, Request
 from endpoint.monitoring.audit import Audit
@@ -401,3 +402,26 @@ def test_an_answer_that_changes_by_itself_has_no_tag(tokens: TokenStore, call: s
     application = open_application(tokens, Config())
     assert etag_of(application, f"SELECT ({call} AS ?x) {{}}") == (200, "")
     application.close()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["-p", "99999"],
+        ["-p", "-1"],
+        ["--timeout", "-3"],
+        ["--timeout", "0"],
+        ["--timeout", "nan"],
+        ["--max-timeout", "inf"],
+        ["--max-rows", "0"],
+        ["--max-queries", "0"],
+        ["--max-upload", "-1"],
+        ["--rate", "-1"],
+        ["--drain-delay", "-1"],
+    ],
+)
+def test_settings_out_of_range_are_refused_by_name(options: list[str]) -> None:
+    answer = CliRunner().invoke(serve, ["--temp", *options])
+    assert answer.exit_code == 2
+    assert options[0] in answer.output
+    assert "Traceback" not in answer.output

@@ -290,6 +290,14 @@ def test_the_workbench_without_scripts_draws_the_table(client: FlaskClient) -> N
     assert "&lt;img src=x" in text.partition('id="answer"')[2]
 
 
+def test_the_workbench_draws_large_answers_for_browsers_that_take_gzip(client: FlaskClient) -> None:
+    query = "SELECT ?s ?p ?o { ?s ?p ?o } LIMIT 200"
+    browser = {**HTML, "Accept-Encoding": "gzip, deflate, br"}
+    page = client.get("/sparql", query_string={"query": query}, headers=browser)
+    assert page.status_code == 200
+    assert "200 rows in" in page.text
+
+
 def test_the_workbench_shows_what_is_wrong_with_a_query(client: FlaskClient) -> None:
     page = client.get("/sparql", query_string={"query": "SELECT ?x {"}, headers=HTML)
     assert page.status_code == 200
@@ -297,7 +305,7 @@ def test_the_workbench_shows_what_is_wrong_with_a_query(client: FlaskClient) -> 
 
 
 def test_flask_alone_serves_what_programs_ask(client: FlaskClient) -> None:
-    """Under another WSGI server there is no front; every address answers all the same."""
+    """Under another WSGI server, every address except websockets answers all the same."""
     assert client.get("/sparql?query=ASK{}").get_json()["boolean"] is True
     assert client.post("/query", data={"query": "ASK {}"}).get_json()["boolean"] is True
     update = "INSERT DATA { GRAPH <urn:g:flask> { <urn:s> <urn:p> 1 } }"

@@ -51,6 +51,17 @@ def test_the_service_is_echoed_as_the_caller_spelled_it_and_no_id_is_invented(
     assert "id" not in answer
 
 
+def test_rosapi_takes_its_arguments_in_order(connect: Connect) -> None:
+    robot = connect(Access("nao-1", "robot"))
+    stored = robot.ask(call("/rosapi/set_param", args=["speed", "0.5"]))
+    assert stored["values"] == {"successful": True, "reason": ""}
+    assert robot.ask(call("/rosapi/get_param", args=["speed"]))["values"]["value"] == "0.5"
+    node = robot.ask(call("/rosapi/service_node", args=["/rosapi/get_time"]))
+    assert node["values"] == {"node": "/rtask"}
+    refused = robot.ask(call("/rosapi/service_node", args=["/rosapi/get_time", "more"]))
+    assert refused["result"] is False
+
+
 def test_an_unknown_service_fails_with_the_nearest_name(connect: Connect) -> None:
     answer = connect().ask(call("/rtask/serch_object", id=3))
     assert answer["result"] is False

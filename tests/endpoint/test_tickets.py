@@ -42,12 +42,12 @@ def test_a_ticket_is_worth_what_its_token_is(tokens: TokenStore) -> None:
     ticket = auth.tickets.issue(token.id)
     with pytest.raises(AuthenticationError):  # not outside websockets
         auth.identify(socket_request(ticket))
-    caller = auth.identify(socket_request(ticket), token_in_url=True)
+    caller = auth.identify(socket_request(ticket), ticket_in_url=True)
     assert (caller.name, caller.access.role) == ("nao-1", "robot")
     another = auth.tickets.issue(token.id)
     tokens.revoke(token.id)
     with pytest.raises(AuthenticationError, match="request another"):
-        auth.identify(socket_request(another), token_in_url=True)
+        auth.identify(socket_request(another), ticket_in_url=True)
 
 
 def test_a_page_from_elsewhere_gets_none_by_a_cookie(tokens: TokenStore) -> None:
