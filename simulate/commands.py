@@ -1,4 +1,4 @@
-"""The commands that this room adds to ``rtask``: ``demo`` and ``simulate``."""
+"""The commands ``rtask demo`` and ``rtask simulate``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["demo", "simulate"]
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
-    """Stop as on Ctrl-C: for SIGTERM, and where the shell started us with SIGINT ignored."""
+    """Stop as on Ctrl-C, also on SIGTERM and where the shell ignores SIGINT."""
     raise KeyboardInterrupt
 
 
@@ -57,7 +57,7 @@ def demo(
     port: int,
     as_json: bool,
 ) -> None:
-    """Watch a robot learn to grasp, and others profit from it.
+    """Watch a robot learn to grasp, and other robots profit from it.
 
     Starts an endpoint on an embedded store and simulated Naos that share it. The first meets
     objects nobody knows; the next ones find them in the graph. Ends with what each robot did,
@@ -110,7 +110,7 @@ def demo(
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 @click.pass_context
 def simulate(context: click.Context, /, robots: int | None, **options: Any) -> None:
-    """Simulated robots: a fleet with --robots, or one of the commands."""
+    """Run a fleet of simulated robots (--robots), or one of the commands."""
     if context.invoked_subcommand is not None:
         return
     if robots is None:
@@ -149,7 +149,7 @@ def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
 @click.option("--shapes", default=30, show_default=True, help="Shapes of each of seven families.")
 @click.option("--seed", default=0, show_default=True, help="Number of the first shape.")
 def grasp_views(out: Path, gripper: str, shapes: int, seed: int) -> None:
-    """Write grasp candidates on simulated single views, and which are right, to OUT (.npz).
+    """Write labelled grasp candidates of simulated single views to OUT (.npz).
 
     For `rtask grasp train`. A view takes about a tenth of a second.
     """

@@ -1,1 +1,1 @@
-"""The act service (Gatto 2016, 4.3): go there, grasp, place; and the interface that tests it."""
+"""The act service (Gatto 2016, 4.3): reach, grasp and place at a goal pose; its tests."""

@@ -52,13 +52,13 @@ def _cell(robot: str, view: bool) -> Workcell:
 
 @click.group("act-test")
 def act_test() -> None:
-    """Test where a robot's arms can go: reach, place, workspace."""
+    """Test where a robot's arms can reach and place, and map their workspace."""
 
 
 @act_test.command()
 @_of_trials
 def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
-    """Go to random positions of imagined objects."""
+    """Reach for imaginary objects at random positions."""
     from simulate.act.trials import reach_test
 
     _trials(reach_test, robot, n, seed, csv_path, as_json, view)
@@ -67,7 +67,7 @@ def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, v
 @act_test.command()
 @_of_trials
 def place(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
-    """Carry an imagined object to random positions."""
+    """Carry an imaginary object to random positions."""
     from simulate.act.trials import place_test
 
     _trials(place_test, robot, n, seed, csv_path, as_json, view)
@@ -130,7 +130,7 @@ def _trials(
 def workspace(
     robot: str, step: float, heights: str, angles: int, seed: int, out: Path, as_json: bool
 ) -> None:
-    """Map where the gripper can go: share of directions reached, cell by cell."""
+    """Map the share of closing directions that the gripper reaches in each cell."""
     from simulate.act.workspace import map_workspace
     from simulate.motion.arm_space import ArmSpace
     from simulate.robots import describe
@@ -166,7 +166,7 @@ def workspace(
 @_seed
 @_view
 def act_serve(url: str, name: str, robot: str, objects: int, seed: int, view: bool) -> None:
-    """Provide a simulated robot's act service at a server, until Ctrl-C.
+    """Provide the act service of a simulated robot on a server until Ctrl-C.
 
     The robot's token is taken from the environment variable RTASK_TOKEN.
     """

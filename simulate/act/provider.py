@@ -1,4 +1,4 @@
-"""The act service on a rosbridge server: the robot announces it and answers who calls.
+"""The act service on a rosbridge server: the robot advertises it and answers calls.
 
 One thread does everything, for physics belongs to one thread: calls are answered one after the
 other, in the order in which they came.
@@ -32,10 +32,10 @@ Method = Callable[[dict[str, Any]], dict[str, Any]]
 _WAIT_S = 0.2
 _AGAIN_S = 1.0
 _OPEN_S = 10.0
-_MOST_TRIALS = 1_000
+_MAX_TRIALS = 1_000
 
 _TRIALS = (
-    Field("n", "integer", "random goals", default=10, low=1, high=_MOST_TRIALS),
+    Field("n", "integer", "random goals", default=10, low=1, high=_MAX_TRIALS),
     Field("seed", "integer", "of the goals", default=0, low=0),
 )
 _MAP = (
@@ -46,7 +46,7 @@ _MAP = (
 
 
 def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
-    """Return what a robot offers: name below its own, type, function."""
+    """Return the services of a robot: relative name to type and function."""
 
     def trials(run: Callable[[ActService, int, int], list[Trial]]) -> Method:
         def method(message: dict[str, Any]) -> dict[str, Any]:
@@ -111,11 +111,11 @@ class ActProvider:
         return tuple(self._methods)
 
     def stop(self) -> None:
-        """Let :meth:`serve` end after the call under way; from any thread."""
+        """Let :meth:`serve` return after the current call; may be called from any thread."""
         self._stop.set()
 
     def serve(self, on_ready: Callable[[], None] = lambda: None) -> None:
-        """Announce the services and answer calls until :meth:`stop`.
+        """Advertise the services and answer calls until :meth:`stop`.
 
         A connection that is lost later is opened again.
 

@@ -1,4 +1,4 @@
-"""What the act service is asked, under the names of Gatto 2016, 4.3, spelt as there."""
+"""Requests of the act service, with the names and the spelling of Gatto 2016, 4.3."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class ActRequest:
 
 
 def _arm_name(robot: RobotDescription, arm: str, hand: str | None) -> str:
-    """Return the arm that arm_name and end_eff_name mean together."""
+    """Return the arm that arm_name and end_eff_name select."""
     named = None if arm == "auto" else robot.arm(arm)
     if not hand:
         return "auto" if named is None else named.name

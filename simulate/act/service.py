@@ -1,4 +1,4 @@
-"""The act service of one robot: a goal pose in, what came of it out (Gatto 2016, 4.3)."""
+"""The act service of one robot: goal poses in, outcomes out (Gatto 2016, 4.3)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.grasping.workcell import Workcell
 
-__all__ = ["ActService", "imagined", "plan_goal", "turns"]
+__all__ = ["ActService", "imagined", "plan_goal", "theta_offsets"]
 
 _WIDTH_M, _LENGTH_M = 0.030, 0.040
 _LOWEST_M = 0.010
@@ -60,7 +60,7 @@ class ActService:
 
     @property
     def holds_something(self) -> bool:
-        """Whether a grasp held an object that was not put down since."""
+        """Whether the hand holds an object."""
         return self._holds
 
     def act(self, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class ActService:
         return _answer(request, reason, error_m, run.plan, run.record)
 
     def _pretend_to_place(self, request: ActRequest) -> dict[str, Any]:
-        """Go through the motions with an imagined object from the middle of the arm's area."""
+        """Move as if an imaginary object were carried from the middle of the arm's area."""
         planned = imagined(self.cell, request, self.seed)
         if isinstance(planned, str):
             return _answer(request, planned)
@@ -140,12 +140,12 @@ class ActService:
         return _answer(request, "ok" if reached else reason, error_m, planned)
 
 
-def turns(step: float, attempts: int) -> Iterator[float]:
-    """Yield by how much to turn theta at each attempt: 0, +step, -step, +2 step ... up to 90 deg.
+def theta_offsets(step: float, attempts: int) -> Iterator[float]:
+    """Yield the offset of theta at each attempt, rad: 0, +step, -step, +2 step ... up to 90 deg.
 
     Examples
     --------
-    >>> [round(t, 2) for t in turns(0.5, 6)]
+    >>> [round(t, 2) for t in theta_offsets(0.5, 6)]
     [0.0, 0.5, -0.5, 1.0, -1.0, 1.5]
     """
     widest = math.pi / 2 + 1e-9
@@ -158,7 +158,7 @@ def turns(step: float, attempts: int) -> Iterator[float]:
 
 
 def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
-    """Plan the way to a goal pose, turning theta where it cannot be reached.
+    """Plan the motion to a goal pose, trying other values of theta where it is out of reach.
 
     Returns
     -------
@@ -185,11 +185,11 @@ def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | 
     )
     reason = ""
     started = time.monotonic()
-    for attempt, turn in enumerate(turns(request.angle_step, request.attempts)):
+    for attempt, offset in enumerate(theta_offsets(request.angle_step, request.attempts)):
         if attempt and time.monotonic() - started > request.planning_s:
             return "timed_out"
         planned = cell.executor.plan(
-            replace(wanted, theta=wanted.theta + turn), seed=seed + attempt
+            replace(wanted, theta=wanted.theta + offset), seed=seed + attempt
         )
         if not isinstance(planned, str):
             return planned
@@ -198,7 +198,7 @@ def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | 
 
 
 def imagined(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
-    """Plan to take an imagined object from the middle of the area of the arm that shall place."""
+    """Plan to pick an imaginary object from the middle of the placing arm's area."""
     place = cell.world.workplace
     side = -1 if request.position[1] < 0 else 1
     if request.arm != "auto":
@@ -238,7 +238,7 @@ def _finite(value: float) -> float | None:
 
 
 def _as_json(record: GraspRecord) -> dict[str, Any]:
-    """Return what of a record is worth telling; what is not a number is left out."""
+    """Return the reported part of a record as JSON data, without values that are not finite."""
     plan = record.grasp
     numbers = {
         "lifted_m": record.lifted_m,

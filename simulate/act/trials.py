@@ -1,4 +1,4 @@
-"""Random goals for the act service, one after the other (Gatto 2016, 4.3: the test interface)."""
+"""Tests of the act service with random goals (Gatto 2016, 4.3: the test interface)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HEIGHTS = (0.030, 0.045)
 
 @dataclass(frozen=True)
 class Trial:
-    """One random goal and what came of it.
+    """One random goal and its outcome.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Trial:
 def random_goal(
     service: ActService, seed: int, number: int, action: Literal["reach", "place"]
 ) -> tuple[float, float, float, float]:
-    """Return x, y, z (m) and theta (rad) of an imagined object on the table.
+    """Return x, y, z (m) and theta (rad) of an imaginary object on the table.
 
     Drawn from the area where objects stand and 3 cm beyond it; the same seed and number give the
     same goal, whatever was drawn before.
@@ -74,7 +74,7 @@ def reach_test(
     seed: int = 0,
     on_trial: Callable[[Trial], None] = lambda trial: None,
 ) -> list[Trial]:
-    """Go to ``n`` random positions of imagined objects."""
+    """Reach for ``n`` imaginary objects at random positions."""
     return _run(service, "reach", n, seed, on_trial)
 
 
@@ -84,7 +84,7 @@ def place_test(
     seed: int = 0,
     on_trial: Callable[[Trial], None] = lambda trial: None,
 ) -> list[Trial]:
-    """Carry an imagined object to ``n`` random positions on the table."""
+    """Carry an imaginary object to ``n`` random positions on the table."""
     return _run(service, "place", n, seed, on_trial)
 
 
@@ -115,12 +115,12 @@ def _run(
 
 
 def reasons(trials: Sequence[Trial]) -> dict[str, int]:
-    """Return how often each reason came, the most frequent first."""
+    """Count the reason codes, the most frequent first."""
     return dict(Counter(trial.reason for trial in trials).most_common())
 
 
 def write_csv(trials: Sequence[Trial], path: Path) -> None:
-    """Write the trials, one a line."""
+    """Write the trials as CSV, one per line."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Trial)])
         writer.writeheader()

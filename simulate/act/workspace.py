@@ -1,4 +1,4 @@
-"""Where the gripper can go: the share of directions that it reaches, cell by cell, as a map.
+"""Workspace maps: the share of closing directions that a gripper reaches in each cell.
 
 The test "positions that the gripper can reach, the gripper's workspace" of Gatto 2016, 4.3:
 inverse kinematics and collisions with table, boxes and own body; no path is planned.
@@ -18,10 +18,9 @@ from simulate.grasping.hand_rules import rules_for
 from simulate.grasping.rules import GraspRequest
 from simulate.motion.arm_space import ALLOWED, ArmSpace
 from simulate.motion.kinematics import Goal, IkOptions, solve_ik
+from simulate.robots.description import Floats
 
 __all__ = ["WorkspaceMap", "map_workspace"]
-
-Floats = NDArray[np.float64]
 
 _IK = IkOptions(starts=12, angle_tolerance=0.2, position_tolerance=0.0025)
 _ALLOWED = {**ALLOWED, ("table", "finger"): 0.008}
@@ -65,7 +64,7 @@ class WorkspaceMap:
         return best
 
     def area_m2(self, least: float = 0.5) -> dict[float, float]:
-        """Return by height the area (m2) where at least that share of directions is reached."""
+        """Return for each height the area (m2) where at least this share is reached."""
         return {
             float(height): float((self.best[i] >= least).sum() * self.step**2)
             for i, height in enumerate(self.heights)
@@ -119,7 +118,7 @@ def map_workspace(
     angles: int = 12,
     seed: int = 0,
 ) -> WorkspaceMap:
-    """Find out where the gripper can go over the table.
+    """Compute the workspace map of a gripper over the table.
 
     Parameters
     ----------
@@ -163,7 +162,7 @@ def map_workspace(
 
 
 class _Reach:
-    """Asks one arm, direction by direction."""
+    """Tests the reach of one arm, one closing direction at a time."""
 
     def __init__(self, space: ArmSpace, arm: str, angles: int, seed: int) -> None:
         self._chain = space.chains[arm]
@@ -199,7 +198,7 @@ class _Reach:
 
 
 def _colours(share: Floats) -> NDArray[np.uint8]:
-    """Return BGR colours (..., 3) of shares 0..1; what cannot be reached at all is light grey."""
+    """Return BGR colours (..., 3) of shares 0..1; light grey means out of reach."""
     levels = np.clip(np.rint(share * 255), 0, 255).astype(np.uint8)
     colours = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)
     colours[share <= 0] = (225, 225, 225)
@@ -207,7 +206,7 @@ def _colours(share: Floats) -> NDArray[np.uint8]:
 
 
 def _bar(height: int) -> NDArray[np.uint8]:
-    """Return the scale of the colours."""
+    """Return the colour scale."""
     bar = np.full((height, 3 * _BAR_PX + 34, 3), 255, np.uint8)
     length = height - 2 * _MARGIN_PX
     ramp = _colours(np.linspace(1.0, 1e-3, max(length, 2))[:, None])

@@ -1,4 +1,4 @@
-"""The robot's mind: look, ask the graph, grasp, report (ARCHITECTURE: one observation, end to end).
+"""The agent that clears a table: look, ask the graph, grasp, judge, report.
 
 The agent knows what its camera, its joints and the server tell it, and nothing else. Ground truth
 about the scene reaches it nowhere; :mod:`simulate.agent.scoring` uses that afterwards, from
@@ -42,7 +42,7 @@ _STANCES: tuple[Literal["own", "other"], ...] = ("own", "other")
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """How patient the agent is.
+    """Limits on attempts, plans and looks, and the seed of an agent.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Body(Protocol):
 
     @property
     def ignored(self) -> tuple[Ignored, ...]:
-        """Parts of the table that are the robot's own."""
+        """Regions of the table whose contents are ignored, such as the robot's boxes."""
 
     def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
         """Turn the head and return a frame with base_from_camera (4, 4)."""
@@ -90,7 +90,7 @@ class Body(Protocol):
 
 
 class Server(Protocol):
-    """What the agent needs of the engine; any :func:`rtask.connect` client is one."""
+    """Operations of the engine that the agent calls; clients of :func:`rtask.connect` have them."""
 
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]: ...
 
@@ -101,7 +101,7 @@ class Server(Protocol):
 
 @dataclass(frozen=True)
 class _Planning:
-    """What planning through the learner's order found.
+    """Result of planning the grasps in the learner's order.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class _Planning:
 
 
 class Agent:
-    """Clears a table: for each object asks the graph, grasps, reports.
+    """Clears a table: asks the graph about each object, grasps it and reports the outcome.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class Agent:
         self._runs = 0
 
     def clear_table(self) -> list[Encounter]:
-        """Handle every object on both sides; return what happened, in order."""
+        """Handle every object on both sides; return the encounters in order."""
         for side in ("right", "left"):
             self._clear_side(side)
         return list(self.encounters.values())
@@ -193,7 +193,7 @@ class Agent:
         looked_s: float,
         may_wait: bool,
     ) -> None:
-        """Ask, plan, grasp and report once."""
+        """Ask about an object, plan, grasp and report, once."""
         encounter = self._encounter(thing, side)
         seconds = {"look": looked_s}
         started = time.perf_counter()
@@ -274,7 +274,7 @@ class Agent:
         }
 
     def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> Encounter:
-        """Note what the server made of a new thing; one that was lost before is met again."""
+        """Note how the server recognised a new thing, or join it with one that was lost."""
         recognition = answer["recognition"]
         lost = self._tracker.lost(answer["object"]) if recognition["accepted"] else None
         if lost is not None:
@@ -342,7 +342,7 @@ class Agent:
         number: int,
         seconds: dict[str, float],
     ) -> None:
-        """Record that no grasp can be reached: the object as it was seen, and why."""
+        """Report the object as it was seen and why none of its grasps can be reached."""
         thing.finished = True
         grasp, reason = planned.grasp, planned.reason
         source = "none" if grasp is None else str(grasp["source"])
@@ -369,7 +369,7 @@ class Agent:
         outcome: dict[str, Any],
         gripper_id: str,
     ) -> None:
-        """Write the outcome; with it the view, unless the graph knew the object well already."""
+        """Report the outcome, together with the view unless the graph knows the object well."""
         started = time.perf_counter()
         common = {"gripper_id": gripper_id, "task": "pick"}
         well_known = encounter.recognised and encounter.confidence >= _CONFIDENT

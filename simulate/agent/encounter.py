@@ -1,4 +1,4 @@
-"""What happened between a robot and the objects on its table, as data."""
+"""Encounters of a robot with the objects on its table, and its attempts at them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Attempt", "Encounter"]
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try: the grasp, where it came from, what became of it.
+    """One attempt: the grasp, its source and its outcome.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Attempt:
 
 @dataclass
 class Encounter:
-    """Everything that happened between one robot and one object.
+    """All attempts of one robot at one object, and how it was recognised.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Encounter:
 
     @property
     def held(self) -> bool:
-        """Whether some attempt held the object."""
+        """Whether an attempt held the object."""
         return any(attempt.held for attempt in self.attempts)
 
     @property

@@ -1,4 +1,4 @@
-"""Bring me something of a kind: look, name what is there, ask which of it serves, take that.
+"""The agent that fetches an object for a request in words.
 
 The words are understood by the engine, by reasoning over classes and functions (Gatto 2016, 5);
 the robot supplies what it sees now and acts on the answer. When it cannot, it says why.
@@ -24,14 +24,14 @@ _SIDES = ("right", "left")
 
 
 class RequestServer(Server, Protocol):
-    """A server that also understands requests."""
+    """Operations of the engine that the fetcher calls."""
 
     def resolve_request(self, **request: Any) -> dict[str, Any]: ...
 
 
 @dataclass(frozen=True)
 class Fetched:
-    """What came of a request.
+    """Outcome of a request.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Fetched:
 
 
 class Fetcher(Agent):
-    """An agent that takes one object on request and leaves the others.
+    """Agent that fetches one object on request and leaves the others.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Fetcher(Agent):
         self._requests = server
 
     def fetch(self, wanted: str) -> Fetched:
-        """Bring one thing that the words mean, or say why not.
+        """Fetch an object that matches the words, or report why not.
 
         When the first choice cannot be taken the next one is tried, as long as there is one.
         """
@@ -97,7 +97,7 @@ class Fetcher(Agent):
                 return self._sum_up(wanted, tuple(things), tried, answer)
 
     def _survey(self) -> list[tuple[Thing, str]]:
-        """Look at both sides and give everything that stands there a name in the graph."""
+        """Look at both sides and find or add every object in the graph."""
         found = []
         for side in _SIDES:
             view, base_from_camera, things = self._look(side, None)
@@ -120,7 +120,7 @@ class Fetcher(Agent):
     def _name(
         self, thing: Thing, side: str, view: Perceived, base_from_camera: NDArray[np.float64]
     ) -> None:
-        """Ask what a thing is; what nobody knows yet is told to the graph as it looks."""
+        """Recognise a thing, or add it to the graph as it looks."""
         encounter = self._encounter(thing, side)
         observation = self._observation(thing, view, base_from_camera)
         gripper_id = self.body.gripper_ids[side]
@@ -134,7 +134,7 @@ class Fetcher(Agent):
         encounter.object_iri = thing.object_iri
 
     def _take(self, thing: Thing, side: str) -> str:
-        """Take one thing and place it; return ``ok``, or why not."""
+        """Pick and place one thing; return ``ok`` or the reason why not."""
         encounter = self._encounter(thing, side)
         for _ in range(self.config.max_looks):
             started = time.perf_counter()

@@ -1,4 +1,4 @@
-"""What a robot's camera sees, as a rosbridge topic on which only changed frames are sent.
+"""Camera frames as a rosbridge topic on which only changed frames are sent.
 
 The topic is latched: the server keeps the last frame, so that whoever subscribes later has the
 scene at once, however long nothing has changed (Gatto 2016, 3.2.1).
@@ -29,7 +29,7 @@ _OPEN_S = 10.0
 
 
 class FramePublisher:
-    """The robot's end: sends a frame when the scene has changed.
+    """Publisher of a robot's frames; sends one when the scene has changed.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class FramePublisher:
         self.close()
 
     def offer(self, frame: Frame) -> SceneChange:
-        """Send a frame if it shows a change, and say why or why not.
+        """Send a frame if it shows a change; return the reason for either.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class FramePublisher:
         return change
 
     def watch(self, frame: Frame) -> None:
-        """Offer a frame of a robot that has better things to do than to wait for spectators."""
+        """Offer a frame without letting the robot wait for subscribers."""
         try:
             self.offer(frame)
         except RemoteUnavailableError as error:
@@ -127,7 +127,7 @@ class FramePublisher:
 
 
 class FrameKeeper:
-    """The other end: what a robot saw last.
+    """Subscriber that keeps the latest frame of a robot.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class FrameKeeper:
         self.received = 0
 
     def take(self, message: Mapping[str, Any]) -> Frame:
-        """Read a message of the topic; what was kept stays if it cannot be read.
+        """Read a message of the topic; keep the former frame if it cannot be read.
 
         Raises
         ------

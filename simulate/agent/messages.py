@@ -1,4 +1,4 @@
-"""Between what a robot measures and what it says: requests to the engine and to the planner."""
+"""Conversion of the robot's measurements into requests to the engine and the planner."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NEIGHBOUR_RADIUS_M = 0.12
 
 
 def neighbour_points(thing: Thing, view: Perceived) -> list[list[float]]:
-    """Return points of the other objects near the thing, m, base frame."""
+    """Return points of the other objects near a thing, m, base frame."""
     others = [seen.points for seen in view.objects if seen is not thing.seen]
     if not others:
         return []
@@ -58,7 +58,7 @@ def grasp_request(
 
 
 def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
-    """Return grasps with their ranks, of those alike but for height and opening the first.
+    """Return grasps with their ranks, without those that differ in height or opening only.
 
     The planner tries other heights and openings by itself.
     """
@@ -90,7 +90,7 @@ def outcome_message(
     seconds: dict[str, float],
     pictures: list[tuple[str, bytes]],
 ) -> dict[str, Any]:
-    """Return what a physical attempt is reported with."""
+    """Return the outcome message of a physical attempt."""
     return {
         "success": record.held,
         "placed": record.placed,

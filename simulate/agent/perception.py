@@ -1,4 +1,4 @@
-"""What the robot sees: one RGB-D frame becomes objects on a table, in the robot's base frame.
+"""Perception of objects on a table in an RGB-D frame, in the robot's base frame.
 
 Nothing here knows the simulator: a frame and the kinematics of the head are the only input
 (Gatto 2016, 2.4 and 2.5).
@@ -28,7 +28,7 @@ _MARGIN_M = 0.01
 
 @dataclass(frozen=True)
 class Ignored:
-    """A part of the base frame whose contents are the robot's own business, such as its box.
+    """Rectangle of the base frame in which segments are ignored, such as the robot's box.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Ignored:
     y: tuple[float, float]
 
     def holds(self, point: NDArray[np.floating[Any]]) -> bool:
-        """Tell whether a point (x, y, ...), m, base frame lies in it or at its rim."""
+        """Tell whether a point (x, y, ...), m, base frame, lies in the rectangle or its margin."""
         return bool(
             self.x[0] - _MARGIN_M <= point[0] <= self.x[1] + _MARGIN_M
             and self.y[0] - _MARGIN_M <= point[1] <= self.y[1] + _MARGIN_M
@@ -78,7 +78,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Perceived:
-    """What one frame shows.
+    """Table and objects found in one frame.
 
     Parameters
     ----------

@@ -29,13 +29,13 @@ class Judge:
         self._products = {laid.body: laid.placement.spec.name for laid in body.laid}
 
     def body_under(self, seen: Seen) -> int:
-        """Return the body that most of a segment's pixels show; -1 = none of the products."""
+        """Return the body that most pixels of a segment show; -1 = none of the products."""
         ids, counts = np.unique(self._body.last_labels[seen.mask], return_counts=True)
         best = int(ids[np.argmax(counts)])
         return best if best in self._products else -1
 
     def in_reach(self) -> dict[int, bool]:
-        """Tell for every body whether some grasp of its true shape fits and can be planned."""
+        """Return for each body whether a grasp of its true shape fits and can be planned."""
         return {laid.body: self._reachable(laid.body) for laid in self._body.laid}
 
     def _reachable(self, body: int) -> bool:
@@ -44,14 +44,14 @@ class Judge:
         pose = world.object_pose(body)
         along_x, along_y, height = spec.extent
         mouth = min(arm.mouth for arm in self._body.robot.arms.values())
-        for turn in _ANGLES if spec.kind in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
-            if (along_y if turn else along_x) > mouth - _SPARE_M:
+        for offset in _ANGLES if spec.kind in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
+            if (along_y if offset else along_x) > mouth - _SPARE_M:
                 continue
             request = GraspRequest(
                 x=pose.x,
                 y=pose.y,
-                theta=float((pose.yaw + turn) % np.pi),
-                width=along_y if turn else along_x,
+                theta=float((pose.yaw + offset) % np.pi),
+                width=along_y if offset else along_x,
                 height=height,
                 length=max(along_x, along_y),
                 table_height=world.table_height,
@@ -67,7 +67,7 @@ class Judge:
         first_sight: Mapping[int, int],
         in_reach: Mapping[int, bool],
     ) -> list[dict[str, Any]]:
-        """Return the encounters as JSON data with the product behind each.
+        """Return the encounters as JSON data, each with its product.
 
         ``right`` is filled in by :mod:`simulate.demo`, which alone knows which product an object
         IRI of the graph stands for.

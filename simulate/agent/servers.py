@@ -206,7 +206,7 @@ class BlindServer:
         half = np.array([shape["length"], shape["width"]]) / 2
         a, b = self._rng.uniform(-half, half)
         cos, sin = math.cos(shape["yaw"]), math.sin(shape["yaw"])
-        turn = int(self._rng.integers(_DIRECTIONS)) * math.pi / _DIRECTIONS
+        yaw_offset = int(self._rng.integers(_DIRECTIONS)) * math.pi / _DIRECTIONS
         height = min(max(0.5 * shape["height"], 0.008), 0.045)
         return {
             "id": f"candidate:blind-{number}",
@@ -214,7 +214,7 @@ class BlindServer:
             "x": shape["x"] + cos * a - sin * b,
             "y": shape["y"] + sin * a + cos * b,
             "z": shape["support_height"] + height,
-            "theta": (shape["yaw"] + turn) % math.pi,
+            "theta": (shape["yaw"] + yaw_offset) % math.pi,
             "width": min(shape["width"], self._opening_m),
             "opening": self._opening_m,
             "mean": 0.5,

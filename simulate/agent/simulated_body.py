@@ -1,4 +1,4 @@
-"""Eyes and hands of a simulated robot: what :class:`simulate.agent.agent.Agent` works with."""
+"""The body of a simulated robot, as :class:`simulate.agent.agent.Agent` uses it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place"
 
 @dataclass(frozen=True)
 class Conditions:
-    """Under which a robot works.
+    """Conditions under which a robot works.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Conditions:
 
 
 class SimulatedBody:
-    """A robot in a physics world before a table with products.
+    """A robot in a physics world at a table with products.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class SimulatedBody:
         return self.executor.plan(request, obstacles=clouds, seed=seed)
 
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
-        """Grasp, and take a picture of each phase where pictures are wanted."""
+        """Carry out a plan, and take a picture of each phase if pictures are wanted."""
         if self._pictures is None:
             return self.executor.execute(plan), []
         taken: list[tuple[str, bytes]] = []

@@ -1,4 +1,4 @@
-"""Which thing on the table is which from one look to the next.
+"""Tracking of the things on a table from one look to the next.
 
 A robot that has just pushed an object knows that the thing now lying 3 cm further is that object.
 Tracking only ever joins looks of one robot at one table; identity across robots comes from
@@ -24,7 +24,7 @@ _MOVED_M = 0.09
 
 @dataclass
 class Thing:
-    """Something on the table that the robot follows through several looks.
+    """Something on the table that is tracked through several looks.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Thing:
 
 
 class Tracker:
-    """Follows the things on one table.
+    """Tracks the things on one table.
 
     An object may have moved up to 2.5 cm unnoticed (a neighbour brushed it), the one just
     handled up to 9 cm (it was pushed). When the handled one is nowhere near and something
@@ -65,7 +65,7 @@ class Tracker:
     def update(
         self, objects: Sequence[Seen], handled: Thing | None = None, side: int | None = None
     ) -> list[Thing]:
-        """Match a new look to the known things and return those now in view.
+        """Match the objects of a new look to the known things; return those in view.
 
         Parameters
         ----------
@@ -100,20 +100,20 @@ class Tracker:
         return [thing for thing in self.things if thing.visible]
 
     def lost(self, object_iri: str) -> Thing | None:
-        """Return the thing of that identity that went out of sight unfinished, if there is one."""
+        """Return the unfinished thing of that identity that went out of sight, if any."""
         for thing in self.things:
             if thing.object_iri == object_iri and not thing.visible and not thing.finished:
                 return thing
         return None
 
     def join(self, lost: Thing, found: Thing) -> None:
-        """Let a thing that turned up elsewhere be one that was lost."""
+        """Replace a lost thing by the one found elsewhere."""
         self.things.remove(lost)
         found.number, found.object_iri = lost.number, lost.object_iri
 
     @staticmethod
     def _distance(thing: Thing, seen: Seen, handled: Thing | None) -> float:
-        """Return the way the thing would have moved, in units of what is allowed for it."""
+        """Return the distance that a thing would have moved, relative to its allowed distance."""
         allowed = _MOVED_M if thing is handled else _STILL_M
         way = float(np.linalg.norm(thing.seen.position - seen.position))
         return min(way / allowed, 1e3)

@@ -1,4 +1,4 @@
-"""How the demo speaks: a live display on a terminal, plain lines otherwise, always on stderr.
+"""Console output of demos and fleets: progress on standard error, results on standard output.
 
 Standard output carries results only, so that ``rtask demo --json | jq`` works.
 """
@@ -33,11 +33,11 @@ class Console:
         self._terminal = self._progress.is_terminal
 
     def step(self, text: str) -> None:
-        """Say what begins now."""
+        """Print the step that begins."""
         self._progress.print(f"[bold]{text}[/bold]" if self._terminal else text)
 
     def event(self, robot: str, event: dict[str, Any]) -> None:
-        """Say what a robot did."""
+        """Print what a robot did."""
         line = _sentence(event)
         if line:
             self._progress.print(f"  {robot}: {line}", markup=False)
@@ -63,7 +63,7 @@ class Console:
 
 
 def _sentence(event: dict[str, Any]) -> str:
-    """Return an event in words; empty = not worth a line."""
+    """Return an event in words; empty = not reported."""
     name = event["event"]
     if name == "recognised":
         number, conf = event["object"], event["confidence"]
@@ -80,7 +80,7 @@ def _sentence(event: dict[str, Any]) -> str:
 
 
 class FleetConsole:
-    """Tells what robots do; call it with a name and an event.
+    """Prints what the robots of a fleet do; called with a name and an event.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class FleetConsole:
         self._stream = stream or sys.stderr
 
     def __call__(self, robot: str, event: dict[str, Any]) -> None:
-        """Say what happened, where that is worth a line."""
+        """Print an event that is worth a line."""
         said = _fleet_sentence(event)
         if said:
             self.say(f"  {robot}: {said}")

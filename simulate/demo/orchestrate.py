@@ -1,4 +1,4 @@
-"""The demo from start to end: endpoint up, robots one after the other, questions, report, down."""
+"""The demo from start to end: endpoint, robots one after the other, queries, report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _STORE, _REPORT, _LOGS, _OUTBOX = "store", "report", "logs", "outbox"
 
 @dataclass(frozen=True)
 class Settings:
-    """What the demo is asked to do.
+    """Settings of a demo.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Demo:
         return self.settings.robots
 
     def _prepare(self, folder: Path) -> None:
-        """Make the folder ours: new, or a former demo's."""
+        """Prepare the folder, which must be new, empty or that of a former demo."""
         mark = folder / _MARK
         if folder.exists() and any(folder.iterdir()) and not mark.exists():
             raise UsageError(
@@ -136,7 +136,7 @@ class Demo:
         self._remember(folder)
 
     def _remember(self, folder: Path) -> None:
-        """Keep the settings, and which product each object of the store is (for scoring only)."""
+        """Save the settings and, for scoring only, the product behind each object of the store."""
         settings = {**asdict(self.settings), "data": str(folder)}
         text = json.dumps({"settings": settings, "products": self._products}, indent=2)
         (folder / _MARK).write_text(text + "\n", encoding="utf-8")
@@ -145,7 +145,7 @@ class Demo:
         return Endpoint(folder / _STORE, self.settings.port, folder / _LOGS / "endpoint.log")
 
     def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
-        """Give a robot its token and start it; it waits for ``go``."""
+        """Create a token for a robot and start it; it waits for ``go``."""
         kind = self.settings.kinds[index % len(self.settings.kinds)]
         name = f"{kind}-{index + 1}"
         token = json.loads(
@@ -169,7 +169,7 @@ class Demo:
         return robot
 
     def _watch(self, robot: Robot, endpoint: Endpoint) -> dict[str, Any]:
-        """Let one robot clear its table and return what it did, scored."""
+        """Let one robot clear its table; return its scored encounters."""
         for event in robot.events():
             if event["event"] == "ready":
                 self.console.step(
@@ -192,7 +192,7 @@ class Demo:
         raise RtaskError(f"{robot.name} ended without a result")
 
     def _score(self, done: dict[str, Any]) -> dict[str, Any]:
-        """Decide which recognitions were right: an object is the product it was first made from."""
+        """Score the recognitions: an object stands for the product it was first made from."""
         known = set(self._products.values())
         done["known_before"] = sum(met["product"] in known for met in done["encounters"])
         for met in done["encounters"]:

@@ -1,4 +1,4 @@
-"""The process tree of the demo: one endpoint, one process a robot, all ended with the parent.
+"""Processes of a demo or a fleet: an endpoint and one process per robot.
 
 Children talk in lines: the endpoint says when it is ready, a robot prints one JSON event a line
 and waits for ``go`` on its standard input. Whatever way the parent ends, its children follow: it
@@ -35,7 +35,7 @@ _WINDOW_GONE = "X connection to"
 
 
 def _end_with_parent() -> None:
-    """Ask the kernel to end this process when its parent dies (prctl(2)); Linux only."""
+    """Let the kernel end this process when its parent dies (prctl(2), Linux only)."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
@@ -141,7 +141,7 @@ class _Child:
             ) from None
 
     def complaint(self) -> str:
-        """Return why the child ended: its last words on standard error, else its exit status."""
+        """Return why the child ended: its last line on standard error, else its exit status."""
         code = self.process.wait()
         self._log.flush()
         said = _last_line(self._log_path.read_text(encoding="utf-8", errors="replace"))
@@ -152,7 +152,7 @@ class _Child:
         return said or f"exit code {code}"
 
     def stop(self) -> None:
-        """End the child: ask, wait, then insist."""
+        """Terminate the child; kill it if it does not end in time."""
         if self.process.stdin is not None:
             with contextlib.suppress(OSError):
                 self.process.stdin.close()

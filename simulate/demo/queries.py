@@ -1,4 +1,4 @@
-"""The three questions that the demo ends with, asked of the live endpoint over HTTP."""
+"""The three SPARQL queries at the end of the demo, sent to the live endpoint over HTTP."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TIMEOUT_S = 30.0
 
 @dataclass(frozen=True)
 class Question:
-    """A question in words and in SPARQL (prefixes are added by :func:`with_prefixes`)."""
+    """A query in words and in SPARQL (prefixes are added by :func:`with_prefixes`)."""
 
     words: str
     sparql: str
@@ -25,7 +25,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """A table as SPARQL returned it, values shortened for reading."""
+    """The result table of a query, with values shortened for reading."""
 
     question: Question
     columns: tuple[str, ...]
@@ -112,7 +112,7 @@ def ask(url: str, question: Question) -> Answer:
 
 
 def _shorten(term: dict[str, Any] | None) -> str:
-    """Return a term as a person reads it: prefixed names, numbers without datatypes."""
+    """Return a term for people: prefixed names, numbers without datatypes."""
     if term is None:
         return ""
     value = str(term["value"])

@@ -1,4 +1,4 @@
-"""What the demo shows at the end: one row per object and robot, totals side by side, a folder."""
+"""The report of a demo: one row per object and robot, totals, and pictures."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
 
 
 def _first_source(met: Mapping[str, Any]) -> str:
-    """Return where the first grasp came from; ``-`` when the object went before one was tried."""
+    """Return the source of the first grasp; ``-`` without an attempt."""
     return str(met["attempts"][0]["source"]) if met["attempts"] else "-"
 
 
 def _told(met: Mapping[str, Any]) -> str:
-    """Return what the graph said of the first grasp, held and lost; ``-`` where it said nothing."""
+    """Return the statistics that the graph gave for the first grasp; ``-`` without any."""
     held, lost = met["attempts"][0].get("told", (0.0, 0.0)) if met["attempts"] else (0.0, 0.0)
     return f"{held:.1f} : {lost:.1f}" if max(held, lost) >= 0.05 else "-"
 
@@ -57,7 +57,7 @@ def _total(met: Mapping[str, Any], key: str) -> float:
 
 
 def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Join encounters with the same product: one that was lost and met again is one object."""
+    """Join the encounters with the same product, as with one that was lost and found again."""
     joined: list[dict[str, Any]] = []
     first: dict[str, dict[str, Any]] = {}
     for met in encounters:
@@ -127,7 +127,7 @@ def write_report(
     table: Sequence[Sequence[str]],
     answers: Sequence[Answer],
 ) -> None:
-    """Write ``report.json`` and ``report.md`` beside the pictures that the robots left there."""
+    """Write ``report.json`` and ``report.md`` beside the pictures that the robots took."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "report.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     lines = ["# What the robots did", "", *_markdown(COLUMNS, table), "", "## Totals", ""]
@@ -145,7 +145,7 @@ def write_report(
 
 
 def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
-    """Return the pictures of each attempt side by side, under what it was and what came of it."""
+    """Return Markdown with the pictures of each attempt under its object and outcome."""
     lines: list[str] = []
     for met in result.get("objects", ()):
         for attempt in met["attempts"]:

@@ -1,4 +1,4 @@
-"""One simulated robot as a process of its own: a world, a body, a connection to the graph.
+"""One simulated robot of a demo as a process: a world, a body, a connection to the graph.
 
 Started as ``python -m simulate.demo.robot_process JOB`` with the job as JSON and the token in the
 environment variable ``RTASK_TOKEN``. It prints one JSON event a line and begins at ``go`` on its
@@ -33,14 +33,14 @@ from simulate.world.objects import sample_objects
 from simulate.world.scene import arrange
 from simulate.world.seeds import stream
 
-__all__ = ["Voice", "body_of", "main"]
+__all__ = ["EventWriter", "main", "make_body"]
 
 # Streams of random numbers, one a purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
 
-def body_of(job: RobotJob, assets: Path) -> SimulatedBody:
-    """Return the robot of a job before its table."""
+def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
+    """Create the body of a robot at its table."""
     products = sample_objects(stream(job.seed, _PRODUCTS), job.objects)
     workplace = describe(job.robot).workplace
     placements = arrange(products, stream(job.seed, _TABLE, job.index), workplace=workplace)
@@ -55,8 +55,8 @@ def body_of(job: RobotJob, assets: Path) -> SimulatedBody:
     return SimulatedBody(placements, assets, conditions)
 
 
-class Voice:
-    """Prints events, one JSON object a line."""
+class EventWriter:
+    """Writes events, one JSON object per line."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
@@ -66,8 +66,8 @@ class Voice:
         self._stream.flush()
 
 
-def _run(job: RobotJob, body: SimulatedBody, tell: Voice) -> None:
-    """Connect, introduce the robot, clear the table, tell what came of it."""
+def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
+    """Connect, register the robot, clear the table and report the result."""
     judge = Judge(body)
     first_sight: dict[int, int] = {}
 
@@ -114,7 +114,7 @@ def _mixed(job: RobotJob) -> int:
 
 
 def _end_with_parent() -> None:
-    """Leave at once when the parent's end of the pipe closes; the store needs no farewell."""
+    """Exit at once when the parent closes the pipe; the store needs no shutdown."""
     while sys.stdin.readline():
         pass
     os._exit(1)
@@ -127,10 +127,10 @@ def main() -> None:
     events = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     job = RobotJob(**json.loads(sys.argv[1]))
-    tell = Voice(events)
+    tell = EventWriter(events)
     try:
         with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
-            body = body_of(job, Path(assets))
+            body = make_body(job, Path(assets))
             try:
                 _run(job, body, tell)
             finally:

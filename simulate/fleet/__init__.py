@@ -1,1 +1,1 @@
-"""Many robots against one endpoint: each its own process, token and graph, all learning at once."""
+"""Fleets: many robots on one endpoint, each with its own process, token and named graph."""

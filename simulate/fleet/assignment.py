@@ -1,4 +1,4 @@
-"""Who meets what, when: products that every robot meets, and products that only one does."""
+"""Assignment of products to the robots of a fleet: common ones and ones of their own."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from simulate.world.seeds import stream
 __all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
 
 _PRODUCTS, _ORDER = 30, 31
-MOST_ROBOTS, MOST_ON_TABLE = 16, 8
+MAX_ROBOTS, MAX_ON_TABLE = 16, 8
 
 
 @dataclass(frozen=True)
 class MemberJob:
-    """What one robot of a fleet is to do; JSON-able.
+    """Task of one robot of a fleet, convertible to JSON.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class FleetPlan:
 
 
 def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan:
-    """Draw the products: half of what a robot meets is met by all, half by it alone.
+    """Draw the products of a fleet: half of a robot's products are common to all robots.
 
     Parameters
     ----------
@@ -104,10 +104,10 @@ def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan
     >>> set(plan.tables(0)[0]) & set(plan.tables(1)[0]) == set(plan.common[0])
     True
     """
-    if not 1 <= robots <= MOST_ROBOTS:
-        raise UsageError(f"--robots must lie in 1..{MOST_ROBOTS}, got {robots}")
-    if not 2 <= on_table <= MOST_ON_TABLE or on_table % 2:
-        raise UsageError(f"--table must be even and lie in 2..{MOST_ON_TABLE}, got {on_table}")
+    if not 1 <= robots <= MAX_ROBOTS:
+        raise UsageError(f"--robots must lie in 1..{MAX_ROBOTS}, got {robots}")
+    if not 2 <= on_table <= MAX_ON_TABLE or on_table % 2:
+        raise UsageError(f"--table must be even and lie in 2..{MAX_ON_TABLE}, got {on_table}")
     if objects < on_table or objects % on_table:
         raise UsageError(f"--objects must be a multiple of --table {on_table}, got {objects}")
     if seed < 0:

@@ -113,7 +113,7 @@ def sharing(
     resume: bool,
     as_json: bool,
 ) -> None:
-    """Measure what sharing is worth: fleets with one graph and with one each.
+    """Measure the effect of sharing: fleets with one graph, and with one graph per robot.
 
     Half of what a robot meets is met by the robots before it, half is new to all.
     """
@@ -164,7 +164,7 @@ def fetch(
     preset: str,
     as_json: bool,
 ) -> None:
-    """Ask a robot for a kind of thing: "something to drink from".
+    """Ask a robot for a kind of object, such as "something to drink from".
 
     It looks at its table, asks the graph which of what it sees serves, and brings that; or it
     says why it cannot, and the exit code is 1.

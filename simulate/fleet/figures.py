@@ -1,4 +1,4 @@
-"""What a fleet's work amounts to: the n-th robot against the first, on what is known and new."""
+"""Figures of a fleet: the n-th robot against the first, on common and on own products."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Met = Mapping[str, Any]
 
 
 def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Return for each robot how many objects it recognised rightly and wrongly.
+    """Return for each robot how many objects it recognised correctly and falsely.
 
     An object of the graph is the product that it was first made from. One that was told while
     nobody answered has a name that its robot never learned, and is not scored.
@@ -69,7 +69,7 @@ def attempts_to_success(met: Met, cap: int) -> int:
 
 
 def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
-    """Return the figures of each robot, and the last one's less the first one's.
+    """Return the figures of each robot and the difference of the last from the first.
 
     Attempts are physical ones up to the first that held; an object never held counts one more than
     allowed. Common products were met by the robots before; a robot's own by nobody else.
@@ -108,7 +108,7 @@ def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
 
 
 def _last_less_first(done: Mapping[str, Any], plan: FleetPlan, cap: int) -> dict[str, Any] | None:
-    """Return the change in attempts on the common products, product by product."""
+    """Return the difference in attempts on the common products, paired by product."""
     if len(done["robots"]) < 2:
         return None
     first, last = (
@@ -135,16 +135,16 @@ def _change(differences: Sequence[int]) -> dict[str, Any]:
 def sharing_gain(
     shared: Mapping[str, Any], alone: Mapping[str, Any], plan: FleetPlan
 ) -> dict[str, Any]:
-    """Return the attempts of all robots but the first with sharing less those without.
+    """Return the difference in attempts that sharing makes for all robots but the first.
 
     The same robots meet the same products on the same tables both times; compared are the common
     ones, robot by robot and product by product.
     """
     cap = int(shared["settings"]["max_attempts"])
     differences = []
-    for together, apart in zip(shared["robots"][1:], alone["robots"][1:], strict=True):
+    for together, separate in zip(shared["robots"][1:], alone["robots"][1:], strict=True):
         with_others = {m["product"]: attempts_to_success(m, cap) for m in objects_tried(together)}
-        without = {m["product"]: attempts_to_success(m, cap) for m in objects_tried(apart)}
+        without = {m["product"]: attempts_to_success(m, cap) for m in objects_tried(separate)}
         both = sorted(n for n in with_others.keys() & without.keys() if plan.is_common(n))
         differences += [with_others[name] - without[name] for name in both]
     return _change(differences)

@@ -1,4 +1,4 @@
-"""One robot of a fleet as a process: one table after another, one connection, one graph.
+"""One robot of a fleet as a process that clears one table after another.
 
 Started as ``python -m simulate.fleet.member JOB`` with the token in ``RTASK_TOKEN``. It says
 ``ready`` before each table and begins it at ``go``; when its standard input closes it ends.
@@ -26,7 +26,7 @@ from simulate.agent.perception import Seen
 from simulate.agent.scoring import Judge
 from simulate.agent.servers import BlindServer, OutboxServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
-from simulate.demo.robot_process import Voice
+from simulate.demo.robot_process import EventWriter
 from simulate.fleet.assignment import MemberJob, spec_of
 from simulate.robots import describe
 from simulate.world.camera import Lighting
@@ -42,7 +42,7 @@ _CALL_TIMEOUT_S = 60.0
 
 
 class Member:
-    """A robot with its tables before it.
+    """A robot of a fleet and its tables.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Member:
         self._introduced = False
 
     def work(self, wait_for_go: SimpleQueue[str]) -> None:
-        """Clear all tables, and deliver what could not be told meanwhile."""
+        """Clear all tables, then deliver the outbox."""
         for number in range(len(self.job.tables)):
 
             def wait(number: int = number) -> None:
@@ -72,7 +72,7 @@ class Member:
         self._deliver()
 
     def clear(self, number: int, wait: Callable[[], None] = lambda: None) -> list[dict[str, Any]]:
-        """Clear one table; return what was met there, scored against the truth.
+        """Clear one table; return its encounters, scored against ground truth.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class Member:
         self.tell("waiting", {"for": operation, "outbox": self.client.waiting})
 
     def _deliver(self) -> None:
-        """Send what waits; what nobody takes in time stays in the outbox for the next run."""
+        """Deliver the outbox; what cannot be delivered in time stays for the next run."""
         deadline = time.monotonic() + self.job.patience_s
         while self.client.waiting and time.monotonic() < deadline:
             try:
@@ -144,7 +144,7 @@ class Member:
 
 
 def _listen(lines: SimpleQueue[str]) -> None:
-    """Pass on what the parent says; leave at once when it is gone: the store needs no farewell."""
+    """Pass on the parent's lines; exit at once when it is gone, as the store needs no shutdown."""
     for line in sys.stdin:
         lines.put(line.strip())
     os._exit(1)
@@ -166,7 +166,7 @@ def main() -> None:
                 job.url, token=token, timeout_s=_CALL_TIMEOUT_S, outbox=Path(job.outbox)
             ) as client,
         ):
-            Member(job, client, Voice(events), Path(assets)).work(lines)
+            Member(job, client, EventWriter(events), Path(assets)).work(lines)
     except RtaskError as error:
         sys.exit(f"{job.name}: {error}")
 

@@ -1,4 +1,4 @@
-"""A fleet from start to end: endpoints up, robots at work side by side, figures, down.
+"""A fleet from start to end: endpoints, robots at work side by side, results.
 
 With sharing, all robots speak to one endpoint. Without, each has an endpoint with a store of its
 own, so that nothing of another's reaches it: neither grasps nor views nor counts.
@@ -34,7 +34,7 @@ Tell = Callable[[str, dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class FleetSettings:
-    """What a fleet is asked to do.
+    """Settings of a fleet.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Fleet:
         self._out: set[int] = set()
 
     def run(self) -> dict[str, Any]:
-        """Let all robots work and return what each did.
+        """Let all robots work; return the encounters of each.
 
         Returns
         -------
@@ -138,7 +138,7 @@ class Fleet:
         return {"settings": settings, "plan": asdict(self.plan), "robots": done}
 
     def _prepare(self, folder: Path) -> None:
-        """Make the folder ours and empty."""
+        """Empty the folder, which must be new, empty or that of a former fleet."""
         if folder.exists() and any(folder.iterdir()) and not (folder / _MARK).exists():
             raise UsageError(
                 f"{folder} exists and is not a fleet's folder; name another with --data"
@@ -173,7 +173,7 @@ class Fleet:
         return MemberProcess(name, job.to_json(), token, settings.folder / f"{name}.log")
 
     def _watch(self, index: int, done: list[dict[str, Any]]) -> None:
-        """Follow one robot to its end; what happens to it ends nobody else."""
+        """Follow one robot to its end without disturbing the others."""
         robot = self.robots[index]
         result: dict[str, Any] = {"name": robot.name, "tables": [], "lost": "", "undelivered": 0}
         done[index] = result
@@ -203,7 +203,7 @@ class Fleet:
                 self._turn.notify_all()
 
     def _deliver_for(self, index: int) -> int:
-        """Send what a lost robot could not tell any more; return how much still waits."""
+        """Deliver the outbox of a lost robot; return how many reports remain in it."""
         job, token = self._jobs[index]
         with rtask.connect(job.url, token=token, outbox=Path(job.outbox)) as client:
             try:
@@ -213,7 +213,7 @@ class Fleet:
             return client.waiting
 
     def _await_turn(self, index: int, table: int) -> None:
-        """Wait until the robot before this one has cleared that table, or is gone."""
+        """Wait until the previous robot has cleared that table or is gone."""
         if index == 0 or not self.settings.in_line:
             return
         with self._turn:
@@ -223,7 +223,7 @@ class Fleet:
 
 
 class _Supervised:
-    """An endpoint that is started again, at its port, when it goes away by itself."""
+    """An endpoint that is restarted on its port when it ends unexpectedly."""
 
     def __init__(self, store: Path, log: Path, tell: Tell) -> None:
         self.store = store
@@ -250,7 +250,7 @@ class _Supervised:
                 why = str(error)
 
     def stop(self) -> None:
-        """End it for good."""
+        """Stop the endpoint and do not restart it."""
         self._stopping.set()
         self.endpoint.stop()
         self._watcher.join(timeout=30.0)

@@ -1,4 +1,4 @@
-"""``rtask simulate fetch``: a table, a robot, a request in words."""
+"""``rtask simulate fetch``: a robot at a table fetches an object for a request in words."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ WORDS = {"can": "can", "ball": "ball", "box": "box", "bottle": "bottle", "pen": 
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked for, and where.
+    """A request and the table and server it refers to.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Request:
 
 
 def carry_out(request: Request) -> dict[str, Any]:
-    """Let a robot look, ask, fetch and place; return what came of it as JSON data.
+    """Let a robot carry out a request; return the outcome as JSON data.
 
     ``took`` names the product that it really was, which the robot never learns.
     """
@@ -108,7 +108,7 @@ def _connected(request: Request, target: Any, agent: str) -> Client:
 
 
 def _teach(request: Request, target: Any, assets: Path) -> None:
-    """Let another robot look at the products on another table while a person names the kinds."""
+    """Let another robot see the products on another table while a person names their kinds."""
     from features.codec import encode_frame, to_wire
 
     body = _body(request, _LESSON, assets)

@@ -1,4 +1,4 @@
-"""What sharing is worth, by many small fleets: the same robots with one graph, and with one each.
+"""The study of sharing: many small fleets with one graph, and with one graph per robot.
 
 A trial is a fleet whose robots work one after the other in this process: the first meets what
 nobody knows, the n-th what n - 1 robots have met, and half of it is new to it. Then all but the
@@ -56,7 +56,7 @@ def sharing_study(
     preset: str,
     max_attempts: int = 6,
 ) -> Study:
-    """Return so many fleets, each on products and tables of its own.
+    """Return the study of a number of fleets, each with its own products and tables.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def sharing_study(
 
 
 def sharing_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Let one fleet work both ways; return what each robot met, as JSON data."""
+    """Run one fleet with and without sharing; return its encounters as JSON data."""
     seed = mix_seed(int(settings["seed"]), number)
     robots = int(settings["robots"])
     with rtask.open(":memory:", reason=False) as kb:
@@ -156,7 +156,7 @@ _Values = Mapping[_Key, float]
 
 
 def _meetings(results: Sequence[Mapping[str, Any]], cap: int) -> dict[_Key, float]:
-    """Return the attempts of each meeting with a product."""
+    """Return the attempts of each encounter with a product."""
     return {
         (condition, index + 1, fleet, (m["product"], m["product"] in result["common"])): float(
             attempts_to_success(m, cap)
@@ -171,7 +171,7 @@ def _meetings(results: Sequence[Mapping[str, Any]], cap: int) -> dict[_Key, floa
 def _identities(
     results: Sequence[Mapping[str, Any]], condition: Condition, robot: int
 ) -> tuple[int, int]:
-    """Return how many objects a robot of all fleets recognised rightly and wrongly."""
+    """Return how many objects the n-th robots recognised correctly and falsely."""
     scored = [
         score_identities({"robots": result[condition]})[f"robot-{robot}"]
         if condition == "shared"
@@ -182,7 +182,7 @@ def _identities(
 
 
 def _over_products(values: _Values) -> dict[str, Any]:
-    """Return the mean over meetings with its 95 % interval over products (cluster bootstrap)."""
+    """Return the mean over encounters with its 95 % interval over products (cluster bootstrap)."""
     groups: dict[tuple[int, str], list[float]] = defaultdict(list)
     for (_, _, fleet, (product, _)), value in values.items():
         groups[fleet, product].append(float(value))
@@ -204,7 +204,7 @@ def _over_products(values: _Values) -> dict[str, Any]:
 
 
 def _gain(met: _Values, common: bool) -> dict[str, Any]:
-    """Return attempts and first tries with sharing less those without, the first robot left out."""
+    """Return what sharing changes in attempts and first tries of all robots but the first."""
     pairs = {
         key: (value, met["not shared", *key[1:]])
         for key, value in met.items()
@@ -218,7 +218,7 @@ def _gain(met: _Values, common: bool) -> dict[str, Any]:
 
 
 def _last_less_first(met: _Values, condition: Condition, robots: Sequence[int]) -> dict[str, Any]:
-    """Return the last robot's attempts less the first one's, on common products."""
+    """Return the difference of the last robot's attempts from the first's on common products."""
     last = robots[-1] if robots else 0
     change: dict[_Key, float] = {
         (condition, last, fleet, what): value - met[condition, 1, fleet, what]
@@ -244,7 +244,7 @@ def sharing_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 def show(measure: Mapping[str, Any], form: str = ".2f") -> str:
-    """Return a mean with its interval in words.
+    """Format a mean with its interval.
 
     >>> show({"mean": 1.5, "interval95": [1.0, 2.25]})
     '1.50 [1.00, 2.25]'

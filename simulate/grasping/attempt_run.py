@@ -1,4 +1,4 @@
-"""One planned grasp in the physics world, phase by phase.
+"""Execution of a planned grasp in the physics world, phase by phase.
 
 Phases: pre-grasp, approach, close, lift, hold, transport, place. Whatever goes wrong with the
 grasp is a reason code, never an exception; only a world that has ceased to make sense is one.
@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rtask.errors import RobotError
 from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place
@@ -21,12 +20,11 @@ from simulate.grasping.success import MIN_LINKS, ObjectState, held_reason, is_pl
 from simulate.motion.arm_space import SPEED, ArmSpace
 from simulate.motion.stance import UPRIGHT
 from simulate.motion.trajectory import Trajectory, time_path
+from simulate.robots.description import Floats
 from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 __all__ = ["AttemptRun", "Station"]
-
-Floats = NDArray[np.float64]
 
 _CONTROL_S = 0.010
 _SETTLE_S = 0.08
@@ -41,7 +39,7 @@ _TARGET_HEIGHT_M = 0.15
 
 
 class Station(Protocol):
-    """The robot at its workplace, as an attempt needs it; :class:`Executor` is one."""
+    """The robot at its workplace, as an attempt needs it, e.g. the executor."""
 
     world: World
     robot: RobotBody
@@ -54,7 +52,7 @@ class Station(Protocol):
 
 
 class AttemptRun:
-    """One attempt at an object.
+    """One attempt to grasp and place an object.
 
     Parameters
     ----------
@@ -121,7 +119,7 @@ class AttemptRun:
         return "ok"
 
     def pretend(self) -> str:
-        """Reach and lift, with the hand open: what follows goes as if something were held."""
+        """Reach and lift with an open hand, as if something were held."""
         reason = self.reach()
         if reason == "ok":
             self._follow(self.plan.lift)
@@ -153,7 +151,7 @@ class AttemptRun:
         return self.reason
 
     def place_in_box(self) -> str:
-        """Put what is held into the box of that side and go home; return the reason code."""
+        """Place the held object into the box of its side and go home; return the reason code."""
         box = self.world.box_for(self._hand.side, self.plan.request.y)
         if box is None:
             self.put_back()
@@ -165,18 +163,18 @@ class AttemptRun:
         return self._place(spot, lambda state: is_placed(state, box), np.array(box.centre))
 
     def place_at(self, x: float, y: float) -> str:
-        """Put what is held down on the table at (x, y) m, base frame, and go home."""
+        """Place the held object on the table at (x, y) m, base frame, and go home."""
         spot = PlaceSpot.on_table(x, y, self.plan.request.table_height)
         wanted = np.array([x, y])
         return self._place(spot, lambda state: lies_at(state, wanted, spot.floor), wanted)
 
     def put_back(self) -> None:
-        """Lower what may still hang in the hand, back off and go home."""
+        """Lower whatever is still in the hand, back off and go home."""
         self._follow(_reverse(self.plan.lift, 1.0))
         self.back_off()
 
     def back_off(self) -> None:
-        """Open at the object and go home the way the hand came."""
+        """Open the hand at the object and go home along the approach."""
         self._open(self.plan.opening)
         self._follow(_reverse(self.plan.approach, 2.0))
         self._go_home()
@@ -225,7 +223,7 @@ class AttemptRun:
         self._end("home")
 
     def _start_at_home(self) -> None:
-        """Drive straight home in case something kept the arm from it."""
+        """Move straight home if something kept the arm from getting there."""
         home, now = self.robot.home(self.arm), self._joints()
         if np.max(np.abs(now - home)) > _TRACKING_RAD:
             velocity = SPEED["return"] * self.robot.chains[self.arm].velocity
@@ -256,7 +254,7 @@ class AttemptRun:
         return joints
 
     def _follow(self, way: Trajectory, watch: bool = False) -> bool:
-        """Drive the arm along way points; return whether it arrived (``watch``: still touching)."""
+        """Move the arm along way points; return whether it arrived (``watch``: kept contact)."""
         step = self._ticks * self.world.preset.step_s
         touching, since = True, 0.0
         time = 0.0
@@ -314,7 +312,7 @@ class AttemptRun:
         return state
 
     def _end(self, phase: str) -> ObjectState:
-        """Close a phase: measure, keep its time, tell the caller."""
+        """End a phase: measure the state, note the duration, call back."""
         self._times[phase] = self.world.time - self._phase_started
         self._phase_started = self.world.time
         state = self._note(phase)
@@ -331,7 +329,7 @@ class AttemptRun:
 
     @property
     def record(self) -> GraspRecord:
-        """What came of it so far."""
+        """Record of the attempt so far."""
         plan, states = self.plan, self._states
         last = next(states[p] for p in ("hold", "lift", "close", "start") if p in states)
         hand = [self._in_hand[p] for p in ("close", "hold") if p in self._in_hand]
@@ -367,7 +365,7 @@ class AttemptRun:
 
 
 def _reverse(way: Trajectory, faster: float) -> Trajectory:
-    """Return way points driven backwards, ``faster`` times as fast."""
+    """Return way points in reverse order, ``faster`` times as fast."""
     return Trajectory(
         way.positions[::-1],
         -way.velocities[::-1] * faster,

@@ -1,4 +1,4 @@
-"""Postures at an object, found for every height, direction and opening, and judged."""
+"""Candidate postures at an object for every height, closing direction and opening."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulate.grasping.hand_rules import HandRules, rules_for
 from simulate.grasping.rules import GraspRequest
 from simulate.motion.arm_space import ALLOWED, ArmSpace
 from simulate.motion.collision import Obstacle, Surroundings
 from simulate.motion.kinematics import Goal, IkOptions, solve_ik
+from simulate.robots.description import Floats
 
 __all__ = ["AT_OBJECT", "Candidate", "find_candidates", "most_promising", "target_obstacle"]
-
-Floats = NDArray[np.float64]
 
 _POSTURES_TRIED = 14
 _DIFFERENT = 0.15
@@ -41,7 +39,7 @@ _TOUCHING: Mapping[tuple[str, str], float] = {
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One posture at the object, and what speaks against it.
+    """One posture at the object and its costs.
 
     Parameters
     ----------
@@ -58,7 +56,7 @@ class Candidate:
         How deep the open hand sits in the object or anything else, m.
     collides
         Deeper than fingers give way.
-    raised, turned, widened
+    raised, direction, widened
         Number of the height, closing direction and opening tried; 0 = the rule's first choice.
     """
 
@@ -69,14 +67,14 @@ class Candidate:
     off: float
     depth: float
     raised: int
-    turned: int
+    direction: int
     widened: int
     collides: bool = False
 
     def cost(self, request: GraspRequest, rules: HandRules) -> float:
-        """Return what makes a grasp fail, summed: lower is better."""
+        """Return the sum of the costs; lower is better."""
         return (
-            rules.cost(request, self.tilt, self.height, self.turned)
+            rules.cost(request, self.tilt, self.height, self.direction)
             + 1.5 * self.off
             + 60.0 * self.depth
             + 0.2 * self.raised
@@ -111,13 +109,13 @@ def find_candidates(
     rng = np.random.default_rng((seed, _PURPOSE_IK))
     found: list[Candidate] = []
     for raised, height in enumerate(rules.heights(request)):
-        for turned, angle in enumerate(rules.angles(request)):
+        for direction, angle in enumerate(rules.angles(request)):
             position = np.array([request.x, request.y, request.table_height + height])
             closing = None if angle is None else np.array([np.cos(angle), np.sin(angle), 0.0])
             goal = Goal(position, closing, approach, approach is not None)
             postures = solve_ik(chain, goal, rng, options)
             if len(postures):
-                draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, turned, 0)
+                draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, direction, 0)
                 found += _judged(space, arm, request, around, draft, postures, closing)
     return found
 
@@ -162,7 +160,7 @@ def _judged(
 def most_promising(
     candidates: Sequence[Candidate], request: GraspRequest, rules: HandRules
 ) -> list[Candidate]:
-    """Return the cheapest few that are not almost the posture of a cheaper one."""
+    """Return the cheapest candidates whose postures differ from those of cheaper ones."""
     kept: list[Candidate] = []
     for candidate in sorted(candidates, key=lambda c: c.cost(request, rules)):
         if all(np.abs(candidate.posture - k.posture).max() >= _DIFFERENT for k in kept):

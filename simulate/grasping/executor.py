@@ -1,13 +1,10 @@
-"""Planning grasps in a world and carrying them out."""
+"""Planning and execution of grasps in a world."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from simulate.grasping.attempt_run import AttemptRun
 from simulate.grasping.planning import GraspPlanner
@@ -16,12 +13,11 @@ from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import Obstacle
 from simulate.motion.stance import UPRIGHT, standing
+from simulate.robots.description import Floats
 from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
 __all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp"]
-
-Floats = NDArray[np.float64]
 
 _ANY_STANCE = frozenset({"too_heavy", "too_wide"})
 
@@ -60,7 +56,7 @@ class Executor:
         obstacles: Sequence[Obstacle | Floats] = (),
         seed: int = 0,
     ) -> PlannedGrasp | str:
-        """Plan a grasp as the robot stands, else in one of its other stances.
+        """Plan a grasp in the robot's present stance, else in one of its others.
 
         Parameters
         ----------
@@ -96,7 +92,7 @@ class Executor:
         return planned
 
     def space_of(self, stance: str) -> ArmSpace:
-        """Return where the arms can go in a stance."""
+        """Return the space of the arms in a stance."""
         return self._planner(stance).space
 
     def _planner(self, stance: str) -> GraspPlanner:

@@ -1,4 +1,4 @@
-"""A gripper without an arm: what a grasp is worth by itself, judged by physics.
+"""A gripper without an arm, to judge grasps by physics alone.
 
 It comes along its approach, closes with a bounded force, lifts straight up and holds. Its boxes are
 those that planning checks for collisions; the object is any set of convex parts.
@@ -12,16 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from grasp.spatial.gripper import ParallelGripper
+from simulate.robots.description import Floats
 from simulate.world.objects import Friction
 from simulate.world.world import BodyPose, World
 
 __all__ = ["FloatingGripper", "Held", "execute", "settle", "spawn_parts"]
-
-Floats = NDArray[np.float64]
 
 _LIFT, _HAND, _LEFT, _RIGHT = range(4)
 _APPROACH_M, _APPROACH_M_S = 0.05, 0.10
@@ -34,7 +32,7 @@ _STILL_M_S, _SETTLE_S = 0.004, 3.0
 
 @dataclass(frozen=True)
 class Held:
-    """What came of a grasp.
+    """Outcome of a grasp.
 
     Parameters
     ----------
@@ -88,7 +86,7 @@ def spawn_parts(
 
 
 def settle(world: World, body: int) -> BodyPose:
-    """Let an object come to rest, at most 3 s; return where it lies."""
+    """Let an object come to rest within 3 s; return its pose."""
     for _ in range(int(_SETTLE_S / 0.1)):
         world.step(0.1)
         linear, angular = world.client.getBaseVelocity(body)
@@ -122,14 +120,14 @@ class FloatingGripper:
         self._half = opening / 2
         client = world.client
         start = world_from_gripper[:3, 3] - _APPROACH_M * world_from_gripper[:3, 2]
-        turned = Rotation.from_matrix(world_from_gripper[:3, :3])
-        up = turned.inv().apply([0.0, 0.0, 1.0])
+        orientation = Rotation.from_matrix(world_from_gripper[:3, :3])
+        up = orientation.inv().apply([0.0, 0.0, 1.0])
         boxes = gripper.boxes(opening)
         self.body = int(
             client.createMultiBody(
                 baseMass=0.0,
                 basePosition=start.tolist(),
-                baseOrientation=turned.as_quat().tolist(),
+                baseOrientation=orientation.as_quat().tolist(),
                 linkMasses=[1.0, 1.0, 0.2, 0.2],
                 linkCollisionShapeIndices=[
                     -1,
@@ -195,7 +193,7 @@ class FloatingGripper:
         return float(states[0][0] + states[1][0])
 
     def approach(self) -> None:
-        """Move to where it closes."""
+        """Move to the grasp pose."""
         self._drive(_HAND, _APPROACH_M, _APPROACH_M_S, _ARM_N)
         self.world.step(_APPROACH_M / _APPROACH_M_S + 0.15)
 
@@ -218,7 +216,7 @@ class FloatingGripper:
         )
 
     def remove(self) -> None:
-        """Take it out of the world."""
+        """Remove the gripper from the world."""
         self.world.client.removeConstraint(self._gear)
         self.world.client.removeBody(self.body)
 
@@ -227,7 +225,7 @@ def execute(
     world: World, body: int, gripper: ParallelGripper, world_from_gripper: Floats, opening: float,
     rest: BodyPose, friction: float = 1.0,
 ) -> Held:  # fmt: skip
-    """Grasp an object that lies in ``rest``, lift it by 10 cm, and say whether it is held.
+    """Grasp an object at its resting pose, lift it by 10 cm and tell whether it is held.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How a kind of hand takes an object: heights, openings, directions, and what it dislikes.
+"""Rules of each kind of hand: heights, openings, closing directions and costs of a grasp.
 
 The planner asks these rules and knows nothing else of a hand. All go by measured size and never
 by the name of a kind.
@@ -9,20 +9,17 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulate.grasping.rules import GraspRequest, closing_angles, grasp_heights, openings
-from simulate.robots.description import Arm
+from simulate.robots.description import Arm, Floats
 
 __all__ = ["DiagonalMouth", "HandRules", "ParallelJaws", "rules_for"]
-
-Floats = NDArray[np.float64]
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class HandRules(Protocol):
-    """What the planner wants to know of a hand."""
+    """Rules of a hand that the planner asks for."""
 
     def heights(self, request: GraspRequest) -> tuple[float, ...]:
         """Return heights of the tool over the table, m, best first."""
@@ -37,14 +34,14 @@ class HandRules(Protocol):
         """Return the direction (3,) from which the hand must come; None = as the arm can."""
 
     def largest_tilt(self, request: GraspRequest) -> float:
-        """Return the flattest approach (rad from the vertical) that is worth a try."""
+        """Return the largest tilt of the approach (rad from the vertical) to try."""
 
-    def cost(self, request: GraspRequest, tilt: float, height: float, turned: int) -> float:
-        """Return what speaks against a tilt (rad), a height (m) and the n-th direction tried."""
+    def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
+        """Return the cost of a tilt (rad), a height (m) and the n-th closing direction."""
 
 
 class DiagonalMouth:
-    """A hand whose thumb and fingers meet below its own axis, like a child's from above."""
+    """A hand whose thumb and fingers meet below its own axis."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -58,25 +55,25 @@ class DiagonalMouth:
         return openings(request)
 
     def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
-        """Return directions with detours for thin things; see :func:`closing_angles`."""
+        """Return closing directions, with offsets for thin objects; see :func:`closing_angles`."""
         return closing_angles(request)
 
     def approach(self, request: GraspRequest) -> Floats | None:
-        """Return None: an arm of five joints comes as it can."""
+        """Return None: an arm of five joints cannot choose its approach."""
         return None
 
     def largest_tilt(self, request: GraspRequest) -> float:
-        """Return what the request says."""
+        """Return the limit of the request."""
         return request.largest_tilt
 
-    def cost(self, request: GraspRequest, tilt: float, height: float, turned: int) -> float:
-        """Return the distance from the tilt that holds best, and from the wanted direction."""
+    def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
+        """Return the distance from the preferred tilt and the wanted closing direction."""
         off = abs(tilt - request.preferred_tilt(height))
-        return request.tilt_weight * off + request.turn_weight * turned
+        return request.tilt_weight * off + request.yaw_weight * direction
 
 
 class ParallelJaws:
-    """Two plates that come straight down and close along one axis."""
+    """Two parallel plates that come straight down and close along one axis."""
 
     _TIP_BELOW_TOOL = 0.008
     _CLEAR = 0.002
@@ -87,7 +84,7 @@ class ParallelJaws:
         self._arm = arm
 
     def heights(self, request: GraspRequest) -> tuple[float, ...]:
-        """Return the middle of the object, or as deep as the fingers are long, and 7 mm more."""
+        """Return half the height of the object or the depth of the fingers, and 7 mm more."""
         lowest = self._TIP_BELOW_TOOL + self._CLEAR
         rule = max(0.5 * request.height, request.height - self._USABLE_DEPTH, lowest)
         wanted = request.z - request.table_height
@@ -97,12 +94,12 @@ class ParallelJaws:
         return (rule, rule + 0.007)
 
     def openings(self, request: GraspRequest) -> tuple[float, ...]:
-        """Return fully open, then just wide enough: neighbours may stand close."""
+        """Return fully open, then just wide enough for close neighbours."""
         narrow = (request.width + 2 * self._SPARE) / self._arm.mouth
         return (1.0, narrow) if narrow < 0.9 else (1.0,)
 
     def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
-        """Return the wanted direction, and across the other side where that fits too."""
+        """Return the wanted direction, and the perpendicular one where that fits too."""
         if request.only_theta:
             return (request.theta,)
         if request.round:
@@ -119,9 +116,9 @@ class ParallelJaws:
         """Return 0.4 rad."""
         return 0.4
 
-    def cost(self, request: GraspRequest, tilt: float, height: float, turned: int) -> float:
+    def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
         """Return the tilt and the turn."""
-        return tilt + 0.2 * turned
+        return tilt + 0.2 * direction
 
 
 def rules_for(arm: Arm) -> HandRules:

@@ -1,4 +1,4 @@
-"""Carrying an object to where it shall stand, and setting it down: the paths of both."""
+"""Planning of the transport of a held object and of setting it down."""
 
 from __future__ import annotations
 
@@ -6,18 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulate.grasping.rules import PlannedGrasp
 from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
 from simulate.motion.collision import ArmSpheres, Surroundings
 from simulate.motion.kinematics import Chain, Goal, IkOptions, follow_line, solve_ik
 from simulate.motion.trajectory import CARRYING_ACCELERATION, Trajectory, join, time_path
+from simulate.robots.description import Floats
 from simulate.world.world import PlaceBox
 
 __all__ = ["PlacePlan", "PlaceSpot", "plan_place"]
-
-Floats = NDArray[np.float64]
 
 _SPOTS = ((0.0, 0.0), (-0.03, 0.03), (-0.03, -0.03), (0.03, 0.03), (0.03, -0.03))
 _DESCENTS = ((0.012, 0.055), (0.025, 0.055), (0.040, 0.040), (0.060, 0.020), (0.080, 0.010))
@@ -41,7 +39,7 @@ _CARRYING: Mapping[tuple[str, str], float] = {
 
 @dataclass(frozen=True)
 class PlaceSpot:
-    """Where an object may go.
+    """Positions where an object may be placed.
 
     Parameters
     ----------
@@ -60,7 +58,7 @@ class PlaceSpot:
 
     @classmethod
     def on_table(cls, x: float, y: float, floor: float) -> PlaceSpot:
-        """Return one place on a table, to be met gently: what drops from 1 cm may topple."""
+        """Return one place on a table; the object is lowered fully, as a drop may topple it."""
         return cls(floor, ((x, y),), (_GENTLE, *_DESCENTS))
 
     @classmethod
@@ -95,7 +93,7 @@ def plan_place(
     start: Floats,
     spot: PlaceSpot,
 ) -> PlacePlan | str:
-    """Plan the way of a held object to where it shall stand.
+    """Plan the transport of a held object to a place.
 
     Parameters
     ----------
@@ -177,7 +175,7 @@ def _complete(
 
 
 def _most_upright(chain: Chain, found: Floats, upright: Floats, start: Floats) -> Floats:
-    """Return postures ordered by how little they tip the object and turn the joints; best few."""
+    """Return the best few postures, those that tilt the object and move the joints least."""
     if len(found) == 0:
         return found
     tip = np.linalg.norm(chain.tool_poses(found)[0][:, 2] - upright, axis=1)

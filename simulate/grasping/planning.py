@@ -1,4 +1,4 @@
-"""From a request to way points: postures, straight lines, free paths (Gatto 2016, 4.2 and 4.3)."""
+"""Grasp planning: postures, straight lines and free paths (Gatto 2016, 4.2 and 4.3)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simulate.grasping.candidates import (
     AT_OBJECT,
@@ -23,10 +22,9 @@ from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings
 from simulate.motion.kinematics import Chain, follow_line
 from simulate.motion.stance import UPRIGHT, balance_margin
 from simulate.motion.trajectory import CARRYING_ACCELERATION, time_path
+from simulate.robots.description import Floats
 
 __all__ = ["REASONS", "GraspPlanner"]
-
-Floats = NDArray[np.float64]
 
 REASONS = (
     "too_heavy",
@@ -47,7 +45,7 @@ REASONS = (
 
 @dataclass(frozen=True)
 class _Retreats:
-    """Ways out from the object: back along the approach, aside along the open mouth, up, m."""
+    """Retreats from the object: back along the approach, along the open mouth, up, m."""
 
     offsets: tuple[tuple[float, float, float], ...]
     touch: float
@@ -80,7 +78,7 @@ _BALANCED_M = 0.010
 
 
 class GraspPlanner:
-    """Plans grasps of one robot in one stance, from its arms' homes.
+    """Plans grasps of one robot in one stance, starting from home.
 
     Parameters
     ----------
@@ -149,7 +147,7 @@ class GraspPlanner:
         return reason
 
     def _is_home_free(self, request: GraspRequest, obstacles: tuple[Obstacle, ...]) -> bool:
-        """Tell whether every arm can be at home in this stance."""
+        """Tell whether every arm is free of collisions at home in this stance."""
         everything = (*obstacles, target_obstacle(request))
         for name, parts in self.robot.arms.items():
             around = self.space.surroundings(name, request.table_height, everything)
@@ -160,7 +158,7 @@ class GraspPlanner:
         return True
 
     def _balances(self, arm: str, request: GraspRequest, candidate: Candidate) -> bool:
-        """Tell whether the robot stays on its feet in a posture at the object."""
+        """Tell whether the robot stays balanced in a posture at the object."""
         homes = {
             joint: value
             for parts in self.robot.arms.values()
@@ -181,7 +179,7 @@ class GraspPlanner:
         retreats: _Retreats,
         seed: int,
     ) -> PlannedGrasp | str:
-        """Find the lines and the free path of one posture, or say what fails."""
+        """Find the lines and the free path of one posture, or return the reason code."""
         chain = self.space.chains[arm]
         spheres = self.space.spheres(arm, candidate.opening)
         back = self._approach(chain, candidate.posture, retreats, spheres, with_target)
@@ -223,7 +221,7 @@ class GraspPlanner:
         spheres: ArmSpheres,
         around: Surroundings,
     ) -> Floats | str:
-        """Return the line (k, dof) from the grasp back to the pre-grasp, or why there is none."""
+        """Return the line (k, dof) from the grasp back to the pre-grasp, or the reason code."""
         rotation, _ = chain.tool_poses(posture[None])
         near = spheres.slack(around, {**AT_OBJECT, ("target", "finger"): retreats.touch})
         far = spheres.slack(around, ALLOWED)

@@ -33,7 +33,7 @@ PHASES: Mapping[str, frozenset[str]] = {
 
 @dataclass(frozen=True, eq=False)
 class GraspRecord:
-    """What became of one attempt.
+    """Record of one attempt.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def phase_of(reason: str) -> str:
 
 
 def is_counted(reason: str) -> bool:
-    """Tell whether an outcome says something about the grasp.
+    """Tell whether an outcome is evidence about the grasp.
 
     Not when the arm could not get there or missed its path, its hand failed, or physics broke down.
 

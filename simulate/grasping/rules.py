@@ -1,4 +1,4 @@
-"""What a hand with a diagonal mouth makes of a grasp on the table.
+"""Grasp requests, planned grasps, and the rules of a hand with a diagonal mouth.
 
 A request comes from perception: where to grasp, along which direction to close, and how large the
 object is. The rules here turn it into what the planner tries, by measured size and never by the
@@ -26,12 +26,12 @@ _LONG = 0.060
 _SECOND_SIDE_FITS = 0.036
 _PEN_HEIGHTS = (0.0165, 0.012, 0.0085)
 _FLAT, _TOO_FLAT = 0.55, 0.7
-_PEN_TURNS = (0.0, 0.22, -0.22, 0.43, -0.43, 0.65, -0.65)
+_PEN_YAW_OFFSETS = (0.0, 0.22, -0.22, 0.43, -0.43, 0.65, -0.65)
 
 
 @dataclass(frozen=True)
 class GraspRequest:
-    """A grasp to plan, in the base frame of the robot; everything is perceived, nothing known.
+    """A grasp to plan, base frame of the robot; all values are perceived.
 
     Parameters
     ----------
@@ -95,17 +95,17 @@ class GraspRequest:
 
     @property
     def tilt_weight(self) -> float:
-        """How much the angle of the approach matters, against one rad of closing error's 1.5."""
+        """Weight of the angle of the approach; one rad of closing error weighs 1.5."""
         return 3.0 if self.lies_thin else 0.8
 
     @property
     def largest_tilt(self) -> float:
-        """Flattest approach (rad from the vertical) that is worth a try."""
+        """Largest tilt of the approach (rad from the vertical) to try."""
         return _TOO_FLAT if self.lies_thin else 1.35
 
     @property
-    def turn_weight(self) -> float:
-        """What each next closing direction of :func:`closing_angles` costs."""
+    def yaw_weight(self) -> float:
+        """Cost of each further closing direction of :func:`closing_angles`."""
         return 0.06 if self.lies_thin else 0.2
 
     def preferred_tilt(self, tool_height: float) -> float:
@@ -165,7 +165,7 @@ class PlannedGrasp:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether another grasp of the object had better be planned, if there is one.
+        """Whether to prefer another grasp of the object, if there is one.
 
         Measured with lying pens, poses known: held 31 of 37 at a tilt below .5, 12 of 15 up to .7,
         1 of 14 beyond, where the palm comes down before the fingers are around.
@@ -210,7 +210,7 @@ def closing_angles(request: GraspRequest) -> tuple[float | None, ...]:
     if request.round:
         return (None,)
     if request.lies_thin:
-        return tuple(request.theta + turn for turn in _PEN_TURNS)
+        return tuple(request.theta + offset for offset in _PEN_YAW_OFFSETS)
     if max(request.length, request.width) < _SECOND_SIDE_FITS:
         return (request.theta, request.theta + math.pi / 2)
     return (request.theta,)

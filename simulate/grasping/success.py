@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simulate.robots.description import Floats
 from simulate.world.world import PlaceBox
 
 __all__ = ["LIFTED_M", "ObjectState", "held_reason", "is_placed", "lies_at"]
-
-Floats = NDArray[np.float64]
 
 LIFTED_M = 0.02
 """An object that rose by less stands on the table still, or leans."""

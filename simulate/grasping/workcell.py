@@ -1,4 +1,4 @@
-"""A robot at its table: world, body and planner, made in one step."""
+"""A robot at its table: world, body and executor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an arm moves in: its own body, the table, furniture, what was perceived; and paths in it."""
+"""Free space of the arms: what they can hit, and collision-free paths."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings, body_o
 from simulate.motion.kinematics import Chain
 from simulate.motion.rrt import plan_path
 from simulate.motion.trajectory import ACCELERATION, Trajectory, time_path
-from simulate.robots.description import RobotDescription
+from simulate.robots.description import Floats, RobotDescription
 
 __all__ = ["ALLOWED", "SPEED", "ArmSpace"]
-
-Floats = NDArray[np.float64]
 
 SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "return": 0.30}
 """Share of the joints' velocity limits, by phase."""
@@ -30,7 +28,7 @@ _PURPOSE_PATH = 1
 
 
 class ArmSpace:
-    """Where the arms of one robot can go.
+    """Free space of the arms of one robot.
 
     Parameters
     ----------
@@ -57,7 +55,7 @@ class ArmSpace:
         self._body = {name: body_obstacles(robot, arm, homes) for name, arm in robot.arms.items()}
 
     def spheres(self, arm: str, opening: float) -> ArmSpheres:
-        """Return the cover of an arm with its hand opened so far; made once."""
+        """Return the spheres that cover an arm at an opening of its hand; cached."""
         key = (arm, opening)
         if key not in self._spheres:
             self._spheres[key] = ArmSpheres.of(self.robot, self.robot.arm(arm), opening)
@@ -66,7 +64,7 @@ class ArmSpace:
     def surroundings(
         self, arm: str, table_height: float, obstacles: Sequence[Obstacle]
     ) -> Surroundings:
-        """Return all that an arm can hit: body, table, furniture, perceived obstacles."""
+        """Return everything that an arm can hit: body, table, furniture, perceived obstacles."""
         (x0, x1), (y0, y1) = self.robot.workplace.table_x, self.robot.workplace.table_y
         table = Obstacle.box(
             "table",

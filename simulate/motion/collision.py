@@ -18,6 +18,7 @@ from simulate.motion.kinematics import Chain
 from simulate.motion.mesh_cover import cover_mesh
 from simulate.robots.description import (
     Arm,
+    Floats,
     Joint,
     RobotDescription,
     Shape,
@@ -26,8 +27,6 @@ from simulate.robots.description import (
 )
 
 __all__ = ["ArmSpheres", "Obstacle", "Surroundings", "body_obstacles", "link_poses"]
-
-Floats = NDArray[np.float64]
 
 _BALL = 0.2
 _BOX_SPHERE = 0.0125
@@ -124,7 +123,7 @@ class Surroundings:
     obstacles: tuple[Obstacle, ...]
 
     def with_obstacles(self, more: Iterable[Obstacle]) -> Surroundings:
-        """Return these surroundings with more in them."""
+        """Return the surroundings with further obstacles."""
         return Surroundings((*self.obstacles, *more))
 
     def distances(self, points: Floats) -> Floats:
@@ -237,8 +236,8 @@ class ArmSpheres:
 
     def _pairs(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:
         rotations, positions = self.chain.link_frames(q)
-        turned = (rotations[:, self.link] @ self.centres[None, :, :, None])[..., 0]
-        points = turned + positions[:, self.link]
+        rotated = (rotations[:, self.link] @ self.centres[None, :, :, None])[..., 0]
+        points = rotated + positions[:, self.link]
         batch, count = points.shape[:2]
         distances = surroundings.distances(points.reshape(-1, 3)).reshape(-1, batch, count)
         pairs: Floats = (distances - self.radii + slack[:, None, :]).transpose(1, 0, 2)

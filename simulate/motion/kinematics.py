@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simulate.robots.description import Arm, Joint, RobotDescription, transform_from
+from simulate.robots.description import Arm, Floats, Joint, RobotDescription, transform_from
 
 __all__ = ["Chain", "Goal", "IkOptions", "Tool", "follow_line", "solve_ik"]
-
-Floats = NDArray[np.float64]
 
 _FREE_DOF = 6
 _SOFT, _HARD = 0.004, 0.06
@@ -96,11 +93,11 @@ class Chain:
 
     @property
     def orients_freely(self) -> bool:
-        """Whether the arm has joints enough to take any orientation at a position."""
+        """Whether the arm has enough joints for any orientation at a position."""
         return self.dof >= _FREE_DOF
 
     def link_frames(self, q: Floats) -> tuple[Floats, Floats]:
-        """Return where every moving link is.
+        """Return the pose of every moving link.
 
         Parameters
         ----------
@@ -165,7 +162,7 @@ def _skew(axis: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Goal:
-    """Where the tool should be: a position and as much of its orientation as matters.
+    """Goal of the tool: a position and the constrained part of its orientation.
 
     Parameters
     ----------
@@ -192,7 +189,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class IkOptions:
-    """Numbers of the damped least squares iteration."""
+    """Parameters of the damped least squares iteration."""
 
     starts: int = 24
     iterations: int = 40

@@ -9,13 +9,11 @@ import functools
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rtask.errors import RobotError
+from simulate.robots.description import Floats
 
 __all__ = ["cover_mesh", "read_vertices"]
-
-Floats = NDArray[np.float64]
 
 _FINEST_M = 0.012
 _ALONG, _ACROSS = 0.8, 1.3

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PlanOptions", "edge_is_free", "plan_path"]
+from simulate.robots.description import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["PlanOptions", "edge_is_free", "plan_path"]
 IsFree = Callable[[Floats], NDArray[np.bool_]]
 """Takes postures (b, dof) rad, returns (b,) bool."""
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Numbers of the planner; ``resolution`` and ``step`` in rad, infinity norm."""
+    """Parameters of the planner; ``resolution`` and ``step`` in rad, infinity norm."""
 
     resolution: float = 0.06
     step: float = 0.35

@@ -1,4 +1,4 @@
-"""How a robot may stand: other postures of its torso, and whether it would fall over in them.
+"""Stances of a robot: other postures of its torso, and its balance in them.
 
 A stance turns the torso over the feet and leaves the base frame where it is, so that plans in two
 stances speak of the same places.
@@ -10,23 +10,20 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rtask.errors import RobotError
 from simulate.motion.collision import link_poses
-from simulate.robots.description import Joint, Pose, RobotDescription, Stance
+from simulate.robots.description import Floats, Joint, Pose, RobotDescription, Stance
 
 __all__ = ["UPRIGHT", "balance_margin", "centre_of_mass", "on_moving_legs", "stance_of", "standing"]
-
-Floats = NDArray[np.float64]
 
 UPRIGHT = ""
 """Name of the stance in which a robot is described."""
 
 
 def standing(robot: RobotDescription, name: str) -> RobotDescription:
-    """Return a robot as it is in one of its stances; the joints that hold it there stay fixed.
+    """Return a robot in one of its stances, with the joints of the stance fixed.
 
     Raises
     ------
@@ -36,7 +33,7 @@ def standing(robot: RobotDescription, name: str) -> RobotDescription:
     if name == UPRIGHT:
         return robot
     stance = stance_of(robot, name)
-    joints = tuple(_turned(joint, stance.joints.get(joint.name, 0.0)) for joint in robot.joints)
+    joints = tuple(_rotated(joint, stance.joints.get(joint.name, 0.0)) for joint in robot.joints)
     return replace(robot, base_from_root=stance.base_from_root, joints=joints, stances={})
 
 
@@ -84,7 +81,7 @@ def balance_margin(
     load_kg: float = 0.0,
     load_at: Floats | None = None,
 ) -> float:
-    """Return how far (m) the centre of mass is inside the edge of the feet; negative = it falls.
+    """Return the distance (m) of the centre of mass inside the support polygon; negative = outside.
 
     Static: the robot moves slowly enough. Infinite for a robot that is bolted down.
 
@@ -108,11 +105,11 @@ def balance_margin(
     return float(np.min(np.sum(inward * (centre[:2] - corners), axis=1)))
 
 
-def _turned(joint: Joint, angle: float) -> Joint:
+def _rotated(joint: Joint, angle: float) -> Joint:
     """Return a fixed joint turned about its axis by an angle, rad."""
     if not angle:
         return joint
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(angle * axis).as_matrix()
-    return replace(joint, pose=Pose.of(joint.pose.matrix @ turn))
+    rotation = np.eye(4)
+    rotation[:3, :3] = Rotation.from_rotvec(angle * axis).as_matrix()
+    return replace(joint, pose=Pose.of(joint.pose.matrix @ rotation))

@@ -1,4 +1,4 @@
-"""From corners in joint space to way points in time.
+"""Time parametrisation of paths in joint space.
 
 A way point is (p, v, a, t): position, velocity, acceleration and time (Gatto 2016, 4.2). The path
 is a C2 cubic spline through the corners; its speed is the highest that the limits of velocity and
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-__all__ = ["ACCELERATION", "CARRYING_ACCELERATION", "Trajectory", "join", "time_path"]
+from simulate.robots.description import Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["ACCELERATION", "CARRYING_ACCELERATION", "Trajectory", "join", "time_path"]
 
 ACCELERATION = 12.0
 """rad/s^2, limit of every joint."""
@@ -72,7 +72,7 @@ def time_path(
     acceleration: float = ACCELERATION,
     is_free: Callable[[Floats], NDArray[np.bool_]] | None = None,
 ) -> Trajectory:
-    """Give a path its timing.
+    """Compute the timing of a path.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def time_path(
 
 
 def join(parts: list[Trajectory]) -> Trajectory:
-    """Return trajectories one after the other; each begins where the one before ended."""
+    """Return the concatenation of trajectories, each beginning where the previous ends."""
     starts = np.cumsum([0.0, *(part.duration for part in parts[:-1])])
     keep = [slice(0, None), *[slice(1, None)] * (len(parts) - 1)]
     return Trajectory(

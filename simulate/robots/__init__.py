@@ -1,4 +1,4 @@
-"""Robots as data: published facts, descriptions built from them, and the URDF text."""
+"""Descriptions of robots as data, built in code or read from URDF."""
 
 from __future__ import annotations
 

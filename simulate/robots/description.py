@@ -1,4 +1,4 @@
-"""What a robot is, as data: links, joints, arms with their hands, cameras.
+"""Description of a robot as data: links, joints, arms with their hands, cameras.
 
 A :class:`RobotDescription` knows no simulator. The URDF text, the kinematic chains, the collision
 spheres of the planner and the body in the physics engine are all made from it.
@@ -18,6 +18,7 @@ from rtask.errors import RobotError
 __all__ = [
     "Arm",
     "CameraMount",
+    "Floats",
     "Inertial",
     "Joint",
     "Link",
@@ -31,10 +32,11 @@ __all__ = [
 ]
 
 Vector = tuple[float, float, float]
+Floats = NDArray[np.float64]
 Range = tuple[float, float]
 
 
-def rpy_from_rotation(rotation: NDArray[np.float64]) -> Vector:
+def rpy_from_rotation(rotation: Floats) -> Vector:
     """Return fixed-axis roll, pitch, yaw (rad) of a (3, 3) rotation."""
     pitch = float(np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0])))
     if abs(np.cos(pitch)) < 1e-9:  # gimbal lock: all of the turn goes into roll
@@ -44,7 +46,7 @@ def rpy_from_rotation(rotation: NDArray[np.float64]) -> Vector:
     return (roll, pitch, float(np.arctan2(rotation[1, 0], rotation[0, 0])))
 
 
-def rotation_from_rpy(rpy: Vector) -> NDArray[np.float64]:
+def rotation_from_rpy(rpy: Vector) -> Floats:
     """Return the (3, 3) rotation of fixed-axis roll, pitch, yaw in rad (URDF convention)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
@@ -56,7 +58,7 @@ def rotation_from_rpy(rpy: Vector) -> NDArray[np.float64]:
     )
 
 
-def transform_from(xyz: Vector, rpy: Vector = (0, 0, 0)) -> NDArray[np.float64]:
+def transform_from(xyz: Vector, rpy: Vector = (0, 0, 0)) -> Floats:
     """Return the (4, 4) ``parent_from_child`` of an origin in m and rpy in rad."""
     matrix = np.eye(4)
     matrix[:3, :3] = rotation_from_rpy(rpy)
@@ -72,13 +74,13 @@ class Pose:
     rpy: Vector = (0.0, 0.0, 0.0)
 
     @classmethod
-    def of(cls, matrix: NDArray[np.float64]) -> Pose:
+    def of(cls, matrix: Floats) -> Pose:
         """Return the pose of a (4, 4) transform."""
         x, y, z = (float(v) for v in matrix[:3, 3])
         return cls((x, y, z), rpy_from_rotation(matrix[:3, :3]))
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """``parent_from_child`` (4, 4)."""
         return transform_from(self.xyz, self.rpy)
 
@@ -107,12 +109,12 @@ class Inertial:
     off_diagonal: Vector = (0.0, 0.0, 0.0)
 
     @property
-    def tensor(self) -> NDArray[np.float64]:
+    def tensor(self) -> Floats:
         """Inertia (3, 3) at the centre of mass."""
         (xx, yy, zz), (xy, xz, yz) = self.diagonal, self.off_diagonal
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
-    def joined(self, other: Inertial, self_from_other: NDArray[np.float64]) -> Inertial:
+    def joined(self, other: Inertial, self_from_other: Floats) -> Inertial:
         """Return both as one rigid part, in the frame of the first."""
         rotation, offset = self_from_other[:3, :3], self_from_other[:3, 3]
         centres = [np.array(self.centre), rotation @ np.array(other.centre) + offset]
@@ -282,7 +284,7 @@ class Workplace:
 
 @dataclass(frozen=True)
 class Stance:
-    """Another way to stand: where the root link is then, and the joints (rad) that make it so."""
+    """Another way to stand: the pose of the root link and the joints (rad) that produce it."""
 
     base_from_root: Pose
     joints: Mapping[str, float]
@@ -326,7 +328,7 @@ class RobotDescription:
         raise RobotError(f"robot {self.name!r} has no link {name!r}")
 
     def arm(self, name: str) -> Arm:
-        """Return the arm of a name; ``left`` and ``right`` name the arm that works there."""
+        """Return the arm of a name; ``left`` and ``right`` mean the arm that works on that side."""
         for arm in (name, f"{name}_arm"):
             if arm in self.arms:
                 return self.arms[arm]
@@ -347,7 +349,7 @@ class RobotDescription:
         return path[::-1]
 
     def welded(self) -> RobotDescription:
-        """Return the same robot with every fixed joint gone: child and parent become one link.
+        """Return the same robot without fixed joints: child and parent become one link.
 
         A simulator then has no work with links that never move.
         """

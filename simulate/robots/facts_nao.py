@@ -1,4 +1,4 @@
-"""Published numbers of the NAO H25 V5, and nothing else.
+"""Published dimensions, limits and masses of the NAO H25 V5.
 
 Sources: Aldebaran documentation 2-4 / 2-5 (doc.aldebaran.com, family/nao_h25 and family/robots),
 pages *Joints*, *Links*, *Motors* and *Masses*; the inertia tensors of the V50 as published in the

@@ -112,13 +112,13 @@ def describe_nao(
 
 
 def _looking_level(camera: CameraMount, lean: float) -> CameraMount:
-    """Return the camera with a head that undoes the lean."""
+    """Return the camera with head angles that compensate the lean."""
     look = {side: (yaw, pitch - lean) for side, (yaw, pitch) in camera.look.items()}
     return replace(camera, look=look)
 
 
 def _within_reach(lean: float) -> Workplace:
-    """Return the table; what stands on it moves forward with the shoulders."""
+    """Return the workplace, moved forward with the shoulders."""
     place = Workplace()
     above_hips = facts.ARM_JOINTS["ShoulderPitch"][2][2] - facts.LEG_JOINTS["HipYawPitch"][2][2]
     forward = above_hips * math.sin(lean)
@@ -131,7 +131,7 @@ def _within_reach(lean: float) -> Workplace:
 
 
 def _leaning(lean: float) -> Pose:
-    """Return the torso in the base frame: turned about the hips, which stay where they are."""
+    """Return the pose of the torso in the base frame, rotated about the hips."""
     hips = facts.LEG_JOINTS["HipYawPitch"][2][2]
     x, z = -hips * math.sin(lean), facts.TORSO_HEIGHT + hips - hips * math.cos(lean)
     return Pose((x, 0.0, z), (0.0, lean, 0.0))
@@ -144,11 +144,11 @@ def _stances() -> dict[str, Stance]:
 
 
 def _feet() -> tuple[tuple[float, float], ...]:
-    """Return what the force sensors of both soles enclose: the feet stand below the hips."""
-    apart = facts.LEG_JOINTS["HipYawPitch"][2][1]
+    """Return the support polygon that the force sensors of both soles span."""
+    half_hip_width = facts.LEG_JOINTS["HipYawPitch"][2][1]
     front = min(facts.FORCE_SENSORS_LEFT_FOOT[name][0] for name in ("FsrFL", "FsrFR"))
     rear = max(facts.FORCE_SENSORS_LEFT_FOOT[name][0] for name in ("FsrRL", "FsrRR"))
-    aside = apart + facts.FORCE_SENSORS_LEFT_FOOT["FsrFL"][1]
+    aside = half_hip_width + facts.FORCE_SENSORS_LEFT_FOOT["FsrFL"][1]
     return ((front, aside), (rear, aside), (rear, -aside), (front, -aside))
 
 
@@ -235,7 +235,7 @@ def _arm_links(side: int, symmetric: bool) -> list[Link]:
 
 
 def _hand(side: int, symmetric: bool) -> Link:
-    """Return palm and knuckles: half width and upper face are where the touch sensors sit."""
+    """Return palm and knuckles, sized by the positions of the touch sensors."""
     palm = Shape("box", (0.050, 0.050, 0.0404), Pose((0.032, 0.0, -0.0002)))
     knuckles = Shape("box", (0.041, 0.050, 0.022), Pose((0.0585, 0.0, 0.014)))
     inertial = _inertial("wrist", side, symmetric)
@@ -276,7 +276,7 @@ def _row_joint(
     side: int,
     kind: Literal["revolute", "fixed"] = "revolute",
 ) -> Joint:
-    """Turn a row of the tables into a joint, mirrored for the right side."""
+    """Convert a row of the tables into a joint, mirrored for the right side."""
     parent, child, (x, y, z), (ax, ay, az), lower, upper, velocity, effort = row
     turns_over = name.endswith(_ROLL_AND_YAW)
     if side < 0:
@@ -326,14 +326,14 @@ def _arm_joints(side: int) -> list[Joint]:
 
 
 def _leg_joints(side: int, legs: Legs, lean: float) -> list[Joint]:
-    """Return the joints of a leg; leaning turns the thigh back, so that the foot stays flat."""
+    """Return the joints of a leg; a lean rotates the thigh back so that the foot stays flat."""
     prefix = "L" if side > 0 else "R"
     kind: Literal["revolute", "fixed"] = "revolute" if legs == "joints" else "fixed"
     joints = [_row_joint(name, row, prefix, side, kind) for name, row in facts.LEG_JOINTS.items()]
     if kind == "revolute":
         return joints
-    turned = Pose((0.0, 0.0, 0.0), (0.0, -lean, 0.0))
-    return [replace(j, pose=turned) if j.name.endswith("HipPitch") else j for j in joints]
+    leg_pose = Pose((0.0, 0.0, 0.0), (0.0, -lean, 0.0))
+    return [replace(j, pose=leg_pose) if j.name.endswith("HipPitch") else j for j in joints]
 
 
 def _arm(side: int) -> Arm:

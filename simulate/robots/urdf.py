@@ -1,4 +1,4 @@
-"""URDF text from a description.
+"""Writer of URDF files.
 
 Besides meshes of the user's own installation only boxes, spheres and cylinders are written:
 ``<capsule>`` is an extension of one reader and makes others log errors. Sensor frames are written

@@ -1,4 +1,4 @@
-"""A description from a URDF file that somebody else installed.
+"""Reader of URDF files.
 
 What a physics engine would guess is refused here: a link that moves without mass or inertia, a
 tensor that no body has, a joint without limits.
@@ -114,13 +114,13 @@ def _inertial(path: Path, name: str, element: ET.Element, moves: bool) -> Inerti
         (values["ixy"], values["ixz"], values["iyz"]),
     )
     rotation = pose.matrix[:3, :3]
-    turned = rotation @ inertial.tensor @ rotation.T
-    moments = np.linalg.eigvalsh(turned)
+    rotated = rotation @ inertial.tensor @ rotation.T
+    moments = np.linalg.eigvalsh(rotated)
     if moments[0] <= 0 or moments[2] > moments[0] + moments[1] + 1e-9:
         shown = ", ".join(f"{m:.3g}" for m in moments)
         raise RobotError(f"{where}: no body has the principal moments {shown} kg m2")
-    off = (float(turned[0, 1]), float(turned[0, 2]), float(turned[1, 2]))
-    x, y, z = (float(v) for v in np.diag(turned))
+    off = (float(rotated[0, 1]), float(rotated[0, 2]), float(rotated[1, 2]))
+    x, y, z = (float(v) for v in np.diag(rotated))
     return Inertial(mass, pose.xyz, (x, y, z), off)
 
 

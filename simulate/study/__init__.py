@@ -1,1 +1,1 @@
-"""Headless experiments: many independent trials on several processes, resumable, by seed."""
+"""Experiments: many independent trials on several processes, resumable, reproducible by seed."""

@@ -1,4 +1,4 @@
-"""Commands of ``rtask simulate`` that measure: grasping, learners, and the thesis's tables."""
+"""Commands of ``rtask simulate`` that measure grasping, learners and the thesis's tables."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def learn(
     resume: bool,
     as_json: bool,
 ) -> None:
-    """Compare learners on what physics makes of many grasps of many objects."""
+    """Compare learners on the simulated outcomes of many grasps of many objects."""
     from simulate.study.learning_report import (
         COLUMNS,
         learning_rows,
@@ -107,7 +107,7 @@ def learn(
 @click.option("--repeats", default=10, show_default=True, help="Of each question.")
 @click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
 def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
-    """Time the retrieval of objects: Table 4 of Gatto 2016 beside ours.
+    """Time the retrieval of objects, beside Table 4 of Gatto 2016.
 
     A server holds a look at each of 111 products, as many as the thesis's data set; four are asked
     for by websocket from new looks.
@@ -146,7 +146,7 @@ def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
 @click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
 @click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
 def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
-    """Time grasps from (X, Y, theta): Table 5 of Gatto 2016 beside ours."""
+    """Time grasps from (X, Y, theta), beside Table 5 of Gatto 2016."""
     import os
 
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:

@@ -1,4 +1,4 @@
-"""Samples from which a filter of grasp candidates learns: simulated views, judged by the mesh."""
+"""Training samples for the filter of grasp candidates: simulated views, labelled by the mesh."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def collect_samples(
     seed: int = 0,
     candidates: int = 60,
 ) -> GraspSamples:
-    """Look at meshes on a table, search for grasps, and judge them on the whole mesh.
+    """Render meshes on a table, search for grasps and label them on the whole mesh.
 
     Parameters
     ----------

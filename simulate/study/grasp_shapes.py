@@ -1,4 +1,4 @@
-"""Untextured shapes to learn grasping from: seven families, every size drawn.
+"""Untextured shapes for training: seven families with random sizes.
 
 They stand in for what a household holds; nothing that is tested on is copied.
 """
@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
+from simulate.robots.description import Floats
 
 __all__ = ["FAMILIES", "sample_shape"]
-
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Soup = tuple[Floats, Ints]
 
@@ -64,7 +63,7 @@ def _joined(*parts: Soup) -> Soup:
     )
 
 
-def _turned(profile: Sequence[tuple[float, float]]) -> Soup:
+def _revolved(profile: Sequence[tuple[float, float]]) -> Soup:
     """Return a body of revolution about z; (radius, height) from the bottom's middle to the top's.
 
     A profile that comes back down inside makes a hollow body.
@@ -86,7 +85,7 @@ def _box_of(low: ArrayLike, high: ArrayLike) -> Soup:
 
 
 def _along_x(soup: Soup) -> Soup:
-    """Lay what stands along z down along x."""
+    """Rotate a mesh from the z axis to the x axis."""
     return soup[0][:, [2, 1, 0]] * (1, 1, -1), soup[1]
 
 
@@ -98,7 +97,7 @@ def _box(rng: np.random.Generator) -> Soup:
 def _can(rng: np.random.Generator) -> Soup:
     radius, height = rng.uniform((0.012, 0.02), (0.04, 0.16))
     top = radius * rng.uniform(0.6, 1.0)
-    body = _turned([(0, 0), (radius, 0), (top, height), (0, height)])
+    body = _revolved([(0, 0), (radius, 0), (top, height), (0, height)])
     return _along_x(body) if rng.random() < 0.3 else body
 
 
@@ -107,7 +106,7 @@ def _bottle(rng: np.random.Generator) -> Soup:
     neck = radius * rng.uniform(0.3, 0.6)
     body, shoulder = rng.uniform(0.5, 0.65), rng.uniform(0.7, 0.8)
     outline = [(0, 0), (radius, 0), (radius, body * height), (neck, shoulder * height)]
-    soup = _turned([*outline, (neck, height), (0, height)])
+    soup = _revolved([*outline, (neck, height), (0, height)])
     flat = rng.uniform(0.5, 1.0) if rng.random() < 0.5 else 1.0
     return soup[0] * (flat, 1, 1), soup[1]
 
@@ -119,7 +118,7 @@ def _fruit(rng: np.random.Generator) -> Soup:
     profile = [
         (float(np.sin(a) * (1 - pear * (1 - np.cos(a)) / 2)), float(1 - np.cos(a))) for a in angle
     ]
-    soup = _turned(profile)
+    soup = _revolved(profile)
     return soup[0] * half, soup[1]
 
 
@@ -127,7 +126,7 @@ def _mug(rng: np.random.Generator) -> Soup:
     radius, height = rng.uniform((0.025, 0.04), (0.045, 0.11))
     wall, flare = rng.uniform(0.002, 0.005), rng.uniform(0.7, 1.0)
     foot = radius * flare
-    cup = _turned(
+    cup = _revolved(
         [
             (0, 0),
             (foot, 0),
@@ -153,7 +152,7 @@ def _mug(rng: np.random.Generator) -> Soup:
 
 def _rod(rng: np.random.Generator) -> Soup:
     radius, length = rng.uniform((0.006, 0.09), (0.016, 0.2))
-    handle = _along_x(_turned([(0, 0), (radius, 0), (radius, length), (0, length)]))
+    handle = _along_x(_revolved([(0, 0), (radius, 0), (radius, length), (0, length)]))
     if rng.random() < 0.5:
         return handle
     # A tool: a head across, or a thin blade on.

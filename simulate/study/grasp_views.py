@@ -1,4 +1,4 @@
-"""Single depth views of meshes on a table, and which grasps found on them are right.
+"""Single depth views of meshes on a table, and the labels of grasps found on them.
 
 A view is what a robot's camera would give; whether a candidate is right is decided on the whole
 mesh: both jaws meet it within their friction cones, and the gripper gets there without touching
@@ -19,12 +19,11 @@ from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import NOTHING, crossings, first_and_last
+from simulate.robots.description import Floats
 from simulate.world.camera import INTRINSICS
 from simulate.world.noise import SensorNoise
 
 __all__ = ["TABLE", "View", "correct", "depth_view", "sample_camera"]
-
-Floats = NDArray[np.float64]
 
 TABLE = np.array([0.0, 0.0, 1.0, 0.0])
 """Plane on which meshes stand: z = 0."""
@@ -36,7 +35,7 @@ _SAME_M = 1e-4
 
 @dataclass(frozen=True)
 class View:
-    """What one camera sees of an object on a table.
+    """View of an object on a table by one camera.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Trials of grasping with perception in the loop: one object, one robot, a graph that is empty.
+"""Trials of grasping with perception in the loop: one object, one robot, an empty graph.
 
 Everything a trial is made of follows from the seed and its number: kind and product, side, place,
 light, noise, and every choice. The robot sees through its noisy camera alone; ground truth says
@@ -34,7 +34,7 @@ _PRODUCTS_OF_A_KIND = 200
 
 
 def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Let a robot clear a table with one object; return what happened, as JSON data."""
+    """Let a robot clear a table with one object; return the outcome as JSON data."""
     seed = int(settings["seed"])
     kind = KINDS[number % len(KINDS)]
     side = -1 if (number // len(KINDS)) % 2 == 0 else 1
@@ -72,7 +72,7 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 def _clear(
     body: SimulatedBody, settings: Mapping[str, Any], seed: int, number: int
 ) -> tuple[list[Encounter], dict[str, float], bool]:
-    """Return what the agent met, how well it saw the object, whether it was in reach."""
+    """Return the encounters, the errors of perception and whether the object was in reach."""
     judge = Judge(body)
     target = body.laid[0].body
     truth = body.world.object_pose(target)
@@ -105,7 +105,7 @@ def _clear(
 
 
 def _summary(met: list[Encounter]) -> dict[str, Any]:
-    """Return one object's story; it may have been lost and met again."""
+    """Return the outcome for one object, which may have been lost and found again."""
     attempts = [
         {
             "reason": attempt.reason,
@@ -136,5 +136,5 @@ def _summary(met: list[Encounter]) -> dict[str, Any]:
 
 
 def _first_place(physical: list[dict[str, Any]]) -> bool | None:
-    """Return whether the first time that the object was held it was placed; None = never held."""
+    """Return whether the object was placed when first held; None = never held."""
     return next((bool(a["placed"]) for a in physical if a["held"]), None)

@@ -1,4 +1,4 @@
-"""What trials of grasping amount to: shares by kind and arm, and why what failed did."""
+"""Report of the grasping trials: shares by kind and arm, and the reasons of failures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def grasping_study(
     preset: str = "faithful",
     robot: str = "nao",
 ) -> Study:
-    """Return the trials with perception in the loop: kinds in turn, after each round the arms."""
+    """Return the study with perception in the loop: kinds in turn, the arm changing each round."""
     return Study(
         "grasping with perception in the loop",
         "simulate.study.grasping:grasping_trial",
@@ -112,7 +112,7 @@ def grasping_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 def show_share(part: Mapping[str, Any]) -> str:
-    """Return a share as people read it.
+    """Format a share with its interval.
 
     >>> show_share({"hits": 9, "n": 10, "share": 0.9, "interval95": [0.596, 0.982]})
     '9/10 90% [60, 98]'

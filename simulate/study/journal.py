@@ -1,4 +1,4 @@
-"""The journal of an experiment: a header and one line for each finished trial, only ever appended.
+"""Journal of an experiment: a header and one line per finished trial, append-only.
 
 Each line is on the disk before the next trial is given out, so that whatever is killed loses at
 most the trials under way.
@@ -68,7 +68,7 @@ class Journal:
             self._write({_HEADER: settings})
 
     def _read(self, settings: Mapping[str, Any]) -> int:
-        """Take in what is there; return how many bytes of it are whole lines."""
+        """Read the existing journal; return the number of bytes in whole lines."""
         data = self.path.read_bytes()
         whole = data.rfind(b"\n") + 1
         lines = data[:whole].splitlines()
@@ -87,7 +87,7 @@ class Journal:
         return whole
 
     def append(self, trial: int, result: dict[str, Any]) -> None:
-        """Keep the result of a trial; it is on the disk when this returns."""
+        """Append the result of a trial; it is on disk when this returns."""
         self._write({"trial": trial, "result": result})
         self.done[trial] = result
 

@@ -1,4 +1,4 @@
-"""Learners replayed on a table of outcomes: which grasp each would have tried, and what came of it.
+"""Replay of learners on a table of outcomes.
 
 The default learner is the engine's own: the bandit of :mod:`grasp.learning.bandit` with the
 evidence of :mod:`rtask.engine.memory.experience`. The thesis's formulation is :class:`GraspEnv`
@@ -43,7 +43,7 @@ Objects = Sequence[Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Learner:
-    """One way to choose.
+    """A learner and the source of its grasps.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Learner:
 
 
 def _arms(thing: Mapping[str, Any], source: str) -> list[Mapping[str, Any]]:
-    """Return the grasps of a source that the arm can get to."""
+    """Return the grasps of a source that the arm can reach."""
     return [a for a in thing["arms"] if a["source"] == source and is_counted(a["reason"])]
 
 
@@ -89,7 +89,7 @@ def _episode(
     prior: bool,
     seed: tuple[int, int],
 ) -> tuple[list[Mapping[str, Any]], int]:
-    """Return the grasps tried in order, and how many attempts the first success took."""
+    """Return the grasps tried in order and the number of attempts to the first success."""
     arms = _arms(thing, source)
     size = (float(thing["size"][0]), float(thing["size"][1]), float(thing["size"][2]))
     rng = np.random.default_rng(seed)
@@ -173,7 +173,7 @@ def _quadrants(
 
 
 def _both_ways(thing: Mapping[str, Any], source: str, rng: np.random.Generator) -> list[_Grasp]:
-    """Return each grasp in its quadrant and in the opposite one: two jaws close alike.
+    """Return each grasp in its quadrant and in the opposite one, as two jaws are symmetric.
 
     In random order, which decides between grasps of one quality.
     """
@@ -192,7 +192,7 @@ def _judge(problem: Problem, candidate: Any) -> Outcome:
 
 
 def _steps(agent: Agent, env: GraspEnv) -> int:
-    """Let a learner act until the object is held; return the attempts that were made."""
+    """Let a learner act until the object is held; return the attempts."""
     state, info = env.reset()
     attempts = 0
     while True:
@@ -251,7 +251,7 @@ LEARNERS: tuple[Learner, ...] = (
 def replay(
     objects: Objects, learner: Learner, seeds: Sequence[int]
 ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Let a learner meet all objects, once a seed, in orders that come in pairs.
+    """Let a learner meet all objects once per seed, in pairs of opposite orders.
 
     The second of a pair swaps the halves of the first, so that every object is met early as often
     as late and its difficulty tells nothing about learning.

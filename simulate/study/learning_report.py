@@ -1,4 +1,4 @@
-"""How fast learners learn: attempts to first success, first tries, first half against second."""
+"""Report of the learners: attempts to first success, first tries, first half against second."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Results = Sequence[Mapping[str, Any]]
 def outcome_study(
     objects: int, seed: int, proposed: int = 3, blind: int = 6, preset: str = "faithful"
 ) -> Study:
-    """Return the outcomes of so many proposed and so many blind grasps of each object.
+    """Return the study of the outcomes of proposed and blind grasps of each object.
 
     Where none of a sort holds more are tried, as many as a learner has attempts at most.
     """
@@ -75,7 +75,7 @@ def summarise_learning(
 
 
 def _base_rates(results: Results) -> dict[str, Any]:
-    """Return how often a grasp of each source holds, whoever chooses."""
+    """Return how often the grasps of each source hold, independent of the learner."""
     rates = {}
     for source in ("geometry", "blind"):
         arms = [a for r in results for a in r["arms"] if a["source"] == source]
@@ -85,7 +85,7 @@ def _base_rates(results: Results) -> dict[str, Any]:
 
 
 def _figures(order: NDArray[np.intp], attempts: NDArray[np.int64]) -> dict[str, Any]:
-    """Return means over all meetings; the change has its interval over orders and objects."""
+    """Return means over all encounters; the change has its interval over orders and objects."""
     by_object, is_late = _by_object(order, attempts)
     early, late = attempts[~_is_late_place(attempts)], attempts[_is_late_place(attempts)]
     return {
@@ -99,7 +99,7 @@ def _figures(order: NDArray[np.intp], attempts: NDArray[np.int64]) -> dict[str, 
 
 
 def _change(attempts: NDArray[np.float64], is_late: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return how many attempts more objects take when they come late; None where none did both."""
+    """Return the extra attempts of objects that come late; None without any for both halves."""
     change = _late_less_early(attempts, is_late)
     if np.isnan(change):
         return {"mean": None, "interval95": None}
@@ -119,13 +119,13 @@ def _by_object(
 
 
 def _is_late_place(attempts: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which places of the orders, (s, n), are in the second half."""
+    """Return which positions of the orders, (s, n), are in the second half."""
     n = attempts.shape[1]
     return np.broadcast_to(np.arange(n) >= n // 2, attempts.shape)
 
 
 def _late_less_early(attempts: NDArray[np.float64], is_late: NDArray[np.bool_]) -> float:
-    """Return the mean over objects of their attempts when met late less those when met early.
+    """Return the mean difference between an object's attempts when met late and early.
 
     Compared object by object, so that a hard one that came late more often counts no other way
     than an easy one. Objects that never came early, or never late, say nothing; NaN without any.

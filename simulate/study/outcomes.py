@@ -1,4 +1,4 @@
-"""What physics makes of many grasps of many objects: a table on which learners are replayed.
+"""Simulated outcomes of many grasps of many objects, on which learners are replayed.
 
 Each object stands alone at its true pose; some grasps are proposed by geometry, others are drawn
 blindly, and where none of them holds more are tried. Every one of them is carried out from the same
@@ -76,7 +76,7 @@ def outcome_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 class _Bench:
-    """One object that is put back to where it stood before every grasp."""
+    """One object that is put back to its first place before every grasp."""
 
     def __init__(self, body: SimulatedBody, placement: Placement, seed: int) -> None:
         self.body, self.placement, self.seed = body, placement, seed
@@ -85,7 +85,7 @@ class _Bench:
         self._side = "right" if placement.y < 0 else "left"
 
     def proposed(self) -> Iterator[PlanarGrasp]:
-        """Yield geometry's candidates, best first, of those alike but for height the first."""
+        """Yield the candidates of geometry, best first, each position and direction once."""
         kept: set[tuple[float, ...]] = set()
         for grasp in propose_planar(self.shape, self.gripper, seed=self.seed):
             aim = (round(grasp.x, 4), round(grasp.y, 4), round(grasp.theta, 4))
@@ -112,7 +112,7 @@ class _Bench:
     def try_some(
         self, source: str, grasps: Iterator[PlanarGrasp], wanted: int, most: int
     ) -> list[dict[str, Any]]:
-        """Carry out the first ``wanted`` that the arm can get to, and more until one of them holds.
+        """Carry out the first ``wanted`` reachable grasps, and more until one of them holds.
 
         A learner gives an object up after ``most`` attempts: fewer that failed would not tell
         whether it ought to.

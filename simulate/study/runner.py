@@ -1,4 +1,4 @@
-"""Run an experiment to its end: what is not in the journal yet, on several processes."""
+"""Running an experiment: the trials that are not in its journal yet, on several processes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Study:
 
 
 class Progress:
-    """Says how far an experiment is: one line, rewritten on a terminal, else every ten seconds."""
+    """Progress line of an experiment, rewritten on a terminal, else printed every ten seconds."""
 
     def __init__(self, total: int, done: int, stream: IO[str] | None = None) -> None:
         self._stream = stream or sys.stderr
@@ -51,7 +51,7 @@ class Progress:
             self._say(f"{done} of {total} trials are done already")
 
     def step(self, words: str = "") -> None:
-        """Count one more trial; ``words`` about it."""
+        """Count one more trial, with ``words`` about it."""
         self._done += 1
         now = time.monotonic()
         if not self._terminal and now - self._said < 10 and self._done < self._total:
@@ -64,7 +64,7 @@ class Progress:
         )
 
     def failed(self, number: int, why: str) -> None:
-        """Say that a trial broke."""
+        """Report that a trial failed with an error."""
         self._say(f"trial {number} broke: {why.splitlines()[-1]}")
 
     def _say(self, text: str) -> None:
@@ -81,7 +81,7 @@ def run(
     resume: bool = False,
     progress: IO[str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Carry out what is missing of an experiment and return all results in order of trials.
+    """Carry out the missing trials of an experiment; return all results in order.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables 4 and 5 of Gatto 2016 with the simulated robot: times of asking and of grasping."""
+"""Tables 4 and 5 of Gatto 2016 with the simulated robot: times of retrieval and grasping."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _ATTEMPTS = 12
 def looks_at(
     specs: Sequence[ObjectSpec], seed: int, turn: int, assets: Path
 ) -> list[tuple[str, dict[str, Any], Seen]]:
-    """Return a look at each product that is seen: its name, the request that carries it, the crop.
+    """Return a view of each visible product: its name, the request with the view, the crop.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def looks_at(
 
 
 def fill(client: rtask.client.Client, objects: int, seed: int) -> dict[str, list[ObjectSpec]]:
-    """Store a look at each of so many products; return the tables that they stood on."""
+    """Store a view of each of ``n`` products; return their tables."""
     specs = sample_objects(stream(seed, _PRODUCTS), objects)
     tables = [specs[i : i + _ON_TABLE] for i in range(0, objects, _ON_TABLE)]
     known: dict[str, list[ObjectSpec]] = {}
@@ -91,7 +91,7 @@ def fill(client: rtask.client.Client, objects: int, seed: int) -> dict[str, list
 def retrieval_times(
     client: rtask.client.Client, known: Mapping[str, list[ObjectSpec]], seed: int, repeats: int
 ) -> list[dict[str, Any]]:
-    """Ask for four known products from new looks; return the times of each, s.
+    """Retrieve four known products from new views; return the times of each, s.
 
     ``round_trip_s`` is what a robot waits, from the encoded look to the decoded answer: sending,
     recognition, the query, choosing a grasp, and the way back. ``server_s`` is the engine's part.
@@ -127,7 +127,7 @@ def retrieval_times(
 
 
 def grasp_times(repeats: int, seed: int, preset: str = "faithful") -> list[dict[str, Any]]:
-    """Give planar grasps (X, Y, theta) of each kind to the planner; return times, medians in s.
+    """Plan and execute planar grasps (X, Y, theta) of each kind; return median times, s.
 
     ``plan_s`` is computing time; ``grasp_s`` what the robot moves until the object has been lifted
     and held for two seconds; ``place_s`` the way into the box and home. Only grasps that held

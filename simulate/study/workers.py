@@ -1,4 +1,4 @@
-"""Worker processes that carry out trials, each told apart from the others when it dies.
+"""Worker processes that carry out trials; the death of one costs its trial only.
 
 Spawned, not forked: physics and the store's threads do not survive a fork. A worker leaves when
 its parent does, however that ends.
@@ -22,7 +22,7 @@ _STOP_S = 10.0
 
 
 class _Worker:
-    """One process and what it is doing."""
+    """One worker process and its current trial."""
 
     def __init__(self, trial: str, settings: Mapping[str, Any]) -> None:
         context = multiprocessing.get_context("spawn")
@@ -108,7 +108,7 @@ def run_trials(
 
 
 def _work(pipe: Connection, trial: str, settings: dict[str, Any]) -> None:
-    """Carry out trials until the parent has no more, or is gone."""
+    """Carry out trials until the parent closes the pipe or is gone."""
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     # Bullet and Mesa write to file descriptor 1, which is the parent's for its results.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -49,7 +49,7 @@ class Lighting:
 
     @classmethod
     def sample(cls, rng: np.random.Generator) -> Lighting:
-        """Return the light of another room: other direction, tint and hardness."""
+        """Draw the light of another room: direction, tint and hardness."""
         azimuth, elevation = rng.uniform(0, 2 * np.pi), rng.uniform(0.7, 1.4)
         tint = np.clip(rng.uniform(0.88, 1.0) + rng.normal(0, 0.04, 3), 0.7, 1.0)
         return cls(
@@ -66,7 +66,7 @@ class Lighting:
 
 
 class Camera:
-    """Takes frames and pictures in one physics client.
+    """Camera that takes frames and pictures in one physics client.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Camera:
         eye: tuple[float, float, float] = _PLACE.eye,
         target: tuple[float, float, float] = _PLACE.target,
     ) -> bytes:
-        """Return a picture for people as PNG, seen from in front of the robot.
+        """Return a picture for people as PNG, from in front of the robot.
 
         Parameters
         ----------

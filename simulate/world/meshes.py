@@ -15,11 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from simulate.robots.description import Floats
 from simulate.world.textures import Image, Look, paint_panel
 
 __all__ = ["TexturedMesh", "build_mesh", "write_mesh"]
-
-Vector = NDArray[np.float64]
 
 _COPIES = 3  # of the side panel around a lathed body
 _COLUMNS = 12  # facets per copy: 36 around, 0.4 % off the true radius at most
@@ -42,12 +41,12 @@ class TexturedMesh:
     """
 
     atlas: Image
-    points: list[Vector] = field(default_factory=list)
-    normals: list[Vector] = field(default_factory=list)
-    uv: list[Vector] = field(default_factory=list)
+    points: list[Floats] = field(default_factory=list)
+    normals: list[Floats] = field(default_factory=list)
+    uv: list[Floats] = field(default_factory=list)
     faces: list[NDArray[np.int64]] = field(default_factory=list)
 
-    def add_grid(self, points: Vector, normals: Vector, uv: Vector) -> None:
+    def add_grid(self, points: Floats, normals: Floats, uv: Floats) -> None:
         """Add a patch given on a grid (rows, columns, 3 | 3 | 2); rows go down the print."""
         rows, columns = points.shape[:2]
         base = sum(len(block) for block in self.points)
@@ -70,7 +69,7 @@ class _Region:
     width: int
     height: int
 
-    def at(self, across: Vector, down: Vector) -> Vector:
+    def at(self, across: Floats, down: Floats) -> Floats:
         """Return atlas pixels of positions in [0, 1] across and down the panel."""
         return np.stack([self.left + across * self.width, self.top + down * self.height], axis=-1)
 
@@ -90,7 +89,7 @@ def build_mesh(
     extent
         Size along x, y, z of the body frame, m.
     profile
-        For turned bodies: (radius, height) from bottom to top, m.
+        For bodies of revolution: (radius, height) from bottom to top, m.
     look
         Of the print.
     """
@@ -99,8 +98,8 @@ def build_mesh(
     if kind == "box":
         return _box(np.array(extent), look)
     if profile is None:
-        raise ValueError(f"a {kind} is turned: it needs a profile")
-    mesh = _turned(np.array(profile), look)
+        raise ValueError(f"a {kind} is a body of revolution and needs a profile")
+    mesh = _revolved(np.array(profile), look)
     if kind == "pen":
         # The axis from z onto x: a turn about y by 90 degrees.
         mesh.points = [p[:, [2, 1, 0]] * (1, 1, -1) for p in mesh.points]
@@ -109,7 +108,7 @@ def build_mesh(
 
 
 def write_mesh(mesh: TexturedMesh, folder: Path, name: str) -> None:
-    """Write ``name.png``, ``name.mtl`` and, last, ``name.obj``; each appears whole or not."""
+    """Write ``name.png``, ``name.mtl`` and, last, ``name.obj``, each atomically."""
     folder.mkdir(parents=True, exist_ok=True)
     height, width = mesh.atlas.shape[:2]
     uv = np.concatenate(mesh.uv) / (width, height)
@@ -153,7 +152,7 @@ def _atlas(panels: Sequence[Image]) -> tuple[Image, list[_Region]]:
     return np.asarray(padded, dtype=np.uint8), regions
 
 
-def _turned(profile: Vector, look: Look) -> TexturedMesh:
+def _revolved(profile: Floats, look: Look) -> TexturedMesh:
     """Return a body of revolution about z with lids."""
     radii, heights = profile.T
     steps = np.hypot(np.diff(radii), np.diff(heights))
@@ -180,11 +179,11 @@ def _turned(profile: Vector, look: Look) -> TexturedMesh:
     return mesh
 
 
-def _lids(radii: Vector) -> list[tuple[str, float]]:
+def _lids(radii: Floats) -> list[tuple[str, float]]:
     return [("lid", float(radii[-1])), ("base", float(radii[0]))]
 
 
-def _ring(angle: Vector, radius: float, height: float) -> Vector:
+def _ring(angle: Floats, radius: float, height: float) -> Floats:
     return np.stack(
         [radius * np.cos(angle), radius * np.sin(angle), np.full_like(angle, height)], axis=-1
     )
@@ -211,7 +210,7 @@ _FACES = (
 )
 
 
-def _box(extent: Vector, look: Look) -> TexturedMesh:
+def _box(extent: Floats, look: Look) -> TexturedMesh:
     sizes = {}
     for name, _, right, up in _FACES:
         sizes[name] = float(extent @ np.abs(right)), float(extent @ np.abs(up))
@@ -246,13 +245,13 @@ def _ball(radius: float, look: Look) -> TexturedMesh:
 
 
 def _patch(
-    across: Vector,
-    down: Vector,
+    across: Floats,
+    down: Floats,
     normal: tuple[int, int, int],
     right: tuple[int, int, int],
     up: tuple[int, int, int],
-) -> Vector:
+) -> Floats:
     """Return points of one face of the cube [-1, 1]^3 for positions on its print."""
     n, r, u = (np.array(axis, float) for axis in (normal, right, up))
-    points: Vector = n + (2 * across[..., None] - 1) * r + (1 - 2 * down[..., None]) * u
+    points: Floats = n + (2 * across[..., None] - 1) * r + (1 - 2 * down[..., None]) * u
     return points

@@ -1,4 +1,4 @@
-"""The errors of a structured-light sensor, put on perfect frames.
+"""Errors of a structured-light sensor, applied to perfect frames.
 
 Axial noise after Khoshelham and Elberink (2012) in the form of Nguyen, Izadi and Lovell (3DIM
 2012, eq. 3); the disparity step of an eighth of a pixel on a baseline of 0.1 m is that of the
@@ -47,7 +47,7 @@ class SensorNoise:
     colour: float = 2.0
 
     def apply(self, frame: Frame, rng: np.random.Generator) -> Frame:
-        """Return the frame as the sensor would have given it.
+        """Return the frame with the errors of the sensor.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class SensorNoise:
         return replace(frame, depth_m=depth.astype(np.float32), rgb=rgb)
 
     def _jitter(self, depth: Depth, rng: np.random.Generator) -> Depth:
-        """Take each depth from a pixel nearby; a missing neighbour leaves it as it was."""
+        """Take each depth from a nearby pixel, unless that has none."""
         height, width = depth.shape
         shift = np.rint(_normal(rng, (2, height, width)) * self.lateral_px).astype(np.int32)
         rows = np.clip(np.arange(height, dtype=np.int32)[:, None] + shift[0], 0, height - 1)

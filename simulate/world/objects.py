@@ -1,4 +1,4 @@
-"""Products that stand on the simulated table: sizes, masses, collision shapes, looks.
+"""Products on the simulated table: sizes, masses, collision shapes, looks.
 
 A product is a kind, a size, a mass and a printed look, all derived from its name: ``can-17`` is
 the same thing on every robot's table. The *body frame* has its origin in the centre of mass and z
@@ -148,7 +148,7 @@ class ObjectSpec:
             )
 
     def scaled(self, factor: float) -> ObjectSpec:
-        """Return a product of the same shape and density, larger by a factor: a wider hand's."""
+        """Return a product of the same shape and density, scaled by a factor."""
         dims = tuple(round(size * factor, 4) for size in self.dims)
         name = f"{self.name}-x{factor:g}"
         return replace(self, dims=dims, mass=round(self.mass * factor**3, 4), name=name)
@@ -326,8 +326,8 @@ def collision_of(spec: ObjectSpec) -> tuple[Primitive, ...]:
             for radius, length, centre in _bottle_parts(spec)
         )
     quarter = math.sqrt(0.5)  # a pen lies: the cylinder's z turned onto x
-    turn = (0.0, quarter, 0.0, quarter) if spec.kind == "pen" else (0.0, 0.0, 0.0, 1.0)
-    return (Primitive("cylinder", (0.5 * spec.dims[0], spec.dims[1]), orientation=turn),)
+    orientation = (0.0, quarter, 0.0, quarter) if spec.kind == "pen" else (0.0, 0.0, 0.0, 1.0)
+    return (Primitive("cylinder", (0.5 * spec.dims[0], spec.dims[1]), orientation=orientation),)
 
 
 def inertia_of(shapes: tuple[Primitive, ...], mass: float) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""A described robot in a world: its joints, its hands, what touches them.
+"""A robot in a physics world: its joints, hands, head and camera.
 
 All of pybullet that is needed here goes through the world's client.
 """
@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from features.geometry import Intrinsics
 from rtask.errors import RobotError
@@ -20,6 +19,7 @@ from simulate.motion.stance import UPRIGHT, on_moving_legs, stance_of, standing
 from simulate.robots.description import (
     Arm,
     CameraMount,
+    Floats,
     Pose,
     RobotDescription,
     Stance,
@@ -28,8 +28,6 @@ from simulate.robots.description import (
 from simulate.world.world import World
 
 __all__ = ["REST_OPENING", "HandTouch", "RobotBody"]
-
-Floats = NDArray[np.float64]
 
 _ARM_GAINS = (0.5, 1.0)
 _FINGER_GAINS = (0.3, 1.0)
@@ -49,7 +47,7 @@ _FRAME_FROM_OPTICAL = np.array(
 
 @dataclass(frozen=True)
 class HandTouch:
-    """What a hand feels of one body: number of links that touch, sum of normal forces in N."""
+    """Contact of a hand with one body: number of touching links, sum of normal forces in N."""
 
     links: int
     force_n: float
@@ -124,7 +122,7 @@ class RobotBody:
     # -- stance -----------------------------------------------------------------------------
 
     def take_stance(self, name: str, seconds: float = 1.0) -> None:
-        """Lean, or stand as described; hands should be empty and arms at home.
+        """Take a stance; hands should be empty and arms at home.
 
         The legs follow without physics: the feet stay where they are, and nothing else hangs on
         them. They are welded until the first stance is taken, since joints cost time.
@@ -144,7 +142,7 @@ class RobotBody:
         self.chains = {arm: Chain.of(self.description, arm) for arm in self.arms}
 
     def _let_legs_move(self) -> None:
-        """Load the robot anew with legs that move, as it is now."""
+        """Reload the robot in its present state with legs that move."""
         arms = {name: self.arm_joints(name) for name in self.arms}
         self._legs = on_moving_legs(self.described)
         self._client.removeBody(self.body)
@@ -154,17 +152,17 @@ class RobotBody:
             self.reset_arm(name, q)
 
     def _stand_between(self, before: Stance, after: Stance, share: float) -> None:
-        """Put the root and the joints of the legs on the way from one stance to another."""
+        """Set the root and the leg joints between two stances."""
         poses = [np.array([s.base_from_root.xyz, s.base_from_root.rpy]) for s in (before, after)]
         xyz, rpy = (1 - share) * poses[0] + share * poses[1]
         root = self.world_from_base @ transform_from(tuple(xyz), tuple(rpy))
         pose = Pose.of(root)
         client = self._client
         inertial = client.getDynamicsInfo(self.body, -1)
-        at, turn = client.multiplyTransforms(
+        position, orientation = client.multiplyTransforms(
             pose.xyz, client.getQuaternionFromEuler(pose.rpy), inertial[3], inertial[4]
         )
-        client.resetBasePositionAndOrientation(self.body, at, turn)
+        client.resetBasePositionAndOrientation(self.body, position, orientation)
         for joint in {**before.joints, **after.joints}:
             value = (1 - share) * before.joints.get(joint, 0.0) + share * after.joints.get(joint, 0)
             index = self.joint_index[joint]
@@ -201,7 +199,7 @@ class RobotBody:
         self.command_arm(arm, q)
 
     def command_arm(self, arm: str, q: Floats, velocity: Floats | None = None) -> None:
-        """Give the motors of an arm a set point: q (dof,) rad, velocity (dof,) rad/s."""
+        """Command an arm: q (dof,) rad, velocity (dof,) rad/s."""
         names = self.arm(arm).joints
         position_gain, velocity_gain = _ARM_GAINS
         self._client.setJointMotorControlArray(
@@ -247,14 +245,14 @@ class RobotBody:
         self.move_fingers(arm, REST_OPENING, _REST_EFFORT * self.arm(arm).open_effort)
 
     def finger_opening(self, arm: str) -> float:
-        """Return how far a hand is open, 0..1, as measured: the mean over its fingers."""
+        """Return the measured opening of a hand, 0..1: the mean over its fingers."""
         parts = self.arm(arm)
         indices = [self.joint_index[name] for name in parts.fingers]
         values = [state[0] for state in self._client.getJointStates(self.body, indices)]
         return float(np.mean(values)) / parts.finger_range
 
     def touch(self, arm: str, body: int) -> HandTouch:
-        """Return what an arm's hand feels of a body."""
+        """Return the contact of an arm's hand with a body."""
         links, force = set(), 0.0
         hand = self.hand_links[self.arm(arm).name]
         for contact in self._client.getContactPoints(self.body, body):
@@ -273,7 +271,7 @@ class RobotBody:
     # -- head and camera --------------------------------------------------------------------
 
     def set_head(self, q: Floats) -> None:
-        """Turn the joints below the camera to q rad, at once, and hold them."""
+        """Set the joints below the camera to q rad at once, and hold them."""
         for name, value in zip(self._head, q, strict=True):
             index = self.joint_index[name]
             self._client.resetJointState(self.body, index, float(value))
@@ -323,7 +321,7 @@ class RobotBody:
     # -- introduction -----------------------------------------------------------------------
 
     def describe(self, name: str) -> dict[str, Any]:
-        """Return what the robot registers itself with: hands, cameras, frames, as JSON data."""
+        """Return the registration of the robot as JSON data: hands, cameras, frames."""
         robot = self.description
         return {
             "name": name,

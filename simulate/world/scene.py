@@ -1,4 +1,4 @@
-"""A table laid with products: where each robot's objects stand at the start."""
+"""Arrangement of products on a table."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SETTLE_S = 0.5
 
 @dataclass(frozen=True)
 class Placement:
-    """Where one product stands: centre of its footprint (m) and yaw (rad), base frame."""
+    """Place of one product: centre of its footprint (m) and yaw (rad), base frame."""
 
     spec: ObjectSpec
     x: float
@@ -60,7 +60,7 @@ def arrange(
     sides: Sequence[int] | None = None,
     workplace: Workplace | None = None,
 ) -> list[Placement]:
-    """Find a place for every product, with room for a hand between.
+    """Find a place for every product, with room for a hand between them.
 
     A crowded table grows away from the robot, out of its reach.
 
@@ -100,7 +100,7 @@ def _try_arrange(
     rng: np.random.Generator,
     place: Workplace,
 ) -> list[Placement] | None:
-    """Place the largest first, each where it keeps its distance from those before."""
+    """Place the products, largest first, at a distance from those placed before."""
     placed: list[Placement] = []
     outlines: list[NDArray[np.float64]] = []
     for spec, side in zip(specs, sides, strict=True):
@@ -121,7 +121,7 @@ def _try_arrange(
 
 
 def _is_clear(outline: NDArray[np.float64], side: int, place: Workplace) -> bool:
-    """Tell whether a footprint keeps to its side, off the table's edge and out of the box."""
+    """Tell whether a footprint stays on its side, on the table and out of the box."""
     across = outline[:, 1] * side
     return bool(
         across.min() > _CLEAR_MIDDLE_M

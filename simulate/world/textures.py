@@ -31,7 +31,7 @@ _SHIFT = 4  # cv2 draws with sub-pixel positions given in 1/16 px
 
 @dataclass(frozen=True)
 class Look:
-    """What makes the print of one product its own.
+    """Elements of the print of one product.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _fill(
     colour: Colour,
     at: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Fill a polygon (k, 2) px moved by ``at``, again one panel width to either side."""
+    """Fill a polygon (k, 2) px moved by ``at``, repeated one panel width to either side."""
     for shift in (-image.shape[1], 0, image.shape[1]):
         offset = np.array([at[0] + shift, at[1]])
         moved = np.round((corners + offset) * 2**_SHIFT).astype(np.int32)
@@ -191,9 +191,9 @@ def _paint_confetti(image: Image, look: Look, rng: np.random.Generator) -> None:
             aspect = rng.uniform(0.5, 1.0) if kind == 2 else rng.uniform(0.2, 0.4)
             corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (half * 1.1, half * aspect)
         angle = rng.uniform(0, 2 * np.pi)
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         near = image[min(int(centre[1]), height - 1), min(int(centre[0]), width - 1)]
-        _fill(image, corners @ turn, _contrasting(colours, near, rng), centre)
+        _fill(image, corners @ rotation, _contrasting(colours, near, rng), centre)
 
 
 def _contrasting(
@@ -242,10 +242,10 @@ def _paint_emblems(image: Image, look: Look, rng: np.random.Generator) -> None:
             else (rng.uniform(0.4, 0.6) * width, along * height)
         )
         angle = first_angle if k == 0 else rng.uniform(0, 2 * np.pi)
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        rotation = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         for share, colour in ((1.0, look.light), (0.9, look.dark), (0.78, look.light)):
-            _fill(image, _disc(share * radius, corners) @ turn, colour, centre)
-        outline = look.emblem @ turn
+            _fill(image, _disc(share * radius, corners) @ rotation, colour, centre)
+        outline = look.emblem @ rotation
         _fill(image, outline * (0.72 * radius), look.accent, centre)
         _fill(image, outline * (0.36 * radius), look.dark, centre)
         eye = outline[0] * (0.4 * radius)

@@ -1,4 +1,4 @@
-"""One physics world: a client of its own, a table, boxes to place into, objects.
+"""A physics world: its own client, a table, boxes to place into, objects.
 
 This file and :mod:`simulate.world.camera` are the only ones that import pybullet. Every call names
 its client, so that worlds never meet; a world belongs to one thread.
@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
 from rtask.errors import RobotError, UsageError
-from simulate.robots.description import Pose, RobotDescription, Workplace
+from simulate.robots.description import Floats, Pose, RobotDescription, Workplace
 from simulate.robots.urdf import urdf_text
 from simulate.world.objects import Assets, ObjectSpec, collision_of, inertia_of
 
@@ -29,12 +28,10 @@ __all__ = ["PRESETS", "BodyPose", "PlaceBox", "Preset", "World", "side_sign"]
 
 log = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Preset:
-    """How finely physics is computed; the name goes into every record.
+    """Resolution of the physics; its name goes into every record.
 
     Parameters
     ----------
@@ -112,7 +109,7 @@ class BodyPose:
 
 @dataclass(frozen=True)
 class PlaceBox:
-    """An open box on the table: inner ranges (low, high) m, height of ground and rim m."""
+    """An open box on the table: inner ranges (low, high) m, heights of floor and rim m."""
 
     side: str
     x_range: tuple[float, float]
@@ -123,7 +120,7 @@ class PlaceBox:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Middle of the ground, m."""
+        """Centre of the floor, m."""
         return (sum(self.x_range) / 2, sum(self.y_range) / 2)
 
     def walls(self) -> Iterator[tuple[tuple[float, float, float], tuple[float, float, float]]]:
@@ -199,13 +196,13 @@ class World:
         return self._steps * self.preset.step_s
 
     def step(self, seconds: float) -> None:
-        """Let physics run, at least one step."""
+        """Run the physics for at least one step."""
         for _ in range(max(round(seconds / self.preset.step_s), 1)):
             self.client.stepSimulation()
             self._steps += 1
 
     def add_table(self, height: float | None = None) -> int:
-        """Put the table in front of the robot; return the body.
+        """Add the table in front of the robot; return the body.
 
         Parameters
         ----------
@@ -221,7 +218,7 @@ class World:
         return self.table_body
 
     def add_place_box(self, side: str) -> PlaceBox:
-        """Put the box into which an arm places on the table; ``side`` is left or right."""
+        """Add the box into which an arm places; ``side`` is left or right."""
         if not np.isfinite(self.table_height):
             raise UsageError("add the table before its boxes")
         sign = side_sign(side)
@@ -245,7 +242,7 @@ class World:
         return self.place_boxes.get("left" if (side or y) > 0 else "right")
 
     def add_wall(self, centre: Sequence[float], size: Sequence[float]) -> int:
-        """Put an immovable box of full ``size`` (m) at ``centre`` (m); return the body."""
+        """Add a static box of full ``size`` (m) at ``centre`` (m); return the body."""
         return self._static_box(centre, size, (0.5, 0.5, 0.5, 1.0))
 
     def _static_box(
@@ -319,13 +316,13 @@ class World:
         z = position[2] if len(position) > 2 else self.table_height + spec.rest_height
         pose = (float(position[0]), float(position[1]), float(z))
         body = _create_object(self.client, spec, assets)
-        turned = self.client.getQuaternionFromEuler((0, 0, yaw))
-        self.client.resetBasePositionAndOrientation(body, pose, turned)
+        orientation = self.client.getQuaternionFromEuler((0, 0, yaw))
+        self.client.resetBasePositionAndOrientation(body, pose, orientation)
         self.objects[body] = spec
         return body
 
     def remove(self, body: int) -> None:
-        """Take an object out of the world."""
+        """Remove an object from the world."""
         self.client.removeBody(body)
         self.objects.pop(body, None)
 
@@ -334,7 +331,7 @@ class World:
         return self.table_body >= 0 and len(self.client.getContactPoints(body, self.table_body)) > 0
 
     def object_pose(self, body: int) -> BodyPose:
-        """Return where an object is. Ground truth: for judging and scoring, not for planning."""
+        """Return the true pose of an object, for scoring only."""
         position, quaternion = self.client.getBasePositionAndOrientation(body)
         return BodyPose(np.array(position), np.array(quaternion))
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from rtask.errors import RobotError, UsageError
 from simulate.act.request import ACT_FIELDS, ActRequest
-from simulate.act.service import ActService, turns
+from simulate.act.service import ActService, theta_offsets
 from simulate.act.trials import place_test, random_goal, reach_test, write_csv
 from simulate.act.workspace import map_workspace
 from simulate.commands import simulate
@@ -112,10 +112,10 @@ def test_a_hand_names_its_arm(hand):
 
 
 def test_theta_is_turned_to_either_side_up_to_a_right_angle():
-    found = list(turns(0.5, 20))
+    found = list(theta_offsets(0.5, 20))
     assert found[:5] == [0.0, 0.5, -0.5, 1.0, -1.0]
     assert max(np.abs(found)) <= np.pi / 2
-    assert list(turns(0.0, 3)) == [0.0, 0.0, 0.0]
+    assert list(theta_offsets(0.0, 3)) == [0.0, 0.0, 0.0]
 
 
 def test_reach_goes_there_stays_there_and_home_leaves(panda, service):
