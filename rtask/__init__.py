@@ -14,7 +14,7 @@ from __future__ import annotations
 import importlib.metadata
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from rtask import errors
+from rtask import errors, shadowing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
+
+shadowing.check_packages()
 
 __version__ = importlib.metadata.version("rtask-kg")
 

@@ -35,6 +35,7 @@
     ├── RemoteError
     │   ├── RemoteUnavailableError  no answer, connection lost
     │   └── CallFailedError         the server answered: no
+    ├── MissingExtraError           an optional part of RTASK is not installed
     └── RobotError                  a robot cannot do what was asked
 
 An error says what was wrong, where, what was expected and what to do. The command line prints it
@@ -62,6 +63,7 @@ __all__ = [
     "Lagged",
     "LazyLoadError",
     "MissingBlobError",
+    "MissingExtraError",
     "OwnershipError",
     "ParseError",
     "QuerySyntaxError",
@@ -295,6 +297,12 @@ class CallFailedError(RemoteError):
     """The server answered that the call failed; the message is the server's."""
 
     slug = "call-failed"
+
+
+class MissingExtraError(RtaskError):
+    """An optional part of RTASK is not installed; the message has the command that installs it."""
+
+    status, slug = 501, "missing-extra"
 
 
 class RobotError(RtaskError):

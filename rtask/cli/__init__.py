@@ -19,6 +19,7 @@ from typing import Any
 import click
 
 from rtask.errors import RtaskError
+from rtask.extras import naming_extras
 
 __all__ = ["cli", "main"]
 
@@ -130,11 +131,17 @@ def cli(ctx: click.Context, debug: bool, verbose: bool) -> None:
         logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
 
 
+def _command_name(arguments: Sequence[str]) -> str:
+    """Return ``rtask`` with the command that the arguments begin with."""
+    return " ".join(["rtask", *(word for word in arguments if not word.startswith("-"))][:2])
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line: one line and an exit code for an error, no traceback."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        done: Any = cli.main(args=given, prog_name="rtask", standalone_mode=False)
+        with naming_extras(_command_name(given)):
+            done: Any = cli.main(args=given, prog_name="rtask", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)

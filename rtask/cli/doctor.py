@@ -6,6 +6,7 @@ import importlib.metadata
 import importlib.util
 import json
 import os
+import re
 import shutil
 import socket
 import sqlite3
@@ -13,11 +14,18 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import click
 
 _OPEN3D_PACKAGES = "libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6"
+_INSTALL = "pip install rtask-kg"
+# An extra, its library that most often does not load, and what mends that.
+_EXTRAS = (
+    ("perception", "open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
+    ("simulate", "pybullet", "pip install --force-reinstall pybullet"),
+)
 _IMPORT_TIMEOUT_S = 120
 _MIN_FREE_BYTES = 2 * 1024**3
 
@@ -66,20 +74,36 @@ def _imports(module: str, mend: str, state: str = "broken") -> Finding:
     return Finding(module, state, last, mend)
 
 
-def _packages() -> Finding:
+def _missing(extra: str | None) -> list[str]:
+    """Return the distributions that are not installed, of an extra or of the base."""
     missing = []
     for text in importlib.metadata.requires("rtask-kg") or []:
-        if "extra ==" in text:
+        requirement, _, marker = (part.strip() for part in text.partition(";"))
+        if (f"extra == '{extra}'" not in marker) if extra else ("extra ==" in marker):
             continue
-        name = text.split(";")[0].split("<")[0].split(">")[0].split("=")[0].strip()
+        if "sys_platform != 'win32'" in marker and sys.platform == "win32":
+            continue
+        name = re.split(r"[\s<>=!~\[]", requirement)[0]
         try:
             importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            if "sys_platform" not in text or sys.platform != "win32":
-                missing.append(name)
+            missing.append(name)
+    return missing
+
+
+def _packages() -> Finding:
+    missing = _missing(None)
     if missing:
-        return Finding("packages", "broken", f"missing: {', '.join(missing)}", "make setup")
+        return Finding("packages", "broken", f"missing: {', '.join(missing)}", _INSTALL)
     return Finding("packages", "ok", "all installed")
+
+
+def _extra(name: str) -> Finding:
+    missing = _missing(name)
+    if missing:
+        mend = f"pip install 'rtask-kg[{name}]'"
+        return Finding(name, "note", f"the extra lacks {', '.join(missing)}", mend)
+    return Finding(name, "ok", "the extra is installed")
 
 
 def _java() -> Finding:
@@ -166,9 +190,11 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
         _cache,
         lambda: _disk(data or Path.cwd()),
         lambda: _port(port),
-        lambda: _imports("pybullet", "make setup"),
-        lambda: _imports("open3d", f"sudo apt-get install {_OPEN3D_PACKAGES}"),
     ]
+    for extra, module, mend in _EXTRAS:
+        checks.append(partial(_extra, extra))
+        if importlib.util.find_spec(module) is not None:
+            checks.append(partial(_imports, module, mend))
     if data is not None:
         checks.append(lambda: _store(data))
     for check in checks:
@@ -176,7 +202,13 @@ def examine(data: Path | None, port: int) -> Iterator[Finding]:
 
 
 def warm_up() -> None:
-    """Compile the numeric kernels once; numba keeps them on disk."""
+    """Compile the numeric kernels once; numba keeps them on disk.
+
+    Raises
+    ------
+    MissingExtraError
+        The extra ``perception``, which brings numba, is not installed.
+    """
     for module in (
         "features.segmentation",
         "features.recognition",

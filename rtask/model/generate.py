@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import pyoxigraph as ox
 
@@ -15,9 +15,6 @@ from rtask.model.codec import python_type
 from rtask.model.instance import Model, Registry
 from rtask.model.limits import Limits
 from rtask.model.schema import THING, ClassSpec, PropertySpec, Schema, Triples, read_schema
-
-if TYPE_CHECKING:
-    from rtask.ontology_docs.source import Module
 
 __all__ = ["generate", "generate_for", "generate_rtask", "rtask_schema", "write_rtask"]
 
@@ -110,7 +107,18 @@ def generate(schema: Schema, origin: str = _ORIGIN, parent: Registry | None = No
     return "\n\n\n".join([*parts, "\n".join(individuals)]).rstrip() + "\n"
 
 
-def generate_for(modules: Iterable[Module]) -> str:
+class OntologySource(Protocol):
+    """An ontology read from somewhere: its name, its IRI or an empty text, its statements."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def iri(self) -> str: ...
+    @property
+    def triples(self) -> Triples: ...
+
+
+def generate_for(modules: Iterable[OntologySource]) -> str:
     """Return the source of typed classes for any ontology, below those of RTASK where it says so.
 
     Parameters

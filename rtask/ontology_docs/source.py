@@ -104,10 +104,10 @@ def bundled(shapes: bool = False) -> list[Module]:
 
 def loaded(folder: Path) -> list[Module]:
     """Return the ontologies of a knowledge base, one for each graph that holds one."""
-    import rtask
+    from rtask.opening import open_knowledge_base
 
     kind = ontology.NS + "OntologyGraph"
-    with rtask.open(folder, mode="r") as kb:
+    with open_knowledge_base(folder, mode="r") as kb:
         graphs = [q.subject for q in kb.match(predicate=_TYPE, value=NamedNode(kind))]
         named = sorted({g.value for g in graphs if isinstance(g, NamedNode)})
         return [
