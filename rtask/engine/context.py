@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rtask.kb.commit.commit import Change, Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["SCOPES", "Context"]
 
@@ -70,7 +70,7 @@ class Context:
         only: after a restart an outcome is stored without them.
     """
 
-    def __init__(self, kb: KnowledgeBase, index_folder: Path | None, policy: Policy) -> None:
+    def __init__(self, kb: GraphCore, index_folder: Path | None, policy: Policy) -> None:
         self.kb = kb
         self.policy = policy
         self.writing = threading.RLock()

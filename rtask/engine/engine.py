@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rtask.engine.stored import Models
     from rtask.engine.terms import ClassCatalogue
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["Engine"]
 
@@ -63,7 +63,7 @@ class Engine:
 
     def __init__(
         self,
-        kb: KnowledgeBase,
+        kb: GraphCore,
         index_dir: Path | str | None = None,
         policy: Policy | None = None,
     ) -> None:
@@ -73,7 +73,7 @@ class Engine:
         self.context = Context(kb, None if folder is None else Path(folder), policy or Policy())
 
     @property
-    def kb(self) -> KnowledgeBase:
+    def kb(self) -> GraphCore:
         """Knowledge base that answers come from."""
         return self.context.kb
 

@@ -14,7 +14,7 @@ from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["GripperCatalogue", "KnownGripper"]
 
@@ -37,7 +37,7 @@ class GripperCatalogue:
     A decision asks the graph once; what a gripper is was known before.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
         self._known: list[KnownGripper] | None = None
@@ -100,7 +100,7 @@ SELECT ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?paylo
 }} GROUP BY ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload"""
 
 
-def _read_grippers(kb: KnowledgeBase) -> list[KnownGripper]:
+def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
     found: dict[str, KnownGripper] = {}
     for row in kb.select(_GRIPPERS):
         given = {name: value for name, value in row.to_dict().items() if value is not None}

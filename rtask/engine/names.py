@@ -14,7 +14,7 @@ from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["Names", "slug", "tail", "uuid7"]
 
@@ -62,7 +62,7 @@ class Names:
     while it mints and stores.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
         self._last = {kind: self._largest(kind) for kind in _COUNTED}

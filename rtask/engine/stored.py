@@ -14,7 +14,7 @@ from rtask.rdf.terms import NamedNode
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
     from features.recognition.views.view import ViewFeatures
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["Models", "StoredModel", "StoredView", "stored_models", "stored_views", "view_features"]
 
@@ -41,7 +41,7 @@ class StoredView:
     class_iri: str
     blob: str
 
-    def features(self, kb: KnowledgeBase) -> ViewFeatures | None:
+    def features(self, kb: GraphCore) -> ViewFeatures | None:
         """Return what the view shows, or None when the bytes are gone or of another version."""
         from features.recognition.views.view import ViewFeatures
 
@@ -52,7 +52,7 @@ class StoredView:
             return None
 
 
-def stored_views(kb: KnowledgeBase) -> list[StoredView]:
+def stored_views(kb: GraphCore) -> list[StoredView]:
     """Return every stored view, in the order of their IRIs, which is that of their making."""
     found: dict[tuple[str, str, str], dict[str, int]] = {}
     for row in kb.select(_VIEWS):
@@ -68,7 +68,7 @@ def stored_views(kb: KnowledgeBase) -> list[StoredView]:
     return views
 
 
-def view_features(kb: KnowledgeBase, view: NamedNode) -> ViewFeatures | None:
+def view_features(kb: GraphCore, view: NamedNode) -> ViewFeatures | None:
     """Return what one stored view shows, or None when it cannot be read."""
     rows = kb.select(f"""{PREFIXES}
 SELECT ?blob WHERE {{ {view} rt:viewContent ?content .
@@ -93,7 +93,7 @@ class StoredModel:
     views: frozenset[str]
 
 
-def stored_models(kb: KnowledgeBase, thing: NamedNode) -> list[StoredModel]:
+def stored_models(kb: GraphCore, thing: NamedNode) -> list[StoredModel]:
     """Return the models of an object, that with the most views first."""
     found = []
     for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:
@@ -116,7 +116,7 @@ def stored_models(kb: KnowledgeBase, thing: NamedNode) -> list[StoredModel]:
 class Models:
     """Decoded models by the IRI of their bytes; the last ones used stay."""
 
-    def __init__(self, kb: KnowledgeBase, size: int = 64) -> None:
+    def __init__(self, kb: GraphCore, size: int = 64) -> None:
         self.kb = kb
         self._decoded: Recent[ObjectModel] = Recent(size)
 

@@ -17,7 +17,7 @@ from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Change
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = [
     "ClassCatalogue",
@@ -67,7 +67,7 @@ def find_task(name: str) -> tuple[NamedNode, str]:
     )
 
 
-def find_function(kb: KnowledgeBase, text: str) -> NamedNode:
+def find_function(kb: GraphCore, text: str) -> NamedNode:
     """Return the object function of a name, label or IRI: ``write``, ``contain liquid``."""
     rows = kb.select(
         f"{PREFIXES} SELECT DISTINCT ?f ?label "
@@ -86,7 +86,7 @@ def find_function(kb: KnowledgeBase, text: str) -> NamedNode:
     return found
 
 
-def known_reasons(kb: KnowledgeBase) -> frozenset[str]:
+def known_reasons(kb: GraphCore) -> frozenset[str]:
     """Return the codes of all outcome reasons that the ontology has."""
     rows = kb.select(f"{PREFIXES} SELECT ?code {{ ?r a rt:OutcomeReason ; rt:code ?code }}")
     return frozenset(str(row.value("code")) for row in rows)
@@ -109,7 +109,7 @@ class ObjectClass:
 class ClassCatalogue:
     """The kinds of objects, read again when one is added."""
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
         self._known: Mapping[str, ObjectClass] | None = None
@@ -160,7 +160,7 @@ class ClassCatalogue:
         return str(max(used, default=0) + 1)
 
 
-def _read_classes(kb: KnowledgeBase) -> dict[str, ObjectClass]:
+def _read_classes(kb: GraphCore) -> dict[str, ObjectClass]:
     rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?class ?name ?short {{
   ?class rdfs:subClassOf* rt:ManipulableObject FILTER(isIRI(?class))
@@ -187,7 +187,7 @@ SELECT DISTINCT ?class ?name ?short {{
 class FunctionCatalogue:
     """What objects are for, by name; read again when a function is added or renamed."""
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._lock = threading.Lock()
         self._known: Mapping[str, tuple[str, ...]] | None = None
@@ -208,7 +208,7 @@ class FunctionCatalogue:
             return self._known
 
 
-def _read_functions(kb: KnowledgeBase) -> dict[str, tuple[str, ...]]:
+def _read_functions(kb: GraphCore) -> dict[str, tuple[str, ...]]:
     rows = kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?function ?name ?other {{ ?function a rt:ObjectFunction
   OPTIONAL {{ ?function rdfs:label ?name }} OPTIONAL {{ ?function skos:altLabel ?other }}

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser
     from features.recognition.views.view import ViewFeatures
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["ViewIndex"]
 
@@ -40,7 +40,7 @@ class ViewIndex:
     index: RecognitionIndex
     recogniser: Recogniser
 
-    def __init__(self, kb: KnowledgeBase, folder: Path | None, writing: threading.RLock) -> None:
+    def __init__(self, kb: GraphCore, folder: Path | None, writing: threading.RLock) -> None:
         self._kb = kb
         self._folder = folder
         self._writing = writing

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from features.recognition import Recognition as Answer
     from rtask.engine.perception.poses import ObjectPose
     from rtask.engine.stored import Models
+    from rtask.kb.core import GraphCore
     from rtask.knowledge_base import KnowledgeBase
 
 __all__ = ["recognise"]
@@ -284,7 +285,7 @@ def _magnified(frame: Frame, times: int) -> Frame:
     )  # fmt: skip
 
 
-def _stored_view(kb: KnowledgeBase, view: str) -> tuple[Frame, ViewFeatures] | None:
+def _stored_view(kb: GraphCore, view: str) -> tuple[Frame, ViewFeatures] | None:
     """Return crop and features of a stored view, or None when its bytes are gone."""
     from features.codec import CloudFormatError, decode
     from features.geometry import Frame

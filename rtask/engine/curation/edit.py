@@ -17,7 +17,7 @@ from rtask.rdf.terms import NamedNode, Quad, Triple, object_term
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["NOTE", "Edit"]
 
@@ -34,7 +34,7 @@ class Edit:
         Whose; graphs that commits keep themselves are left alone.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
         self._rights = kb.access()
         self.removed: dict[Quad, None] = {}

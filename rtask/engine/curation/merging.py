@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["frames_apart", "merge_objects", "move_frame", "withdraw_models"]
 
@@ -187,7 +187,7 @@ def move_frame(
         edit.remove(edit.match(old))
 
 
-def present_name(kb: KnowledgeBase, name: str) -> str:
+def present_name(kb: GraphCore, name: str) -> str:
     """Return the IRI of the object that this one was merged into, else its own; text stays text."""
     seen = {name}
     while ":" in name:
@@ -204,7 +204,7 @@ def present_name(kb: KnowledgeBase, name: str) -> str:
     return name
 
 
-def followed(kb: KnowledgeBase, request: dict[str, Any]) -> dict[str, Any]:
+def followed(kb: GraphCore, request: dict[str, Any]) -> dict[str, Any]:
     """Return a request in which ``object`` is its present name, at top and in ``objects``."""
     if isinstance(request.get("object"), str):
         request = {**request, "object": present_name(kb, request["object"])}
@@ -213,6 +213,6 @@ def followed(kb: KnowledgeBase, request: dict[str, Any]) -> dict[str, Any]:
     return request
 
 
-def _entry(kb: KnowledgeBase, one: Any) -> Any:
+def _entry(kb: GraphCore, one: Any) -> Any:
     """Return one of ``objects``, which are requests themselves or names."""
     return followed(kb, one) if isinstance(one, dict) else one

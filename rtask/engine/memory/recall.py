@@ -19,7 +19,7 @@ from rtask.engine.remembered import KnownObject, Memory, Remembered, Tally, Tria
 from rtask.rdf.namespaces import RT, local_name
 
 if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
     from rtask.sparql.results import Row, Solutions
 
 __all__ = ["recall"]
@@ -27,7 +27,7 @@ __all__ = ["recall"]
 _NUMBERS = ("x", "y", "z", "opening", "quality")
 
 
-def recall(kb: KnowledgeBase, question: Question) -> Memory:
+def recall(kb: GraphCore, question: Question) -> Memory:
     """Ask the graph once."""
     if not (question.objects or question.classes or question.views):
         return Memory()

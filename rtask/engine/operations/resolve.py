@@ -29,7 +29,7 @@ from rtask.rdf.terms import NamedNode, Value, iri
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
     from rtask.sparql.results import Row
 
 __all__ = ["RESOLVE_REQUEST", "resolve_request"]
@@ -356,9 +356,7 @@ def _proof(context: Context, meant: Meaning, best: Found, gripper: KnownGripper)
     return lines
 
 
-def proof_lines(
-    kb: KnowledgeBase, subject: NamedNode, predicate: NamedNode, value: Value
-) -> list[str]:
+def proof_lines(kb: GraphCore, subject: NamedNode, predicate: NamedNode, value: Value) -> list[str]:
     """Return the reasoner's proof of a statement; what is asserted names its graphs.
 
     Empty when the statement does not hold, or holds no more.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rtask.engine.observation import Observation
     from rtask.engine.stored import Models
     from rtask.kb.commit.commit import Commit
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = [
     "Growth",
@@ -141,16 +141,14 @@ def _extended(
     return grown, registration
 
 
-def posed_views(kb: KnowledgeBase, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
+def posed_views(kb: GraphCore, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
     """Return the views of an object whose viewpoint is known, oldest first."""
     views = {q.object for q in kb.match(thing, RT.hasView) if isinstance(q.object, NamedNode)}
     found = [(view.value, viewpoint(kb, view)) for view in sorted(views, key=str)]
     return [(view, pose) for view, pose in found if pose is not None]
 
 
-def regrown(
-    kb: KnowledgeBase, views: Sequence[tuple[str, NDArray[np.float64]]]
-) -> ObjectModel | None:
+def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> ObjectModel | None:
     """Return the model that views grow into, made again from their bytes; None without any.
 
     Parameters
@@ -236,7 +234,7 @@ def state_model(
 
 
 def old_models(
-    kb: KnowledgeBase, thing: NamedNode, graph: NamedNode | None = None
+    kb: GraphCore, thing: NamedNode, graph: NamedNode | None = None
 ) -> list[tuple[NamedNode, NamedNode, Value, NamedNode]]:
     """Return the statements of an object's models, in one graph or in all, to withdraw."""
     found: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from features.recognition.recogniser import Match, Recognition
     from rtask.engine.remembered import KnownObject, Memory
     from rtask.engine.stored import Models
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["ObjectPose", "find_pose", "locate", "pose_fields"]
 
@@ -166,7 +166,7 @@ def _known_poses(
 
 
 def _against_view(
-    kb: KnowledgeBase,
+    kb: GraphCore,
     seen: Observation,
     view: str,
     movement: NDArray[np.float64],

@@ -15,14 +15,14 @@ from rtask.rdf.terms import NamedNode, iri, python_value
 
 if TYPE_CHECKING:
     from features.geometry import Frame
-    from rtask.knowledge_base import KnowledgeBase
+    from rtask.kb.core import GraphCore
 
 __all__ = ["stored_frame", "viewpoint"]
 
 log = logging.getLogger(__name__)
 
 
-def stored_frame(kb: KnowledgeBase, view: str) -> tuple[Frame, bool] | None:
+def stored_frame(kb: GraphCore, view: str) -> tuple[Frame, bool] | None:
     """Return the crop that a stored view keeps, and whether a camera took it.
 
     A cloud without pixels is rendered again as it was when it came. None when the bytes are gone.
@@ -45,7 +45,7 @@ SELECT ?blob WHERE {{ {iri(view)} rt:viewContent ?content .
     return None
 
 
-def viewpoint(kb: KnowledgeBase, view: NamedNode) -> NDArray[np.float64] | None:
+def viewpoint(kb: GraphCore, view: NamedNode) -> NDArray[np.float64] | None:
     """Return the stored pose (4, 4) of the camera of a view in the object's frame, or None."""
     for link in kb.match(view, RT.viewpoint):
         if not isinstance(link.object, NamedNode):
