@@ -24,7 +24,8 @@ from rtask.knowledge_base import KnowledgeBase
 
 # A reader is killed at its deadline; whoever waits for it allows so much more.
 GRACE_S = 5.0
-POINT_S = 1.0
+QUICK_S = 1.0  # until a query that looks quick has answered, or its answer has turned out long
+MAX_QUICK_BYTES = 256 << 10
 _FILE_PIECE = 256 << 10
 POINT_READERS = 2
 LAST_PIECE = 8 << 10  # a reader's first piece is smaller only if it is all there is
@@ -40,7 +41,7 @@ def xml_safe(data: bytes, media_type: str) -> bytes:
 
 
 class SlowerThanItLooksError(Exception):
-    """A point query took its second; it is asked again among the long ones."""
+    """A query that looked quick is not; it is asked again among the long ones."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Answers:
         left = question.deadline - time.monotonic()
         if point:
             try:
-                return self._begin(question, min(POINT_S, left), None)
+                return self._open_quick(question, min(QUICK_S, left))
             except QueryTimeout:
                 if question.deadline - time.monotonic() > 0.0 and not question.running.stopped:
                     raise SlowerThanItLooksError from None
@@ -110,14 +111,54 @@ class Answers:
         if left <= 0 or not self._slow.acquire(timeout=left):
             raise QueryTimeout("the query waited for others until its time was over")
         try:
-            return self._begin(question, question.deadline - time.monotonic(), self._slow)
+            return self._open_long(question, question.deadline - time.monotonic())
         except BaseException:
             self._slow.release()
             raise
 
+    def _open_quick(self, question: Question, timeout_s: float) -> Response:
+        """Answer at once if the answer is short; else continue as a long one, with its time.
+
+        The guess that a query is quick says nothing about how long its answer is, nor how fast its
+        client reads. It bounds the time until the size is known, never the sending.
+        """
+        stream, pieces = self._begin(question, timeout_s, None)
+        try:
+            first = b""
+            for piece in pieces:
+                first += piece
+                if len(first) >= MAX_QUICK_BYTES:
+                    break
+            else:
+                pieces.close()
+                return self._response(question, first, None, stream)
+            if not self._slow.acquire(blocking=False):
+                raise SlowerThanItLooksError
+            pieces.take_slot(self._slow)
+            if not stream.extend(max(0.001, question.deadline - time.monotonic())):
+                raise SlowerThanItLooksError
+            return self._response(question, first, pieces, stream)
+        except BaseException:
+            pieces.close()
+            raise
+
+    def _open_long(self, question: Question, timeout_s: float) -> Response:
+        """Answer with the first piece; the caller holds a place and keeps it if this fails."""
+        stream, pieces = self._begin(question, timeout_s, self._slow)
+        try:
+            first = next(pieces, b"")
+            if len(first) < LAST_PIECE and not stream.gzip:
+                first += b"".join(pieces)
+                pieces.close()
+                return self._response(question, first, None, stream)
+        except BaseException:
+            pieces.close(keep_slot=True)
+            raise
+        return self._response(question, first, pieces, stream)
+
     def _begin(
         self, question: Question, timeout_s: float, slot: threading.BoundedSemaphore | None
-    ) -> Response:
+    ) -> tuple[Stream, Pieces]:
         query, running = question.query, question.running
         if running.stopped:
             raise ClosedError("the query was stopped")
@@ -134,29 +175,17 @@ class Answers:
             max_rows=self._config.max_rows,
             max_bytes=self._config.max_result_bytes,
             on_start=lambda started: running.on_stop(started.close),
+            quick=slot is None,
         )
-        pieces = Pieces(stream, slot if slot else None, is_xml)
-        try:
-            first = next(pieces, b"")
-            if len(first) < LAST_PIECE and not stream.gzip:
-                first += b"".join(pieces)
-                pieces.close()
-                return self._response(question, first, None, question.headers)
-        except BaseException:
-            pieces.close(keep_slot=True)
-            raise
-        headers = question.headers
-        if stream.gzip:
-            headers = (*headers, ("Content-Encoding", "gzip"))
-        return self._response(question, first, pieces, headers)
+        return stream, Pieces(stream, slot, is_xml)
 
     @staticmethod
     def _response(
-        question: Question,
-        body: bytes,
-        chunks: Pieces | None,
-        headers: tuple[tuple[str, str], ...],
+        question: Question, body: bytes, chunks: Pieces | None, stream: Stream
     ) -> Response:
+        headers = question.headers
+        if stream.gzip:
+            headers = (*headers, ("Content-Encoding", "gzip"))
         content_type = negotiation.content_type(question.media_type)
         return Response(200, body, content_type, headers, chunks)
 
@@ -214,6 +243,11 @@ class Pieces(Iterator[bytes]):
     def __next__(self) -> bytes:
         piece = next(self._stream)
         return piece.translate(_XML_SAFE) if self._is_xml else piece
+
+    def take_slot(self, slot: threading.BoundedSemaphore) -> None:
+        """Give this place back at the end."""
+        with self._lock:
+            self._slot = slot
 
     def close(self, *, keep_slot: bool = False) -> None:
         """End the query if it runs, and let the next begin."""

@@ -71,7 +71,7 @@ class Lookups:
         Parameters
         ----------
         question
-            Its text is one that :func:`endpoint.sparql.quick_queries.is_lookup` accepts.
+            Its text is one that :func:`rtask.sparql.query_cost.is_lookup` accepts.
         """
         text = question.query.text
         form = _FORMATS.get(question.media_type)

@@ -19,13 +19,13 @@ from endpoint.sparql.answers import GRACE_S, Answers, Question
 from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
 from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
-from endpoint.sparql.quick_queries import is_lookup, is_point
 from endpoint.sparql.request import QueryRequest, UpdateRequest
 from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.delta import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
+from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.service import without_services
 
 _CACHED_TEXT = 16_384
@@ -35,15 +35,6 @@ _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAME
 @lru_cache(maxsize=512)
 def _known_form(text: str, limits: Limits) -> str:
     return checked_form(text, limits)
-
-
-@lru_cache(maxsize=2_048)
-def _known_lane(text: str) -> str:
-    return "point" if is_point(text) else "query"
-
-
-def _lane(text: str) -> str:
-    return _known_lane(text) if len(text) <= _CACHED_TEXT else "query"
 
 
 def _form(text: str, limits: Limits) -> str:
@@ -114,7 +105,7 @@ def plan_query(
         if found is not None:
             return Plan(lambda: found, None, "loop", form, query.text)
 
-    lane = "point" if lookup else _lane(query.text)
+    lane = "point" if lookup or is_quick(query.text) else "query"
 
     def run(point: bool = lane == "point") -> Response:
         try:

@@ -110,6 +110,7 @@ class Reading(Searching):
         max_rows: int | None = None,
         max_bytes: int | None = None,
         on_start: Callable[[Stream], None] | None = None,
+        quick: bool | None = None,
     ) -> Stream:
         """Evaluate a query in a reader and return its answer in pieces, as they come.
 
@@ -121,7 +122,8 @@ class Reading(Searching):
         media_type
             Of the answer; ``None`` for SPARQL results in JSON, or N-Triples.
         timeout_s
-            From now until the end of the answer; a query that takes longer is ended.
+            From now until the end of the answer; a query that takes longer is ended. More can be
+            given later by :meth:`Stream.extend <rtask.kb.readers.streams.Stream.extend>`.
         gzip
             Pack the answer unless it is small; :attr:`Stream.gzip` says what was done.
         max_rows, max_bytes
@@ -129,6 +131,9 @@ class Reading(Searching):
         on_start
             Gets the stream when a reader begins with the query; closing it ends the query even
             before there is a first piece.
+        quick
+            Whether it takes one of the readers kept for quick queries; judged by its text
+            (:func:`rtask.sparql.query_cost.is_quick`) if not given.
 
         Raises
         ------
@@ -144,7 +149,7 @@ class Reading(Searching):
         question = Question(
             "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes
         )
-        return self._ask(text, dataset, question, timeout_s, on_start)
+        return self._ask(text, dataset, question, timeout_s, on_start, quick)
 
     def _ask(
         self,
@@ -153,6 +158,7 @@ class Reading(Searching):
         question: Question,
         timeout_s: float | None,
         on_start: Callable[[Stream], None] | None = None,
+        quick: bool | None = None,
     ) -> Stream:
         text, graphs = queries.prepare(self.store, self.graphs, self.plain, text, dataset)
         names = [
@@ -167,7 +173,7 @@ class Reading(Searching):
             named_graphs=names[1],
             union="use_default_graph_as_union" in graphs,
         )
-        return self.readers.ask(question, timeout_s, on_start)
+        return self.readers.ask(question, timeout_s, on_start, quick)
 
     def match(
         self,

@@ -1,77 +1,207 @@
-"""Which queries are surely short, so that they need not wait behind long ones."""
+"""Which queries are quick, judged by their text alone.
+
+Quick queries have readers of their own, so that a robot's look-up does not wait behind somebody's
+report. The judgement is a guess about how much of the store is read before the first solution, not
+about how long the answer is: callers may bound the time to the first piece, never the whole answer.
+A wrong guess costs time and nothing else.
+"""
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 
 from rtask.errors import RtaskError
 from rtask.sparql.lexer import body_start, tokenise
 from rtask.sparql.tokens import Token
 
-__all__ = ["is_point_query"]
+__all__ = ["is_lookup", "is_quick"]
 
-_MOST_PATTERNS = 8
-_LONGEST = 4_000
-_PLAIN_WORDS = {"SELECT", "ASK", "WHERE", "LIMIT", "OFFSET", "A", "TRUE", "FALSE"}
-_TERMS = {"iri", "name", "variable", "string", "number", "blank"}
+MAX_PATTERNS = 8
+_MAX_LENGTH = 4_000
+_MAX_LOOKUP = 2_000
+_IRI = r"<[^<>\"{}|^`\\\x00-\x20]*>"
+_NAME = r"(?:[A-Za-z][\w-]*)?:[A-Za-z_][\w-]*"
+_TERM = rf"(?:{_IRI}|{_NAME}|\?\w+)"
+_LOOKUP = re.compile(
+    rf"""\s*(?:PREFIX\s+(?:[A-Za-z][\w-]*)?:\s*{_IRI}\s*)*
+    SELECT\s*(?:\*|(?:\s\?\w+)+)\s*(?:WHERE\s*)?
+    \{{\s*(?:{_IRI}|{_NAME})\s+(?:{_TERM}|a)\s+{_TERM}\s*\.?\s*\}}\s*(?:LIMIT\s+\d{{1,9}}\s*)?""",
+    re.X | re.I | re.A,
+)
+_AROUND = {"SELECT", "ASK", "WHERE", "LIMIT", "OFFSET"}
+_IN_BLOCK = {"A", "TRUE", "FALSE"}
+_NESTED = {"EXISTS", "SELECT"}
+_TERMS = {"iri", "name", "variable", "string", "number", "blank", "word"}
 _RDF_TYPE = "<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>"
+_Pattern = tuple[Token, Token, Token]
 
 
-@lru_cache(maxsize=1024)
-def is_point_query(text: str) -> bool:
-    """Whether a query looks up what stands beside a few named things.
+def is_lookup(text: str) -> bool:
+    """Whether a query asks for the statements about one thing and for nothing else.
 
-    At most eight patterns in one block, without paths, filters, aggregates or sub-queries; and each
-    group of patterns that share variables holds a constant subject, or a constant object of a
-    predicate that is not ``rdf:type``. What is not understood is none: a wrong guess costs time
-    only.
+    Its cost is at most the number of these statements, so this form is matched strictly.
 
-    >>> is_point_query("SELECT ?o { <urn:mug> ?p ?o }"), is_point_query("ASK { ?s ?p ?o }")
-    (True, False)
+    Examples
+    --------
+    >>> is_lookup("SELECT ?p ?o WHERE { <urn:mug> ?p ?o }")
+    True
+    >>> is_lookup("SELECT * { ?s ?p ?o }"), is_lookup("SELECT * { <urn:a> ?p ?o . ?o ?q ?r }")
+    (False, False)
     """
-    if len(text) > _LONGEST:
-        return False
+    return len(text) <= _MAX_LOOKUP and _LOOKUP.fullmatch(text) is not None
+
+
+def is_quick(text: str) -> bool:
+    """Whether a query reads only what is connected with a few named things.
+
+    It has at most eight triple patterns, in one block with ``OPTIONAL``, ``FILTER`` and ``GRAPH``.
+    Patterns that share variables form a group, and each group holds a constant subject, or a
+    constant object of a predicate other than ``rdf:type``. Paths, aggregates, sorting,
+    ``DISTINCT``, ``UNION``, sub-queries and whatever is not understood are not quick.
+
+    Examples
+    --------
+    >>> is_quick("SELECT ?name { ?mug <urn:on> <urn:table> ; <urn:name> ?name }")
+    True
+    >>> is_quick("SELECT * { ?s ?p ?o }"), is_quick("SELECT * { ?s a <urn:Mug> }")
+    (False, False)
+    >>> is_quick("SELECT (COUNT(*) AS ?n) { <urn:mug> ?p ?o }")
+    False
+    """
+    return len(text) <= _MAX_LENGTH and _is_quick(text)
+
+
+@lru_cache(maxsize=2_048)
+def _is_quick(text: str) -> bool:
     try:
         tokens = tokenise(text)
         tokens = tokens[body_start(tokens) : -1]
     except (RtaskError, IndexError):
         return False
-    if any(t.kind == "word" and t.text.upper() not in _PLAIN_WORDS for t in tokens):
+    start = next((at for at, token in enumerate(tokens) if token.is_mark("{")), None)
+    if start is None:
         return False
-    marks = [t.text for t in tokens if t.kind == "mark"]
-    if marks.count("{") != 1 or not set(marks) <= {"{", "}", ".", ";", ",", "*"}:
+    block = _Block(tokens, start)
+    if not block.is_understood:
         return False
-    start = next(at for at, token in enumerate(tokens) if token.is_mark("{"))
-    end = next((at for at, token in enumerate(tokens) if token.is_mark("}")), start)
-    patterns = _patterns(tokens[start + 1 : end])
-    return patterns is not None and _are_anchored(patterns)
+    around = [*tokens[:start], *tokens[block.end :]]
+    if any(token.kind == "word" and token.text.upper() not in _AROUND for token in around):
+        return False
+    if any(token.kind == "mark" and token.text != "*" for token in around):
+        return False
+    found = [*block.required, *block.optional]
+    return 0 < len(found) <= MAX_PATTERNS and _are_anchored(block.required) and _are_anchored(found)
 
 
-_Pattern = tuple[Token, Token, Token]
+class _Block:
+    """The triple patterns of the outermost block.
 
+    Attributes
+    ----------
+    required, optional
+        Patterns outside and inside ``OPTIONAL``.
+    is_understood
+        Whether there is nothing else in the block.
+    end
+        Index of the token behind the block.
+    """
 
-def _patterns(tokens: list[Token]) -> list[_Pattern] | None:
-    """Return the triple patterns of a block; ``None`` if it holds anything else."""
-    found: list[_Pattern] = []
-    given: list[Token] = []
-    for token in tokens:
-        if token.kind in _TERMS or token.kind == "word":
+    def __init__(self, tokens: list[Token], start: int) -> None:
+        self.required: list[_Pattern] = []
+        self.optional: list[_Pattern] = []
+        self._tokens = tokens
+        self._given: list[Token] = []
+        self._optional_depth = 0
+        self.end = start + 1
+        self.is_understood = self._read()
+
+    def _read(self) -> bool:
+        depth = 1
+        while self.end < len(self._tokens):
+            token = self._tokens[self.end]
+            self.end += 1
+            if token.is_mark("}"):
+                if not self._ends_pattern():
+                    return False
+                depth -= 1
+                if depth < self._optional_depth:
+                    self._optional_depth = 0
+                if depth == 0:
+                    return True
+            elif token.is_word("OPTIONAL", "GRAPH"):
+                depth += 1
+                if not self._opens_block(token, depth):
+                    return False
+            elif token.is_word("FILTER"):
+                if not self._skips_filter():
+                    return False
+            elif not self._takes(token):
+                return False
+        return False
+
+    def _opens_block(self, token: Token, depth: int) -> bool:
+        if not self._ends_pattern():
+            return False
+        if token.is_word("GRAPH"):
+            name = self._next()
+            if name is None or name.kind not in ("iri", "name", "variable"):
+                return False
+        elif not self.required:
+            return False  # evaluated first, with nothing bound
+        elif not self._optional_depth:
+            self._optional_depth = depth
+        brace = self._next()
+        return brace is not None and brace.is_mark("{")
+
+    def _skips_filter(self) -> bool:
+        """Step over a filter: its expression in parentheses, or a call of one function."""
+        if not self._ends_pattern():
+            return False
+        opening = self._next()
+        if opening is not None and opening.kind in ("word", "iri", "name"):
+            if opening.text.upper() in ("EXISTS", "NOT"):
+                return False
+            opening = self._next()
+        if opening is None or not opening.is_mark("("):
+            return False
+        depth = 1
+        while depth:
+            token = self._next()
+            if token is None or token.is_word(*_NESTED):
+                return False
+            depth += token.is_mark("(") - token.is_mark(")")
+        return True
+
+    def _next(self) -> Token | None:
+        if self.end >= len(self._tokens):
+            return None
+        self.end += 1
+        return self._tokens[self.end - 1]
+
+    def _takes(self, token: Token) -> bool:
+        """Take the next token of a triple pattern."""
+        given = self._given
+        if token.kind in _TERMS:
+            if token.kind == "word" and token.text.upper() not in _IN_BLOCK:
+                return False
             given.append(token)
             if len(given) == 3:
-                found.append((given[0], given[1], given[2]))
-            elif len(given) > 3:
-                return None
-        elif token.is_mark("."):
-            if len(given) != 3:
-                return None
-            given = []
-        elif token.is_mark(";") and len(given) == 3:
-            given = given[:1]
-        elif token.is_mark(",") and len(given) == 3:
-            given = given[:2]
-        else:
-            return None
-    return found if len(given) in (0, 1, 3) and 0 < len(found) <= _MOST_PATTERNS else None
+                patterns = self.optional if self._optional_depth else self.required
+                patterns.append((given[0], given[1], given[2]))
+            return len(given) <= 3
+        if token.is_mark("."):
+            return self._ends_pattern()
+        if len(given) == 3 and (token.is_mark(";") or token.is_mark(",")):
+            del given[1 if token.is_mark(";") else 2 :]
+            return True
+        return False
+
+    def _ends_pattern(self) -> bool:
+        """Whether a pattern may end here; a trailing ``;`` leaves its subject."""
+        is_whole = len(self._given) in (0, 1, 3)
+        self._given = []
+        return is_whole
 
 
 def _are_anchored(patterns: list[_Pattern]) -> bool:
@@ -85,11 +215,11 @@ def _are_anchored(patterns: list[_Pattern]) -> bool:
         anchored = subject.kind in ("iri", "name") or (
             value.kind not in ("variable", "blank") and not is_type
         )
-        apart = []
+        others = []
         for known, known_anchored in groups:
             if known & names:
                 names, anchored = names | known, anchored or known_anchored
             else:
-                apart.append((known, known_anchored))
-        groups = [*apart, (names, anchored)]
+                others.append((known, known_anchored))
+        groups = [*others, (names, anchored)]
     return all(anchored for _, anchored in groups)

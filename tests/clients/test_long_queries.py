@@ -12,12 +12,15 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
+from endpoint.sparql.answers import QUICK_S
+from rtask.sparql.query_cost import is_quick
 from tests.servers import RunningServer, running_server
 
 ROWS = 20_000
 # Each pair of rows is looked at and none fits: no byte of an answer before the end of time.
 ENDLESS = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
 ALL = "SELECT * { ?s <urn:text> ?text }"
+ON_SHELF = "SELECT * { ?s <urn:on> <urn:shelf> ; <urn:text> ?text }"
 CSV = {"Accept": "text/csv"}
 
 
@@ -35,6 +38,14 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
             timeout=60,
         )
         assert answer.status_code == 201
+        shelf = "".join(f"<urn:s{i}> <urn:on> <urn:shelf> .\n" for i in range(ROWS))
+        answer = httpx.post(
+            f"{running.url}/store?default",
+            content=shelf,
+            headers={"Content-Type": "application/n-triples"},
+            timeout=60,
+        )
+        assert answer.status_code in (200, 201, 204)
         move = {"update": "ADD <urn:texts> TO DEFAULT"}
         assert httpx.post(f"{running.url}/update", data=move, timeout=60).status_code == 204
         yield running
@@ -146,6 +157,38 @@ def test_a_large_answer_is_whole_for_who_reads_late(full: RunningServer) -> None
     connection.close()
     assert text.startswith(b"HTTP/1.1 200")
     assert text.count(b"urn:s") == ROWS
+
+
+def test_a_large_answer_to_a_query_that_looks_quick_is_whole_for_a_slow_reader(
+    full: RunningServer,
+) -> None:
+    assert is_quick(ON_SHELF)
+    text, pauses = b"", 0
+    with raw_request(full, ON_SHELF) as connection:
+        while b"\r\n0\r\n\r\n" not in text[-16:]:
+            if len(text) > pauses * 1_000_000 and pauses < 4:
+                time.sleep(QUICK_S * 0.7)  # most of the answer leaves after a quick query's time
+                pauses += 1
+            piece = connection.recv(1 << 16)
+            assert piece, "cut off"
+            text += piece
+    assert text.startswith(b"HTTP/1.1 200")
+    assert text.count(b"urn:s") == ROWS
+
+
+def test_slow_readers_of_quick_looking_queries_leave_readers_for_others(
+    asker: httpx.Client, full: RunningServer
+) -> None:
+    slow = [raw_request(full, ON_SHELF) for _ in range(8)]  # more than there are readers
+    for connection in slow[:2]:
+        connection.recv(1_000)
+    answer = asker.get(
+        "/query", params={"query": "SELECT ?t { <urn:s7> <urn:on> ?t FILTER(1 = 1) }"}
+    )
+    assert answer.status_code == 200
+    for connection in slow:
+        connection.close()
+    wait_until(lambda: not running(asker))
 
 
 def test_a_client_that_leaves_in_the_middle_frees_its_reader(

@@ -29,13 +29,12 @@ from rtask.errors import (
     UnsupportedError,
 )
 from rtask.kb.commit.apply import Writes
-from rtask.kb.readers.deadlines import Deadlines
 from rtask.kb.readers.keeper import CommitFrame, KeeperProcess, ReaderGone, ReaderProcess
 from rtask.kb.readers.limits import ReaderLimits
-from rtask.kb.readers.streams import ReaderStream
+from rtask.kb.readers.streams import Deadlines, ReaderStream
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.snapshots import Snapshot, Snapshots
-from rtask.sparql.query_cost import is_point_query
+from rtask.sparql.query_cost import is_quick
 from rtask.sparql.question import Question
 
 __all__ = ["ReaderLimits", "Readers"]
@@ -134,11 +133,14 @@ class Readers:
         question: Question,
         timeout_s: float | None,
         on_start: Callable[[ReaderStream], None] | None = None,
+        quick: bool | None = None,
     ) -> ReaderStream:
         """Return the answer once its first piece is there.
 
         Parameters
         ----------
+        quick
+            Whether it takes one of the places for quick queries; judged by its text if not given.
         on_start
             Gets the answer when a reader begins with it; closing it ends the query even before
             there is a first piece.
@@ -155,7 +157,8 @@ class Readers:
         at = None if timeout_s is None else time.monotonic() + timeout_s
         key = hashlib.sha256(question.text.encode()).digest()
         self._refuse_again(key)
-        leave = self._enter(not is_point_query(question.text), at, timeout_s)
+        quick = is_quick(question.text) if quick is None else quick
+        leave = self._enter(not quick, at, timeout_s)
         try:
             asked = _Asked(question.encode(), question.text)
             stream = self._ask(asked, at, timeout_s, key, on_start)
@@ -229,7 +232,9 @@ class Readers:
                     raise
                 continue
             crash = functools.partial(self._too_expensive, key)
-            stream = ReaderStream(reader, asked.text, timeout_s, self._done, crash, asked.what)
+            stream = ReaderStream(
+                reader, asked.text, timeout_s, self._done, crash, self._deadlines, asked.what
+            )
             try:
                 reader.ask(asked.payload, asked.kind)
                 with self._changed:

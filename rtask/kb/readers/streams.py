@@ -5,9 +5,13 @@ Nothing is read ahead, so a slow client stops the reader and memory stays flat.
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import json
 import os
 import threading
+import time
+import weakref
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -25,7 +29,7 @@ from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
 from rtask.kb.readers.main import HEADER
 from rtask.sparql.syntax import syntax_error
 
-__all__ = ["Stream", "WholeStream"]
+__all__ = ["Deadlines", "ReaderStream", "Stream", "WholeStream"]
 
 _READ_AHEAD = 8 << 10
 
@@ -58,6 +62,15 @@ class Stream(Iterator[bytes]):
     def close(self) -> None:
         """Stop; a reader that is still at work is killed."""
 
+    def extend(self, timeout_s: float) -> bool:
+        """Move the end of the time for this answer to so many seconds from now.
+
+        Returns
+        -------
+        Whether it was not too late.
+        """
+        return True
+
     def read(self) -> bytes:
         """Return everything that is left."""
         return b"".join(self)
@@ -70,7 +83,7 @@ class Stream(Iterator[bytes]):
 
 
 class WholeStream(Stream):
-    """An answer that is there already."""
+    """An answer that is complete already."""
 
     def __init__(self, data: bytes, media_type: str) -> None:
         self.media_type = media_type
@@ -93,6 +106,8 @@ class ReaderStream(Stream):
         Makes the error for a reader that ended without a word.
     what
         Kind of request, for errors.
+    deadlines
+        End the query in time.
     """
 
     def __init__(
@@ -102,15 +117,18 @@ class ReaderStream(Stream):
         timeout_s: float | None,
         done: Callable[[ReaderProcess, bool], None],
         crash: Callable[[ReaderProcess], RtaskError],
+        deadlines: Deadlines,
         what: str = "query",
     ) -> None:
         self.reader = reader
+        self.deadline: float | None = None
         self.expired = False
         self.closed = False
         self._text = text
         self._timeout_s = timeout_s
         self._done: Callable[[ReaderProcess, bool], None] | None = done
         self._crash = crash
+        self._deadlines = deadlines
         self._what = what
         self._release: Callable[[], None] | None = None
         self._first: bytes | None = None
@@ -232,9 +250,14 @@ class ReaderStream(Stream):
             left -= len(data)
         return b"".join(parts) if len(parts) > 1 else parts[0]
 
+    def extend(self, timeout_s: float) -> bool:
+        if not self._deadlines.add(time.monotonic() + timeout_s, self):
+            return False
+        self._timeout_s = timeout_s
+        return True
+
     def expire(self) -> None:
-        """The deadline has come."""
-        self.expired = True
+        """End the query: its deadline has come."""
         if self._done is not None:
             self.reader.kill()
 
@@ -270,3 +293,69 @@ def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:
     if isinstance(found, type) and issubclass(found, RtaskError):
         return found(text, **details)
     return DataError(f"the update cannot be evaluated: {text}")
+
+
+class Deadlines:
+    """Kills the readers of queries whose time is over; one thread for all."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._heap: list[tuple[float, int, weakref.ref[ReaderStream]]] = []
+        self._numbers = itertools.count()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+
+    def add(self, at: float, stream: ReaderStream) -> bool:
+        """End the stream at this time of the monotonic clock, and no longer at an earlier one.
+
+        Returns
+        -------
+        Whether its time was not over before.
+        """
+        with self._changed:
+            if stream.expired:
+                return False
+            stream.deadline = at
+            while self._heap and _is_over(self._heap[0][2]):
+                heapq.heappop(self._heap)
+            number = next(self._numbers)
+            heapq.heappush(self._heap, (at, number, weakref.ref(stream)))
+            if self._thread is None:
+                self._thread = threading.Thread(
+                    target=self._run, name="rtask-deadlines", daemon=True
+                )
+                self._thread.start()
+            elif self._heap[0][1] == number:  # no other time is over before
+                self._changed.notify()
+            return True
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                while self._heap and _is_over(self._heap[0][2]):
+                    heapq.heappop(self._heap)
+                if self._closed:
+                    return
+                wait = self._heap[0][0] - time.monotonic() if self._heap else None
+                if wait is None or wait > 0:
+                    self._changed.wait(wait)
+                    continue
+                at, _, reference = heapq.heappop(self._heap)
+                stream = reference()
+                if stream is None or stream.deadline != at:
+                    continue
+                stream.expired = True
+            stream.expire()
+            del stream
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._closed = True
+            self._heap.clear()
+            self._changed.notify()
+
+
+def _is_over(reference: weakref.ref[ReaderStream]) -> bool:
+    stream = reference()
+    return stream is None or stream.is_over

@@ -32,7 +32,6 @@ from rtask.errors import (
 )
 from rtask.kb.readers.pool import ReaderLimits
 from rtask.knowledge_base import KnowledgeBase
-from rtask.sparql.query_cost import is_point_query
 from rtask.sparql.results import Solutions, Triples
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="readers are forked")
@@ -412,6 +411,20 @@ def test_waiting_for_a_reader_counts(memory: KnowledgeBase) -> None:
             memory.query("ASK {}", timeout_s=0.2)
 
 
+def test_a_deadline_can_be_moved_while_an_answer_is_read(memory: KnowledgeBase) -> None:
+    memory.readers.start()
+    with memory.stream(_PAIRS, timeout_s=1.0) as stream:
+        next(stream)
+        assert stream.extend(60.0)
+        time.sleep(1.2)
+        for _ in range(20):
+            next(stream)
+        assert stream.extend(0.1)
+        with pytest.raises(QueryTimeout, match=r"0\.1 s"):
+            stream.read()
+        assert not stream.extend(60.0)
+
+
 def test_short_queries_do_not_wait_behind_long_ones(memory: KnowledgeBase) -> None:
     memory.readers.limits = ReaderLimits(count=3, reserved=2)
     with memory.stream(_PAIRS) as stream:
@@ -419,29 +432,6 @@ def test_short_queries_do_not_wait_behind_long_ones(memory: KnowledgeBase) -> No
         with pytest.raises(QueryTimeout, match="waited"):
             memory.query(_COUNT, timeout_s=0.2)
         assert memory.query("ASK { <urn:thing:1> <urn:number> 1 }", timeout_s=30.0) is True
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("SELECT * { <urn:a> ?p ?o ; <urn:q> ?x . ?o <urn:r> ?y }", True),
-        ("PREFIX : <urn:> ASK WHERE { ?s :p 'label' . ?s a :C }", True),
-        ("SELECT * { ?s a <urn:C> }", False),
-        ("SELECT * { ?s ?p <urn:C> }", False),
-        ("SELECT * { <urn:a> ?p ?o . ?x <urn:q> ?y }", False),
-        ("SELECT * { <urn:a> <urn:p>+ ?o }", False),
-        ("SELECT (COUNT(*) AS ?n) { <urn:a> ?p ?o }", False),
-        ("SELECT DISTINCT ?o { <urn:a> ?p ?o }", False),
-        ("SELECT * { <urn:a> ?p ?o } ORDER BY ?o", False),
-        ("SELECT * { <urn:a> ?p ?o FILTER(?o > 1) }", False),
-        ("SELECT * { { <urn:a> ?p ?o } UNION { ?a ?b ?c } }", False),
-        ("SELECT * { " + "<urn:a> ?p ?o . " * 9 + "}", False),
-        ("SELECT * {", False),
-        ("CONSTRUCT { ?s ?p ?o } WHERE { ?s ?p ?o }", False),
-    ],
-)
-def test_point_queries_are_told_from_others(text: str, expected: bool) -> None:
-    assert is_point_query(text) is expected
 
 
 def test_a_folder_is_read_from_a_snapshot_while_its_replica_is_built(
