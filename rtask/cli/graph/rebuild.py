@@ -12,11 +12,12 @@ from rtask.cli.options import data_option
 if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
 
+_FILES = ("store", "journal")
 _PARTS = ("union", "catalogue", "inferred", "index", "statistics", "recognition", "models", "blobs")
 
 
 @click.command()
-@click.argument("what", type=click.Choice([*_PARTS, "all"]), default="inferred")
+@click.argument("what", type=click.Choice([*_PARTS, *_FILES, "all"]), default="inferred")
 @data_option
 def rebuild(what: str, data: Path) -> None:
     """Derive again what is derived: the graph is the truth, the rest follows from it.
@@ -24,8 +25,18 @@ def rebuild(what: str, data: Path) -> None:
     union and catalogue of graphs, the inferred graph, the index of texts and places, the statistics
     of grasps, the recognition index, the models of objects; blobs deletes bytes that no statement
     has named for a day.
+
+    After damage, on a folder that nobody has open: "store" makes the quads again from a complete
+    journal; "journal" goes on without a journal that is lost. What is replaced is set aside.
     """
     import rtask
+
+    if what in _FILES:
+        from rtask.kb.durability.rebuild import rebuild_journal, rebuild_store
+
+        last = rebuild_store(data) if what == "store" else rebuild_journal(data)
+        click.echo(f"{what}: up to commit {last}")
+        return
 
     with rtask.open(data) as kb:
         for part in _PARTS if what == "all" else (what,):

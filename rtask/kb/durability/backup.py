@@ -24,6 +24,7 @@ from rtask.kb.durability.blobs import BlobStore, copy_blob
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint, Checkpoints, boot_id
+from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings, write_durably
 
 __all__ = ["backup", "restore"]
@@ -80,7 +81,8 @@ def _copy(
         copy_blob(blob, target / "blobs" / blob.relative_to(folder / "blobs"))
     (target / "blobs" / "tmp").mkdir(parents=True, exist_ok=True)
     files.settings.save(target)
-    Checkpoint(seq, True, boot_id()).save(target)
+    sealed = seal(JournalFile(target / "journal"))
+    Checkpoint(seq, True, boot_id(), journal=sealed).save(target)
     created = dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
     record: dict[str, Any] = {"seq": seq, "created": created}
     record |= {"store_id": files.settings.store_id, "quads": _count(target)}

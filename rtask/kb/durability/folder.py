@@ -144,4 +144,16 @@ def _open_store(folder: Path, reading: bool) -> GraphStore:
     try:
         return GraphStore(Store.read_only(path)) if reading else GraphStore(Store(path), path)
     except OSError as error:
-        raise StoreError(f"the store in {folder} cannot be opened: {error}") from error
+        if "lock" in str(error).lower():
+            raise StoreError(f"the store in {folder} cannot be opened: {error}") from error
+        raise _damaged(folder, error) from error
+    except RuntimeError as error:
+        raise _damaged(folder, error) from error
+
+
+def _damaged(folder: Path, error: Exception) -> StoreFormatError:
+    return StoreFormatError(
+        f"the store in {folder} cannot be opened: {error}; restore a backup, or make the store "
+        f"again from the journal: rtask rebuild store -d {folder}",
+        damaged="store",
+    )

@@ -9,13 +9,16 @@ from __future__ import annotations
 import json
 import logging
 import time
+import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from rtask.errors import StoreError, StoreFormatError
 from rtask.kb.commit.apply import Writes, apply
 from rtask.kb.durability.blobs import sync_folder
 from rtask.kb.durability.journal import JournalFile, Record, encode
+from rtask.kb.durability.seal import Seal, require_sealed, seal
 from rtask.kb.durability.settings import Settings, write_durably
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import Overlay
@@ -44,27 +47,50 @@ class Checkpoint:
         Which start of the machine this was.
     durable
         Whether commits were acknowledged only when safe from power cuts.
+    journal
+        Seal of the journal of a folder that was closed in order; ``None`` if an earlier version of
+        this software closed it.
     """
 
     seq: int = 0
     clean: bool = True
     boot: str = ""
     durable: bool = True
+    journal: Seal | None = None
 
     @classmethod
-    def load(cls, folder: Path) -> Checkpoint:
-        """Read the checkpoint of a folder; a folder without one is new."""
+    def load(cls, folder: Path) -> Checkpoint | None:
+        """Read the checkpoint of a folder; ``None`` if there is none.
+
+        Raises
+        ------
+        StoreFormatError
+            Its bytes are not those that were written.
+        """
+        path = folder / _FILE
         try:
-            record = json.loads((folder / _FILE).read_text("utf-8"))
+            record = json.loads(path.read_text("utf-8"))
+            checksum = record.pop("crc32", None)
+            if checksum is not None and checksum != _checksum(record):
+                raise ValueError("its checksum differs")
             return cls(**record)
         except FileNotFoundError:
-            return cls()
-        except (ValueError, TypeError) as error:
-            raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
+            return None
+        except (ValueError, TypeError, AttributeError) as error:
+            raise StoreFormatError(
+                f"{path} is damaged: {error}; delete it, and the next opening replays the journal",
+                damaged="checkpoint",
+            ) from error
 
     def save(self, folder: Path) -> None:
         """Write the checkpoint durably."""
-        write_durably(folder / _FILE, json.dumps(asdict(self)) + "\n")
+        record = asdict(self)
+        whole = {**record, "crc32": _checksum(record)}
+        write_durably(folder / _FILE, json.dumps(whole) + "\n")
+
+
+def _checksum(record: dict[str, Any]) -> int:
+    return zlib.crc32(json.dumps(record, sort_keys=True).encode())
 
 
 class Checkpoints:
@@ -77,6 +103,7 @@ class Checkpoints:
         self._store = store
         self._journal = journal
         self._durable = durable
+        self._seal: Seal = {}
         self._time = time.monotonic()
 
     @property
@@ -88,7 +115,10 @@ class Checkpoints:
         """Make the store durable and say so."""
         self._journal.sync(seq)
         self._store.flush()
-        Checkpoint(seq, clean, boot_id(), self._durable).save(self._folder)
+        if clean:
+            self._seal = seal(self._journal, self._seal)
+        sealed = self._seal if clean else None
+        Checkpoint(seq, clean, boot_id(), self._durable, sealed).save(self._folder)
         self._journal.prune(seq)
         self._journal.written_bytes = 0
         self._time = time.monotonic()
@@ -111,7 +141,11 @@ def boot_id() -> str:
 
 def require_clean(folder: Path) -> None:
     """Raise unless the folder was closed in order, so that it can be read as it is."""
-    if not Checkpoint.load(folder).clean:
+    checkpoint = Checkpoint.load(folder)
+    if checkpoint is not None and checkpoint.clean:
+        if checkpoint.journal is not None:
+            require_sealed(folder, JournalFile(folder / "journal"), checkpoint.journal)
+    else:
         raise StoreError(
             f"{folder} was not closed; open it once for writing to recover it", recover=True
         )
@@ -126,9 +160,16 @@ def recover(
     -------
     The settings, with a new epoch if acknowledged commits may be lost, and the number of the last
     commit in the journal.
+
+    Raises
+    ------
+    StoreFormatError
+        Checkpoint or journal were changed, cut or deleted after the folder was closed.
     """
-    checkpoint = Checkpoint.load(folder)
+    checkpoint = Checkpoint.load(folder) or _checkpoint_lost(folder, store, journal)
     if checkpoint.clean:
+        if checkpoint.journal is not None:
+            require_sealed(folder, journal, checkpoint.journal)
         return settings, checkpoint.seq
     journal.cut_torn_end()
     last, redone = checkpoint.seq, 0
@@ -142,6 +183,21 @@ def recover(
         _log.warning("the machine stopped: the newest commits may be lost; new epoch")
     sync_folder(folder)
     return settings, last
+
+
+def _checkpoint_lost(folder: Path, store: GraphStore, journal: JournalFile) -> Checkpoint:
+    """Return what is known without a checkpoint: the journal decides, if there is one."""
+    segments = journal.segments()
+    if segments:
+        _log.warning("%s is missing: the whole journal is replayed", folder / _FILE)
+        return Checkpoint(int(segments[0].stem) - 1, clean=False, boot=boot_id())
+    if len(store):
+        raise StoreFormatError(
+            f"{folder} has lost both {_FILE} and its journal; restore a backup, or go on without "
+            f"its history: rtask rebuild journal -d {folder}",
+            damaged="journal",
+        )
+    return Checkpoint()
 
 
 def replay(store: GraphStore, record: Record, merged: bool) -> None:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 
-from rtask.errors import ClosedError, StorageFullError
+from rtask.errors import ClosedError, StorageFullError, StoreFormatError
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import Graph, Subject, Term, stored
 from rtask.sparql.lexer import names_dataset
@@ -96,10 +97,27 @@ class GraphStore:
         self._store = None
 
     def __contains__(self, quad: Quad) -> bool:
-        return quad in self.raw
+        try:
+            return quad in self.raw
+        except RuntimeError as error:
+            raise self._failed(error) from error
 
     def __len__(self) -> int:
-        return len(self.raw)
+        try:
+            return len(self.raw)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: RuntimeError) -> Exception:
+        """Return the store's complaint, as damage of its files where it is that."""
+        if "orruption" not in str(error):
+            return error
+        folder = Path(self._path).parent if self._path else Path()
+        return StoreFormatError(
+            f"the store in {folder} is damaged: {error}; restore a backup, or make the store again "
+            f"from the journal: rtask rebuild store -d {folder}",
+            damaged="store",
+        )
 
     def quads_for_pattern(
         self,
@@ -115,11 +133,14 @@ class GraphStore:
         if self.is_view and isinstance(graph, DefaultGraph):
             yield from self._view(subject, predicate, value)
             return
-        if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
-            yield from self.raw.quads_for_pattern(subject, predicate, value, graph)
-            return
-        found = self.raw.quads_for_pattern(subject, predicate, value, graph)
-        yield from _fitting(found, subject, value, graph)
+        try:
+            found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+            if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
+                yield from found
+            else:
+                yield from _fitting(found, subject, value, graph)
+        except RuntimeError as error:
+            raise self._failed(error) from error
 
     def _view(
         self, subject: Subject | None, predicate: NamedNode | None, value: Term | None
@@ -151,19 +172,31 @@ class GraphStore:
         """Evaluate a query; consume the answer in this thread."""
         if self.is_view and "default_graph" not in options and not names_dataset(text):
             options["use_default_graph_as_union"] = True
-        return self.raw.query(text, **options)
+        try:
+            return self.raw.query(text, **options)
+        except RuntimeError as error:
+            raise self._failed(error) from error
 
     def update(self, text: str, **options: Any) -> None:
         """Run an update, wholly or not at all."""
-        self.raw.update(text, **options)
+        try:
+            self.raw.update(text, **options)
+        except RuntimeError as error:
+            raise self._failed(error) from error
 
     def extend(self, quads: Iterable[Quad]) -> None:
         """Add quads, all or none."""
-        self.raw.extend(quads)
+        try:
+            self.raw.extend(quads)
+        except RuntimeError as error:
+            raise self._failed(error) from error
 
     def flush(self) -> None:
         """Force everything to disk."""
-        self.raw.flush()
+        try:
+            self.raw.flush()
+        except RuntimeError as error:
+            raise self._failed(error) from error
 
 
 def _is_named(term: Subject | Term | None) -> bool:

@@ -1,0 +1,166 @@
+"""Make the store again from the journal, or go on without a journal that is lost.
+
+Both work on a folder that is not open. What they replace is set aside beside it, never deleted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode, Store
+
+import ontology
+from rtask.errors import StoreError, StoreFormatError
+from rtask.kb.durability.journal import JournalFile, Record, encode
+from rtask.kb.durability.lock import FolderLock
+from rtask.kb.durability.recovery import Checkpoint, boot_id, replay
+from rtask.kb.durability.seal import seal
+from rtask.kb.durability.settings import Settings
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+
+__all__ = ["rebuild_journal", "rebuild_store"]
+
+_COUNT = NamedNode(f"{ontology.NS}tripleCount")
+
+
+def rebuild_store(folder: Path) -> int:
+    """Replay the whole journal into a new store; return the number of the last commit.
+
+    Raises
+    ------
+    StoreFormatError
+        The journal does not begin with the first commit, has a gap or damage, or does not hold
+        everything that the catalogue counts; the folder is left as it was.
+    StoreLockedError
+        The folder is open.
+    """
+    settings = Settings.load(folder)
+    lock = FolderLock(folder, shared=False)
+    try:
+        fresh = folder / "store.rebuilt"
+        if fresh.exists():
+            _set_aside(fresh)
+        store = GraphStore(Store(str(fresh)), str(fresh))
+        store.is_view = settings.is_view
+        try:
+            journal = JournalFile(folder / "journal")
+            journal.cut_torn_end()
+            last = _replay_all(folder, store, journal, settings)
+            _require_complete(folder, store, settings)
+            store.flush()
+        finally:
+            store.close()
+        if (folder / "store").exists():
+            _set_aside(folder / "store")
+        fresh.rename(folder / "store")
+        Checkpoint(last, True, boot_id(), journal=seal(journal)).save(folder)
+    finally:
+        lock.release()
+    return last
+
+
+def _replay_all(folder: Path, store: GraphStore, journal: JournalFile, settings: Settings) -> int:
+    last = 0
+    for record in journal.records():
+        if record.seq != last + 1:
+            raise StoreFormatError(
+                f"the journal in {folder} has commit {record.seq} after {last}; commits between "
+                "are missing or were deleted because of their age, restore a backup"
+            )
+        _require_known(folder, record)
+        replay(store, record, settings.is_merged)
+        last = record.seq
+    return last
+
+
+def _require_known(folder: Path, record: Record) -> None:
+    if record.header.get("kind") == "recovered":
+        raise StoreFormatError(
+            f"the journal in {folder} does not hold commit {record.seq}, which only the store "
+            "kept; restore a backup"
+        )
+
+
+def _require_complete(folder: Path, store: GraphStore, settings: Settings) -> None:
+    """Compare the graphs with the counts that the last commits recorded of them."""
+    if settings.plain:
+        return
+    meta = Graphs(settings.base).meta
+    counted = {
+        quad.subject: int(quad.object.value)
+        for quad in store.quads_for_pattern(None, _COUNT, None, meta)
+        if isinstance(quad.object, Literal)
+    }
+    found: Counter[object] = Counter({graph: store.count(graph) for graph in store.named_graphs()})
+    short = sorted(
+        f"{graph} ({found[graph]} of {count})"
+        for graph, count in counted.items()
+        if found[graph] < count and graph != meta
+    )
+    if short:
+        raise StoreFormatError(
+            f"the journal in {folder} does not hold everything: {', '.join(short[:5])}; large "
+            "files are loaded past it, restore a backup",
+            graphs=short,
+        )
+
+
+def rebuild_journal(folder: Path) -> int:
+    """Set a lost or damaged journal aside and begin another; return the last commit's number.
+
+    The store keeps everything; history, states of the past and the positions of followers before
+    this point are gone, so the folder gets a new epoch.
+
+    Raises
+    ------
+    StoreError
+        The store itself lags behind the journal, because the folder was not closed in order.
+    StoreLockedError
+        The folder is open.
+    """
+    settings = Settings.load(folder)
+    lock = FolderLock(folder, shared=False)
+    try:
+        checkpoint = Checkpoint.load(folder)
+        if checkpoint is not None and not checkpoint.clean:
+            raise StoreError(f"{folder} was not closed; open it once for writing to recover it")
+        seq = checkpoint.seq if checkpoint is not None else _stored_seq(folder, settings)
+        journal = folder / "journal"
+        if journal.exists():
+            _set_aside(journal)
+        fresh = JournalFile(journal)
+        if seq:
+            header = {"seq": seq, "time": "", "agent": None, "note": None, "kind": "recovered"}
+            fresh.append_record(encode({**header, "removed": 0, "added": 0}, b""), seq)
+            fresh.sync(seq)
+        fresh.close()
+        replace(settings, epoch=Settings.new().epoch).save(folder)
+        Checkpoint(seq, True, boot_id(), journal=seal(fresh)).save(folder)
+    finally:
+        lock.release()
+    return seq
+
+
+def _stored_seq(folder: Path, settings: Settings) -> int:
+    """Return the number of the last commit that the store knows of itself."""
+    if settings.plain:
+        raise StoreFormatError(
+            f"{folder} has neither checkpoint nor journal, and a plain store does not number its "
+            "commits; export it with pyoxigraph and load it into a new one"
+        )
+    from rtask.kb.commit.catalogue import Catalogue
+
+    store = GraphStore(Store.read_only(str(folder / "store")))
+    try:
+        return Catalogue(store, Graphs(settings.base)).seq
+    finally:
+        store.close()
+
+
+def _set_aside(path: Path) -> None:
+    moment = time.strftime("%Y%m%dT%H%M%S")
+    path.rename(path.with_name(f"{path.name}.{moment}.{time.time_ns() % 1_000_000:06d}"))

@@ -1,0 +1,81 @@
+"""The seal of a journal: sizes and checksums of its segments when the folder was closed.
+
+A journal that differs from its seal was changed, cut or deleted by somebody else. Without this
+check such a folder would open as if nothing had happened, and number its commits anew.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import TypeAlias
+
+from rtask.errors import StoreFormatError
+from rtask.kb.durability.journal import JournalFile
+
+__all__ = ["Seal", "require_sealed", "seal"]
+
+Seal: TypeAlias = dict[str, tuple[int, int]]
+_PIECE = 1 << 20
+
+
+def seal(journal: JournalFile, known: Seal | None = None) -> Seal:
+    """Return size and CRC-32 of each segment.
+
+    Parameters
+    ----------
+    known
+        An earlier seal; of segments that have its size, all but the last, the checksum is taken
+        from it, since only the last one is ever written to.
+    """
+    segments = journal.segments()
+    made: Seal = {}
+    for path in segments:
+        size = path.stat().st_size
+        before = (known or {}).get(path.name)
+        if before is not None and before[0] == size and path != segments[-1]:
+            made[path.name] = before
+        else:
+            made[path.name] = (size, _checksum(path))
+    return made
+
+
+def require_sealed(folder: Path, journal: JournalFile, sealed: Seal) -> None:
+    """Raise if the journal is not as it was when the folder was closed.
+
+    The checksum of the last segment is computed, of the others only the size is compared; ``rtask
+    verify`` reads them all.
+
+    Raises
+    ------
+    StoreFormatError
+        Naming the segment and what to do.
+    """
+    paths = {path.name: path for path in journal.segments()}
+    problem = ""
+    for name, (size, checksum) in sealed.items():
+        path = paths.pop(name, None)
+        if path is None:
+            problem = f"{name} is missing"
+        elif path.stat().st_size != size:
+            problem = f"{name} has {path.stat().st_size} bytes instead of {size}"
+        elif name == max(sealed) and _checksum(path) != checksum:
+            problem = f"{name} holds other bytes"
+        if problem:
+            break
+    if not problem and paths:
+        problem = f"{min(paths)} was added"
+    if problem:
+        raise StoreFormatError(
+            f"the journal in {folder} was changed after it was closed: {problem}; restore a "
+            f"backup, or go on without its history: rtask rebuild journal -d {folder}",
+            damaged="journal",
+        )
+
+
+def _checksum(path: Path) -> int:
+    value = 0
+    with path.open("rb") as file:
+        while piece := file.read(_PIECE):
+            value = zlib.crc32(piece, value)
+    return value
