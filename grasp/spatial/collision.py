@@ -17,7 +17,7 @@ from grasp.spatial.gripper import ParallelGripper
 if TYPE_CHECKING:
     from grasp.spatial.meshes.mesh import Mesh
 
-__all__ = ["FREE", "HIT_BY", "Room", "Support", "Surroundings", "finger_clearance", "room_around"]
+__all__ = ["FREE", "HIT_BY", "Room", "Support", "Surroundings", "finger_clearances", "room_around"]
 
 FREE = 0.05
 """Clearance that is reported when nothing is near, m: more than any finger needs."""
@@ -157,46 +157,47 @@ def room_around(
     return Room(clearance, hit)
 
 
-def finger_clearance(
-    centre: NDArray[np.float64],
-    theta: float,
-    opening: float,
-    tip_height: float,
+def finger_clearances(
+    centres: NDArray[np.float64],
+    thetas: NDArray[np.float64],
+    openings: NDArray[np.float64],
+    tip_heights: NDArray[np.float64],
     gripper: ParallelGripper,
     neighbours: NDArray[np.float64] | None,
-) -> float:
-    """Return the distance from the opened fingers to the nearest neighbour, m.
+) -> NDArray[np.float64]:
+    """Return the distance (n,) from the opened fingers to the nearest neighbour, m.
 
     Each finger is a post of square section that stands on its tip outside the opening. Both are
     checked at the opening from which they close; on the way they only move inwards.
 
     Parameters
     ----------
-    centre : (2,), m
+    centres : (n, 2), m
         Midway between the jaws.
-    theta
-        Closing direction, rad.
-    opening
-        Distance between the jaws before closing, m.
-    tip_height
-        Of the fingertips over the support, m; what lies lower passes under them.
+    thetas : (n,), rad
+        Closing directions.
+    openings : (n,), m
+        Distances between the jaws before closing.
+    tip_heights : (n,), m
+        Of the fingertips over the support; what lies lower passes under them.
     neighbours : (m, 3) or None, m
-        Points of other objects: x, y in the frame of ``centre``, z over the support.
+        Points of other objects: x, y in the frame of ``centres``, z over the support.
 
     Returns
     -------
     0 when a finger would stand in a neighbour; at most :data:`FREE`.
     """
     if neighbours is None or len(neighbours) == 0:
-        return FREE
-    high = neighbours[neighbours[:, 2] > tip_height - _TIP_SLACK]
-    if len(high) == 0:
-        return FREE
-    closing = np.array([np.cos(theta), np.sin(theta)])
-    across = np.array([-closing[1], closing[0]])
-    local = (high[:, :2] - centre) @ np.stack([closing, across], axis=1)
+        return np.full(len(thetas), FREE)
+    cos, sin = np.cos(thetas), np.sin(thetas)
+    frame_from_jaws = np.stack(
+        [np.stack([cos, -sin], axis=1), np.stack([sin, cos], axis=1)], axis=1
+    )
+    local = (neighbours[None, :, :2] - centres[:, None]) @ frame_from_jaws
     half = gripper.finger_width / 2
-    out_x = np.abs(np.abs(local[:, 0]) - (opening / 2 + half)) - half
-    out_y = np.abs(local[:, 1]) - half
+    out_x = np.abs(np.abs(local[..., 0]) - (openings / 2 + half)[:, None]) - half
+    out_y = np.abs(local[..., 1]) - half
     distance = np.hypot(np.maximum(out_x, 0.0), np.maximum(out_y, 0.0))
-    return float(min(distance.min(), FREE))
+    reached = neighbours[None, :, 2] > (tip_heights - _TIP_SLACK)[:, None]
+    distance[~reached] = FREE
+    return np.asarray(np.minimum(distance.min(axis=1), FREE))

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ROUND", "Contacts", "Footprint", "Kind"]
+__all__ = ["ROUND", "Contacts", "Footprint", "JawLines", "Kind"]
 
 ROUND = 0.85
 """Roundness from which on a footprint counts as a circle."""
@@ -40,6 +40,29 @@ class Contacts:
     centre: NDArray[np.float64]
     width: float
     deviations: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class JawLines:
+    """Where jaws meet the outline, for many closing lines at once.
+
+    Parameters
+    ----------
+    centres : (n, 2) float64, m
+        Midway between the jaws; NaN where they close on nothing.
+    widths : (n,) float64, m
+        Distance between the jaws; NaN where they close on nothing.
+    deviations : (n, 2) float64, rad
+        Angles between the closing direction and the outline's normals at both jaws.
+    """
+
+    centres: NDArray[np.float64]
+    widths: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+
+    def of(self, index: NDArray[np.intp]) -> JawLines:
+        """Return some of the lines, by index (m,)."""
+        return JawLines(self.centres[index], self.widths[index], self.deviations[index])
 
 
 @dataclass(frozen=True)
@@ -133,18 +156,41 @@ class Footprint:
         -------
         None when the jaws close on nothing.
         """
-        closing = np.array([np.cos(theta), np.sin(theta)])
-        across = np.array([-closing[1], closing[0]])
-        local = (self.boundary() - np.asarray(through)) @ np.stack([closing, across], axis=1)
-        inside = _cut(_cut(local, jaw_width / 2, 1.0), jaw_width / 2, -1.0)
-        if len(inside) < 2:
+        met = self.contacts_along(
+            np.array([through], dtype=np.float64), np.array([theta]), jaw_width
+        )
+        if np.isnan(met.widths[0]):
             return None
-        low, high = float(inside[:, 0].min()), float(inside[:, 0].max())
-        centre = np.asarray(through) + closing * (low + high) / 2
-        if self.kind == "round":
-            return Contacts(centre, high - low, (0.0, 0.0))
-        deviations = (_normal_deviation(local, -1), _normal_deviation(local, 1))
-        return Contacts(centre, high - low, deviations)
+        left, right = met.deviations[0].tolist()
+        return Contacts(met.centres[0], float(met.widths[0]), (left, right))
+
+    def contacts_along(
+        self, through: NDArray[np.float64], thetas: NDArray[np.float64], jaw_width: float
+    ) -> JawLines:
+        """Return how jaws of ``jaw_width`` m meet the outline along many closing lines.
+
+        Parameters
+        ----------
+        through : (n, 2), m
+            A point of each line, midway along the jaws' faces.
+        thetas : (n,), rad
+            Closing directions about +z.
+        """
+        boundary, is_round, half = self.boundary(), self.kind == "round", jaw_width / 2
+        centres, widths = np.full((len(thetas), 2), np.nan), np.full(len(thetas), np.nan)
+        deviations = np.zeros((len(thetas), 2))
+        for i, (point, theta) in enumerate(zip(through, thetas, strict=True)):
+            closing = np.array([np.cos(theta), np.sin(theta)])
+            across = np.array([-closing[1], closing[0]])
+            local = (boundary - point) @ np.stack([closing, across], axis=1)
+            inside = _cut(_cut(local, half, 1.0), half, -1.0)
+            if len(inside) < 2:
+                continue
+            low, high = inside[:, 0].min(), inside[:, 0].max()
+            centres[i], widths[i] = point + closing * (low + high) / 2, high - low
+            if not is_round:
+                deviations[i] = _normal_deviation(local, -1), _normal_deviation(local, 1)
+        return JawLines(centres, widths, deviations)
 
 
 def _signed_area(ring: NDArray[np.float64]) -> float:

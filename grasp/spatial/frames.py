@@ -17,6 +17,7 @@ __all__ = [
     "angle_between_axes",
     "closing_turn",
     "matrix_from_pose",
+    "move_planar",
     "planar_from_pose",
     "pose_from_matrix",
     "pose_from_planar",
@@ -96,6 +97,37 @@ def planar_from_pose(
     x, y, z = (float(v) for v in frame_from_gripper[:3, 3])
     closing = frame_from_gripper[:2, 0]
     return x, y, z, wrap_turn(float(np.arctan2(closing[1], closing[0])))
+
+
+def move_planar(
+    target_from_source: FloatArray, planar: NDArray[np.float64], inverse: bool = False
+) -> NDArray[np.float64]:
+    """Return planar grasps (n, 3), x, y, m and theta, rad, in another frame with the same vertical.
+
+    Parameters
+    ----------
+    target_from_source : (4, 4), m
+        A translation and a rotation about z.
+    planar : (n, 3)
+        x, y, m and closing direction about +z, rad, in the source frame.
+    inverse
+        They are given in the target frame and wanted in the source frame.
+
+    Examples
+    --------
+    >>> moved = move_planar(surface_from_object(1.0, 0.0, 0.0, np.pi / 2), np.array([[0.5, 0, 0]]))
+    >>> moved.round(3).tolist()
+    [[1.0, 0.5, 1.571]]
+    """
+    pose, yaw, height = target_from_source, yaw_of(target_from_source), 0.0
+    if inverse:
+        # The yaw is negated, not read from the inverse: theta - yaw is exactly 0 along the x axis.
+        pose, yaw, height = np.linalg.inv(pose), -yaw, float(pose[2, 3])
+    ones = np.ones(len(planar))
+    points = np.stack([planar[:, 0], planar[:, 1], height * ones, ones], axis=1)
+    moved = (pose @ points[:, :, None])[:, :2, 0]
+    theta = np.mod(planar[:, 2] + yaw, 2 * np.pi)
+    return np.column_stack([moved, np.where(theta >= 2 * np.pi, 0.0, theta)])
 
 
 def closing_turn(frame_from_gripper: FloatArray) -> float:

@@ -7,19 +7,19 @@ across its long side with some freedom along and about it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.spatial.collision import FREE, finger_clearance
-from grasp.spatial.footprint import Contacts, Footprint
+from grasp.spatial.collision import FREE, finger_clearances
+from grasp.spatial.footprint import Footprint, JawLines
 from grasp.spatial.frames import wrap_axis
 from grasp.spatial.gripper import ParallelGripper
 
-__all__ = ["PlanarGrasp", "Side", "openings", "propose_planar", "rate", "tip_heights"]
+__all__ = ["PlanarGrasp", "Side", "openings", "propose_planar", "rate", "rate_all", "tip_heights"]
 
 Side = Literal["full", "half", "none"]
 
@@ -149,17 +149,24 @@ def propose_planar(
         raise ValueError(f"max_candidates must be at least 1, got {max_candidates}")
     if neighbours is not None and (neighbours.ndim != 2 or neighbours.shape[1] != 3):
         raise ValueError(f"neighbours must have shape (m, 3) in m, got {neighbours.shape}")
-    found: list[PlanarGrasp] = []
-    for through, theta in _approaches(footprint):
-        contacts = footprint.contacts(through, theta, gripper.finger_width)
-        if contacts is None or not gripper.fits(contacts.width, _SPARE_M):
+    lines = list(_approaches(footprint))
+    thetas = np.array([theta for _, theta in lines])
+    met = footprint.contacts_along(
+        np.array([through for through, _ in lines]), thetas, gripper.finger_width
+    )
+    drafts: list[PlanarGrasp] = []
+    line: list[int] = []
+    for i, (width, (x, y)) in enumerate(
+        zip(met.widths.tolist(), met.centres.tolist(), strict=True)
+    ):
+        if not gripper.fits(width, _SPARE_M):  # nor does NaN, where the jaws close on nothing
             continue
-        x, y = (float(v) for v in contacts.centre)
-        for z in tip_heights(footprint.height, contacts.width, footprint.length):
-            for opening in openings(contacts.width, footprint, gripper):
-                draft = PlanarGrasp(x, y, z, theta, contacts.width, opening, 0.0, seed=seed)
-                found.append(_judged(draft, footprint, gripper, neighbours, contacts))
-    found = [grasp for grasp in found if grasp.clearance > 0]
+        for z in tip_heights(footprint.height, width, footprint.length):
+            for opening in openings(width, footprint, gripper):
+                drafts.append(PlanarGrasp(x, y, z, lines[i][1], width, opening, 0.0, seed=seed))
+                line.append(i)
+    judged = _judged(drafts, footprint, gripper, neighbours, met.of(np.array(line, dtype=np.intp)))
+    found = [grasp for grasp in judged if grasp.clearance > 0]
     tie = np.random.default_rng(seed).permutation(len(found))
     order = sorted(range(len(found)), key=lambda i: (-found[i].quality, tie[i]))
     return [found[i] for i in order[:max_candidates]]
@@ -182,12 +189,36 @@ def rate(
     -------
     None when the jaws would close on nothing or the object no longer fits between them.
     """
-    contacts = footprint.contacts((grasp.x, grasp.y), grasp.theta, gripper.finger_width)
-    if contacts is None or not gripper.fits(contacts.width, 0.0):
-        return None
-    opening = float(np.clip(grasp.opening, contacts.width, gripper.max_opening))
-    draft = replace(grasp, width=contacts.width, opening=opening)
-    return _judged(draft, footprint, gripper, neighbours, contacts)
+    return rate_all(footprint, gripper, [grasp], neighbours)[0]
+
+
+def rate_all(
+    footprint: Footprint,
+    gripper: ParallelGripper,
+    grasps: Sequence[PlanarGrasp],
+    neighbours: NDArray[np.float64] | None = None,
+) -> list[PlanarGrasp | None]:
+    """Judge many grasps at once; see :func:`rate`."""
+    rated: list[PlanarGrasp | None] = [None] * len(grasps)
+    met = footprint.contacts_along(
+        np.array([(g.x, g.y) for g in grasps]).reshape(-1, 2),
+        np.array([g.theta for g in grasps]),
+        gripper.finger_width,
+    )
+    widths = met.widths.tolist()
+    held = [i for i, width in enumerate(widths) if gripper.fits(width, 0.0)]
+    drafts = [
+        replace(
+            grasps[i],
+            width=widths[i],
+            opening=float(np.clip(grasps[i].opening, widths[i], gripper.max_opening)),
+        )
+        for i in held
+    ]
+    lines = met.of(np.array(held, dtype=np.intp))
+    for i, grasp in zip(held, _judged(drafts, footprint, gripper, neighbours, lines), strict=True):
+        rated[i] = grasp
+    return rated
 
 
 def _approaches(footprint: Footprint) -> Iterator[tuple[tuple[float, float], float]]:
@@ -211,40 +242,51 @@ def _approaches(footprint: Footprint) -> Iterator[tuple[tuple[float, float], flo
 
 
 def _judged(
-    draft: PlanarGrasp,
+    drafts: Sequence[PlanarGrasp],
     footprint: Footprint,
     gripper: ParallelGripper,
     neighbours: NDArray[np.float64] | None,
-    contacts: Contacts,
-) -> PlanarGrasp:
-    """Return ``draft`` with clearance, antipodal label and quality filled in.
+    lines: JawLines,
+) -> list[PlanarGrasp]:
+    """Return drafts with clearance, antipodal label and quality filled in.
 
     The quality multiplies what is left over by: room between the jaws, slip angle at the contacts,
     room for the fingers, distance from the middle, and height and opening off the preferred ones.
+
+    Parameters
+    ----------
+    lines
+        Along which each draft closes.
     """
-    clearance = finger_clearance(
-        np.array([draft.x, draft.y]), draft.theta, draft.opening, draft.z, gripper, neighbours
-    )
-    spare = (gripper.max_opening - contacts.width - _SPARE_M) / _EASY_M
-    slips = [deviation / _FRICTION_ANGLE for deviation in contacts.deviations]
-    offset = np.array([draft.x, draft.y]) - np.asarray(footprint.centre)
-    arm = abs(offset @ [-np.sin(draft.theta), np.cos(draft.theta)]) / (footprint.length / 2)
-    lift = draft.z - tip_heights(footprint.height, contacts.width, footprint.length)[0]
-    excess = draft.opening - openings(contacts.width, footprint, gripper)[0]
+    if not drafts:
+        return []
+    at = np.array([(g.x, g.y, g.z, g.theta, g.opening) for g in drafts])
+    z, thetas, opened = at[:, 2], at[:, 3], at[:, 4]
+    clearance = finger_clearances(at[:, :2], thetas, opened, z, gripper, neighbours)
+    spare = (gripper.max_opening - lines.widths - _SPARE_M) / _EASY_M
+    slips = lines.deviations / _FRICTION_ANGLE
+    offset = at[:, :2] - np.asarray(footprint.centre)
+    aside = offset[:, 1] * np.cos(thetas) - offset[:, 0] * np.sin(thetas)
+    arm = np.abs(aside) / (footprint.length / 2)
+    widths = lines.widths.tolist()
+    lift = z - [tip_heights(footprint.height, w, footprint.length)[0] for w in widths]
+    excess = opened - [openings(w, footprint, gripper)[0] for w in widths]
     factors = (
         0.6 + 0.4 * np.clip(spare, 0.0, 1.0),
-        np.clip(1.0 - 0.6 * max(slips) ** 2, 0.1, 1.0),
-        0.4 + 0.6 * min(clearance / 0.02, 1.0),
+        np.clip(1.0 - 0.6 * slips.max(axis=1) ** 2, 0.1, 1.0),
+        0.4 + 0.6 * np.minimum(clearance / 0.02, 1.0),
         np.clip(1.0 - 0.35 * arm**2, 0.2, 1.0),
-        np.clip(1.0 - 10.0 * abs(lift), 0.3, 1.0),
-        1.0 - 0.5 * min(abs(excess) / gripper.max_opening, 1.0),
-        1.0 if draft.z <= footprint.height else 0.2,
+        np.clip(1.0 - 10.0 * np.abs(lift), 0.3, 1.0),
+        1.0 - 0.5 * np.minimum(np.abs(excess) / gripper.max_opening, 1.0),
+        np.where(z <= footprint.height, 1.0, 0.2),
     )
-    within = sum(slip <= 1 for slip in slips)
-    return replace(
-        draft,
+    quality = np.clip(0.95 * np.prod(factors, axis=0), 0.02, 0.98)
+    within = (slips <= 1).sum(axis=1).tolist()
+    sides: tuple[Side, ...] = ("none", "half", "full")
+    return [
         # Rounded, so that equally good candidates are equal in every bit on every machine.
-        quality=round(float(np.clip(0.95 * np.prod(factors), 0.02, 0.98)), 9),
-        antipodal=("none", "half", "full")[within],
-        clearance=clearance,
-    )
+        replace(draft, quality=round(q, 9), antipodal=sides[w], clearance=free)
+        for draft, q, w, free in zip(
+            drafts, quality.tolist(), within, clearance.tolist(), strict=True
+        )
+    ]

@@ -14,9 +14,9 @@ from grasp.learning.bandit import Trial as Tried
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
-from grasp.spatial.frames import angle_between_axes, wrap_axis, wrap_turn, yaw_of
+from grasp.spatial.frames import move_planar, wrap_axis
 from grasp.spatial.gripper import ParallelGripper
-from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
+from grasp.spatial.planar import PlanarGrasp, propose_planar, rate_all
 from rtask.engine.decisions import Option
 from rtask.engine.memory.experience import Weights, gather, without_trials
 from rtask.engine.policy import Policy
@@ -72,31 +72,22 @@ def options(
     limit
         Of the candidates.
     """
-    found: list[Option] = []
     own = memory.of(object_iri) if object_iri else []
-    for known in (one for one in own if one.quaternion is None):
-        x, y, theta = _to_frame(scene.frame_from_upright, known.x, known.y, known.theta)
-        draft = PlanarGrasp(
-            x, y, known.z, wrap_axis(theta), 0.0, known.opening, 0.0, "memory", scene.seed
-        )
-        rated = rate(scene.footprint, scene.gripper, draft, scene.neighbours)
-        if rated is not None and rated.clearance > 0:
-            at = (known.x, known.y, known.z, known.theta)
-            found.append(Option(known.grasp, rated, at, known))
+    found = _from_above(scene, [one for one in own if one.quaternion is None])
     found += _in_space(scene, [one for one in own if one.quaternion is not None])
     if not propose:
         return found
     proposed = propose_planar(
         scene.footprint, scene.gripper, scene.neighbours, scene.seed, max_candidates=limit
     )
-    for k, grasp in enumerate(proposed):
-        if not any(_same(grasp, other.grasp, _MERGE_M, _MERGE_RAD) for other in found[:200]
-                   if other.remembered is not None
-                   and isinstance(other.grasp, PlanarGrasp)):  # fmt: skip
-            x, y, theta = _to_object(scene.frame_from_upright, grasp.x, grasp.y, grasp.theta)
-            # As the graph will keep it, so that it weighs the same before and after.
-            x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
-            found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
+    fresh = ~_merged(proposed, [one.grasp for one in found[:200]])
+    at = np.array([(grasp.x, grasp.y, grasp.theta) for grasp in proposed]).reshape(-1, 3)
+    moved = move_planar(scene.frame_from_upright, at, inverse=True).tolist()
+    for k in np.flatnonzero(fresh).tolist():
+        (x, y, theta), grasp = moved[k], proposed[k]
+        # As the graph will keep it, so that it weighs the same before and after.
+        x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
+        found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
     return found
 
 
@@ -136,6 +127,25 @@ def choose(
     return [
         replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
         for c in learner.rank(arms, trials, scene.seed)
+    ]
+
+
+def _from_above(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
+    """Return the grasps from above that fit the object as it stands now."""
+    if not known:
+        return []
+    at = np.array([(one.x, one.y, one.theta) for one in known])
+    drafts = [
+        PlanarGrasp(x, y, one.z, wrap_axis(theta), 0.0, one.opening, 0.0, "memory", scene.seed)
+        for one, (x, y, theta) in zip(
+            known, move_planar(scene.frame_from_upright, at).tolist(), strict=True
+        )
+    ]
+    rated = rate_all(scene.footprint, scene.gripper, drafts, scene.neighbours)
+    return [
+        Option(one.grasp, grasp, (one.x, one.y, one.z, one.theta), one)
+        for one, grasp in zip(known, rated, strict=True)
+        if grasp is not None and grasp.clearance > 0
     ]
 
 
@@ -186,22 +196,16 @@ def _all_axes(
     return np.array([_axes(one.remembered) or f for one, f in zip(candidates, flat, strict=True)])
 
 
-def _to_frame(
-    frame_from_upright: NDArray[np.float64], x: float, y: float, theta: float
-) -> tuple[float, float, float]:
-    """Return (x, y, theta) of a planar grasp of the object in the robot's frame."""
-    point = frame_from_upright @ np.array([x, y, 0.0, 1.0])
-    return float(point[0]), float(point[1]), wrap_turn(theta + yaw_of(frame_from_upright))
-
-
-def _to_object(
-    frame_from_upright: NDArray[np.float64], x: float, y: float, theta: float
-) -> tuple[float, float, float]:
-    """Return (x, y, theta) in the object's frame of a planar grasp in the robot's frame."""
-    point = np.linalg.inv(frame_from_upright) @ np.array([x, y, frame_from_upright[2, 3], 1.0])
-    return float(point[0]), float(point[1]), wrap_turn(theta - yaw_of(frame_from_upright))
-
-
-def _same(a: PlanarGrasp, b: PlanarGrasp, metres: float, radians: float) -> bool:
-    near = np.hypot(a.x - b.x, a.y - b.y) <= metres and abs(a.z - b.z) <= metres
-    return bool(near and angle_between_axes(a.theta, b.theta) <= radians)
+def _merged(
+    proposed: Sequence[PlanarGrasp], known: Sequence[PlanarGrasp | GraspCandidate]
+) -> NDArray[np.bool_]:
+    """Tell which proposed grasps (n,) a known one from above stands for."""
+    old = [grasp for grasp in known if isinstance(grasp, PlanarGrasp)]
+    if not proposed or not old:
+        return np.zeros(len(proposed), dtype=bool)
+    a, b = (np.array([(g.x, g.y, g.z, g.theta) for g in grasps]) for grasps in (proposed, old))
+    off = a[:, None] - b[None]
+    near = np.hypot(off[..., 0], off[..., 1]) <= _MERGE_M
+    level = np.abs(off[..., 2]) <= _MERGE_M
+    along = np.abs((off[..., 3] + np.pi / 2) % np.pi - np.pi / 2) <= _MERGE_RAD
+    return np.asarray((near & level & along).any(axis=1))
