@@ -20,6 +20,7 @@ from grasp.push.shards import Executor, Serial, shard
 from grasp.push.trials import CodeArray, PushTest, Trials
 
 __all__ = [
+    "MAX_SAMPLES",
     "Analysis",
     "Elimination",
     "PushTest",
@@ -34,6 +35,11 @@ STOP_CHANGE, STOP_WINDOW, STOP_LEAST = 0.05, 20, 30
 """Convergence rule of Kehoe 2014, 3.5: the best quality moved by at most 5 % over a window."""
 
 _BATCH = 64
+
+MAX_SAMPLES = 1_000_000
+"""Of perturbed parts; each takes 16 bytes for a vertex."""
+
+_MAX_EVALUATIONS = 500_000_000
 
 
 @dataclass(frozen=True)
@@ -165,6 +171,12 @@ def analyse(
         raise ValueError("there are no grasps to analyse")
     if samples < 1:
         raise ValueError(f"samples must be at least 1, got {samples}")
+    wanted = samples if elimination is None else sum(elimination.batches)
+    if wanted > MAX_SAMPLES or wanted * len(grasps) > _MAX_EVALUATIONS:
+        raise ValueError(
+            f"{wanted} samples of {len(grasps)} grasps are too many: at most {MAX_SAMPLES} "
+            f"samples and {_MAX_EVALUATIONS} evaluations fit into memory"
+        )
     if stop and elimination is not None:
         raise ValueError("stop and elimination exclude each other")
     if weighting not in ("mean", "density"):

@@ -179,9 +179,16 @@ def open_executor(
     ----------
     workers
         0 = one for each core that this process may use.
+
+    Raises
+    ------
+    ValueError
+        When the kind is unknown, or there are fewer than 0 workers.
     """
     import os
 
+    if workers < 0:
+        raise ValueError(f"workers must be 0 or more, got {workers}")
     if kind == "serial":
         return Serial()
     if kind == "ray":

@@ -19,7 +19,6 @@ __all__ = [
     "Complex",
     "Curve",
     "Piece",
-    "arc",
     "bezier",
     "ellipse_arc",
     "flatten",
@@ -67,20 +66,6 @@ def ellipse_arc(
         return np.asarray(centre + major * np.cos(a) + minor * np.sin(a))
 
     return at, max(2, math.ceil(8 * abs(sweep) / math.pi))
-
-
-def arc(start: complex, end: complex, bulge: float) -> Piece:
-    """Return the arc of a polyline's bulge, the tangent of a quarter of its sweep (DXF, code 42).
-
-    >>> arc(-1, 1, 1.0)[0](np.array([0.5])).round(9).tolist()
-    [-1j]
-    """
-    if not bulge or start == end:
-        return line(start, end)
-    sweep = 4 * math.atan(bulge)
-    centre = (start + end) / 2 + 1j * (end - start) / 2 / math.tan(sweep / 2)
-    spoke = start - centre
-    return ellipse_arc(centre, spoke, 1j * spoke, 0.0, sweep)
 
 
 def moved_by(curve: Curve, frame: FloatArray) -> Curve:

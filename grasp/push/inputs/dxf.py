@@ -1,60 +1,79 @@
-"""Outlines from ASCII DXF drawings (AutoCAD DXF reference)."""
+"""Outlines from DXF drawings, parsed by ezdxf (AutoCAD DXF reference).
+
+Only this file imports ezdxf. What it cannot bound is bounded here: the file's size, the number of
+entities after blocks are inserted, and the depth of blocks within blocks.
+"""
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+import io
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasp.push.inputs.curves import Complex, Piece, arc, ellipse_arc, flatten, line, moved_by
+from grasp.push.inputs.curves import Complex, flatten
 from grasp.push.inputs.rings import joined
 from grasp.push.polygon import FloatArray
 
-__all__ = ["rings_from_dxf"]
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+    from ezdxf.entities.spline import Spline
+    from ezdxf.path import Path
 
+__all__ = ["MAX_BYTES", "DxfOutlines", "rings_from_dxf"]
+
+MAX_BYTES = 16 * 1024 * 1024
+"""Parsing takes some 40 bytes of memory and 1 us for each byte of the file."""
+
+_MAX_ENTITIES = 100_000
+_MAX_INSERTS = 1_000
+_MAX_DEPTH = 20
+_MAX_DEGREE = 25
+_TOLERANCE = 5e-4
 _UNITS = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 8: "uin", 9: "mil", 13: "um", 14: "dm"}
-_MOST_BLOCKS = 1000
+_SUBCLASSES = {"LWPOLYLINE": "AcDbPolyline", "ELLIPSE": "AcDbEllipse", "SPLINE": "AcDbSpline"}
+_COMMON_CODES = frozenset({"5", "330", "67", "8", "6", "62", "48", "60", "370", "420", "440"})
+"""Codes of what all entities have, such as their layers; they come before the subclass's own."""
 
-Tags = list[tuple[int, str]]
+_OUTLINES = frozenset({"LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "LWPOLYLINE", "POLYLINE"})
 
-
-@dataclass
-class _Entity:
-    name: str
-    tags: Tags
-    vertices: list[_Entity] = field(default_factory=list)
-
-    def number(self, code: int, otherwise: float | None = None) -> float:
-        for found, value in self.tags:
-            if found == code:
-                return _finite(value)
-        if otherwise is None:
-            raise ValueError(f"{self.name} without code {code}")
-        return otherwise
-
-    def all(self, code: int) -> list[float]:
-        return [_finite(value) for found, value in self.tags if found == code]
-
-    def text(self, code: int) -> str:
-        return next((value for found, value in self.tags if found == code), "")
+# What ezdxf corrects or ignores is no news to callers, who see the outline.
+logging.getLogger("ezdxf").addHandler(logging.NullHandler())
 
 
-def _finite(value: str) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value} is no finite number")
-    return number
+@dataclass(frozen=True)
+class DxfOutlines:
+    """Closed outlines of a drawing.
+
+    Parameters
+    ----------
+    rings : each (n, 2)
+        In the drawing's unit.
+    unit
+        Such as "mm"; "" where the drawing does not state it.
+    gap
+        Length of the straight line that closes an open outline, in the drawing's unit; 0 when the
+        drawing closes its outlines itself.
+    hidden
+        How many entities were left out because they or their layers are hidden.
+    """
+
+    rings: list[FloatArray]
+    unit: str = ""
+    gap: float = 0.0
+    hidden: int = 0
 
 
-def rings_from_dxf(text: str, tolerance: float | None = None) -> tuple[list[FloatArray], str]:
-    """Return the closed outlines (n, 2) of an ASCII DXF drawing and its unit, "" when unstated.
+def rings_from_dxf(text: str, tolerance: float | None = None) -> DxfOutlines:
+    """Return the closed outlines of an ASCII DXF drawing.
 
-    Closed LWPOLYLINE and POLYLINE with bulges, CIRCLE, closed ELLIPSE and SPLINE, and what open
-    ones, LINE and ARC join to end to end; also inside blocks. Open outlines are closed by a
-    straight line only when nothing else is closed.
+    Read are closed LWPOLYLINE and POLYLINE with bulges, CIRCLE, closed ELLIPSE and SPLINE, and
+    what open ones, LINE and ARC join to end to end; also inside blocks. Open outlines are closed
+    by a straight line only when nothing else is closed. Layers that are off or frozen, invisible
+    entities and the paper space do not count.
 
     Parameters
     ----------
@@ -64,180 +83,143 @@ def rings_from_dxf(text: str, tolerance: float | None = None) -> tuple[list[Floa
     Raises
     ------
     ValueError
-        When it is no ASCII DXF, or an entity lacks a number.
+        When it is no ASCII DXF, or an entity is incomplete.
     """
-    lines = [row.strip() for row in text.splitlines()]
-    if len(lines) < 4 or lines[0].startswith("AutoCAD Binary"):
-        raise ValueError("no ASCII DXF")
+    from ezdxf.filemanagement import read
+    from ezdxf.lldxf.const import DXFError
+
+    if len(text) > MAX_BYTES:
+        raise ValueError(f"the DXF drawing is larger than {MAX_BYTES // 2**20} MB")
     try:
-        tags = [(int(code), value) for code, value in zip(lines[::2], lines[1::2], strict=False)]
-        drawing = _Drawing(tags)
-        pieces = list(drawing.pieces(drawing.entities, np.eye(3), 0))
-    except ValueError as error:
-        raise ValueError(f"no DXF: {error}") from error
-    outlines = flatten([p for p, _ in pieces], tolerance)
-    rings = [r for r, (_, closed) in zip(outlines, pieces, strict=True) if closed and len(r) > 2]
-    chains = list(joined([r for r, (_, closed) in zip(outlines, pieces, strict=True)
-                          if not closed and len(r) > 1]))  # fmt: skip
+        document = read(io.StringIO(_with_subclasses(text)))
+        visible = _Visible(document)
+        curves = [found for entity in visible if (found := _polyline(entity, tolerance))]
+    except (DXFError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"no DXF: {' '.join(str(error).split())}") from error
+    rings = [line for line, closed in curves if closed and len(line) > 2]
+    chains = list(joined([line for line, closed in curves if not closed and len(line) > 1]))
     rings += [chain for chain, closed in chains if closed]
+    gap = 0.0
     if not rings:
         rings = [chain for chain, _ in chains if len(chain) > 2]
-    return rings, drawing.unit
+        gap = max((float(np.hypot(*(chain[0] - chain[-1]))) for chain in rings), default=0.0)
+    # ezdxf assumes a unit where the drawing has none.
+    unit = _UNITS.get(document.units, "") if "$INSUNITS" in text else ""
+    return DxfOutlines(rings, unit, gap, visible.hidden)
 
 
-class _Drawing:
-    """Entities, blocks and unit of a drawing."""
+def _with_subclasses(text: str) -> str:
+    """Add the version and the subclass markers that plain writers omit and ezdxf requires."""
+    rows = [row.strip() for row in text.splitlines()]
+    if "AcDb" in text or not _SUBCLASSES.keys() & set(rows):
+        return text
+    version = ["0", "SECTION", "2", "HEADER", "9", "$ACADVER", "1", "AC1015", "0", "ENDSEC"]
+    out = [] if "$ACADVER" in text else version
+    subclass = ""
+    for code, value in zip(rows[::2], rows[1::2], strict=False):
+        if subclass and code not in _COMMON_CODES:
+            out += ["100", subclass]
+            subclass = ""
+        out += [code, value]
+        if code == "0" and value in _SUBCLASSES:
+            out += ["100", "AcDbEntity"]
+            subclass = _SUBCLASSES[value]
+    return "\n".join([*out, ""]).replace("\nAC1009\n", "\nAC1015\n", 1)
 
-    def __init__(self, tags: Tags) -> None:
-        self.entities: list[_Entity] = []
-        self.unit = ""
-        self._blocks: dict[str, tuple[_Entity, list[_Entity]]] = {}
-        section, block = "", ""
-        for entity in _entities(tags):
-            if entity.name == "SECTION":
-                section = entity.text(2)
-                if section == "HEADER":
-                    self.unit = _header_unit(entity.tags)
-            elif section == "ENTITIES":
-                self.entities.append(entity)
-            elif section == "BLOCKS" and entity.name == "BLOCK":
-                block = entity.text(2)
-                self._blocks[block] = (entity, [])
-            elif section == "BLOCKS" and block:
-                self._blocks[block][1].append(entity)
-        self._inserted = 0
 
-    def pieces(
-        self, entities: list[_Entity], frame: FloatArray, depth: int
-    ) -> Iterator[tuple[list[Piece], bool]]:
-        """Yield curves of entities, moved by ``frame`` (3, 3), and whether each is closed."""
+class _Visible:
+    """Entities of a drawing's model space that can be seen, blocks resolved."""
+
+    def __init__(self, document: Drawing) -> None:
+        self._document = document
+        self._off, self._frozen = set[str](), set[str]()
+        for layer in document.layers:
+            name = layer.dxf.name.casefold()
+            self._off.update([name] if layer.is_off() else [])
+            self._frozen.update([name] if layer.is_frozen() else [])
+        self._seen = self._inserted = 0
+        self.hidden = 0
+
+    def __iter__(self) -> Iterator[Any]:
+        return self._of(self._document.modelspace(), "0", 0)
+
+    def _of(self, entities: Iterable[Any], block_layer: str, depth: int) -> Iterator[Any]:
+        if depth > _MAX_DEPTH:
+            raise ValueError(f"blocks are nested more than {_MAX_DEPTH} deep, or in a circle")
         for entity in entities:
-            if entity.name == "INSERT":
-                yield from self._insert(entity, frame, depth)
+            self._seen += 1
+            if self._seen > _MAX_ENTITIES:
+                raise ValueError(f"more than {_MAX_ENTITIES} entities, counted in every block")
+            # Layer 0 inside a block is the layer on which the block was inserted.
+            layer = entity.dxf.get("layer", "0").casefold()
+            layer = block_layer if layer == "0" and depth else layer
+            if entity.dxf.get("invisible", 0) or layer in self._frozen:
+                self.hidden += 1
+            elif entity.dxftype() == "INSERT":
+                # What a block draws on layers of its own is seen although the insert's is off.
+                self._inserted += entity.mcount
+                if self._inserted > _MAX_INSERTS:
+                    raise ValueError(f"blocks are inserted more than {_MAX_INSERTS} times")
+                for copy in entity.multi_insert() if entity.mcount > 1 else (entity,):
+                    yield from self._of(copy.virtual_entities(), layer, depth + 1)
+            elif entity.dxftype() not in _OUTLINES:
                 continue
-            found = _curves(entity)
-            if found is not None:
-                pieces, closed = found
-                here = frame @ _object_frame(entity)
-                yield [(moved_by(curve, here), chords) for curve, chords in pieces], closed
-
-    def _insert(
-        self, entity: _Entity, frame: FloatArray, depth: int
-    ) -> Iterator[tuple[list[Piece], bool]]:
-        name = entity.text(2)
-        if name not in self._blocks:
-            return
-        self._inserted += 1
-        if depth > 20 or self._inserted > _MOST_BLOCKS:
-            raise ValueError("blocks are inserted too often or in a circle")
-        block, inside = self._blocks[name]
-        angle = math.radians(entity.number(50, 0.0))
-        sx, sy = entity.number(41, 1.0), entity.number(42, 1.0)
-        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-        linear = turn @ np.diag([sx, sy])
-        at = np.array([entity.number(10), entity.number(20)])
-        base = np.array([block.number(10, 0.0), block.number(20, 0.0)])
-        here = np.eye(3)
-        here[:2] = np.column_stack([linear, at - linear @ base])
-        yield from self.pieces(inside, frame @ _object_frame(entity) @ here, depth + 1)
-
-
-def _object_frame(entity: _Entity) -> FloatArray:
-    """Return the frame of an entity (3, 3): drawn from below, x is mirrored (OCS, code 230)."""
-    flat = entity.name not in ("LINE", "ELLIPSE", "SPLINE")
-    return np.diag([-1.0 if flat and entity.number(230, 1.0) < 0 else 1.0, 1.0, 1.0])
-
-
-def _entities(tags: Tags) -> Iterator[_Entity]:
-    """Yield entities; the vertices of a POLYLINE belong to it."""
-    current: _Entity | None = None
-    poly: _Entity | None = None
-    for code, value in [*tags, (0, "EOF")]:
-        if code != 0:
-            if current is not None:
-                current.tags.append((code, value))
-            continue
-        if current is not None:
-            if current.name == "VERTEX" and poly is not None:
-                poly.vertices.append(current)
-            elif current.name == "SEQEND" and poly is not None:
-                yield poly
-                poly = None
-            elif current.name == "POLYLINE":
-                poly = current
+            elif layer in self._off:
+                self.hidden += 1
             else:
-                yield current
-        current = _Entity(value, [])
+                yield entity
 
 
-def _header_unit(tags: Tags) -> str:
-    for (_, name), (_, value) in itertools.pairwise(tags):
-        if name == "$INSUNITS":
-            return _UNITS.get(int(value), "")
-    return ""
+def _polyline(entity: Any, tolerance: float | None) -> tuple[FloatArray, bool] | None:
+    """Return an entity's points (n, 2) and whether they close; None for meshes."""
+    from ezdxf.path import make_path
 
-
-def _curves(entity: _Entity) -> tuple[list[Piece], bool] | None:
-    """Return the pieces of an entity and whether they close; None for what is no outline."""
-    name = entity.name
-    if name in ("LWPOLYLINE", "POLYLINE"):
-        return _polyline(entity)
-    if name == "LINE":
-        ends = [complex(entity.number(10), entity.number(20)),
-                complex(entity.number(11), entity.number(21))]  # fmt: skip
-        return [line(*ends)], False
-    if name in ("CIRCLE", "ARC"):
-        centre, radius = complex(entity.number(10), entity.number(20)), entity.number(40)
-        if name == "CIRCLE":
-            return [ellipse_arc(centre, radius, 1j * radius, 0.0, 2 * math.pi)], True
-        low, high = math.radians(entity.number(50)), math.radians(entity.number(51))
-        sweep = (high - low) % (2 * math.pi) or 2 * math.pi
-        return [ellipse_arc(centre, radius, 1j * radius, low, sweep)], False
-    if name == "ELLIPSE":
-        centre = complex(entity.number(10), entity.number(20))
-        major = complex(entity.number(11), entity.number(21))
-        minor = 1j * major * entity.number(40) * math.copysign(1.0, entity.number(230, 1.0))
-        low, high = entity.number(41, 0.0), entity.number(42, 2 * math.pi)
-        sweep = (high - low) % (2 * math.pi) or 2 * math.pi
-        return [ellipse_arc(centre, major, minor, low, sweep)], abs(sweep - 2 * math.pi) < 1e-6
-    if name == "SPLINE":
-        return _spline(entity)
-    return None
-
-
-def _polyline(entity: _Entity) -> tuple[list[Piece], bool] | None:
-    corners: list[list[float]] = []
-    if entity.name == "POLYLINE":
-        # 16 and 64 are meshes; control points of a fitted curve (16 of a vertex) are not on it.
-        if int(entity.number(70, 0.0)) & (16 | 64):
+    kind = entity.dxftype()
+    if kind == "SPLINE":
+        return _spline(entity, tolerance)
+    if kind in ("CIRCLE", "ARC") and not entity.dxf.hasattr("radius"):
+        raise ValueError(f"{kind} without a radius")
+    if kind == "POLYLINE":
+        if entity.is_polygon_mesh or entity.is_poly_face_mesh:
             return None
-        corners = [
-            [v.number(10), v.number(20), v.number(42, 0.0)]
-            for v in entity.vertices
-            if not int(v.number(70, 0.0)) & 16
-        ]
-    else:
-        for code, value in entity.tags:
-            if code == 10:
-                corners.append([_finite(value), 0.0, 0.0])
-            elif code in (20, 42) and corners:
-                corners[-1][1 if code == 20 else 2] = _finite(value)
-    points = [(complex(x, y), bulge) for x, y, bulge in corners]
-    closed = bool(int(entity.number(70, 0.0)) & 1)
-    after = [*points[1:], *(points[:1] if closed else [])]
-    return [arc(a, b, bulge) for (a, bulge), (b, _) in zip(points, after, strict=False)], closed
+        # Control points of a fitted curve (flag 16) are not on it.
+        entity.vertices[:] = [v for v in entity.vertices if not v.dxf.get("flags", 0) & 16]
+    path = make_path(entity)
+    points = _flattened(path, kind, tolerance)
+    closed = kind == "CIRCLE" or (kind != "LINE" and path.is_closed)
+    if kind in ("LWPOLYLINE", "POLYLINE"):
+        closed = bool(entity.is_closed)
+    return points, closed
 
 
-def _spline(entity: _Entity) -> tuple[list[Piece], bool] | None:
-    """Return a B-spline, rational where it has weights; one through fit points without knots."""
+def _flattened(path: Path, kind: str, tolerance: float | None) -> FloatArray:
+    around = _plane(path.control_vertices(), kind)
+    extent = float(np.ptp(around, axis=0).max()) if len(around) else 0.0
+    if extent == 0.0:
+        return around[:1]
+    return _plane(path.flattening(tolerance or _TOLERANCE * extent), kind)
+
+
+def _plane(points: Iterable[Any], kind: str) -> FloatArray:
+    """Return points seen from above, (n, 2), repeated neighbours left out."""
+    flat = np.array([(p.x, p.y) for p in points], dtype=np.float64).reshape(-1, 2)
+    if not np.isfinite(flat).all():
+        raise ValueError(f"a coordinate of a {kind} is no finite number")
+    differs = np.any(np.diff(flat, axis=0) != 0, axis=1)
+    return flat[np.concatenate([[True], differs])] if len(flat) else flat
+
+
+def _spline(entity: Spline, tolerance: float | None) -> tuple[FloatArray, bool]:
+    """Return a B-spline, rational where it has weights; one through fit points without knots.
+
+    ezdxf's own evaluation leaves the domain of splines whose knots are not clamped.
+    """
     from scipy.interpolate import BSpline, make_interp_spline
 
-    xs, ys = entity.all(10), entity.all(20)
-    controls = np.array(list(zip(xs, ys, strict=False))).reshape(-1, 2)
-    degree, knots = int(entity.number(71, 3.0)), np.array(entity.all(40))
-    closed = bool(int(entity.number(70, 0.0)) & 1)
+    controls = np.array([(p[0], p[1]) for p in entity.control_points]).reshape(-1, 2)
+    degree, knots = int(entity.dxf.degree), np.array(entity.knots, dtype=np.float64)
     if len(controls) == 0:
-        fit = np.column_stack([entity.all(11), entity.all(21)])
+        fit = np.array([(p[0], p[1]) for p in entity.fit_points]).reshape(-1, 2)
         if len(fit) < 2:
             raise ValueError("SPLINE without points")
         steps = np.hypot(*np.diff(fit, axis=0).T)
@@ -247,10 +229,11 @@ def _spline(entity: _Entity) -> tuple[list[Piece], bool] | None:
         spline = make_interp_spline(places, fit, k=min(3, len(fit) - 1))
         low, high, spans = 0.0, float(places[-1]), len(fit)
     else:
-        if degree < 1 or len(knots) != len(controls) + degree + 1 or np.any(np.diff(knots) < 0):
+        fits = len(knots) == len(controls) + degree + 1 and not np.any(np.diff(knots) < 0)
+        if not (1 <= degree <= _MAX_DEGREE and fits):
             raise ValueError("SPLINE whose knots do not fit its control points")
-        given = entity.all(41)
-        weights = np.array(given if len(given) == len(controls) else np.ones(len(controls)))
+        given = np.array(entity.weights, dtype=np.float64)
+        weights = given if len(given) == len(controls) else np.ones(len(controls))
         spline = BSpline(knots, np.column_stack([controls * weights[:, None], weights]), degree)
         low, high, spans = float(knots[degree]), float(knots[-degree - 1]), len(controls)
 
@@ -261,5 +244,8 @@ def _spline(entity: _Entity) -> tuple[list[Piece], bool] | None:
         return np.asarray(p[:, 0] + 1j * p[:, 1])
 
     ends = at(np.array([0.0, 1.0]))
+    if not np.isfinite(ends).all():
+        raise ValueError("a coordinate of a SPLINE is no finite number")
     meets = abs(ends[1] - ends[0]) <= 1e-9 * (1.0 + abs(ends[0]))
-    return [(at, max(4, 2 * spans))], closed or bool(meets)
+    (points,) = flatten([[(at, max(4, 2 * spans))]], tolerance)
+    return points, bool(entity.closed) or bool(meets)

@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from grasp.push.polygon import FloatArray, as_polygon
 
-__all__ = ["joined", "outline_and_holes"]
+__all__ = ["PartRings", "joined", "outline_and_holes"]
 
-_LEAST_HOLE = 1e-5
+_MIN_HOLE = 1e-5
 """Of the outline's area: smaller rings are marks."""
+_MIN_PART = 1e-2
+"""Of the outline's area: smaller rings beside it are marks."""
 _SAME = 0.98
-"""Of the outline's area: larger rings are the outline drawn twice."""
+"""Of the outline's area: larger rings inside it are the outline drawn twice."""
 
 
-def outline_and_holes(
-    rings: Sequence[FloatArray], what: str
-) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+class PartRings(NamedTuple):
+    """Rings of a drawing, sorted by what they are.
+
+    Parameters
+    ----------
+    outline : (n, 2)
+    holes : each (m, 2)
+    others
+        How many rings beside the outline, or across it, may be parts of their own.
+    """
+
+    outline: FloatArray
+    holes: tuple[FloatArray, ...]
+    others: int = 0
+
+
+def outline_and_holes(rings: Sequence[FloatArray], what: str) -> PartRings:
     """Return the ring that encloses most, and the outermost rings inside it.
 
-    Rings that reach over the outline, and what lies in a hole, are neither.
+    What lies in a hole is neither a hole nor a part.
 
     Raises
     ------
@@ -31,19 +48,23 @@ def outline_and_holes(
     closed = sorted((r for r in rings if len(r) >= 3), key=_enclosed, reverse=True)
     if not closed or _enclosed(closed[0]) == 0.0:
         raise ValueError(f"no closed outline in this {what}")
-    outline, holes = closed[0], list[FloatArray]()
+    outline, holes, others = closed[0], list[FloatArray](), list[FloatArray]()
     for ring in closed[1:]:
         share = _enclosed(ring) / _enclosed(outline)
-        if share < _LEAST_HOLE:
+        if share < _MIN_HOLE:
             break
-        if share > _SAME:
+        if share > _SAME and _is_about(ring, outline):
             continue
-        if _is_inside(ring, outline) and not any(_touches(ring, hole) for hole in holes):
+        if not _is_inside(ring, outline):
+            # What lies inside another part is a hole of that part.
+            if share >= _MIN_PART and not any(_is_inside(ring, part) for part in others):
+                others.append(ring)
+        elif not any(_touches(ring, hole) for hole in holes):
             try:
                 holes.append(as_polygon(ring))
             except ValueError as error:
                 raise ValueError(f"hole {len(holes) + 1}: {error}") from error
-    return outline, tuple(holes)
+    return PartRings(outline, tuple(holes), len(others))
 
 
 def joined(pieces: Sequence[FloatArray]) -> Iterator[tuple[FloatArray, bool]]:
@@ -93,6 +114,13 @@ def _covers(ring: FloatArray, points: FloatArray) -> FloatArray:
 
 def _is_inside(ring: FloatArray, outline: FloatArray) -> bool:
     return bool(np.all(_covers(outline, ring)))
+
+
+def _is_about(ring: FloatArray, outline: FloatArray) -> bool:
+    """Return whether a ring of nearly the same area covers nearly the same place."""
+    size = np.ptp(outline, axis=0).max()
+    low, high = ring.min(axis=0) - outline.min(axis=0), ring.max(axis=0) - outline.max(axis=0)
+    return bool(max(np.abs(low).max(), np.abs(high).max()) <= (1.0 - _SAME) * size)
 
 
 def _touches(ring: FloatArray, hole: FloatArray) -> bool:

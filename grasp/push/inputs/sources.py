@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.push.inputs.dxf import rings_from_dxf
-from grasp.push.inputs.rings import outline_and_holes
+from grasp.push.inputs.dxf import DxfOutlines, rings_from_dxf
+from grasp.push.inputs.rings import PartRings, outline_and_holes
 from grasp.push.inputs.svg import rings_from_svg
 from grasp.push.perturb import Tolerance
 from grasp.push.polygon import FloatArray, as_part, as_polygon, plate_centroid, simplify
@@ -36,8 +36,10 @@ CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
 _IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_BYTES = 64 * 1024 * 1024
 _PLANNED_VERTICES = 64
-_LEAST_HOLE = 1e-3
+_MIN_HOLE = 1e-3
 """Of an object in an image: smaller ones are glare."""
+_MIN_PART = 0.05
+"""Of the largest object in an image: smaller ones are dirt."""
 
 
 @dataclass(frozen=True)
@@ -83,34 +85,67 @@ def read_outline(path: Path, max_vertices: int = _PLANNED_VERTICES) -> Outline:
     if path.stat().st_size > _MAX_BYTES:
         raise ValueError(f"{path.name} is larger than {_MAX_BYTES // 2**20} MB")
     com: FloatArray | None = None
-    holes: tuple[FloatArray, ...] = ()
     height, unit = 0.0, ""
+    notes: list[str] = []
     if ending == ".json":
         ring, com, holes = outline_from_json(path.read_text("utf-8"))
+        rings = PartRings(ring, holes)
     elif ending == ".svg":
-        rings, unit = rings_from_svg(path.read_text("utf-8"))
-        ring, holes = outline_and_holes(rings, "SVG")
+        found, unit = rings_from_svg(path.read_text("utf-8"))
+        rings = outline_and_holes(found, "SVG")
     elif ending == ".dxf":
-        rings, unit = rings_from_dxf(path.read_text("utf-8", errors="replace"))
-        ring, holes = outline_and_holes(rings, "DXF")
+        drawing = rings_from_dxf(path.read_text("utf-8", errors="replace"))
+        notes = _dxf_notes(drawing)
+        rings, unit = outline_and_holes(drawing.rings, _dxf_name(drawing)), drawing.unit
     elif ending in _IMAGE_ENDINGS:
-        ring, holes = outline_and_holes(rings_from_image(path.read_bytes()), "image")
-        unit = "px"
+        rings, unit = outline_and_holes(rings_from_image(path.read_bytes()), "image"), "px"
     elif ending in CLOUD_ENDINGS:
         ring, height = outline_from_cloud(read_cloud(path))
+        rings = PartRings(ring, ())
     else:
         known = (".json", ".svg", ".dxf", *_IMAGE_ENDINGS, *CLOUD_ENDINGS)
         raise ValueError(f"no outline can be read from {path.name}; known: {' '.join(known)}")
-    dense = len(ring) > max_vertices
-    polygon = simplify(ring, max_vertices) if dense else as_polygon(ring)
-    if holes and com is None:
-        com = plate_centroid(polygon, holes)
-    said = [f"simplified from {len(ring)} to {len(polygon)} vertices"] if dense else []
-    if holes:
-        said.append(f"{len(holes)} hole{'s'[: len(holes) > 1]}: they move the centre of mass only")
-    if unit:
-        said.append(f"lengths in {unit}")
-    return Outline(polygon, com, len(ring), "; ".join(said), height, holes, unit)
+    dense = len(rings.outline) > max_vertices
+    polygon = simplify(rings.outline, max_vertices) if dense else as_polygon(rings.outline)
+    if rings.holes and com is None:
+        com = plate_centroid(polygon, rings.holes)
+    read = len(rings.outline)
+    said = [f"simplified from {read} to {len(polygon)} vertices"] if dense else []
+    said += [*notes, *_notes(rings), *([f"lengths in {unit}"] if unit else [])]
+    return Outline(polygon, com, read, "; ".join(said), height, rings.holes, unit)
+
+
+def _notes(rings: PartRings) -> list[str]:
+    """Return what people should know about the holes, and about what was left out."""
+    said = []
+    if rings.others:
+        parts = "another part was" if rings.others == 1 else f"{rings.others} other parts were"
+        said.append(f"{parts} left out: only the largest is planned")
+    if rings.holes:
+        holes = len(rings.holes)
+        said.append(f"{holes} hole{'s'[: holes > 1]}: they move the centre of mass only")
+    return said
+
+
+def _dxf_notes(drawing: DxfOutlines) -> list[str]:
+    said = []
+    if drawing.gap:
+        unit = f" {drawing.unit}" if drawing.unit else ""
+        said.append(f"the outline is open: a straight line of {drawing.gap:.4g}{unit} closes it")
+    if drawing.hidden:
+        said.append(f"{drawing.hidden} hidden {_entities(drawing.hidden)} left out")
+    return said
+
+
+def _dxf_name(drawing: DxfOutlines) -> str:
+    """Return how an error names the drawing."""
+    if not drawing.hidden:
+        return "DXF"
+    return f"DXF ({drawing.hidden} {_entities(drawing.hidden)} on hidden layers left out)"
+
+
+def _entities(count: int) -> str:
+    return "entity" if count == 1 else "entities"
 
 
 def without_details(outline: Outline, vertex_std: float | None = None) -> Outline:
@@ -148,15 +183,15 @@ def outline_from_json(
     """
     try:
         data: Any = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"no JSON: {error}") from error
     com: Any = None
     given: Any = []
     if isinstance(data, dict):
         com, given = data.get("com"), data.get("holes") or []
         data = data.get("polygon", data.get("vertices"))
-        if data is None:
-            raise ValueError('a part in JSON is [[x, y], ..] or {"polygon": [[x, y], ..]}')
+    if not isinstance(data, list):
+        raise ValueError('a part in JSON is [[x, y], ..] or {"polygon": [[x, y], ..]}')
     try:
         ring = np.array(data, dtype=np.float64)
         mass = None if com is None else np.array(com, dtype=np.float64)
@@ -167,18 +202,18 @@ def outline_from_json(
     if not given:
         return ring, mass, ()
     wanted = [as_polygon(hole) for hole in given]
-    outline, holes = outline_and_holes([as_polygon(ring), *wanted], "JSON")
+    outline, holes, _ = outline_and_holes([as_polygon(ring), *wanted], "JSON")
     if len(holes) < len(wanted):
         raise ValueError("holes lie inside the outline and apart from one another")
     return outline, mass, holes
 
 
 def rings_from_image(data: bytes | NDArray[np.uint8]) -> list[FloatArray]:
-    """Return the contours of the one object before a plain background, pixels, y upwards.
+    """Return the contours of an object before a plain background, pixels, y upwards.
 
     Kehoe 2014, 3.7: the part is imaged on a board and contoured. The object is what differs from
     the border of the image; its outline comes first, then the holes through which the background
-    is seen.
+    is seen, then the outlines of further objects that are not much smaller.
 
     Parameters
     ----------
@@ -199,9 +234,11 @@ def rings_from_image(data: bytes | NDArray[np.uint8]) -> list[FloatArray]:
     if pixels.ndim != 3 or min(pixels.shape[:2]) < 8:
         raise ValueError(f"an image of at least 8 x 8 pixels is needed, got {pixels.shape}")
     border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
-    apart = np.abs(pixels.astype(np.int16) - np.median(border, axis=0)).max(axis=2)
-    _, mask = cv2.threshold(apart.astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    if apart.max() < 16:
+    difference = np.abs(pixels.astype(np.int16) - np.median(border, axis=0)).max(axis=2)
+    _, mask = cv2.threshold(
+        difference.astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU
+    )
+    if difference.max() < 16:
         raise ValueError("nothing stands out from the image's border")
     mask = np.pad(np.asarray(mask), 1)
     found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -211,8 +248,10 @@ def rings_from_image(data: bytes | NDArray[np.uint8]) -> list[FloatArray]:
     if len(found[outer]) < 8:
         raise ValueError("nothing large enough stands out from the image's border")
     inner = [k for k in range(len(found)) if tree[0][k][3] == outer
-             and cv2.contourArea(found[k]) >= _LEAST_HOLE * area]  # fmt: skip
-    rings = [found[k][:, 0, :].astype(np.float64) - 1.0 for k in (outer, *inner)]
+             and cv2.contourArea(found[k]) >= _MIN_HOLE * area]  # fmt: skip
+    beside = [k for k in range(len(found)) if tree[0][k][3] < 0 and k != outer
+              and cv2.contourArea(found[k]) >= _MIN_PART * area]  # fmt: skip
+    rings = [found[k][:, 0, :].astype(np.float64) - 1.0 for k in (outer, *inner, *beside)]
     return [np.asarray(ring * (1.0, -1.0)) for ring in rings]
 
 

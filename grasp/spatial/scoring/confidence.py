@@ -25,12 +25,23 @@ from grasp.spatial.meshes.mesh import Mesh
 from grasp.spatial.meshes.rays import line_ends
 from grasp.spatial.scoring.wrench import Contacts, epsilon, epsilon_bound
 
-__all__ = ["Confidence", "Load", "PoseNoise", "closures", "confidences", "score_grasps"]
+__all__ = [
+    "MAX_SAMPLES",
+    "Confidence",
+    "Load",
+    "PoseNoise",
+    "closures",
+    "confidences",
+    "score_grasps",
+]
 
 FloatArray = NDArray[np.float64]
 
 Quality = Literal["closure", "epsilon"]
 Weighting = Literal["plain", "density"]
+
+MAX_SAMPLES = 100_000
+"""Of pose errors."""
 
 _EXACT = 20
 _LEAST_WIDTH = 1e-4
@@ -220,6 +231,8 @@ def confidences(
     """
     if samples < 1:
         raise ValueError(f"at least one perturbation is needed, got {samples}")
+    if samples > MAX_SAMPLES:
+        raise ValueError(f"{samples} perturbations are too many: at most {MAX_SAMPLES}")
     noise = noise or PoseNoise()
     errors = noise.transforms(samples, seed)
     in_object = noise.covariance is not None

@@ -114,10 +114,14 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
     or name of an object of the graph. Push grasps are ranked by a lower bound on their probability
     of force closure, lengths in the unit of the file. Grasps in space are ranked by their
     confidence under an uncertain pose, lengths in m. Those of the graph are metres.
+
+    Exits with 1 when no grasp is found.
     """
     from rtask.cli.grasping.plan_in_space import is_mesh, plan_in_space
     from rtask.errors import RtaskError, UsageError
 
+    if options["plots"]:
+        _make_folder(options["plots"])
     if options["top"] < 1:
         raise UsageError(f"--top {options['top']}: at least 1 is wanted")
     if not 0 <= options["min_confidence"] <= 1:
@@ -125,13 +129,27 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
     mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
     try:
         if mode == "space":
-            plan_in_space(source, data, as_json, options)
+            found = plan_in_space(source, data, as_json, options)
         else:
-            _plan(source, data, as_json, {**options, **_push_defaults(options)})
+            found = _plan(source, data, as_json, {**options, **_push_defaults(options)})
     except ValueError as error:
         if isinstance(error, RtaskError):
             raise
         raise UsageError(f"{source}: {error}") from error
+    except OSError as error:
+        raise UsageError(f"{error.filename or source}: {error.strerror or error}") from error
+    if not found:
+        click.get_current_context().exit(1)
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder for drawings before anything is planned."""
+    from rtask.errors import UsageError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--plots {folder}: {error.strerror}") from error
 
 
 def _push_defaults(options: dict[str, Any]) -> dict[str, Any]:
@@ -141,7 +159,8 @@ def _push_defaults(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if options[name] is None}
 
 
-def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> None:
+def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bool:
+    """Plan push grasps, print, draw and store them; return whether any grasp closes."""
     import math
 
     from grasp.push import Elimination, as_part, open_executor, plan_push_grasps
@@ -153,11 +172,12 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> No
         first, share = _first_and_share(options["eliminate"])
         elimination = Elimination((first, max(options["samples"] - first, 1)), share)
     position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
+    jaw_width = options["jaw_width"]
     with open_executor(options["executor"], options["workers"]) as executor:
         found = plan_push_grasps(
             part.vertices,
             part.com,
-            jaw_width=options["jaw_width"] or 0.25 * part.diameter,
+            jaw_width=0.25 * part.diameter if jaw_width is None else jaw_width,
             pose_std=(position, rotation),
             elimination=elimination,
             executor=executor,
@@ -167,12 +187,13 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> No
     drawings = _draw(found, outline, options) if options["plots"] else []
     if as_json:
         print_json(_as_json(found, outline, options["top"], stored, drawings))
-        return
+        return found.quality > 0
     _print(found, outline.note, options["top"])
     if stored is not None:
         click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
+    return found.quality > 0
 
 
 _PLANNED = (
@@ -260,7 +281,6 @@ def _draw(found: PushPlan, outline: Any, options: dict[str, Any]) -> list[str]:
     from grasp.push.figures.album import album
 
     folder: Path = options["plots"]
-    folder.mkdir(parents=True, exist_ok=True)
     names = []
     for name, drawing in album(found, outline.height, options["seed"], outline.unit).items():
         path = folder / f"{name}.svg"

@@ -34,8 +34,11 @@ def is_mesh(path: Path) -> bool:
     return ending != ".ply" or has_faces(path)
 
 
-def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> None:
-    """Rank grasps of ``source`` in space; print, draw and store them as the options say."""
+def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bool:
+    """Rank grasps of ``source`` in space; print, draw and store them as the options say.
+
+    Returns whether a grasp was found that is confident enough.
+    """
     import time
 
     from grasp.spatial.gripper import gripper_named
@@ -56,7 +59,7 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     notes = [note, *found.notes]
     if as_json:
         print_json(_as_json(found, gripper, notes, seconds, options, stored, drawings))
-        return
+        return not _verdict(found, options)
     _print(found, gripper, notes, seconds, options)
     if stored is not None:
         many = f"{len(stored['grasps'])} grasps"
@@ -64,6 +67,7 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
         click.echo(said if stored["commit"] else f"the object has these {many} already")
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
+    return not _verdict(found, options)
 
 
 def _shape(
@@ -170,9 +174,7 @@ def _draw(
 ) -> list[str]:
     from grasp.spatial.drawing import candidates_svg
 
-    folder: Path = options["plots"]
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "candidates_3d.svg"
+    path = options["plots"] / "candidates_3d.svg"
     path.write_text(candidates_svg(found.candidates, gripper, shape), "utf-8")
     return [str(path)]
 

@@ -87,12 +87,38 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
         (["--eliminate", "many"], "two numbers"),
         (["--store"], "object of the graph"),
         (["--angles", "2"], "odd"),
+        (["--jaw-width", "0"], "jaw_width must be positive"),
+        (["--samples", "10000000000"], "at most 1000000 samples"),
+        (["--samples", "1000000", "--density", "60"], "500000000 evaluations"),
+        (["--samples", "10000000000", "--eliminate", "5,0.9"], "at most 1000000 samples"),
+        (["--workers", "-1"], "workers must be 0 or more"),
+        (["--plots", "/proc/none/here"], "--plots /proc/none/here: No such file or directory"),
     ],
 )
 def test_bad_calls_are_one_line(part: Path, args: list[str], words: str) -> None:
     done = _run(str(part), *args)
     assert done.exit_code != 0
     assert words in str(done.exception)
+
+
+def test_a_plan_without_a_grasp_fails(tmp_path: Path) -> None:
+    """A disc against frictionless jaws that are far too narrow for its spread centre of mass."""
+    path = tmp_path / "disc.json"
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    path.write_text(json.dumps(np.column_stack([np.cos(angle), np.sin(angle)]).tolist()))
+    args = [str(path), "--friction", "0", "--jaw-width", "0.001", "--samples", "20"]
+    plain, as_json = _run(*args), _run(*args, "--json")
+    assert (plain.exit_code, as_json.exit_code) == (1, 1)
+    assert "no candidate closes" in plain.output or "count as failures" in plain.output
+    assert {row["quality"] for row in json.loads(as_json.output)["grasps"]} == {0.0}
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "null.json"
+    path.write_text("null")
+    assert "a part in JSON is" in str(_run(str(path)).exception)
+    done = _run(str(tmp_path), "--mode", "push", "-d", str(tmp_path / "none"))
+    assert "no such file" in str(done.exception)
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:

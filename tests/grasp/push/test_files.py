@@ -10,7 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from grasp.push import as_part, as_polygon, outline_from_cloud, plan_push_grasps, read_outline
+from grasp.push import (
+    Outline,
+    as_part,
+    outline_from_cloud,
+    plan_push_grasps,
+    read_outline,
+)
 from grasp.push.inputs.dxf import rings_from_dxf
 from grasp.push.inputs.rings import outline_and_holes
 from grasp.push.inputs.sources import outline_from_json, rings_from_image
@@ -29,7 +35,7 @@ def _svg_area(text: str) -> float:
 
 
 def _dxf_area(text: str) -> float:
-    return _area(outline_and_holes(rings_from_dxf(text)[0], "DXF")[0])
+    return _area(outline_and_holes(rings_from_dxf(text).rings, "DXF").outline)
 
 
 def test_json_gives_outline_and_centre_of_mass(tmp_path: Path) -> None:
@@ -41,10 +47,15 @@ def test_json_gives_outline_and_centre_of_mass(tmp_path: Path) -> None:
     assert outline.com.tolist() == [0.9, 0.5]
 
 
-@pytest.mark.parametrize("text", ["{", "{}", "[1, 2]", '{"polygon": [["a", 1]]}', "null"])
-def test_json_that_is_no_part_is_refused(text: str) -> None:
+@pytest.mark.parametrize(
+    "text",
+    ["{", "{}", "[1, 2]", '{"polygon": [["a", 1]]}', "null", '{"polygon": null}', "3", "[" * 9999],
+)
+def test_json_that_is_no_part_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "part.json"
+    path.write_text(text)
     with pytest.raises(ValueError):
-        as_polygon(outline_from_json(text)[0])
+        read_outline(path)
 
 
 @pytest.mark.parametrize(
@@ -119,8 +130,26 @@ def _dxf(*entities: str) -> str:
     return "\n".join(["0", "SECTION", "2", "ENTITIES", *entities, "0", "ENDSEC", "0", "EOF"])
 
 
-def _tags(name: str, *pairs: tuple[int, object]) -> str:
-    return "\n".join(["0", name, *(f"{code}\n{value}" for code, value in pairs)])
+def _tags(name: str, *pairs: tuple[int, object], layer: str = "0") -> str:
+    return "\n".join(["0", name, *(f"{code}\n{value}" for code, value in [(8, layer), *pairs])])
+
+
+def _box(x: float, y: float, width: float, height: float, layer: str = "0") -> str:
+    corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+    pairs = [(c, v) for p in corners for c, v in zip((10, 20), p, strict=True)]
+    return _tags("LWPOLYLINE", (90, 4), (70, 1), *pairs, layer=layer)
+
+
+def _layered(layers: dict[str, tuple[int, int]], *entities: str, blocks: str = "") -> str:
+    """Return a drawing whose layers have a colour (negative: off) and flags (1: frozen)."""
+    table = [
+        f"0\nLAYER\n2\n{name}\n70\n{flags}\n62\n{colour}\n6\nCONTINUOUS"
+        for name, (colour, flags) in layers.items()
+    ]
+    head = ["0", "SECTION", "2", "TABLES", "0", "TABLE", "2", "LAYER", "70", str(len(table)),
+            *table, "0", "ENDTAB", "0", "ENDSEC"]  # fmt: skip
+    inside = ["0", "SECTION", "2", "BLOCKS", blocks, "0", "ENDSEC"] if blocks else []
+    return "\n".join([*head, *inside, _dxf(*entities)])
 
 
 def test_dxf_outlines_are_read() -> None:
@@ -193,9 +222,10 @@ def test_open_lines_are_closed_only_where_nothing_else_is() -> None:
 
 
 def test_what_was_drawn_from_below_is_mirrored() -> None:
-    corner = _tags("LWPOLYLINE", (70, 1), (230, -1.0), (10, 0), (20, 0), (10, 1), (20, 0),
-                   (10, 0), (20, 1))  # fmt: skip
-    assert rings_from_dxf(_dxf(corner))[0][0].min() == -1.0
+    below = [(210, 0), (220, 0), (230, -1.0)]
+    points = [(10, 0), (20, 0), (10, 1), (20, 0), (10, 0), (20, 1)]
+    corner = _tags("LWPOLYLINE", (70, 1), *below, *points)
+    assert rings_from_dxf(_dxf(corner)).rings[0].min() == -1.0
 
 
 @pytest.mark.parametrize(
@@ -203,7 +233,8 @@ def test_what_was_drawn_from_below_is_mirrored() -> None:
     [
         ([_tags("SPLINE", (71, 3), (40, 0), (10, 1), (20, 1))], "knots"),
         ([_tags("SPLINE", (71, 3))], "without points"),
-        ([_tags("LINE", (10, 1))], "LINE without code 20"),
+        ([_tags("LINE", (10, 1))], "y coordinate"),
+        ([_tags("CIRCLE", (10, 1), (20, 1))], "CIRCLE without a radius"),
         ([_tags("CIRCLE", (10, "nan"), (20, 1), (40, 2))], "no finite number"),
         ([_tags("LINE", (10, "x"), (20, 1), (11, 1), (21, 1))], "no DXF"),
     ],
@@ -211,6 +242,87 @@ def test_what_was_drawn_from_below_is_mirrored() -> None:
 def test_dxf_entities_that_lack_something_are_refused(entities: list[str], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         rings_from_dxf(_dxf(*entities))
+
+
+def _read_dxf(tmp_path: Path, text: str) -> Outline:
+    path = tmp_path / "part.dxf"
+    path.write_text(text)
+    return read_outline(path)
+
+
+@pytest.mark.parametrize(
+    "hidden", [(-7, 0), (7, 1), (-7, 1)], ids=["off", "frozen", "off and frozen"]
+)
+def test_what_lies_on_a_hidden_layer_is_not_the_part(
+    tmp_path: Path, hidden: tuple[int, int]
+) -> None:
+    layers = {"part": (7, 0), "Frame": hidden}
+    drawing = _layered(layers, _box(-5, -5, 30, 20, "FRAME"), _box(0, 0, 4, 2, "part"))
+    outline = _read_dxf(tmp_path, drawing)
+    assert _area(outline.polygon) == 8.0
+    assert "1 hidden entity left out" in outline.note
+    with pytest.raises(ValueError, match="1 entity on hidden layers left out"):
+        _read_dxf(tmp_path, _layered(layers, _box(0, 0, 4, 2, "FRAME")))
+
+
+def test_invisible_entities_are_not_the_part(tmp_path: Path) -> None:
+    frame = _tags("CIRCLE", (60, 1), (10, 0), (20, 0), (40, 99))
+    assert _area(_read_dxf(tmp_path, _dxf(frame, _box(0, 0, 4, 2))).polygon) == 8.0
+
+
+def test_layer_0_of_a_block_is_the_layer_of_its_insert(tmp_path: Path) -> None:
+    """The frame, on layer 0 of a block, hides with its insert; what has its own layer does not."""
+    begin = _tags("BLOCK", (2, "b"), (70, 0), (10, 0), (20, 0))
+    inside = [_box(-5, -5, 30, 20), _box(0, 0, 4, 2, "part")]
+    block = "\n".join([begin, *inside, _tags("ENDBLK")])
+    insert = _tags("INSERT", (2, "b"), (10, 0), (20, 0), layer="aside")
+    seen = _layered({"part": (7, 0), "aside": (7, 0)}, insert, blocks=block)
+    off = _layered({"part": (7, 0), "aside": (-7, 0)}, insert, blocks=block)
+    frozen = _layered({"part": (7, 0), "aside": (7, 1)}, insert, blocks=block)
+    assert _area(_read_dxf(tmp_path, seen).polygon) == 600.0
+    assert _area(_read_dxf(tmp_path, off).polygon) == 8.0
+    with pytest.raises(ValueError, match="no closed outline"):
+        _read_dxf(tmp_path, frozen)
+
+
+def test_blocks_that_would_grow_without_bound_are_refused(tmp_path: Path) -> None:
+    inner = _tags("INSERT", (2, "b"), (10, 0), (20, 0))
+    block = "\n".join([_tags("BLOCK", (2, "b"), (70, 0), (10, 0), (20, 0)), inner,
+                       _tags("ENDBLK")])  # fmt: skip
+    with pytest.raises(ValueError, match="nested"):
+        _read_dxf(tmp_path, _layered({"0": (7, 0)}, inner, blocks=block))
+    plain = block.replace(inner, _box(0, 0, 4, 2))
+    rows = _tags("INSERT", (2, "b"), (10, 0), (20, 0), (70, 30000), (71, 30000), (44, 1), (45, 1))
+    with pytest.raises(ValueError, match="inserted more than 1000 times"):
+        _read_dxf(tmp_path, _layered({"0": (7, 0)}, rows, blocks=plain))
+
+
+def test_an_open_outline_is_closed_and_said_to_be(tmp_path: Path) -> None:
+    """The way back from (0, 1) to (0, 0) is 1 long."""
+    pairs = [(c, v) for p in SQUARE for c, v in zip((10, 20), p, strict=True)]
+    outline = _read_dxf(tmp_path, _dxf(_tags("LWPOLYLINE", (90, 4), *pairs)))
+    assert _area(outline.polygon) == 2.0
+    assert "the outline is open: a straight line of 1 closes it" in outline.note
+
+
+def test_a_second_part_in_a_file_is_said_to_be_left_out(tmp_path: Path) -> None:
+    """Also one of the same size; marks beside the part are none."""
+    two = _dxf(_box(0, 0, 4, 2), _box(9, 0, 4, 2), _box(6, 0, 0.1, 0.1))
+    assert "another part was left out" in _read_dxf(tmp_path, two).note
+    svg = tmp_path / "part.svg"
+    boxes = "".join(f'<rect x="{9 * k}" width="{4 - k}" height="2"/>' for k in range(3))
+    svg.write_text(f'<svg>{boxes}<rect x="10" y=".5" width="1" height="1"/></svg>')
+    assert "2 other parts were left out" in read_outline(svg).note
+    image = np.full((200, 300), 235, np.uint8)
+    cv2.rectangle(image, (20, 50), (149, 149), 30, -1)
+    cv2.rectangle(image, (200, 50), (249, 99), 30, -1)
+    cv2.rectangle(image, (280, 180), (282, 182), 30, -1)
+    cv2.imwrite(str(tmp_path / "part.png"), image)
+    assert "another part was left out" in read_outline(tmp_path / "part.png").note
+    svg.write_text(
+        '<svg><rect width="4" height="2"/><rect x="1" y=".5" width="1" height="1"/></svg>'
+    )
+    assert "left out" not in read_outline(svg).note
 
 
 # Holes
@@ -271,7 +383,7 @@ def test_an_image_shows_its_holes() -> None:
     image = np.full((200, 300), 235, np.uint8)
     cv2.rectangle(image, (50, 50), (249, 149), 30, -1)
     cv2.circle(image, (200, 100), 20, 235, -1)
-    outline, holes = outline_and_holes(rings_from_image(image), "image")
+    outline, holes, _ = outline_and_holes(rings_from_image(image), "image")
     assert _area(outline) == pytest.approx(20_000, rel=0.03)
     assert [_area(hole) for hole in holes] == pytest.approx([400 * math.pi], rel=0.1)
 

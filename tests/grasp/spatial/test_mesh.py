@@ -166,3 +166,42 @@ def test_files_that_are_no_mesh_are_named(tmp_path: Path, name: str, data: bytes
     (tmp_path / name).write_bytes(data)
     with pytest.raises(ValueError, match=r"mesh|faces"):
         read_mesh(tmp_path / name)
+
+
+def test_a_truncated_stl_file_says_so(tmp_path: Path) -> None:
+    cup = cup_mesh(0.03, 0.08, 0.004)
+    for name in ("a.stl", "text.stl"):
+        path = tmp_path / name
+        _write(path, cup)
+        path.write_bytes(path.read_bytes()[: -path.stat().st_size // 3])
+        with pytest.raises(ValueError, match=f"{name} is no STL mesh: cut off"):
+            read_mesh(path)
+
+
+@pytest.mark.parametrize("name", ["text.ply", "a.ply"])
+def test_a_truncated_ply_file_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    _write(path, cup_mesh(0.03, 0.08, 0.004))
+    path.write_bytes(path.read_bytes()[: -path.stat().st_size // 3])
+    with pytest.raises(ValueError, match=f"{name} is no PLY mesh"):
+        read_mesh(path)
+    path.write_bytes(path.read_bytes().replace(b"element face ", b"element face 9999999999"))
+    with pytest.raises(ValueError, match="cut off: the header promises"):
+        read_mesh(path)
+
+
+def test_negative_numbers_of_an_obj_file_count_from_the_latest_vertex(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 0 0 1\nf -4 -3 -1\n")
+    mesh = read_mesh(path)
+    corners = {tuple(sorted(map(tuple, mesh.vertices[face].tolist()))) for face in mesh.faces}
+    assert corners == {
+        ((0, 0, 0), (0, 1, 0), (1, 0, 0)),
+        ((0, 0, 0), (0, 0, 1), (1, 0, 0)),
+    }
+
+
+def test_polygons_are_cut_into_triangles(tmp_path: Path) -> None:
+    square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n"
+    (tmp_path / "a.obj").write_text(square + "mtllib /etc/passwd\nusemtl x\nf 1 2 3\n")
+    assert read_mesh(tmp_path / "a.obj").areas.sum() == pytest.approx(1.0)
