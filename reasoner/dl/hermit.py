@@ -26,6 +26,7 @@ from reasoner.terms.dictionary import Term, Triple
 from reasoner.terms.vocabulary import OWL, RDF
 
 _TYPE = NamedNode(RDF + "type")
+_REIFIES = NamedNode(RDF + "reifies")
 _ONTOLOGY, _IMPORTS, _AXIOM = (NamedNode(OWL + n) for n in ("Ontology", "imports", "Axiom"))
 _NOTHING = OWL + "Nothing"
 _MAIN = "org.semanticweb.HermiT.cli.CommandLine"
@@ -159,9 +160,13 @@ def ontology_file(triples: Iterable[Triple], name: str) -> Iterator[Path]:
 
 
 def _prepare(triples: Iterable[Triple]) -> bytes:
-    """Return one N-Triples document that HermiT reads: no imports, one header, no annotations."""
+    """Return one N-Triples document that HermiT reads: no imports, one header, no annotations.
+
+    What is said about statements is left out, in OWL's way (``owl:Axiom``) and in that of RDF 1.2
+    (``rdf:reifies``): HermiT's parser knows no triple terms.
+    """
     kept = set(triples)
-    reified = {s for s, p, o in kept if p == _TYPE and o == _AXIOM}
+    reified = {s for s, p, o in kept if p == _REIFIES or (p == _TYPE and o == _AXIOM)}
     headers = {s for s, p, o in kept if p == _TYPE and o == _ONTOLOGY}
     lines = [
         RdfTriple(s, p, o)
@@ -169,11 +174,17 @@ def _prepare(triples: Iterable[Triple]) -> bytes:
         if p != _IMPORTS
         and s not in reified
         and s not in headers
+        and not _is_triple_term(o)
         and isinstance(s, NamedNode | BlankNode)
         and isinstance(p, NamedNode)
     ]
     lines.append(RdfTriple(NamedNode("urn:rtask:merged"), _TYPE, _ONTOLOGY))
     return serialize(lines, format=RdfFormat.N_TRIPLES) or b""
+
+
+def _is_triple_term(value: object) -> bool:
+    """Whether this is a term of RDF 1.2, which callers may pass though OWL 2 knows none."""
+    return isinstance(value, RdfTriple)
 
 
 def run_java(command: list[str], timeout_s: float) -> tuple[int, str]:

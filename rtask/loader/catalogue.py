@@ -24,6 +24,9 @@ __all__ = ["OntologyCatalogue", "loadable_files"]
 
 _OASIS_FILE = "catalog-v001.xml"
 _OASIS = "{urn:oasis:names:tc:entity:xmlns:xml:catalog}"
+# What a folder is searched with for an import that is missing; a catalogue has no such bounds.
+MAX_PEEKED_FILES = 1_000
+MAX_PEEKED_BYTES = 16 << 20
 _EXTENSIONS = {ext for form in FORMATS for ext in form.extensions} | {"owl", "xml"}
 
 
@@ -92,12 +95,16 @@ class OntologyCatalogue:
 
 
 def _scan(folder: Path) -> dict[str, list[Path]]:
-    """Read the folder's catalogue, or else what its files say of themselves."""
+    """Read the folder's catalogue, or else what its files say of themselves.
+
+    A folder may hold anything, such as a home folder with archives of many gigabytes: of each file
+    no more than its beginning is unpacked.
+    """
     listed = folder / _OASIS_FILE
     entries = _read_oasis(listed) if listed.is_file() else {}
     named = set(entries)
-    for path in loadable_files(folder):
-        header = peek(Document(str(path), path))
+    for path in loadable_files(folder)[:MAX_PEEKED_FILES]:
+        header = peek(Document(str(path), path, max_unpacked=MAX_PEEKED_BYTES))
         for name in {header.iri, header.version_iri} - {None}:
             assert name is not None
             if name.value not in named:

@@ -25,6 +25,7 @@ from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.headers import Header, Terms, header_of, peek
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
+from rtask.rdf.guards import undefined_json_terms
 from rtask.rdf.terms import DEFAULT, DefaultGraph, Graph, iri
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class LoadReport:
         Of a dry run: properties and classes that neither the documents nor the knowledge base say
         anything about.
     warnings
-        What validation found and did not refuse.
+        What validation found and did not refuse; keys of JSON-LD that no context defines.
     """
 
     files: list[FileReport] = field(default_factory=list)
@@ -265,9 +266,21 @@ class _Loader:
     def _report(
         self, item: Item, form: Format, counts: tuple[int, int, int, int], started: float
     ) -> None:
+        if form.rdf == RdfFormat.JSON_LD:
+            self._warn_of_undefined_terms(item.document)
         elapsed = round(time.perf_counter() - started, 3)
         where = item.graph.value if item.loose and isinstance(item.graph, NamedNode) else ""
         self.report.files.append(FileReport(item.document.name, form.name, where, *counts, elapsed))
+
+    def _warn_of_undefined_terms(self, document: Document) -> None:
+        with document.open() as stream:
+            undefined = undefined_json_terms(stream.read())
+        if undefined:
+            names = ", ".join(undefined[:10]) + (", ..." if len(undefined) > 10 else "")
+            self.report.warnings.append(
+                f"{document.name}: no context defines {names}; what stands under "
+                f"{'it' if len(undefined) == 1 else 'them'} was left out (JSON-LD 1.1)"
+            )
 
     def _is_text(self, document: Document, form: Format) -> bool:
         if self.options.dry_run or self.kb.plain:

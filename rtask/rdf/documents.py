@@ -36,12 +36,15 @@ class Document:
         The bytes, where there is no file.
     on_read
         Told how many bytes of it, packed as it lies there, have been read.
+    max_unpacked
+        Reading beyond so many bytes, unpacked, is an error.
     """
 
     name: str
     path: Path | None = None
     data: bytes = b""
     on_read: Callable[[int], None] | None = field(default=None, compare=False, repr=False)
+    max_unpacked: int = MAX_UNPACKED
 
     @classmethod
     def of(cls, source: Path | str | bytes | IO[bytes]) -> Document:
@@ -161,7 +164,7 @@ class _Limited(io.RawIOBase):
         self._packed = packed
         self._name = document.name
         self._on_read = document.on_read
-        self._left = MAX_UNPACKED
+        self._left = self._allowed = document.max_unpacked
 
     def readable(self) -> bool:
         return True
@@ -174,7 +177,7 @@ class _Limited(io.RawIOBase):
             raise ParseError(f"{self._name}: cannot be unpacked: {error}") from error
         self._left -= len(data)
         if self._left < 0:
-            raise TooLargeError(f"{self._name}: larger than {MAX_UNPACKED >> 30} GiB unpacked")
+            raise TooLargeError(f"{self._name}: larger than {self._allowed >> 20} MiB unpacked")
         if self._on_read is not None:
             self._on_read(self._packed.tell())
         view[: len(data)] = data

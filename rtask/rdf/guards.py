@@ -9,12 +9,19 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
-from typing import IO
+from dataclasses import dataclass
+from typing import IO, Any
 from xml.parsers import expat
 
 from rtask.errors import ParseError, TooLargeError
 
-__all__ = ["check_json_depth", "check_json_iris", "check_triple_term_depth", "check_xml"]
+__all__ = [
+    "check_json_depth",
+    "check_json_iris",
+    "check_triple_term_depth",
+    "check_xml",
+    "undefined_json_terms",
+]
 
 MAX_DEPTH = 256
 _JSON = re.compile(rb'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.S)
@@ -66,6 +73,77 @@ def check_json_iris(data: bytes, name: str) -> None:
                 line=line,
                 column=column,
             )
+
+
+def undefined_json_terms(data: bytes) -> list[str]:
+    """Return the keys of JSON-LD that no context defines, which a processor leaves out, sorted.
+
+    JSON-LD 1.1 API, 5.1.2 (expansion), step 13.4. Nothing is returned where only a full processor
+    could tell: remote contexts, contexts of single terms, documents that are no JSON.
+    """
+    found: set[str] = set()
+    try:
+        _find_undefined(json.loads(data), _Context(), found)
+    except (ValueError, _CannotTell):
+        return []
+    return sorted(found)
+
+
+class _CannotTell(Exception):
+    """Only a full JSON-LD processor knows what this means."""
+
+
+@dataclass(frozen=True)
+class _Context:
+    terms: frozenset[str] = frozenset()
+    maps: frozenset[str] = frozenset()
+    opaque: frozenset[str] = frozenset()
+    has_vocabulary: bool = False
+
+    def joined(self, local: Any) -> _Context:
+        if isinstance(local, list):
+            joined = self
+            for one in local:
+                joined = joined.joined(one)
+            return joined
+        if local is None:
+            return _Context()
+        if not isinstance(local, dict) or "@import" in local:
+            raise _CannotTell
+        terms, maps, opaque = set(self.terms), set(self.maps), set(self.opaque)
+        for term, meaning in local.items():
+            if isinstance(meaning, dict) and "@context" in meaning:
+                raise _CannotTell
+            if not term.startswith("@"):
+                terms.add(term)
+                if isinstance(meaning, dict):
+                    if meaning.get("@container", "@set") not in ("@set", "@list"):
+                        maps.add(term)
+                    if meaning.get("@type") == "@json":
+                        opaque.add(term)
+        vocabulary = local.get("@vocab", self.has_vocabulary)
+        has_vocabulary = vocabulary is not None and vocabulary is not False
+        return _Context(frozenset(terms), frozenset(maps), frozenset(opaque), has_vocabulary)
+
+
+def _find_undefined(value: Any, context: _Context, found: set[str]) -> None:
+    if isinstance(value, list):
+        for item in value:
+            _find_undefined(item, context, found)
+    if not isinstance(value, dict):
+        return
+    if "@context" in value:
+        context = context.joined(value["@context"])
+    for key, inner in value.items():
+        if key == "@context" or key in context.opaque:
+            continue
+        defined = key.startswith("@") or ":" in key or key in context.terms
+        if not defined and not context.has_vocabulary:
+            found.add(key)
+        elif key in context.maps and isinstance(inner, dict):
+            _find_undefined(list(inner.values()), context, found)
+        else:
+            _find_undefined(inner, context, found)
 
 
 def check_triple_term_depth(data: bytes, name: str) -> None:

@@ -48,6 +48,16 @@ def test_unsatisfiable_classes_and_the_hierarchy_are_found(engine):
 
 @needs_java
 @ENGINES
+def test_what_is_said_about_statements_is_left_out(engine):
+    said = (
+        ":a a :Parent . :r rdf:reifies <<( :a a :Parent )>> ; :confidence 0.9 . "
+        ":b :saw <<( :a a :Parent )>> ."
+    )
+    assert engine.check(triples(FAMILY + said), timeout_s=120).is_consistent
+
+
+@needs_java
+@ENGINES
 def test_an_inconsistency_is_found(engine):
     assert not engine.check(triples(FAMILY + ":a a :Nobody ."), timeout_s=120).is_consistent
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
+import zipfile
 from pathlib import Path
 
 import pyoxigraph as ox
@@ -21,7 +23,7 @@ from rtask.errors import (
 )
 from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
-from rtask.loader.catalogue import OntologyCatalogue
+from rtask.loader.catalogue import MAX_PEEKED_BYTES, OntologyCatalogue
 from rtask.loader.export import original
 from rtask.loader.load import uuid7
 from rtask.rdf.documents import Document
@@ -98,6 +100,30 @@ def test_a_missing_import_lists_where_it_was_looked_for(
         kb.load(tmp_path / "top.ttl", missing_imports="maybe")
 
 
+def test_a_missing_import_unpacks_no_more_than_the_beginning_of_unrelated_files(
+    tmp_path: Path, kb: KnowledgeBase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "top.ttl").write_text(
+        "<urn:o:top> a <http://www.w3.org/2002/07/owl#Ontology> ; "
+        "<http://www.w3.org/2002/07/owl#imports> <urn:o:gone> ."
+    )
+    # one line of 64 MiB: nothing of it can be parsed before all of it was unpacked
+    with zipfile.ZipFile(tmp_path / "big.ttl.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("big.ttl", '<urn:s> <urn:p> "' + "x" * (64 << 20) + '" .')
+    unpacked: list[int] = []
+    read = zipfile.ZipExtFile.read
+
+    def count(self: zipfile.ZipExtFile, size: int = -1) -> bytes:
+        data = read(self, size)
+        unpacked.append(len(data))
+        return data
+
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", count)
+    report = kb.load(tmp_path / "top.ttl", missing_imports="warn")
+    assert report.missing_imports == ["urn:o:gone"]
+    assert 0 < sum(unpacked) < 2 * MAX_PEEKED_BYTES
+
+
 def test_catalogues_name_other_places(tmp_path: Path, kb: KnowledgeBase) -> None:
     (tmp_path / "far").mkdir()
     _write(tmp_path / "far", leaf=_ontology("leaf"))
@@ -111,6 +137,41 @@ def test_catalogues_name_other_places(tmp_path: Path, kb: KnowledgeBase) -> None
     assert OntologyCatalogue().find("urn:web", tmp_path / "top.ttl") is None
     report = kb.load(tmp_path / "top.ttl")
     assert [Path(file.name).stem for file in report.files] == ["leaf", "top"]
+
+
+@pytest.mark.parametrize(
+    ("text", "undefined"),
+    [
+        ({"@id": "urn:a", "urn:p": 1, "lost": 2}, ["lost"]),
+        ({"@context": {"p": "urn:p"}, "@id": "urn:a", "p": {"q": 1}}, ["q"]),
+        ({"@context": {"@vocab": "urn:v/"}, "@id": "urn:a", "anything": 1}, []),
+        ({"@context": {"p": "urn:p", "off": None}, "@id": "urn:a", "p": 1, "off": 2}, []),
+        (
+            {
+                "@context": {"p": {"@id": "urn:p", "@container": "@language"}},
+                "@id": "urn:a",
+                "p": {"de": "Tasse", "en": "cup"},
+            },
+            [],
+        ),
+        (
+            {
+                "@context": {"p": {"@id": "urn:p", "@type": "@json"}},
+                "@id": "urn:a",
+                "p": {"free": 1},
+            },
+            [],
+        ),
+        ([{"@context": [{"p": "urn:p"}, None], "@id": "urn:a", "urn:q": 1, "p": 1}], ["p"]),
+    ],
+)
+def test_json_ld_keys_that_no_context_defines_are_told(
+    kb: KnowledgeBase, text: object, undefined: list[str]
+) -> None:
+    report = kb.load(json.dumps(text).encode(), format="jsonld")
+    warnings = [warning for warning in report.warnings if "no context defines" in warning]
+    assert len(warnings) == bool(undefined)
+    assert all(name in warnings[0] for name in undefined)
 
 
 def test_bundled_ontologies_are_found_by_name(kb: KnowledgeBase) -> None:
