@@ -12,6 +12,7 @@ from endpoint.pages import (
     robots,
     signin,
     teach,
+    wording,
     workbench,
 )
 from endpoint.pages.render import blueprint
@@ -27,5 +28,6 @@ __all__ = [
     "robots",
     "signin",
     "teach",
+    "wording",
     "workbench",
 ]

@@ -1,7 +1,9 @@
-"""What came of the latest attempts, and what people say about it: confirm, refuse or correct."""
+"""Outcomes page: the latest attempts with their pictures, and people's verdicts on them."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import Any
 from urllib.parse import quote, urlencode
 
@@ -11,16 +13,37 @@ from werkzeug.wrappers import Response as WerkzeugResponse
 from endpoint.access.auth import require_scope
 from endpoint.pages.render import Model, blueprint, context, current_request, page, select
 from endpoint.pages.signin import require_form
+from endpoint.pages.wording import PHASES, VISIBLE_REASONS
+from rtask.errors import UsageError
+from rtask.rdf.terms import iri
 
 _ADDRESS = "/feedback"
+# The first of these that a robot took shows how an attempt ended.
+_AFTER = ("placed", "held", "lifted", "closed")
+_FILTERS = {
+    "all": "",
+    "unjudged": "FILTER NOT EXISTS { ?outcome rt:hasFeedback/a rt:HumanFeedback }",
+    "disputed": "?outcome rt:disputed true",
+    "failed": "?outcome rt:judgedSuccess false",
+}
 
 
-def list_attempts() -> list[Model]:
-    """Return the latest attempts with their pictures and what people said, the newest first."""
-    rows = select("attempts")
+def list_attempts(chosen: str = "") -> list[Model]:
+    """Return the latest attempts with their pictures and what people said, the newest first.
+
+    Parameters
+    ----------
+    chosen
+        Pattern about ``?attempt`` and ``?outcome`` that says which.
+    """
+    rows = select("attempts", chosen=f". {chosen}" if chosen else "")
     for row in rows:
         shots = [line.split("\t") for line in str(row.pop("pictures") or "").splitlines()]
-        row["pictures"] = [{"phase": phase, "sha": sha} for phase, sha in shots]
+        row["pictures"] = in_order(shots)
+        row["before"], row["after"] = before_and_after(row["pictures"], row["view"])
+        row["object_classes"] = ", ".join(sorted((row["object_classes"] or "").split(", ")))
+        alpha, beta = row.pop("alpha"), row.pop("beta")
+        row["expected"] = alpha / (alpha + beta) if alpha and beta else None
         row["verdicts"] = [
             dict(zip(("time", "by", "held", "reason", "comment"), line.split("\t"), strict=True))
             for line in sorted(str(row.pop("words") or "").splitlines())
@@ -31,12 +54,65 @@ def list_attempts() -> list[Model]:
     return rows
 
 
+def in_order(shots: Iterable[list[str]]) -> list[Model]:
+    """Return pictures in the order in which they were taken; the graph has no order.
+
+    Known phases follow each other; others come last, in the order of their numbers.
+
+    Parameters
+    ----------
+    shots
+        Phase, SHA-256 and IRI of each picture.
+
+    Examples
+    --------
+    >>> shots = [["held", "d", "/4"], ["spun", "e", "/10"], ["up", "c", "/9"], ["closed", "a", ""]]
+    >>> [shot["phase"] for shot in in_order(shots)]
+    ['closed', 'held', 'up', 'spun']
+    """
+    phases = list(PHASES)
+
+    def place(shot: list[str]) -> tuple[int, int]:
+        phase, _, name = shot
+        number = re.search(r"\d+$", name)
+        known = phases.index(phase) if phase in PHASES else len(phases)
+        return known, int(number.group()) if number else 0
+
+    return [{"phase": phase, "sha": sha} for phase, sha, _ in sorted(shots, key=place)]
+
+
+def before_and_after(pictures: list[Model], view: str | None) -> tuple[Model | None, Model | None]:
+    """Return the two pictures that tell whether a grasp held; none where none was taken.
+
+    Examples
+    --------
+    >>> shots = [{"phase": name, "sha": name} for name in ("pre_grasp", "closed", "held", "placed")]
+    >>> [shot["phase"] for shot in before_and_after(shots, None)]
+    ['pre_grasp', 'placed']
+    """
+    taken = {picture["phase"]: picture for picture in pictures}
+    seen = {"phase": "view", "sha": view} if view else None
+    after = next((taken[phase] for phase in _AFTER if phase in taken), None)
+    return taken.get("pre_grasp", seen), after
+
+
 @page(_ADDRESS, "feedback.html")
 def feedback() -> Model:
-    """Two queries: the attempts, and the reasons to choose from."""
+    """Return the attempts that the address asks for, and the reasons to choose from."""
+    asked = flask.request.args
+    show = asked.get("show", "all")
+    if show not in _FILTERS:
+        raise UsageError(f"show={show}: one of {', '.join(_FILTERS)} is expected")
+    patterns = [_FILTERS[show]]
+    if asked.get("robot"):
+        patterns.append(f"?attempt rt:performedBy {iri(asked['robot'])}")
+    if asked.get("object"):
+        patterns.append(f"?any rt:through ?attempt ; rt:handles {iri(asked['object'])}")
+    reasons = [row["code"] for row in select("reasons")]
     return {
-        "attempts": list_attempts(),
-        "reasons": [row["code"] for row in select("reasons")],
+        "show_only": show,
+        "attempts": list_attempts(" . ".join(filter(None, patterns))),
+        "reasons": [*VISIBLE_REASONS, *(code for code in reasons if code not in VISIBLE_REASONS)],
     }
 
 
@@ -64,7 +140,7 @@ def judge() -> WerkzeugResponse:
 
 @blueprint.app_template_filter("anchor")
 def anchor(iri: str) -> str:
-    """Return the name of an attempt's place on the page.
+    """Return the fragment of an attempt's place on the page.
 
     >>> anchor("https://example.org/kb/attempt/12")
     'attempt-12'

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from urllib.parse import urlsplit
+
 import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import SCOPES
 from endpoint.access.sessions import session_name, set_cookie
 from endpoint.pages.render import blueprint, context, current_request
-from rtask.errors import AuthenticationError, ForbiddenError
+from rtask.errors import AccessError, AuthenticationError, ForbiddenError
 from rtask.kb.commit.access import Access
 
 # Addresses for people who have not signed in.
@@ -85,12 +87,28 @@ def _person() -> dict[str, object]:
     def access() -> Access:
         return context().auth.identify(current_request()).access
 
+    def signed_in_as() -> str:
+        try:
+            caller = context().auth.identify(current_request())
+        except AccessError:
+            return ""
+        return caller.name if caller.token else ""
+
     return {
+        "signed_in_as": signed_in_as,
+        "return_to": _page_to_return_to(),
         "form_secret": form_secret,
         "may_teach": lambda: "teach" in SCOPES[access().role],
         "speaks_for": lambda: access().agent if access().role == "teacher" else None,
         "operator": flask.request.args.get("by", ""),
     }
+
+
+def _page_to_return_to() -> str:
+    """Return the address of the page that a person wants to see after signing in."""
+    if flask.request.method in ("GET", "HEAD"):
+        return _local(flask.request.full_path.removesuffix("?"))
+    return _local(urlsplit(flask.request.referrer or "").path or _START)
 
 
 def _local(path: str) -> str:

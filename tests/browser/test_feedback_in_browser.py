@@ -1,63 +1,102 @@
-"""Two people judge an attempt in a real browser."""
+"""People judge attempts in a real browser: by forms, by keys, on a phone, two at once."""
 
 from __future__ import annotations
 
+import datetime as dt
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
+from urllib.parse import urlsplit
 
 import cv2
+import httpx
 import numpy as np
 import pytest
 
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.servers import RunningServer, running_server
+from tests.servers import RunningServer, bearer, running_server
 
-FACTS = f"""
+PREFIXES = f"""
 PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
-PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>
-INSERT DATA {{
-  <urn:lab/robot/nao-1> a cora:Robot ; rt:name "nao-1" .
-  <urn:lab/hand> a rt:Hand ; rt:gripperType "nao" .
-  <urn:lab/object/1> a rt:Mug ; rt:objectId "lab/1" ; rt:name "blue mug" ;
-    rt:hasGrasp <urn:lab/grasp/1> .
-  <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" .
-  <urn:lab/task/1> a rt:Grasp ; rt:handles <urn:lab/object/1> ; rt:through <urn:lab/attempt/1> .
-  <urn:lab/attempt/1> a rt:GraspAttempt ; rt:performedBy <urn:lab/robot/nao-1> ;
-    rt:activates <urn:lab/hand> ; rt:executesGrasp <urn:lab/grasp/1> ; rt:requestId "urn:task:1" ;
-    rt:hasOutcome <urn:lab/outcome/1> ; prov:endedAtTime "2026-01-01T10:00:00Z"^^xsd:dateTime .
-  <urn:lab/outcome/1> a rt:GraspOutcome ; rt:success true ; rt:hasReason rt:reason_ok ;
-    rt:hasFeedback <urn:lab/feedback/1> .
-  <urn:lab/feedback/1> a rt:PhysicsFeedback ; rt:verdict true .
-  <urn:lab/attempt/1/image/1> a rt:ColorImage ; rt:name "lifted" ; rt:hasBlob <BLOB> ;
-    prov:wasGeneratedBy <urn:lab/attempt/1> .
-}}"""
+PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>"""
+PHASES = ("placed", "pre_grasp", "held", "closed")  # not in the order of time
+WIDTHS = {"pre_grasp": 40, "closed": 50, "held": 60, "placed": 80}
+ATTEMPTS = 22
 
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture(scope="module")
+def _attempt(number: int, blobs: dict[str, str]) -> str:
+    begin = dt.datetime(2026, 1, 1, 12, tzinfo=dt.UTC)
+    ended = (begin - dt.timedelta(minutes=number)).isoformat()
+    name = f"urn:lab/attempt/{number}"
+    pictures = "".join(
+        f"""<{name}/image/{place}> a rt:ColorImage ; rt:name "{phase}" ;
+            rt:hasBlob <{blobs[phase]}> ; prov:wasGeneratedBy <{name}> ."""
+        for place, phase in enumerate(PHASES, 1)
+    )
+    return f"""
+  <urn:lab/task/{number}> a rt:Grasp ; rt:handles <urn:lab/object/1> ; rt:through <{name}> .
+  <{name}> a rt:GraspAttempt ; rt:performedBy <urn:lab/robot/nao-1> ;
+    rt:activates <urn:lab/hand> ; rt:executesGrasp <urn:lab/grasp/1> ;
+    rt:requestId "urn:task:{number}" ; rt:hasOutcome <urn:lab/outcome/{number}> ;
+    prov:endedAtTime "{ended}"^^xsd:dateTime .
+  <urn:lab/outcome/{number}> a rt:GraspOutcome ; rt:success true ; rt:hasReason rt:reason_ok ;
+    rt:hasFeedback <urn:lab/feedback/{number}> .
+  <urn:lab/feedback/{number}> a rt:PhysicsFeedback ; rt:verdict true . {pictures}"""
+
+
+@pytest.fixture
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServer, str, str]]:
-    """A server with one attempt and its picture, and the tokens of two people."""
+    """A server with attempts and their pictures, and the tokens of two people."""
     folder = tmp_path_factory.mktemp("judging") / "store"
-    _, png = cv2.imencode(".png", np.full((60, 80, 3), 128, np.uint8))
     with rtask.open(folder, base="urn:lab/") as kb:
         with kb.transaction(agent="nao-1") as tx:
-            blob = tx.blob(png.tobytes(), "image/png")
-        kb.update(FACTS.replace("BLOB", blob.value), "nao-1")
+            blobs = {
+                phase: tx.blob(_picture(width), "image/png").value
+                for phase, width in WIDTHS.items()
+            }
+        attempts = "".join(_attempt(number, blobs) for number in range(ATTEMPTS))
+        kb.update(
+            f"""{PREFIXES} INSERT DATA {{
+            <urn:lab/robot/nao-1> a cora:Robot ; rt:name "nao-1" .
+            <urn:lab/hand> a rt:Hand ; rt:gripperType "nao" .
+            <urn:lab/object/1> a rt:Mug ; rt:objectId "lab/1" ; rt:name "blue mug" ;
+              rt:hasGrasp <urn:lab/grasp/1> .
+            <urn:lab/grasp/1> a rt:PlanarGrasp ; rt:gripperType "nao" . {attempts} }}""",
+            "nao-1",
+        )
     with closing(TokenStore(folder)) as tokens:
         ann, bob = (tokens.create("teacher", agent=name)[0] for name in ("ann", "bob"))
     with running_server(folder) as running:
         yield running, ann, bob
 
 
-def signed_in(browser: Any, server: RunningServer, token: str) -> Any:
-    page = browser.new_context(locale="en").new_page()
+def _picture(width: int) -> bytes:
+    _, png = cv2.imencode(".png", np.full((30, width, 3), 128, np.uint8))
+    return bytes(png.tobytes())
+
+
+def signed_in(browser: Any, server: RunningServer, token: str, **options: Any) -> Any:
+    page = browser.new_context(locale="en", **options).new_page()
     page.set_default_timeout(60_000)
     page.faults = []
     page.on("pageerror", lambda error: page.faults.append(str(error)))
+    page.on(
+        "console",
+        lambda said: page.faults.append(said.text) if said.type == "error" else None,
+    )
+    page.on(
+        "request",
+        lambda asked: (
+            None
+            if urlsplit(asked.url).netloc == urlsplit(server.url).netloc
+            else page.faults.append(asked.url)
+        ),
+    )
     page.goto(f"{server.url}/login?next=/feedback")
     page.get_by_label("Access token").fill(token)
     page.get_by_role("button", name="Sign in").click()
@@ -65,30 +104,130 @@ def signed_in(browser: Any, server: RunningServer, token: str) -> Any:
     return page
 
 
-def test_two_people_disagree_and_both_words_are_kept(
+def verdicts(server: RunningServer, token: str) -> dict[str, list[tuple[str, bool, str]]]:
+    """Return what people said of each attempt."""
+    found = httpx.get(f"{server.url}/feedback.json", headers=bearer(token)).json()["attempts"]
+    said = {one["attempt"].rpartition("/")[2]: one["verdicts"] for one in found}
+    return {
+        name: [(v["by"], v["held"], v["reason"]) for v in words] for name, words in said.items()
+    }
+
+
+def test_twenty_attempts_are_judged_by_keys_alone(
+    browser: Any, site: tuple[RunningServer, str, str]
+) -> None:
+    server, token, _ = site
+    page = signed_in(browser, server, token)
+    card = page.locator("[data-attempt]:not(.off)")
+    widths = card.locator(".shots img").evaluate_all(
+        "images => Promise.all(images.map(i => i.decode().then(() => i.naturalWidth)))"
+    )
+    assert widths == [WIDTHS["pre_grasp"], WIDTHS["placed"]]
+    assert card.locator(".strip span").all_inner_texts() == [
+        "before the grasp",
+        "hand closed",
+        "held up",
+        "put down",
+    ]
+    page.clock.install()
+    page.keyboard.press("Y")
+    page.keyboard.press("U")  # nothing of this is sent
+    for number in range(20):
+        assert card.get_attribute("data-attempt") == f"urn:lab/attempt/{number}"
+        if number % 3:
+            page.keyboard.press("y")
+        else:
+            page.keyboard.press("n")
+            page.keyboard.press("2" if number % 2 else "Enter")
+    page.keyboard.press("s")
+    assert verdicts(server, token)["0"] == []
+    page.clock.fast_forward(11_000)
+    page.wait_for_function("() => document.querySelectorAll('.attempt-list .sent').length === 20")
+    found = verdicts(server, token)
+    assert [found[str(n)] for n in range(20)] == [
+        [("ann", bool(n % 3), "slip_lift" if n % 3 == 0 and n % 2 else "")] for n in range(20)
+    ]
+    assert found["20"] == found["21"] == []
+    assert page.faults == []
+    page.context.close()
+
+
+def test_letters_in_a_field_judge_nothing_and_can_be_switched_off(
+    browser: Any, site: tuple[RunningServer, str, str]
+) -> None:
+    server, token, _ = site
+    page = signed_in(browser, server, token)
+    card = page.locator("[data-attempt]:not(.off)")
+    card.get_by_label("Comment").fill("")
+    card.get_by_label("Comment").press_sequentially("any nuys")
+    assert card.get_attribute("data-attempt") == "urn:lab/attempt/0"
+    page.get_by_label("Letter keys").uncheck()
+    card.focus()
+    page.keyboard.press("y")
+    assert card.get_attribute("data-attempt") == "urn:lab/attempt/0"
+    page.keyboard.press("ArrowRight")
+    assert card.get_attribute("data-attempt") == "urn:lab/attempt/1"
+    page.context.close()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_on_a_phone_nothing_scrolls_sideways_and_buttons_judge(
+    browser: Any, site: tuple[RunningServer, str, str], theme: str
+) -> None:
+    server, token, _ = site
+    page = signed_in(
+        browser,
+        server,
+        token,
+        viewport={"width": 360, "height": 740},
+        has_touch=True,
+        color_scheme=theme,
+    )
+    width = page.evaluate("() => document.documentElement.scrollWidth")
+    assert width == 360
+    judging = page.get_by_role("group", name="Judge this attempt")
+    for button in judging.get_by_role("button").all():
+        assert button.bounding_box()["height"] >= 44
+    judging.get_by_role("button", name="Did not hold").tap()
+    page.get_by_role("button", name="it slipped out while being held").tap()
+    page.goto(f"{server.url}/objects")  # leaving sends what waits
+    page.wait_for_load_state()
+    assert _eventually(lambda: verdicts(server, token)["0"]) == [("ann", False, "slip_hold")]
+    assert page.faults == []
+    page.context.close()
+
+
+def _eventually(read: Any) -> Any:
+    """Return what a function finds as soon as it finds something; its last answer after 10 s."""
+    for _ in range(200):
+        if found := read():
+            return found
+        time.sleep(0.05)
+    return read()
+
+
+def test_two_people_disagree_without_scripts_and_an_open_page_hears_of_it(
     browser: Any, site: tuple[RunningServer, str, str]
 ) -> None:
     server, token_ann, token_bob = site
-    ann = signed_in(browser, server, token_ann)
-    card = ann.locator("#attempt-1")
-    image = card.get_by_role("img", name="blue mug, lifted")
-    image.scroll_into_view_if_needed()
-    ann.wait_for_function("() => document.querySelector('#attempt-1 img').naturalWidth === 80")
+    bob = signed_in(browser, server, token_bob)
+    ann = signed_in(browser, server, token_ann, java_script_enabled=False)
+    card = ann.locator("#attempt-0")
     card.get_by_text("Correct", exact=True).click()
     card.get_by_label("Outcome").select_option("false")
     card.get_by_label("Reason").select_option("slip_lift")
     card.get_by_role("button", name="Store the correction").click()
-    ann.wait_for_url("**/feedback#attempt-1")
-    assert card.get_by_text("ann: did not hold (slip_lift)").count() == 1
+    ann.wait_for_url("**/feedback#attempt-0")
+    assert card.get_by_text("ann: did not hold (it slipped out while being lifted)").count() == 1
 
-    bob = signed_in(browser, server, token_bob)
-    card = bob.locator("#attempt-1")
-    assert card.get_by_text("You speak as bob.").count() == 1
-    card.get_by_role("button", name="Confirm").click()
-    bob.wait_for_url("**/feedback#attempt-1")
+    bob.get_by_text("Somebody has just judged this attempt.").wait_for()
+    assert bob.locator("#attempt-0").get_by_text("ann: did not hold").count() == 1
+    bob.keyboard.press("y")
+    bob.get_by_text("Sent in 10 s").wait_for()
+    bob.goto(f"{server.url}/objects")
+    assert _eventually(lambda: len(verdicts(server, token_bob)["0"]) == 2)
+    ann.goto(f"{server.url}/feedback")
     assert card.get_by_text("disputed, nothing").count() == 1
-    assert card.get_by_text("ann: did not hold").count() == 1
-    assert card.get_by_text("bob: held").count() == 1
     assert ann.faults == bob.faults == []
     for page in (ann, bob):
         page.context.close()

@@ -13,6 +13,8 @@ from flask.testing import FlaskClient
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
+from endpoint.pages.wording import REASONS
+from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
 from rtask.engine import Engine
@@ -118,7 +120,11 @@ def test_two_people_disagree_and_the_page_says_so(site: Site) -> None:
 
 
 def test_neither_robots_nor_foreign_pages_judge(site: Site) -> None:
-    assert judge(site.signed_in("nao-1"), verdict="confirm").status_code == 403
+    robot = site.signed_in("nao-1")
+    assert 'class="judge"' not in page(robot)
+    form = {"task_id": "urn:task:1", "verdict": "confirm"}
+    headers = {"Authorization": f"Bearer {site.tokens['nao-1']}"}
+    assert robot.post("/feedback", data=form, base_url=HOST, headers=headers).status_code == 403
     ann = site.signed_in("ann")
     assert judge(ann, origin="https://evil.example", verdict="confirm").status_code == 403
     assert judge(ann, secret="another", verdict="confirm").status_code == 403
@@ -135,6 +141,72 @@ def test_an_operator_gives_the_name_of_who_speaks(site: Site) -> None:
     assert attempt(boss)["verdicts"][0]["by"] == "cleo"
     server = site.app.extensions["rtask"].context
     assert server.audit.recent(1)[0]["event"] == "feedback"
+
+
+def test_pictures_stand_in_the_order_of_time_whatever_the_graph_gives(site: Site) -> None:
+    images = ""
+    for number, phase in enumerate(["pre_grasp", "closed", "held", "placed", "rinsed"], 1):
+        with site.kb.transaction(agent="nao-1") as tx:
+            blob = tx.blob(f"picture {number}".encode(), "image/png").value
+        images += f"""<urn:lab/attempt/1/image/{number}> a rt:ColorImage ; rt:name "{phase}" ;
+            rt:hasBlob <{blob}> ; prov:wasGeneratedBy <urn:lab/attempt/1> . """
+    site.kb.update(f"{FACTS.partition('INSERT')[0]} INSERT DATA {{ {images} }}", "nao-1")
+    ann = site.signed_in("ann")
+    found = attempt(ann)
+    phases = [picture["phase"] for picture in found["pictures"]]
+    assert phases == ["pre_grasp", "closed", "held", "placed", "rinsed"]
+    assert (found["before"]["phase"], found["after"]["phase"]) == ("pre_grasp", "placed")
+    before, after = (
+        re.search(rf'src="/api/blobs/{found[name]["sha"]}" alt="([^"]*)"', page(ann))
+        for name in ("before", "after")
+    )
+    assert before
+    assert before.group(1) == "blue &lt;mug&gt;, before the grasp"
+    assert after
+    assert after.group(1) == "blue &lt;mug&gt;, put down"
+
+
+def test_the_page_speaks_in_words_and_not_in_codes(site: Site) -> None:
+    ann = site.signed_in("ann")
+    assert judge(ann, verdict="correct", held="false", reason="ik").status_code == 303
+    text = page(ann)
+    assert "did not hold (the hand could not reach it)" in text
+    assert ">ik<" not in text
+
+
+def test_every_reason_of_the_ontology_has_words(site: Site) -> None:
+    codes = site.kb.select(
+        f"SELECT ?code {{ ?reason a <{ontology.NS}OutcomeReason> ; <{ontology.NS}code> ?code }}"
+    )
+    assert {str(row.value("code")) for row in codes} == set(REASONS)
+
+
+@pytest.mark.parametrize(
+    ("show", "found"), [("all", 1), ("unjudged", 1), ("disputed", 0), ("failed", 0)]
+)
+def test_attempts_are_filtered_before_they_are_counted(site: Site, show: str, found: int) -> None:
+    ann = site.signed_in("ann")
+    asked = ann.get(f"/feedback.json?show={show}", base_url=HOST).get_json()
+    assert len(asked["attempts"]) == found
+    judge(ann, verdict="refuse")
+    now = {
+        name: len(ann.get(f"/feedback.json?show={name}", base_url=HOST).get_json()["attempts"])
+        for name in ("all", "unjudged", "failed")
+    }
+    assert now == {"all": 1, "unjudged": 0, "failed": 1}
+    elsewhere = ann.get("/feedback.json?robot=urn:lab/robot/nao-2", base_url=HOST).get_json()
+    assert elsewhere["attempts"] == []
+    assert ann.get("/feedback.json?show=lost", base_url=HOST).status_code == 400
+
+
+def test_a_page_that_needs_a_token_offers_to_sign_in() -> None:
+    with closing(TokenStore(None)) as tokens, rtask.open(":memory:", ontologies=False) as kb:
+        application = new_application(kb, NoEngine(), tokens, Config())
+        browser = create_app(application).test_client()
+        answer = browser.get("/admin/tokens?x=1", headers={"Accept": "text/html"})
+        application.close()
+    assert answer.status_code == 401
+    assert 'href="/login?next=%2Fadmin%2Ftokens%3Fx%3D1"' in answer.text
 
 
 def test_an_attempt_that_does_not_exist_gets_a_problem_page(site: Site) -> None:
