@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.transaction import Transaction
     from rtask.kb.durability.blobs import Blob
 
-__all__ = ["Triples", "stamp"]
+__all__ = ["Triples", "rounded", "stamp"]
 
 _STAMP = NamedNode(ontology.PREFIXES["xsd"] + "dateTimeStamp")
 _METRE_DIGITS = 6
@@ -28,6 +28,16 @@ _QUATERNION_DIGITS = 10
 def stamp(time: dt.datetime) -> Literal:
     """Return a time as xsd:dateTimeStamp, the type of ``rt:atTime``."""
     return Literal(time.astimezone(dt.UTC).isoformat().replace("+00:00", "Z"), datatype=_STAMP)
+
+
+def rounded(value: float) -> float:
+    """Return a number as the graph keeps it.
+
+    >>> rounded(-1e-9)
+    0.0
+    """
+    # -0.0 and 0.0 would be two values of a property that may have one.
+    return round(value, _METRE_DIGITS) + 0.0
 
 
 class Triples:
@@ -56,8 +66,7 @@ class Triples:
         if value is None:
             return
         if isinstance(value, float):
-            # -0.0 and 0.0 would be two values of a property that may have one.
-            value = round(value, _METRE_DIGITS) + 0.0
+            value = rounded(value)
         self._stated.append((subject, predicate, value))
 
     def node(
@@ -107,13 +116,13 @@ class Triples:
         self._stated.append((reifier, RDF.reifies, Triple(subject, predicate, value)))
         self.add(reifier, RT.confidence, confidence)
 
-    def discard(
-        self, subject: NamedNode, predicates: Collection[NamedNode]
-    ) -> list[tuple[NamedNode, NamedNode, Value]]:
-        """Take back what was stated of some properties of a subject, and return it."""
-        taken = [t for t in self._stated if t[0] == subject and t[1] in predicates]
-        self._stated = [t for t in self._stated if t not in taken]
-        return taken
+    def extend(self, others: Iterable[tuple[NamedNode, NamedNode, Value]]) -> None:
+        """State what was stated elsewhere."""
+        self._stated.extend(others)
+
+    def discard(self, subject: NamedNode, predicates: Collection[NamedNode]) -> None:
+        """Take back what was stated about some properties of a subject."""
+        self._stated = [t for t in self._stated if t[0] != subject or t[1] not in predicates]
 
     def write(self, transaction: Transaction) -> None:
         """Assert everything in the transaction's own graph."""

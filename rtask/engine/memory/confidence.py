@@ -136,6 +136,7 @@ def believe(
     counts: Mapping[tuple[bool, bool], int],
     author: NamedNode,
     graph: NamedNode,
+    quality: float | None = None,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
     """State the new posterior of a grasp, derived from the first evaluation where there is one.
 
@@ -147,6 +148,8 @@ def believe(
         Whose outcome or verdict changes it.
     graph
         Of the author.
+    quality
+        Generator's score, 0..1, of a grasp that is not stored yet.
 
     Returns
     -------
@@ -154,7 +157,7 @@ def believe(
     """
     weighed = [(held, n * context.policy.weight_of(fast)) for (held, fast), n in counts.items()]
     first = stored_confidences(context, [grasp.value]).get(grasp.value, Confidence())
-    prior = _quality(context, triples, grasp) if first.prior is None else first.prior
+    prior = _quality(context, grasp, quality) if first.prior is None else first.prior
     belief = posterior(context.policy, prior, weighed)
     home = context.kb.graphs.owner(graph) or "shared"
     node = iri(f"{grasp.value}/evaluation/{slug(home)}")
@@ -185,11 +188,10 @@ def _iso(time: Any) -> str:
     return time.isoformat() if isinstance(time, dt.datetime) else str(time)
 
 
-def _quality(context: Context, triples: Triples, grasp: NamedNode) -> float | None:
+def _quality(context: Context, grasp: NamedNode, stated: float | None) -> float | None:
     """Return the generator's score of a grasp that is stored or about to be."""
-    for subject, predicate, value in triples:
-        if subject == grasp and predicate == RT.graspQuality and isinstance(value, float):
-            return min(max(value, 0.0), 1.0)
+    if stated is not None:
+        return min(max(stated, 0.0), 1.0)
     for quad in context.kb.match(grasp, RT.graspQuality):
         return min(max(float(str(python_value(object_term(quad.object)))), 0.0), 1.0)
     return None

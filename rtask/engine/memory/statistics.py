@@ -7,7 +7,9 @@ truth, and the counts can be made again from them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.question import JUDGED, UNJUDGED
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
 
 __all__ = [
+    "Pending",
     "count",
     "judged",
     "judged_counts",
@@ -63,9 +66,25 @@ def statistics_of(context: Context, grasp: NamedNode, robot: NamedNode) -> Named
     return context.names.named("statistics", f"{tail(grasp)}-{tail(robot)}")
 
 
+@dataclass
+class Pending:
+    """Counts of a commit in the making, so that its triples need not be read again.
+
+    Parameters
+    ----------
+    totals
+        (successes, attempts) by the IRI of a robot's count.
+    judged
+        Judged attempts by grasp and (held, in coarse physics).
+    """
+
+    totals: dict[NamedNode, tuple[int, int]] = field(default_factory=dict)
+    judged: dict[NamedNode, Counter[tuple[bool, bool]]] = field(default_factory=dict)
+
+
 def count(
     context: Context, triples: Triples, grasp: NamedNode, gripper_type: str, robot: NamedNode,
-    graph: NamedNode, attempts: int, successes: int,
+    graph: NamedNode, attempts: int, successes: int, pending: Pending,
 ) -> list[tuple[NamedNode, NamedNode, Any]]:  # fmt: skip
     """State a robot's new count of a grasp.
 
@@ -75,6 +94,8 @@ def count(
         Where the robot keeps its counts.
     attempts, successes
         How many more there are than before; fewer when a person took something back.
+    pending
+        Counts of this commit so far; this one is added.
 
     Returns
     -------
@@ -82,15 +103,20 @@ def count(
     """
     node = statistics_of(context, grasp, robot)
     counted = (RT.attempts, RT.successes, RT.meanSuccess, RT.lower95)
-    pending = triples.discard(node, counted)
     old = [
         (node, quad.predicate, quad.object)
         for quad in context.kb.match(node, graph=graph)
         if quad.predicate in counted
     ]
-    numbers = {p: float(str(python_value(object_term(v)))) for _, p, v in (*old, *pending)}
-    total = max(int(numbers.get(RT.attempts, 0)) + attempts, 0)
-    held = min(max(int(numbers.get(RT.successes, 0)) + successes, 0), total)
+    if node in pending.totals:
+        triples.discard(node, counted)
+        held, total = pending.totals[node]
+    else:
+        numbers = {p: float(str(python_value(object_term(v)))) for _, p, v in old}
+        held, total = int(numbers.get(RT.successes, 0)), int(numbers.get(RT.attempts, 0))
+    total = max(total + attempts, 0)
+    held = min(max(held + successes, 0), total)
+    pending.totals[node] = held, total
     state(triples, node, grasp, gripper_type, robot, held, total)
     return old
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
-from rtask.engine.memory.statistics import count, judged_counts, totalled
+from rtask.engine.memory.statistics import Pending, count, judged_counts, totalled
 from rtask.engine.memory.verdicts import Judged, Verdict, find_attempt, label_of
 from rtask.engine.names import tail
 from rtask.engine.operations.messages import Field, nearest
@@ -118,6 +118,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
         recounted = count(
             context, counts, after.grasp, after.gripper_type, after.robot, kept,
             attempts=(now is not None) - (was is not None), successes=bool(now) - bool(was),
+            pending=Pending(),
         )  # fmt: skip
         totals = judged_counts(context, after.grasp)
         # Without a reasoner the graph counts what robots decided.

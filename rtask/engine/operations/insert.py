@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rtask.engine.curation.naming import described_class, short_id_of
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
+from rtask.engine.memory.statistics import Pending
 from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
 from rtask.engine.operations.messages import Field
@@ -37,7 +38,7 @@ from rtask.engine.records.record import (
     Earlier,
     Entry,
     Withdrawn,
-    record_try,
+    record,
     resolve_grasp,
 )
 from rtask.engine.terms import find_function, folded
@@ -105,6 +106,7 @@ class _Writer:
         self.graph = context.home_graph(author)
         self.agent = context.agent_iri(author)
         self.triples = Triples()
+        self.pending = Pending()
         self.withdrawn: Withdrawn = []
         self.views: list[tuple[NamedNode, NamedNode, str, Observation]] = []
         self.models: list[tuple[str, ObjectModel]] = []
@@ -192,15 +194,16 @@ class _Writer:
         if one.grasp is None or one.outcome is None:
             return None
         if one.gripper is None:
-            return resolve_grasp(self.context, self.triples, thing, _UNKNOWN_GRIPPER, one.grasp)
+            return resolve_grasp(self.context, self.triples, thing, _UNKNOWN_GRIPPER, one.grasp)[0]
         decision = self.context.decisions.get(one.item["task_id"])
-        grasp, withdrawn = record_try(
+        recorded = record(
             self.context, self.triples,
             Entry(thing, one.gripper, one.grasp, one.outcome, one.item["task"], task_id, now,
                   self.graph, decision, event),
+            self.pending,
         )  # fmt: skip
-        self.withdrawn += withdrawn
-        return grasp
+        self.withdrawn += recorded.withdrawn
+        return recorded.grasp
 
     def _new_object(self, one: Prepared) -> tuple[NamedNode, str, str, str]:
         """State a new object; return it with class, short id and label."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime as dt
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.memory.statistics import over_all_robots, totalled
+from rtask.engine.memory.statistics import Pending, over_all_robots, totalled
 from rtask.engine.operations.messages import Field, read
 from rtask.engine.records.received import OUTCOME, Outcome, received
 from rtask.engine.records.record import Entry, earlier, record
@@ -72,6 +72,7 @@ def report_outcome(context: Context, request: dict[str, Any], access: Access) ->
                 graph=context.home_graph(author),
                 decision=decision,
             ),
+            Pending(),
         )
         with context.kb.transaction(access=author, note="report outcome") as tx:
             for subject, predicate, value in recorded.withdrawn:

@@ -23,13 +23,13 @@ from rtask.rdf.terms import NamedNode, iri, literal
 if TYPE_CHECKING:
     from rtask.engine.context import Context
 
-__all__ = ["Try", "find_grasp", "state_grasp", "state_try", "state_verdict"]
+__all__ = ["Attempt", "attempt_triples", "find_grasp", "state_grasp", "state_verdict"]
 
 _GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
 
 
 @dataclass(frozen=True)
-class Try:
+class Attempt:
     """One attempt, ready to be stated.
 
     Parameters
@@ -145,9 +145,9 @@ def _kind(grasp: Received) -> str:
     return "planar outline" if grasp.turn is None else "pose perturbation"
 
 
-def state_try(context: Context, triples: Triples, one: Try) -> NamedNode:
-    """State an attempt with its task, outcome, evidence and pictures; return the outcome."""
-    fields = one.outcome.fields
+def attempt_triples(context: Context, one: Attempt) -> Triples:
+    """Return the triples of an attempt: its task, outcome, evidence and pictures."""
+    triples, fields = Triples(), one.outcome.fields
     outcome, feedback = context.names.unique("outcome"), context.names.unique("feedback")
     robot, belief = one.gripper.robot, one.received.belief
     triples.node(
@@ -220,7 +220,7 @@ def state_try(context: Context, triples: Triples, one: Try) -> NamedNode:
         said = Verdict(operator, one.outcome.held, one.ended)
         state_verdict(context, triples, outcome, said, (int(said.held), int(not said.held)))
     _state_pictures(context, triples, one)
-    return outcome
+    return triples
 
 
 def state_verdict(
@@ -252,7 +252,7 @@ def state_verdict(
     )
 
 
-def _state_pictures(context: Context, triples: Triples, one: Try) -> None:
+def _state_pictures(context: Context, triples: Triples, one: Attempt) -> None:
     for k, picture in enumerate(one.outcome.fields.get("images") or []):
         media_type, width, height = check_picture(picture["data"], f"outcome.images[{k}].data")
         triples.node(

@@ -234,6 +234,11 @@ class Outcome:
     comments: tuple[str, ...] = ()
     fields: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def is_fast(self) -> bool:
+        """Whether it happened in the coarse physics preset."""
+        return bool(self.fields.get("preset") == "fast")
+
     @classmethod
     def of(cls, fields: Mapping[str, Any], known: frozenset[str], path: str) -> Outcome:
         """Read the fields of an outcome.

@@ -12,14 +12,14 @@ from rtask.engine.decisions import Decision
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.confidence import believe
 from rtask.engine.memory.question import UNJUDGED
-from rtask.engine.memory.statistics import count, judged_counts
-from rtask.engine.records.attempts import Try, find_grasp, state_grasp, state_try
+from rtask.engine.memory.statistics import Pending, count, judged_counts
+from rtask.engine.records.attempts import Attempt, attempt_triples, find_grasp, state_grasp
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.received import Outcome, Received
 from rtask.engine.terms import find_task
-from rtask.engine.triples import Triples
+from rtask.engine.triples import Triples, rounded
 from rtask.errors import UnknownTermError
-from rtask.rdf.namespaces import PREFIXES, RT, reason
+from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode, Value, iri, literal
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ __all__ = [
     "Withdrawn",
     "earlier",
     "record",
-    "record_try",
     "resolve_grasp",
     "task_iri",
 ]
@@ -104,8 +103,8 @@ def task_iri(context: Context, task_id: str) -> NamedNode:
 
 def resolve_grasp(
     context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received
-) -> NamedNode:
-    """Return the grasp of an object that a message means, stated anew where it is new.
+) -> tuple[NamedNode, bool]:
+    """Return the grasp of an object that a message means, and whether it was stated just now.
 
     A grasp of another object, tried on this one, becomes a grasp of this one that is derived from
     it.
@@ -116,7 +115,7 @@ def resolve_grasp(
         When only an id came and it is no grasp of this object.
     """
     if grasp.iri is not None and context.kb.match(thing, RT.hasGrasp, grasp.iri):
-        return grasp.iri
+        return grasp.iri, False
     if grasp.in_object is None:
         name = grasp.id or "without an id"
         raise UnknownTermError(
@@ -124,12 +123,12 @@ def resolve_grasp(
         )
     same = find_grasp(context, thing, gripper_type, grasp)
     if same is not None:
-        return same
+        return same, False
     state_frame(context, triples, thing)
     source = grasp.iri
     if source is not None and not context.kb.match(None, RT.hasGrasp, source):
         source = None
-    return state_grasp(context, triples, thing, gripper_type, grasp, derived_from=source)
+    return state_grasp(context, triples, thing, gripper_type, grasp, derived_from=source), True
 
 
 @dataclass(frozen=True)
@@ -150,41 +149,38 @@ class Recorded:
     counts: Mapping[tuple[bool, bool], int] | None = None
 
 
-def record_try(context: Context, triples: Triples, entry: Entry) -> tuple[NamedNode, Withdrawn]:
-    """State an attempt; see :func:`record`."""
-    recorded = record(context, triples, entry)
-    return recorded.grasp, recorded.withdrawn
+def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Recorded:
+    """State an attempt with grasp, outcome, count and belief.
 
-
-def record(context: Context, triples: Triples, entry: Entry) -> Recorded:
-    """State an attempt with grasp, outcome, count and belief."""
-    grasp = resolve_grasp(
+    Parameters
+    ----------
+    pending
+        Counts of this commit so far; those of the attempt are added.
+    """
+    grasp, is_new = resolve_grasp(
         context, triples, entry.thing, entry.gripper.gripper.gripper_type, entry.received
     )
     recognition = None
     if entry.decision is not None and entry.decision.recognition is not None:
         recognition = state_recognition(context, triples, entry.decision.recognition, entry.event)
     task_class, task_name = find_task(entry.task)
-    state_try(
-        context,
-        triples,
-        Try(
-            attempt=context.names.unique("attempt"),
-            thing=entry.thing,
-            grasp=grasp,
-            gripper=entry.gripper,
-            task=task_iri(context, entry.task_id),
-            task_class=task_class,
-            task_name=task_name,
-            request_id=entry.task_id,
-            ended=entry.ended,
-            outcome=entry.outcome,
-            received=entry.received,
-            recognition=recognition,
-            times=_times(entry),
-            seed=None if entry.decision is None else entry.decision.seed,
-        ),
+    attempt = Attempt(
+        attempt=context.names.unique("attempt"),
+        thing=entry.thing,
+        grasp=grasp,
+        gripper=entry.gripper,
+        task=task_iri(context, entry.task_id),
+        task_class=task_class,
+        task_name=task_name,
+        request_id=entry.task_id,
+        ended=entry.ended,
+        outcome=entry.outcome,
+        received=entry.received,
+        recognition=recognition,
+        times=_times(entry),
+        seed=None if entry.decision is None else entry.decision.seed,
     )
+    triples.extend(attempt_triples(context, attempt))
     if entry.outcome.reason in UNJUDGED:
         return Recorded(grasp, [])
     gripper, held = entry.gripper, entry.outcome.held
@@ -192,29 +188,17 @@ def record(context: Context, triples: Triples, entry: Entry) -> Recorded:
     if entry.graph == context.kb.graphs.agent(gripper.robot_name):
         withdrawn += count(
             context, triples, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,
-            attempts=1, successes=int(held),
+            attempts=1, successes=int(held), pending=pending,
         )  # fmt: skip
-    counts = Counter(judged_counts(context, grasp)) + _pending(triples, grasp)
-    withdrawn += believe(context, triples, grasp, counts, gripper.robot, entry.graph)
+    stated = pending.judged.setdefault(grasp, Counter())
+    stated[held, entry.outcome.is_fast] += 1
+    counts = Counter(judged_counts(context, grasp)) + stated
+    quality = entry.received.quality if is_new else None
+    withdrawn += believe(
+        context, triples, grasp, counts, gripper.robot, entry.graph,
+        None if quality is None else rounded(quality),
+    )  # fmt: skip
     return Recorded(grasp, withdrawn, counts)
-
-
-def _pending(triples: Triples, grasp: NamedNode) -> Counter[tuple[bool, bool]]:
-    """Count the judged attempts of a grasp that are stated and not stored yet, this one too."""
-    said: dict[NamedNode, dict[NamedNode, list[Any]]] = {}
-    for subject, predicate, value in triples:
-        said.setdefault(subject, {}).setdefault(predicate, []).append(value)
-    unjudged = {reason(code) for code in UNJUDGED}
-    counts: Counter[tuple[bool, bool]] = Counter()
-    for attempt in said.values():
-        if grasp not in attempt.get(RT.executesGrasp, []):
-            continue
-        outcome = said[attempt[RT.hasOutcome][0]]
-        if outcome[RT.hasReason][0] in unjudged:
-            continue
-        presets = [said[f].get(RT.preset, [""])[0] for f in outcome[RT.hasFeedback]]
-        counts[bool(outcome[RT.success][0]), "fast" in presets] += 1
-    return counts
 
 
 def _times(entry: Entry) -> Mapping[str, float]:
