@@ -35,6 +35,9 @@ class ViewIndex:
     ----------
     index, recogniser
         As they are now; rebuilding replaces both.
+    generation
+        Counts the changes of the index: what was recognised in one generation may be recognised
+        differently in the next.
     """
 
     index: RecognitionIndex
@@ -44,6 +47,7 @@ class ViewIndex:
         self._kb = kb
         self._folder = folder
         self._writing = writing
+        self.generation = 0
         self._use(self._open())
 
     def learn(
@@ -56,6 +60,7 @@ class ViewIndex:
         """
         try:
             self.index.add(view.value, thing.value, class_iri, features)
+            self.generation += 1
         except (OSError, ValueError):
             log.exception("view %s is stored but not indexed yet", view.value)
 
@@ -67,8 +72,10 @@ class ViewIndex:
             for view, name in present.items():
                 if view not in wanted:
                     self.index.remove(view)
+                    self.generation += 1
                 elif name[1:] != (wanted[view].object, wanted[view].class_iri):
                     self.index.relabel(view, wanted[view].object, wanted[view].class_iri)
+                    self.generation += 1
             missing = sorted(wanted.keys() - present.keys())
             for view in missing:
                 row = wanted[view]
@@ -100,6 +107,7 @@ class ViewIndex:
 
         self.index = index
         self.recogniser = Recogniser(index)
+        self.generation += 1
 
     def _open(self) -> RecognitionIndex:
         from features.recognition.index.recognition_index import RecognitionIndex

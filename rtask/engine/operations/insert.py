@@ -81,7 +81,7 @@ def insert_object(context: Context, request: dict[str, Any], access: Access) -> 
     fallback = grippers[0].robot_name if grippers else None
     with context.writing:
         author = context.author(access, fallback)
-        writer = _Writer(context, author)
+        writer = _Writer(context, author, access)
         entries = [writer.write(one) for one in prepared]
         with context.kb.transaction(access=author, note="insert objects") as tx:
             for subject, predicate, value in writer.withdrawn:
@@ -100,9 +100,10 @@ def insert_object(context: Context, request: dict[str, Any], access: Access) -> 
 class _Writer:
     """Turns prepared entries into statements; the caller holds the engine's write lock."""
 
-    def __init__(self, context: Context, author: Access) -> None:
+    def __init__(self, context: Context, author: Access, access: Access) -> None:
         self.context = context
         self.author = author
+        self.access = access
         self.graph = context.home_graph(author)
         self.agent = context.agent_iri(author)
         self.triples = Triples()
@@ -125,11 +126,28 @@ class _Writer:
         before = stored_before(self.context, task_id, self.author, one.gripper)
         if before is not None:
             return self._answer_again(before)
+        if self._may_be_twin(one):
+            again = prepare(self.context, one.item, one.where, self.access)
+            if isinstance(again, Repeated):
+                return self._answer_again(again.before)
+            one = again
         answer = self._write_new(one, task_id or self.context.names.unique("task").value)
         self.stored += 1
         if task_id:
             self._told[task_id] = answer
         return answer
+
+    def _may_be_twin(self, one: Prepared) -> bool:
+        """Tell whether a thing that looked new may have been stored since it was recognised.
+
+        Robots that insert one product at once all find it unknown; each but the first must
+        recognise what the first has stored, or one product becomes several objects.
+        """
+        return (
+            one.known is None
+            and one.item["merge"]
+            and one.generation != self.context.views.generation
+        )
 
     def _answer_again(self, before: Earlier) -> dict[str, Any]:
         """Return what a repeated request is told: what the first one stored."""

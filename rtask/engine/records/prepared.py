@@ -66,7 +66,13 @@ ITEM = (
 
 @dataclass(frozen=True)
 class Prepared:
-    """One entry, decoded, recognised and located; nothing stored yet."""
+    """One entry, decoded, recognised and located; nothing stored yet.
+
+    Parameters
+    ----------
+    generation
+        Of the index in which it was recognised.
+    """
 
     item: dict[str, Any]
     where: str
@@ -78,6 +84,7 @@ class Prepared:
     outcome: Outcome | None
     view: NamedNode
     growth: Growth | None
+    generation: int = 0
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,7 @@ def prepare(
         return Repeated(item["task_id"], before, gripper)
     seen = observe_once(context, item, where)
     kinds = classes_named(context, item["class_description"])
+    generation = context.views.generation
     recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES)
     question = question_for(
         context.policy, seen, recognition, item["object"], gripper,
@@ -139,7 +147,9 @@ def prepare(
         context.models, None if known is None else iri(known.iri), seen,
         _viewpoint(seen, known, placement, pose) if is_alike else None, view, is_round,
     )  # fmt: skip
-    return Prepared(item, where, seen, known, placement, gripper, grasp, outcome, view, growth)
+    return Prepared(
+        item, where, seen, known, placement, gripper, grasp, outcome, view, growth, generation
+    )
 
 
 def _viewpoint(

@@ -1,0 +1,79 @@
+"""Robots that insert one product at once make one object of it."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from rtask.engine.operations import insert
+from rtask.rdf.namespaces import RT
+
+
+@pytest.fixture
+def gathered(engine, monkeypatch):
+    """Return a semaphore that is released when a request has been recognised, before it writes."""
+    ready, prepare = threading.Semaphore(0), insert.prepare
+
+    def prepared(*args):
+        found = prepare(*args)
+        ready.release()
+        return found
+
+    monkeypatch.setattr(insert, "prepare", prepared)
+    return ready
+
+
+def insert_at_once(engine, gathered, jobs):
+    """Run jobs in threads, all of which recognise before any of them writes."""
+    with ThreadPoolExecutor(len(jobs)) as pool:
+        with engine.context.writing:
+            running = [pool.submit(job) for job in jobs]
+            for _ in jobs:
+                assert gathered.acquire(timeout=60)
+        return [one.result()["objects"][0] for one in running]
+
+
+def objects(kb):
+    return {quad.subject for quad in kb.match(None, RT.objectId)}
+
+
+def views(bench, thing, count):
+    """Return what each robot sends of a thing: the same side, each with its own noise."""
+    target = (*thing.position, bench.TABLE)
+    return [bench.sight(thing, bench.Eye(target=target, noise_seed=k)) for k in range(count)]
+
+
+@pytest.mark.parametrize(("count", "others"), [pytest.param(20, 0, marks=pytest.mark.slow), (4, 2)])
+def test_simultaneous_insertions_of_one_product_make_no_twin(
+    bench, kb, engine, robots, gathered, count, others
+):
+    robot = robots()
+    for known in (bench.CAN, bench.PEN)[:others]:
+        robot.insert(bench.sight(known))
+        gathered.acquire()
+    jobs = [lambda seen=seen: robot.insert(seen) for seen in views(bench, bench.BOX, count)]
+    answers = insert_at_once(engine, gathered, jobs)
+    assert len(objects(kb)) == others + 1
+    assert len({answer["object"] for answer in answers}) == 1
+    assert sorted(answer["new"] for answer in answers) == [False] * (count - 1) + [True]
+    assert len({answer["view"] for answer in answers}) == count
+    assert robot.recognise(bench.sight(bench.BOX))["object"] == answers[0]["object"]
+
+
+def test_different_products_inserted_at_once_stay_apart(bench, kb, engine, robots, gathered):
+    robot = robots()
+    seen = [bench.sight(thing) for thing in (bench.BOX, bench.CAN, bench.PEN)]
+    jobs = [lambda one=one: robot.insert(one) for one in seen]
+    answers = insert_at_once(engine, gathered, jobs)
+    assert len({answer["object"] for answer in answers}) == len(objects(kb)) == 3
+
+
+def test_an_insertion_that_asks_for_a_new_object_gets_one(bench, kb, engine, robots, gathered):
+    robot = robots()
+    seen = views(bench, bench.CAN, 2)
+    jobs = [lambda one=one: robot.insert(one, merge=False) for one in seen]
+    answers = insert_at_once(engine, gathered, jobs)
+    assert all(answer["new"] for answer in answers)
+    assert len(objects(kb)) == 2
