@@ -1,44 +1,44 @@
-"""Every error that RTASK raises on purpose.
+"""The exceptions that RTASK raises on purpose.
 
 ::
 
     RtaskError
-    ├── UsageError                  the call itself is wrong (bad argument, bad option)
-    │   └── LazyLoadError           a loop would send one query an object
-    ├── StoreError
+    ├── UsageError                  the call is wrong: a bad argument, option or combination
+    │   └── LazyLoadError           a loop would send one query for each object
+    ├── StoreError                  the store cannot carry out the request
     │   ├── StoreLockedError        another process has the folder open for writing
     │   ├── StoreFormatError        not a knowledge base, or one of another format
     │   ├── StorageFullError        the disk is full
     │   ├── ClosedError             used after close()
-    │   ├── MissingBlobError        a triple names bytes that are not there
+    │   ├── MissingBlobError        a triple names bytes that are missing
     │   ├── UnsupportedError        not possible on this kind of store
-    │   ├── BusyError               too many wait already
+    │   ├── BusyError               too many requests are waiting
     │   ├── QueryTimeout            a query reached its deadline
     │   ├── GoneError               older than the history that is kept
-    │   ├── EpochChangedError       the order of commits was lost since then
+    │   ├── EpochChangedError       commits were renumbered, by a restored backup
     │   └── Lagged                  a subscriber was too slow
-    ├── DataError
-    │   ├── ParseError              file, line, column, reason
+    ├── DataError                   the data are not acceptable; nothing was stored
+    │   ├── ParseError              a file that does not parse: file, line, column, reason
     │   ├── QuerySyntaxError        SPARQL text that does not parse
     │   ├── ValidationError         SHACL violations, with the report
     │   ├── InconsistentError       a contradiction, with the triples that clash
-    │   ├── QueryTooExpensive       a query that its reader did not survive
+    │   ├── QueryTooExpensive       a query that needs more memory than it may use
     │   ├── VersionConflictError    somebody else wrote first
-    │   ├── ConflictError           what was built on it since stands in the way
+    │   ├── ConflictError           later data stand in the way
     │   ├── TooLargeError           beyond a stated limit
-    │   ├── FieldError              a value that a field of an object does not take
-    │   └── UnknownTermError        a name or IRI that the graph does not know
-    ├── AccessError
+    │   ├── UnknownTermError        a name or IRI that the graph does not contain
+    │   └── FieldError              a value that does not fit a field of an object
+    ├── AccessError                 the caller is not allowed to
     │   ├── AuthenticationError     no token, or not a valid one
     │   └── ForbiddenError          a valid token without the right
-    │       └── OwnershipError      the statement to replace is another agent's
-    ├── RemoteError
-    │   ├── RemoteUnavailableError  no answer, connection lost
-    │   └── CallFailedError         the server answered: no
+    │       └── OwnershipError      the statement to replace belongs to another agent
+    ├── RemoteError                 the other end of a connection failed
+    │   ├── RemoteUnavailableError  no answer, or connection lost
+    │   └── CallFailedError         the server reported a failure
     ├── MissingExtraError           an optional part of RTASK is not installed
     └── RobotError                  a robot cannot do what was asked
 
-An error says what was wrong, where, what was expected and what to do. The command line prints it
+A message says what was wrong, where, what was expected and what to do. The command line prints it
 as one line and exits with :attr:`RtaskError.exit_code`; HTTP turns it into RFC 9457 problem
 details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`.
 """
@@ -87,7 +87,7 @@ __all__ = [
 
 
 class RtaskError(Exception):
-    """Base of all errors raised on purpose.
+    """Base class of all errors that RTASK raises on purpose.
 
     Parameters
     ----------
@@ -108,19 +108,19 @@ class RtaskError(Exception):
 
 
 class UsageError(RtaskError):
-    """The call itself is wrong: a bad argument, option or combination."""
+    """The call is wrong: a bad argument, option or combination."""
 
     status, slug, exit_code = 400, "usage", 2
 
 
 class LazyLoadError(UsageError):
-    """A field of one of many results was not loaded; prefetch it with the query."""
+    """A field of one of many results was not loaded; name it in the query to prefetch it."""
 
     slug = "lazy-load"
 
 
 class StoreError(RtaskError):
-    """The store cannot do it."""
+    """The store cannot carry out the request."""
 
     slug = "store"
 
@@ -132,7 +132,7 @@ class StoreLockedError(StoreError):
 
 
 class StoreFormatError(StoreError):
-    """The folder is no knowledge base, or one that another version wrote."""
+    """The folder is not a knowledge base, or was written by an incompatible version."""
 
     slug = "store-format"
 
@@ -150,49 +150,49 @@ class ClosedError(StoreError):
 
 
 class MissingBlobError(StoreError):
-    """A statement names bytes that are not in the blob store."""
+    """A statement names bytes that are missing from the blob store."""
 
     status, slug = 422, "missing-blob"
 
 
 class UnsupportedError(StoreError):
-    """This kind of store cannot do what was asked."""
+    """This kind of store does not support the operation."""
 
     status, slug = 501, "unsupported"
 
 
 class BusyError(StoreError):
-    """Too many wait already; trying again later may succeed."""
+    """Too many requests are waiting; a later attempt may succeed."""
 
     status, slug = 503, "busy"
 
 
 class QueryTimeout(StoreError):
-    """A query reached its deadline and was ended; ``timeout_s`` is what it had."""
+    """A query was stopped at its deadline; ``timeout_s`` is the time it was given."""
 
     status, slug = 504, "query-timeout"
 
 
 class GoneError(StoreError):
-    """Commits that are asked for are no longer kept; ``oldest`` is the first that is."""
+    """The requested commits are no longer kept; ``oldest`` is the first that is."""
 
     status, slug = 410, "changes-gone"
 
 
 class EpochChangedError(StoreError):
-    """Commits are numbered anew since then (a restored backup); read everything again."""
+    """Commits were renumbered since then, by a restored backup; read everything again."""
 
     status, slug = 410, "epoch-changed"
 
 
 class Lagged(StoreError):
-    """A subscriber was too slow; ``since`` says from where to subscribe again."""
+    """A subscriber was too slow; subscribe again from ``since``."""
 
     slug = "lagged"
 
 
 class DataError(RtaskError):
-    """The data given are not acceptable; nothing was stored."""
+    """The data are not acceptable; nothing was stored."""
 
     status, slug = 422, "data"
 
@@ -210,7 +210,7 @@ class QuerySyntaxError(DataError):
 
 
 class QueryTooExpensive(DataError):
-    """A query needs more memory than it may have, or crashed its reader."""
+    """A query needs more memory than it may use, or crashed the process that ran it."""
 
     status, slug = 400, "query-too-expensive"
 
@@ -234,43 +234,43 @@ class VersionConflictError(DataError):
 
 
 class ConflictError(DataError):
-    """What is there now does not allow it; the message says what stands in the way."""
+    """The present data do not allow the change; the message names the obstacle."""
 
     status, slug = 409, "conflict"
 
 
 class TooLargeError(DataError):
-    """Beyond a stated limit."""
+    """The request or the data exceed a stated limit."""
 
     status, slug = 413, "too-large"
 
 
 class UnknownTermError(DataError):
-    """A name or IRI that the graph does not know; ``did_you_mean`` where something is near."""
+    """A name or IRI that the graph does not contain; ``did_you_mean`` where one is similar."""
 
     slug = "unknown-term"
 
 
 class FieldError(DataError):
-    """A value that a field does not take; ``field``, ``iri`` and ``expected`` say more."""
+    """A value does not fit a field; see ``field``, ``iri`` and ``expected``."""
 
     slug = "field"
 
 
 class AccessError(RtaskError):
-    """The caller may not do it."""
+    """The caller is not allowed to do this."""
 
     status, slug = 403, "forbidden"
 
 
 class AuthenticationError(AccessError):
-    """No token where one is needed, or one that is wrong, expired or revoked."""
+    """A token is required, or the one given is wrong, expired or revoked."""
 
     status, slug = 401, "unauthenticated"
 
 
 class ForbiddenError(AccessError):
-    """A valid caller without the right; ``graph`` names the graph concerned."""
+    """The caller is known but lacks the right; ``graph`` names the graph concerned."""
 
     status, slug = 403, "graph-forbidden"
 
@@ -282,19 +282,19 @@ class OwnershipError(ForbiddenError):
 
 
 class RemoteError(RtaskError):
-    """Something at the other end of a connection."""
+    """The other end of a connection failed."""
 
     status, slug = 502, "remote"
 
 
 class RemoteUnavailableError(RemoteError):
-    """No answer, or the connection was lost."""
+    """The server does not answer, or the connection was lost."""
 
     status, slug = 503, "remote-unavailable"
 
 
 class CallFailedError(RemoteError):
-    """The server answered that the call failed; the message is the server's."""
+    """The server reported that the call failed; the message is the server's."""
 
     slug = "call-failed"
 

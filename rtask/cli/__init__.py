@@ -1,7 +1,6 @@
-"""The command ``rtask``: one group, one file for each command, nothing imported before it is used.
+"""The command ``rtask``: a group that imports a command only when it is called.
 
-Other rooms and other people's packages add commands through the entry-point group
-``rtask.commands``.
+Other packages add commands through the entry-point group ``rtask.commands``.
 """
 
 from __future__ import annotations
@@ -18,42 +17,42 @@ from typing import Any
 
 import click
 
-from rtask.errors import RtaskError
+from rtask.errors import RtaskError, StoreFormatError
 from rtask.extras import naming_extras
 
 __all__ = ["cli", "main"]
 
 _BUILT_IN = {
-    "ask": "rtask.cli.people.ask:ask",
-    "backup": "rtask.cli.graph.backup:backup",
+    "ask": "rtask.cli.people:ask",
+    "backup": "rtask.cli.maintenance:backup",
     "doctor": "rtask.cli.doctor:doctor",
-    "explain": "rtask.cli.knowledge.explain:explain",
-    "export": "rtask.cli.graph.export:export",
-    "feedback": "rtask.cli.people.feedback:feedback",
-    "grasp": "rtask.cli.grasping.plan:grasp",
-    "history": "rtask.cli.graph.history:history",
-    "learn": "rtask.cli.grasping.learn:learn",
-    "load": "rtask.cli.graph.load:load",
-    "model": "rtask.cli.knowledge.model:model",
-    "objects": "rtask.cli.people.objects:objects",
-    "ontology": "rtask.cli.knowledge.ontology:ontology",
-    "quarantine": "rtask.cli.graph.quarantine:quarantine",
-    "query": "rtask.cli.graph.query:query",
-    "reason": "rtask.cli.knowledge.reason:reason",
-    "rebuild": "rtask.cli.graph.rebuild:rebuild",
+    "explain": "rtask.cli.reasoning:explain",
+    "export": "rtask.cli.contents:export",
+    "feedback": "rtask.cli.people:feedback",
+    "grasp": "rtask.cli.grasping.plan_on_plane:grasp",
+    "history": "rtask.cli.contents:history",
+    "learn": "rtask.cli.grasping.learning:learn",
+    "load": "rtask.cli.load:load",
+    "model": "rtask.cli.ontology:model",
+    "objects": "rtask.cli.objects:objects",
+    "ontology": "rtask.cli.ontology:ontology",
+    "quarantine": "rtask.cli.maintenance:quarantine",
+    "query": "rtask.cli.query:query",
+    "reason": "rtask.cli.reasoning:reason",
+    "rebuild": "rtask.cli.maintenance:rebuild",
     "recognise": "rtask.cli.perception.recognise:recognise",
-    "restore": "rtask.cli.graph.restore:restore",
-    "search": "rtask.cli.graph.search:search",
+    "restore": "rtask.cli.maintenance:restore",
+    "search": "rtask.cli.query:search",
     "segment": "rtask.cli.perception.segment:segment",
-    "stats": "rtask.cli.graph.stats:stats",
-    "update": "rtask.cli.graph.update:update",
-    "validate": "rtask.cli.graph.validate:validate",
-    "verify": "rtask.cli.graph.verify:verify",
+    "stats": "rtask.cli.contents:stats",
+    "update": "rtask.cli.query:update",
+    "validate": "rtask.cli.maintenance:validate",
+    "verify": "rtask.cli.maintenance:verify",
 }
 
 
 def _targets() -> dict[str, str]:
-    """Return where each command lives, as ``module:attribute``."""
+    """Return where each command is defined, as ``module:attribute``."""
     targets = dict(_BUILT_IN)
     for entry in importlib.metadata.entry_points(group="rtask.commands"):
         targets.setdefault(entry.name, entry.value)
@@ -61,7 +60,7 @@ def _targets() -> dict[str, str]:
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name and imports one when it is called."""
+    """A group that knows its commands by name and imports each when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return all names, sorted."""
@@ -79,7 +78,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find a command, or say what may have been meant."""
+        """Find a command, or suggest one with a similar name."""
         name = args[0]
         if self.get_command(ctx, name) is None and not name.startswith("-"):
             near = difflib.get_close_matches(name, self.list_commands(ctx), n=1)
@@ -88,7 +87,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands with what their sources say, without importing them."""
+        """List the commands with the first lines of their docstrings, without importing them."""
         rows = [(name, short_help(target)) for name, target in sorted(_targets().items())]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
@@ -97,8 +96,8 @@ class LazyGroup(click.Group):
 def short_help(target: str) -> str:
     """Return the first line of a command's docstring, read from its source.
 
-    >>> short_help("rtask.cli.graph.stats:stats")
-    'Count what a knowledge base holds.'
+    >>> short_help("rtask.cli.contents:stats")
+    'Count triples, graphs and commits.'
     """
     module, _, attribute = target.partition(":")
     try:
@@ -119,7 +118,7 @@ def short_help(target: str) -> str:
 )
 @click.version_option(package_name="rtask-kg", prog_name="rtask")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.option("--verbose", "-v", is_flag=True, help="Say what is being done.")
+@click.option("--verbose", "-v", is_flag=True, help="Log what is being done.")
 @click.pass_context
 def cli(ctx: click.Context, debug: bool, verbose: bool) -> None:
     """A knowledge graph that robots share."""
@@ -137,7 +136,7 @@ def _command_name(arguments: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line: one line and an exit code for an error, no traceback."""
+    """Run the command line; an error is one line and an exit code, without a traceback."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         with naming_extras(_command_name(given)):
@@ -151,9 +150,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except RtaskError as error:
         if "--debug" in given:
             raise
-        click.echo(f"rtask: {error}", err=True)
+        click.echo(f"rtask: {error}{_advice(error)}", err=True)
         sys.exit(error.exit_code)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(0)
     sys.exit(done if isinstance(done, int) else 0)
+
+
+def _advice(error: RtaskError) -> str:
+    """Return where a knowledge base is, if the folder that was named holds none; else nothing."""
+    if not isinstance(error, StoreFormatError):
+        return ""
+    here = Path.cwd()
+    found = sorted({*here.glob("*/kb.json"), *here.glob("*/*/kb.json")})
+    if not found:
+        return ""
+    return f"; there is one here: --data {found[0].parent.relative_to(here)}"

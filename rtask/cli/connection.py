@@ -1,4 +1,4 @@
-"""Commands that talk to an engine: one in this process over a folder, or one behind a server."""
+"""How commands reach a knowledge base: a folder on this machine, or a server."""
 
 from __future__ import annotations
 
@@ -8,19 +8,45 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 if TYPE_CHECKING:
     from rtask.client import Client
+    from rtask.graph import Graph
+    from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["connection", "server_option"]
+__all__ = ["base_of", "connection", "open_graph", "open_to_read"]
 
-server_option = click.option(
-    "--server",
-    metavar="URL",
-    envvar="RTASK_SERVER",
-    help="Ask a server instead of a folder; its token is taken from RTASK_TOKEN.",
-)
+
+def open_to_read(data: Path) -> KnowledgeBase:
+    """Open a folder for reading; one that was not closed is recovered first."""
+    import rtask
+    from rtask.errors import StoreError
+
+    try:
+        return rtask.open(data, mode="r")
+    except StoreError as error:
+        if not error.details.get("recover"):
+            raise
+    rtask.open(data, ontologies=False, reason=False).close()
+    return rtask.open(data, mode="r")
+
+
+def open_graph(data: Path, server: str | None) -> Graph:
+    """Open a folder for reading, or the SPARQL endpoint of a server if one is given.
+
+    The server's token is read from the environment variable RTASK_TOKEN.
+    """
+    if not server:
+        return open_to_read(data)
+    import rtask
+    from rtask.client.remote import addresses
+
+    address, _ = addresses(server)
+    return rtask.open(f"{address}/sparql", token=os.environ.get("RTASK_TOKEN"))
+
+
+def base_of(graph: Graph) -> str:
+    """Return the IRI that starts every instance; empty for a server, where it is not known."""
+    return str(getattr(graph, "base", ""))
 
 
 @contextmanager
@@ -30,7 +56,8 @@ def connection(data: Path, server: str | None, agent: str | None = None) -> Iter
     Parameters
     ----------
     agent
-        Over a folder: the robot on whose behalf it asks. A server knows it from the token.
+        With a folder: the robot or person on whose behalf calls are made. A server knows it from
+        the token.
     """
     import rtask
 

@@ -1,18 +1,65 @@
-"""Options that several commands share, and how commands open a knowledge base."""
+"""Options that several commands share, and small things that all of them do the same way."""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-if TYPE_CHECKING:
-    from rtask.knowledge_base import KnowledgeBase
+__all__ = [
+    "agent_option",
+    "data_option",
+    "exit_if_empty",
+    "json_option",
+    "limit_option",
+    "option",
+    "prefixes",
+    "print_json",
+    "read_text",
+    "server_option",
+    "term",
+]
 
-__all__ = ["data_option", "json_option", "open_to_read", "print_json", "read_text", "term"]
+
+class RenamedOption(click.Option):
+    """An option that still answers to the names it once had, without showing them in the help.
+
+    Parameters
+    ----------
+    former
+        Names that earlier releases used, dashes included.
+    """
+
+    def __init__(self, *args: Any, former: Iterable[str] = (), **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.former = tuple(former)
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Teach the parser the former names as well."""
+        shown = self.opts
+        self.opts = [*shown, *self.former]
+        try:
+            super().add_to_parser(parser, ctx)
+        finally:
+            self.opts = shown
+
+
+def option(
+    *names: str, former: Iterable[str] = (), **settings: Any
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator like :func:`click.option`, for an option that was renamed.
+
+    Parameters
+    ----------
+    former
+        Deprecated names, which keep working and are not shown.
+    """
+    return click.option(*names, cls=RenamedOption, former=former, **settings)
+
 
 data_option = click.option(
     "--data",
@@ -24,21 +71,30 @@ data_option = click.option(
     show_envvar=True,
     help="Folder of the knowledge base.",
 )
+server_option = click.option(
+    "--server",
+    metavar="URL",
+    envvar="RTASK_SERVER",
+    show_envvar=True,
+    help="Ask this server instead of a folder. Its token is read from RTASK_TOKEN.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-def open_to_read(data: Path) -> KnowledgeBase:
-    """Open a knowledge base for reading; one that was not closed is recovered first."""
-    import rtask
-    from rtask.errors import StoreError
+def agent_option(help: str, former: Iterable[str] = ()) -> Callable[..., Any]:
+    """Return the option ``--agent``, which names a robot or a person."""
+    return option("--agent", metavar="NAME", help=help, former=former)
 
-    try:
-        return rtask.open(data, mode="r")
-    except StoreError as error:
-        if not error.details.get("recover"):
-            raise
-    rtask.open(data, ontologies=False, reason=False).close()
-    return rtask.open(data, mode="r")
+
+def limit_option(default: int, help: str, former: Iterable[str] = ()) -> Callable[..., Any]:
+    """Return the option ``--limit``, which bounds the length of a listing."""
+    return option("--limit", "-n", default=default, show_default=True, help=help, former=former)
+
+
+def exit_if_empty(found: object) -> None:
+    """Exit with code 1 if nothing was found, as ``grep`` does."""
+    if not found:
+        raise click.exceptions.Exit(1)
 
 
 def read_text(text: str | None, file: Path | None) -> str:
@@ -51,19 +107,25 @@ def read_text(text: str | None, file: Path | None) -> str:
         except OSError as error:
             raise UsageError(f"{file}: {error.strerror}") from error
     if text is None:
-        raise UsageError("give the text, --file FILE, or - for standard input")
+        raise UsageError("give the text as an argument, --file FILE, or - for standard input")
     return sys.stdin.read() if text == "-" else text
 
 
 def prefixes(base: str) -> dict[str, str]:
-    """Return the prefixes that the command line knows: the ontology's, and ``kb:`` for the base."""
+    """Return the prefixes that the command line predefines: the ontology's, and ``kb:``.
+
+    Parameters
+    ----------
+    base
+        What ``kb:`` stands for; empty for a server, whose base is not known here.
+    """
     import ontology
 
-    return {**ontology.PREFIXES, "kb": base}
+    return {**ontology.PREFIXES, **({"kb": base} if base else {})}
 
 
 def term(text: str, base: str) -> Any:
-    """Return the term of ``<iri>``, ``prefix:name``, an IRI, or a literal in Turtle.
+    """Return the RDF term written as ``<iri>``, ``prefix:name``, an IRI, or a Turtle literal.
 
     >>> term("rt:Mug", "urn:lab/").value.rpartition("#")[2], term('"3"', "urn:lab/").value
     ('Mug', '3')
@@ -81,7 +143,8 @@ def term(text: str, base: str) -> Any:
         return next(parse(document, format=RdfFormat.TURTLE)).object
     except (SyntaxError, ValueError) as error:
         raise UsageError(
-            f"{text!r} is no term; write <IRI>, a prefixed name ({', '.join(known)}) or a literal"
+            f"{text!r} is not an RDF term; write <IRI>, a prefixed name "
+            f"(known prefixes: {', '.join(known)}) or a literal"
         ) from error
 
 

@@ -14,6 +14,7 @@ from rtask.rdf.terms import NamedNode
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
     from features.recognition.views.view import ViewFeatures
+    from rtask.graph import Graph
     from rtask.kb.core import GraphCore
 
 __all__ = ["Models", "StoredModel", "StoredView", "stored_models", "stored_views", "view_features"]
@@ -93,7 +94,7 @@ class StoredModel:
     views: frozenset[str]
 
 
-def stored_models(kb: GraphCore, thing: NamedNode) -> list[StoredModel]:
+def stored_models(kb: GraphCore | Graph, thing: NamedNode) -> list[StoredModel]:
     """Return the models of an object, that with the most views first."""
     found = []
     for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:

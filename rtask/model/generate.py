@@ -33,8 +33,8 @@ import datetime
 {decimal}from typing import ClassVar
 
 import ontology
-from rtask.rdf.terms import NamedNode
 from rtask.model.fields import Link, Links, Many, One
+from rtask.rdf.terms import NamedNode
 {extends}from rtask.model.instance import Identity, Model, Registry
 from rtask.model.limits import Limits
 {lists}

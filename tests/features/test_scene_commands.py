@@ -55,10 +55,10 @@ def failed(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     return said
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path, code: int = 0) -> str:
     with pytest.raises(SystemExit) as stopped:
         main([str(a) for a in arguments])
-    assert stopped.value.code == 0
+    assert stopped.value.code == code
     return capsys.readouterr().out
 
 
@@ -105,7 +105,7 @@ def test_a_table_without_objects_and_nothing_at_all_are_answers(
     ):
         file = tmp_path / f"{name}.png"
         cv2.imwrite(str(file), depth)
-        assert run(capsys, "segment", file).startswith(status)
+        assert run(capsys, "segment", file, code=1).startswith(status)
 
 
 def test_bad_files_are_refused_in_one_line(
@@ -153,7 +153,7 @@ def test_nothing_is_written_where_anything_is_refused(
     nowhere = tmp_path / "nowhere" / "labels.png"
     before = depth_file.read_bytes()
     for labels, said in ((nowhere, "no folder"), (tmp_path / "l.txt", ".npy"),
-                         (depth_file, "is read"), (picture, "is read")):  # fmt: skip
+                         (depth_file, "is an input"), (picture, "written twice")):  # fmt: skip
         assert said in failed(
             capsys, "segment", depth_file, "--labels", labels, "--save-plot", picture
         )

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from ttl import triple, triples
 
 from reasoner.dl import hermit, pellet
-from rtask.cli.knowledge.reason import reason
+from rtask.cli.reasoning import reason
 from rtask.errors import UnsupportedError
 
 FAMILY = """

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import rtask
-from rtask.cli.graph.quarantine import quarantine
+from rtask.cli.maintenance import quarantine
 from rtask.errors import ForbiddenError, InconsistentError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 
@@ -149,7 +149,7 @@ def test_the_command_lists_releases_and_forgets(tmp_path: Path) -> None:
     assert "2 in quarantine" in run().output
     assert json.loads(run("--json", first).output)[0]["record"] == first
     assert isinstance(run("--release").exception, InconsistentError)
-    assert "1 forgotten" in run("--forget", first).output
+    assert "1 deleted" in run("--forget", first).output
     with rtask.open(folder) as kb:
         kb.update("DELETE DATA { <urn:nao> a <urn:Robot> }", agent="nao")
     assert "1 put back" in run("--release").output

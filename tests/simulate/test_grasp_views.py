@@ -132,8 +132,8 @@ def test_samples_are_repeatable_and_know_their_object() -> None:
 
 def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
-    from rtask.cli.grasping.plan import plan
-    from rtask.cli.grasping.train import train
+    from rtask.cli.grasping.learning import train
+    from rtask.cli.grasping.plan_on_plane import plan
 
     views, model = tmp_path / "views.npz", tmp_path / "model.npz"
     made = CliRunner().invoke(simulate, ["grasp-views", str(views), "--shapes", "1"])

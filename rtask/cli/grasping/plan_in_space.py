@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.options import print_json
+from rtask.cli.progress import Working
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,7 +26,7 @@ __all__ = ["is_mesh", "plan_in_space"]
 
 
 def is_mesh(path: Path) -> bool:
-    """Tell whether a file is a triangle mesh by its name, a PLY file by what it holds."""
+    """Tell whether a file is a triangle mesh, by its name; for PLY files, by their contents."""
     from grasp.spatial.meshes.mesh_files import MESH_ENDINGS, has_faces
 
     ending = path.suffix.lower()
@@ -37,7 +38,10 @@ def is_mesh(path: Path) -> bool:
 def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bool:
     """Rank grasps of ``source`` in space; print, draw and store them as the options say.
 
-    Returns whether a grasp was found that is confident enough.
+    Returns
+    -------
+    bool
+        Whether a grasp is confident enough.
     """
     import time
 
@@ -50,7 +54,8 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
         gripper = replace(gripper, friction=options["friction"])
     shape, note, known = _shape(source, data, options)
     start = time.perf_counter()
-    found = _planned(shape, known, gripper, options)
+    with Working("planning"):
+        found = _planned(shape, known, gripper, options)
     seconds = time.perf_counter() - start
     stored = None
     if options["store"] and known is not None:
@@ -90,7 +95,7 @@ def _shape(
         return points, f"{len(points)} points", None
     if not data.exists():
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
-    from rtask.cli.options import open_to_read
+    from rtask.cli.connection import open_to_read
     from rtask.engine.engine import Engine
     from rtask.engine.records.shapes import object_shape
 
@@ -174,7 +179,9 @@ def _draw(
 ) -> list[str]:
     from grasp.spatial.drawing import candidates_svg
 
-    path = options["plots"] / "candidates_3d.svg"
+    folder: Path = options["plots"]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "candidates_3d.svg"
     path.write_text(candidates_svg(found.candidates, gripper, shape), "utf-8")
     return [str(path)]
 

@@ -1,4 +1,4 @@
-"""Reading what commands look at: a cloud, a crop as robots send it, or a pair of images."""
+"""Input files of the perception commands: a cloud, a crop of a robot, or a pair of images."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _DEFAULT_FOCAL = 525.0 / 640
 
 @dataclass(frozen=True)
 class View:
-    """How depth images are to be read.
+    """How to read a depth image.
 
     Parameters
     ----------
     colour
-        File of the colour image that belongs to a depth image.
+        Colour image that belongs to the depth image.
     depth_unit_m
         Metres of one step of depth.
     focal, centre
-        In pixels; None = those of the usual depth cameras for the image's size.
+        In pixels; None for those of a common depth camera at the image's size.
     """
 
     colour: Path | None = None
@@ -55,7 +55,11 @@ def camera_options(command: Any) -> Any:
         ),
         click.option("--focal", type=float, help="Focal length, px.  [default: 525 at 640 px]"),
         click.option(
-            "--depth-unit", type=float, default=0.001, show_default=True, help="Depth step, m."
+            "--depth-unit",
+            type=float,
+            default=0.001,
+            show_default=True,
+            help="Size of one depth step, m.",
         ),
         click.option(
             "--colour",
@@ -68,21 +72,21 @@ def camera_options(command: Any) -> Any:
 
 
 def read_scene(file: Path, view: View) -> Frame | Cloud:
-    """Read a file.
+    """Read a cloud, a crop or a depth image.
 
     Raises
     ------
     UsageError
-        The call does not fit the file: an image without depth, a camera that cannot be.
+        The options do not fit the file: an image without depth, an impossible camera.
     DataError
-        The file is damaged or something else.
+        The file is damaged, or of another kind.
     TooLargeError
-        It states a size beyond the limits.
+        It declares a size beyond the limits.
     """
     from features.codec import CloudFormatError, decode
     from features.codec.limits import Limits
 
-    # A file of one's own may be larger than what a robot may send; what it unpacks to may not.
+    # A local file may be larger than what a robot may send, but not what it unpacks to.
     limits = Limits(stored_bytes=256 * 2**20)
     data = _bytes_of(file, limits.stored_bytes)
     try:
@@ -106,7 +110,7 @@ def _bytes_of(file: Path, most: int) -> bytes:
 
 
 def _pair(file: Path, data: bytes, view: View, limits: Any) -> Frame:
-    """Read a depth image, with its colours where they are given."""
+    """Read a depth image, with its colour image if there is one."""
     import numpy as np
 
     from features.geometry import Frame
@@ -115,7 +119,7 @@ def _pair(file: Path, data: bytes, view: View, limits: Any) -> Frame:
     if depth.ndim == 3 or depth.dtype != np.uint16:
         kind = "a colour image" if depth.ndim == 3 else f"an image of {8 * depth.itemsize} bits"
         raise UsageError(
-            f"{file} is {kind}: give the 16-bit depth image as FILE and the picture as --colour"
+            f"{file} is {kind}; FILE must be a 16-bit depth image, and --colour its colour image"
         )
     rgb = None
     if view.colour is not None:
@@ -135,7 +139,7 @@ def _pair(file: Path, data: bytes, view: View, limits: Any) -> Frame:
 
 
 def _image(file: Path, data: bytes, limits: Any) -> NDArray[Any]:
-    """Decode an image whose header was read first, as BGR or grey of any depth."""
+    """Decode an image, as BGR or grey of any depth, after checking the size in its header."""
     import cv2
     import numpy as np
 
@@ -173,7 +177,7 @@ def _camera(shape: tuple[int, ...], view: View) -> Intrinsics:
 
 
 def save_picture(file: Path, image: NDArray[np.uint8]) -> None:
-    """Write an RGB image; the name's ending says the format."""
+    """Write an RGB image in the format of the file's extension."""
     import cv2
     import numpy as np
 
@@ -182,7 +186,7 @@ def save_picture(file: Path, image: NDArray[np.uint8]) -> None:
     except cv2.error:
         done = False
     if not done:
-        raise UsageError(f"{file}: cannot write pictures of this kind; use .png or .jpg")
+        raise UsageError(f"{file}: unknown picture format; use .png or .jpg")
     try:
         file.write_bytes(data.tobytes())
     except OSError as error:

@@ -1,4 +1,4 @@
-"""``rtask segment``."""
+"""``rtask segment``: cut a view of a table into objects."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import json_option, print_json
+from rtask.cli.options import exit_if_empty, json_option, option, print_json
 from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
+from rtask.cli.progress import announce_compilation
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -16,22 +17,27 @@ if TYPE_CHECKING:
     from features.geometry import Frame
     from features.segmentation import Scene, SegmentParams
 
-__all__ = ["cut", "segment"]
+__all__ = ["cut", "segment", "segmentation_option"]
 
-PRESETS = ("auto", "default", "near", "concave", "components", "euclidean")
+_PRESETS = ("auto", "default", "near", "concave", "components", "euclidean")
+
+
+segmentation_option = option(
+    "--segmentation",
+    "preset",
+    former=["--preset"],
+    type=click.Choice(_PRESETS),
+    default="auto",
+    show_default=True,
+    help="How to cut the view; auto decides by the distance of the table.",
+)
 
 
 @click.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @camera_options
-@click.option(
-    "--preset",
-    type=click.Choice(PRESETS),
-    default="auto",
-    show_default=True,
-    help="How to cut; auto chooses by the distance of the table.",
-)
-@click.option("--min-points", type=click.IntRange(1), help="Smaller segments are dropped.")
+@segmentation_option
+@click.option("--min-points", type=click.IntRange(1), help="Drop segments smaller than this.")
 @click.option(
     "--labels",
     "labels_file",
@@ -56,25 +62,30 @@ def segment(
     save_plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Cut a view of a table into objects.
+    """Cut a view of a table into objects. Exit code 1 if there are none.
 
-    FILE is a cloud (PLY or PCD), a crop as robots send it, or a 16-bit depth image, with --colour
-    for its colours. Clouds are in metres, in the frame of the camera: x right, y down, z forward.
+    FILE is a point cloud (PLY or PCD), a crop in the format that robots send, or a 16-bit depth
+    image, with its colour image as --colour. Clouds are in m in the camera frame: x right, y down,
+    z forward.
     """
     _check_outputs(file, colour, labels_file, save_plot)
     seen = read_scene(file, View(colour, depth_unit, focal, centre))
     try:
-        scene = cut(seen, preset, min_points)
+        with announce_compilation():
+            scene = cut(seen, preset, min_points)
     except DataError as error:
-        raise DataError(f"{file}: {error}; --depth-unit is one step of a depth image") from error
+        raise DataError(
+            f"{file}: {error}; is --depth-unit, the metres of one depth step, right?"
+        ) from error
     if labels_file is not None:
         _write_labels(labels_file, scene)
     if save_plot is not None:
-        from rtask.cli.perception.segment_picture import picture
+        from rtask.cli.perception.pictures import segments_picture
 
-        save_picture(save_plot, picture(seen, scene))
+        save_picture(save_plot, segments_picture(seen, scene))
     if as_json:
         print_json({"status": scene.status, "objects": [_row(thing) for thing in scene.objects]})
+        exit_if_empty(scene.objects)
         return
     click.echo(f"{scene.status}: {len(scene.objects)} objects")
     for thing in scene.objects:
@@ -84,15 +95,16 @@ def segment(
         click.echo(
             f"{row['label']:4d}  {row['points']:6d} points  at {x:+.3f} {y:+.3f} {z:.3f} m{border}"
         )
+    exit_if_empty(scene.objects)
 
 
 def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None) -> Scene:
-    """Segment what was read.
+    """Segment a view.
 
     Raises
     ------
     DataError
-        When it is no view of anything: wrong units, too large.
+        The view cannot be segmented: wrong units, too large.
     """
     from dataclasses import replace
 
@@ -137,20 +149,23 @@ def _row(thing: Any) -> dict[str, Any]:
 def _check_outputs(
     file: Path, colour: Path | None, labels_file: Path | None, save_plot: Path | None
 ) -> None:
-    """Refuse before any work what could not be written, or would overwrite what is read."""
+    """Refuse, before any work, outputs that cannot be written or would overwrite an input."""
     if labels_file is not None and labels_file.suffix not in (".npy", ".png"):
         raise UsageError(f"{labels_file}: labels are written as .png (of an image) or .npy")
     if save_plot is not None and save_plot.suffix not in (".png", ".jpg", ".jpeg", ""):
-        raise UsageError(f"{save_plot}: cannot write pictures of this kind; use .png or .jpg")
-    read = {path.resolve() for path in (file, colour) if path is not None}
+        raise UsageError(f"{save_plot}: unknown picture format; use .png or .jpg")
+    inputs = {path.resolve() for path in (file, colour) if path is not None}
+    outputs: set[Path] = set()
     for written in (labels_file, save_plot):
         if written is None:
             continue
-        if written.resolve() in read:
-            raise UsageError(f"{written}: is read; write to another file")
+        if written.resolve() in inputs:
+            raise UsageError(f"{written} is an input; write to another file")
+        if written.resolve() in outputs:
+            raise UsageError(f"{written} would be written twice; name two files")
         if not written.parent.is_dir():
             raise UsageError(f"{written}: there is no folder {written.parent}")
-        read.add(written.resolve())
+        outputs.add(written.resolve())
 
 
 def _write_labels(file: Path, scene: Scene) -> None:

@@ -26,6 +26,7 @@ from rtask.rdf.terms import Literal, NamedNode, Quad, iri, object_term, python_v
 if TYPE_CHECKING:
     from features.recognition.views.view import ViewFeatures
     from rtask.engine.context import Context
+    from rtask.graph import Graph
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
@@ -187,7 +188,7 @@ def move_frame(
         edit.remove(edit.match(old))
 
 
-def present_name(kb: GraphCore, name: str) -> str:
+def present_name(kb: GraphCore | Graph, name: str) -> str:
     """Return the IRI of the object that this one was merged into, else its own; text stays text."""
     seen = {name}
     while ":" in name:

@@ -38,7 +38,7 @@ def test_learners_as_json() -> None:
 
 
 def test_a_name_that_nobody_has_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no learner's name holds 'magic'"):
+    with pytest.raises(UsageError, match="no learner's name contains 'magic'"):
         CliRunner().invoke(cli, [*_SMALL, "--only", "magic"], catch_exceptions=False)
     plot = tmp_path / "missing" / "curves.svg"
     with pytest.raises(UsageError, match="No such file"):

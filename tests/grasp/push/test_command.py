@@ -92,7 +92,7 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
         (["--samples", "1000000", "--density", "60"], "500000000 evaluations"),
         (["--samples", "10000000000", "--eliminate", "5,0.9"], "at most 1000000 samples"),
         (["--workers", "-1"], "workers must be 0 or more"),
-        (["--plots", "/proc/none/here"], "--plots /proc/none/here: No such file or directory"),
+        (["--save-plots", "/proc/none/here"], "--save-plots /proc/none/here: No such file"),
     ],
 )
 def test_bad_calls_are_one_line(part: Path, args: list[str], words: str) -> None:

@@ -1,4 +1,4 @@
-"""``rtask ontology``."""
+"""``rtask ontology`` and ``rtask model``: look at ontologies, and generate Python classes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import data_option, json_option, open_to_read, print_json
+from rtask.cli.connection import open_graph
+from rtask.cli.options import (
+    data_option,
+    exit_if_empty,
+    json_option,
+    print_json,
+    server_option,
+)
 
 if TYPE_CHECKING:
     from rtask.ontology_docs import Module, Term, Vocabulary
@@ -25,44 +32,51 @@ source_option = click.option(
     "--source",
     default="bundled",
     show_default=True,
-    help="A file, a folder, a knowledge base's folder, or 'bundled': the ontology of RTASK.",
+    metavar="SOURCE",
+    help="A file, a folder, the folder of a knowledge base, or 'bundled' for RTASK's ontology.",
 )
 
 
 @click.group()
 def ontology() -> None:
-    """Ontologies: print, document, compare; which are loaded, where they lie."""
+    """List, show, document and compare ontologies."""
 
 
 @ontology.command("list")
 @data_option
+@server_option
 @json_option
-def list_loaded(data: Path, as_json: bool) -> None:
-    """List the ontologies of a knowledge base."""
+def list_loaded(data: Path, server: str | None, as_json: bool) -> None:
+    """List the ontologies that a knowledge base holds."""
     import ontology as vocabulary
     from rtask.rdf.terms import prologue
 
-    with open_to_read(data) as kb:
+    with open_graph(data, server) as kb:
         rows = kb.select(prologue({"rt": vocabulary.NS}) + _LOADED).to_dicts()
     if as_json:
         print_json(rows)
-        return
-    for row in rows:
-        version = row["version"] or "-"
-        click.echo(f"{row['statements']:6d}  {version:8s}  {row['ontology']}")
+    else:
+        for row in rows:
+            version = row["version"] or "-"
+            click.echo(f"{row['statements']:6d}  {version:8s}  {row['ontology']}")
+    exit_if_empty(rows)
 
 
 @ontology.command()
 @click.argument("iri")
-def path(iri: str) -> None:
-    """Print the file of an ontology that comes with RTASK."""
+@json_option
+def path(iri: str, as_json: bool) -> None:
+    """Print where the file of a bundled ontology is."""
     from rtask.errors import UnknownTermError
     from rtask.loader.catalogue import OntologyCatalogue
 
     found = OntologyCatalogue().find(iri)
     if found is None:
         raise UnknownTermError(f"{iri} does not come with RTASK")
-    click.echo(str(found))
+    if as_json:
+        print_json({"iri": iri, "path": str(found)})
+    else:
+        click.echo(str(found))
 
 
 @ontology.command()
@@ -70,9 +84,10 @@ def path(iri: str) -> None:
 @source_option
 @json_option
 def show(name: str | None, source: str, as_json: bool) -> None:
-    """Print the modules, the terms of a module, or what is said of a term.
+    """Show all modules, the terms of one, or the definition of a term.
 
-    NAME is a module ("grasp"), a term ("Mug", "rt:mass", an IRI), or nothing for all modules.
+    NAME is a module ("grasp") or a term ("Mug", "rt:mass", an IRI). Without it, all modules are
+    listed.
     """
     from rtask.ontology_docs import Vocabulary, read_source
 
@@ -137,18 +152,23 @@ def _term_lines(facts: dict[str, Any]) -> list[str]:
 
 
 @ontology.command()
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder to write the pages to.",
+)
 @source_option
 @json_option
 def docs(out: Path, source: str, as_json: bool) -> None:
-    """Write one self-contained HTML page a module, with diagrams, and an index."""
+    """Write self-contained HTML pages, one for each module, with diagrams and an index."""
     from rtask.ontology_docs import Vocabulary, read_source, write_pages
 
     files = write_pages(Vocabulary(read_source(source)), out)
     if as_json:
         print_json([str(file) for file in files])
     else:
-        click.echo(f"{len(files)} pages, begin with {out / 'index.html'}")
+        click.echo(f"{len(files)} pages; start at {out / 'index.html'}")
 
 
 @ontology.command()
@@ -156,11 +176,11 @@ def docs(out: Path, source: str, as_json: bool) -> None:
 @click.argument("new", default="bundled")
 @json_option
 def diff(old: str, new: str, as_json: bool) -> None:
-    """Compare two versions of ontologies: terms and axioms that came or went.
+    """Compare two versions of an ontology: terms and axioms that were added or removed.
 
-    OLD and NEW are files, folders, a knowledge base's folder, or "bundled" (NEW's default).
-    A knowledge base is compared with what one loads. Exit code 3 if data or queries that fit OLD
-    may not fit NEW.
+    OLD and NEW are files, folders, the folder of a knowledge base, or "bundled" (the default of
+    NEW). A knowledge base is compared with the ontologies that it would load. Exit code 3 if data
+    or queries written for OLD may not fit NEW.
     """
     from rtask.ontology_docs.difference import comparable, compare
     from rtask.ontology_docs.source import read_source
@@ -172,3 +192,44 @@ def diff(old: str, new: str, as_json: bool) -> None:
         click.echo("\n".join(found.lines()))
     if found.is_breaking:
         raise click.exceptions.Exit(_BREAKING)
+
+
+@click.group()
+def model() -> None:
+    """Generate Python classes from ontologies."""
+
+
+@model.command()
+@click.argument("ontology", default="bundled")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="File to write.  [default: standard output]",
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print what was written as JSON; needs --out."
+)
+def generate(ontology: str, out: Path | None, as_json: bool) -> None:
+    """Generate typed classes, so that editors and mypy know every field.
+
+    ONTOLOGY is a file, a folder, the folder of a knowledge base, or "bundled" for RTASK's own
+    vocabulary (as in rtask.model.RTASK). Classes that RTASK has already are imported from there.
+    """
+    from rtask.errors import UsageError
+    from rtask.model.generate import generate_for, generate_rtask
+    from rtask.ontology_docs import read_source
+
+    if as_json and out is None:
+        raise UsageError("--json needs --out: the classes go to standard output")
+    text = generate_rtask() if ontology == "bundled" else generate_for(read_source(ontology))
+    if out is None:
+        click.echo(text, nl=False)
+        return
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{out}: {error.strerror}") from error
+    if as_json:
+        print_json({"path": str(out), "lines": text.count("\n")})
+    else:
+        click.echo(f"wrote {out}")

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.grasping.train import train
-from rtask.cli.options import data_option, json_option, print_json
+from rtask.cli.grasping.learning import train
+from rtask.cli.options import (
+    data_option,
+    exit_if_empty,
+    json_option,
+    limit_option,
+    option,
+    print_json,
+)
+from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
     from grasp.push import Outline, PushPlan
@@ -24,132 +32,171 @@ grasp.add_command(train)
 
 @grasp.command()
 @click.argument("source")
-@click.option("--jaw-width", type=float, help="Of both jaws; default a quarter of the diameter.")
 @click.option(
     "--mode",
     type=click.Choice(["push", "space"]),
-    help="Push grasps on a plane, or grasps in space  [space for meshes, else push].",
+    help="Push grasps on a plane, or grasps in space.  [default: space for meshes, else push]",
 )
-@click.option("--friction", type=float, help="Between jaw and part  [push: .7, space: .5].")
-@click.option("--vertex-std", type=float, help="Standard deviation of a vertex [.045 radii].")
-@click.option("--com-std", type=float, help="Of the centre of mass [.084 radii].")
 @click.option(
-    "--position-std", type=float, help="Of the position  [push: 0, laterally; space: .004 m]."
+    "--gripper",
+    default="panda",
+    show_default=True,
+    help="Space: nao, panda, or jaw:STROKE with the stroke in m.",
 )
-@click.option("--rotation-std-deg", type=float, help="Of the rotation  [push: 0; space: 5.73].")
-@click.option("--filter", "filter_distance", default=0.0, show_default=True, help="In radii.")
-@click.option("--density", default=1.5, show_default=True, help="Contacts on a mean edge.")
-@click.option("--angles", default=5, show_default=True, help="Directions at a contact, odd.")
-@click.option("--samples", default=100, show_default=True, help="Perturbed parts.")
-@click.option("--eliminate", metavar="FIRST,SHARE", help="After FIRST parts drop this SHARE.")
+@click.option(
+    "--gripper-type",
+    help="Name under which stored grasps are found again.  "
+    "[default: parallel_jaw for push grasps, else that of the gripper]",
+)
+@click.option("--max-opening", type=float, help="Push: stroke of the gripper.")
+@click.option("--jaw-width", type=float, help="Push: width of the jaws.  [default: diameter / 4]")
+@click.option(
+    "--friction", type=float, help="Between jaw and object.  [default: 0.7 for push, 0.5 in space]"
+)
+@click.option("--mass", type=float, help="Space: mass of the object to hold, kg.")
+@click.option("--scale", default=1.0, show_default=True, help="Space: m per unit of the file.")
+@click.option("--floating", is_flag=True, help="Space: there is no table under the object.")
+@click.option(
+    "--viewpoint",
+    type=(float, float, float),
+    help="Space: position of the camera, m; the hidden side of the cloud is then completed.",
+)
+@click.option(
+    "--classifier",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Space: a model made by `rtask grasp train`, for clouds.",
+)
+@click.option(
+    "--vertex-std",
+    type=float,
+    help="Push: standard deviation of a vertex.  [default: 0.045 radii]",
+)
+@click.option(
+    "--com-std",
+    type=float,
+    help="Push: standard deviation of the centre of mass.  [default: 0.084 radii]",
+)
+@click.option(
+    "--position-std",
+    type=float,
+    help="Standard deviation of the position.  [default: 0 laterally for push, 0.004 m in space]",
+)
+@click.option(
+    "--rotation-std-deg",
+    type=float,
+    help="Standard deviation of the rotation, degrees.  [default: 0 for push, 5.73 in space]",
+)
+@click.option("--samples", default=100, show_default=True, help="Perturbed shapes or poses.")
+@click.option("--seed", default=0, show_default=True, help="Random seed of the perturbations.")
+@click.option(
+    "--density", default=1.5, show_default=True, help="Push: contacts on an edge of mean length."
+)
+@click.option(
+    "--angles", default=5, show_default=True, help="Push: directions at a contact, an odd number."
+)
+@click.option(
+    "--filter",
+    "filter_distance",
+    default=0.0,
+    show_default=True,
+    help="Push: simplify the outline by this distance, in radii, before choosing contacts.",
+)
+@click.option(
+    "--eliminate",
+    metavar="FIRST,SHARE",
+    help="Push: drop this share of the candidates after the first so many samples.",
+)
 @click.option(
     "--method",
     type=click.Choice(["bound", "simulation"]),
     default="bound",
     show_default=True,
-    help="How one grasp is judged on one part.",
+    help="Push: how a grasp is judged on one perturbed part.",
 )
 @click.option(
     "--closure",
     type=click.Choice(["strict", "nguyen"]),
     default="strict",
     show_default=True,
-    help="What counts as force closure.",
+    help="Push: test of force closure.",
 )
 @click.option(
     "--sampling",
     type=click.Choice(["random", "sobol"]),
     default="random",
     show_default=True,
-    help="Perturbed parts: independent, or evenly spread.",
+    help="Push: independent perturbations, or evenly spread ones.",
 )
-@click.option("--max-opening", type=float, help="Stroke of the gripper.")
-@click.option("--seed", default=0, show_default=True, help="Of the perturbations.")
 @click.option(
     "--executor",
     type=click.Choice(["serial", "threads", "processes", "ray"]),
     default="serial",
     show_default=True,
-    help="Where the trials run.",
+    help="Push: where the trials run.",
 )
-@click.option("--workers", default=0, help="Of the executor; 0 = one for each core.")
-@click.option("--top", default=10, show_default=True, help="Rows of the table.")
+@click.option("--workers", default=0, help="Push: workers of the executor; 0 = one for each core.")
+@limit_option(10, "Number of grasps to print, and to store.", former=["--top"])
 @click.option(
-    "--plots", type=click.Path(path_type=Path, file_okay=False), help="Folder for drawings (SVG)."
-)
-@click.option("--store", is_flag=True, help="Write the best grasps to the object in the graph.")
-@click.option(
-    "--gripper-type",
-    help="Under which stored grasps are found again  [push: parallel_jaw, space: the gripper's].",
-)
-@click.option(
-    "--gripper",
-    default="panda",
+    "--min-confidence",
+    default=0.3,
     show_default=True,
-    help="In space: nao, panda, or jaw:STROKE with a stroke in m.",
+    help="Space: below this confidence, advise against grasping.",
 )
-@click.option("--scale", default=1.0, show_default=True, help="In space: m per unit of the file.")
-@click.option("--mass", type=float, help="In space: of the object, kg; its weight must be held.")
-@click.option(
-    "--viewpoint",
-    type=(float, float, float),
-    help="In space: where the camera of a cloud was, m; its hidden side is completed then.",
+@option(
+    "--save-plots",
+    "plots",
+    former=["--plots"],
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder to write drawings to (SVG).",
 )
-@click.option(
-    "--classifier",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    help="In space: a model of `rtask grasp train`, for clouds.",
-)
-@click.option("--floating", is_flag=True, help="In space: nothing is under the object.")
-@click.option(
-    "--min-confidence", default=0.3, show_default=True, help="In space: below it do not grasp."
-)
+@click.option("--store", is_flag=True, help="Store the best grasps with the object in the graph.")
 @data_option
 @json_option
 def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
-    """Rank grasps of SOURCE: on a plane or in space.
+    """Rank grasps of SOURCE, on a plane or in space. Exit code 1 if there are none.
 
-    SOURCE is a part (.json, .svg, .dxf, or an image of it before a plain background), a mesh
-    (.stl, .obj, .ply; z up), a segmented point cloud (.pcd, .ply, .npy, .xyz; z up), or the IRI, id
-    or name of an object of the graph. Push grasps are ranked by a lower bound on their probability
-    of force closure, lengths in the unit of the file. Grasps in space are ranked by their
-    confidence under an uncertain pose, lengths in m. Those of the graph are metres.
+    SOURCE is a part (.json, .svg, .dxf, or an image of it on a plain background), a mesh (.stl,
+    .obj, .ply; z up), a segmented point cloud (.pcd, .ply, .npy, .xyz; z up), or the IRI, id or
+    name of an object in the graph.
 
-    Exits with 1 when no grasp is found.
+    Push grasps are ranked by a lower bound on their probability of force closure; their lengths are
+    in the unit of the file, or in m for an object of the graph. Grasps in space are ranked by their
+    confidence under an uncertain pose; their lengths are in m.
     """
     from rtask.cli.grasping.plan_in_space import is_mesh, plan_in_space
     from rtask.errors import RtaskError, UsageError
 
     if options["plots"]:
         _make_folder(options["plots"])
+    options["top"] = options.pop("limit")
     if options["top"] < 1:
-        raise UsageError(f"--top {options['top']}: at least 1 is wanted")
+        raise UsageError(f"--limit {options['top']}: must be at least 1")
     if not 0 <= options["min_confidence"] <= 1:
-        raise UsageError(f"--min-confidence {options['min_confidence']}: 0 to 1 is wanted")
+        raise UsageError(f"--min-confidence {options['min_confidence']}: must be from 0 to 1")
     mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
     try:
-        if mode == "space":
-            found = plan_in_space(source, data, as_json, options)
-        else:
-            found = _plan(source, data, as_json, {**options, **_push_defaults(options)})
+        with announce_compilation():
+            if mode == "space":
+                found = plan_in_space(source, data, as_json, options)
+            else:
+                found = _plan(source, data, as_json, {**options, **_push_defaults(options)})
     except ValueError as error:
         if isinstance(error, RtaskError):
             raise
         raise UsageError(f"{source}: {error}") from error
     except OSError as error:
         raise UsageError(f"{error.filename or source}: {error.strerror or error}") from error
-    if not found:
-        click.get_current_context().exit(1)
+    exit_if_empty(found)
 
 
 def _make_folder(folder: Path) -> None:
-    """Make the folder for drawings before anything is planned."""
+    """Create the folder for drawings before anything is planned."""
     from rtask.errors import UsageError
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"--plots {folder}: {error.strerror}") from error
+        raise UsageError(f"--save-plots {folder}: {error.strerror}") from error
 
 
 def _push_defaults(options: dict[str, Any]) -> dict[str, Any]:
@@ -160,20 +207,23 @@ def _push_defaults(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bool:
-    """Plan push grasps, print, draw and store them; return whether any grasp closes."""
+    """Plan push grasps; tell whether any of them closes."""
     import math
 
     from grasp.push import Elimination, as_part, open_executor, plan_push_grasps
 
     outline, thing = _outline(source, data, options["store"], options["vertex_std"])
     part = as_part(outline.polygon, outline.com)
+    jaw_width = options["jaw_width"]
     elimination = None
     if options["eliminate"]:
         first, share = _first_and_share(options["eliminate"])
         elimination = Elimination((first, max(options["samples"] - first, 1)), share)
     position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
-    jaw_width = options["jaw_width"]
-    with open_executor(options["executor"], options["workers"]) as executor:
+    with (
+        Working("planning"),
+        open_executor(options["executor"], options["workers"]) as executor,
+    ):
         found = plan_push_grasps(
             part.vertices,
             part.com,
@@ -187,13 +237,13 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     drawings = _draw(found, outline, options) if options["plots"] else []
     if as_json:
         print_json(_as_json(found, outline, options["top"], stored, drawings))
-        return found.quality > 0
+        return bool(found.quality > 0)
     _print(found, outline.note, options["top"])
     if stored is not None:
         click.echo(f"stored {len(stored['grasps'])} grasps as {stored['commit']}")
     for drawing in drawings:
         click.echo(f"wrote {drawing}")
-    return found.quality > 0
+    return bool(found.quality > 0)
 
 
 _PLANNED = (
@@ -217,7 +267,7 @@ def _outline(source: str, data: Path, store: bool, vertex_std: float | None) -> 
         return (outline if given else without_details(outline, vertex_std)), ""
     if not data.exists():
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
-    from rtask.cli.options import open_to_read
+    from rtask.cli.connection import open_to_read
     from rtask.engine.engine import Engine
     from rtask.engine.records.shapes import object_cloud
 
@@ -236,7 +286,7 @@ def _first_and_share(text: str) -> tuple[int, float]:
     try:
         return int(first), float(share)
     except ValueError as error:
-        raise UsageError(f"--eliminate {text}: two numbers such as 5,0.9 are wanted") from error
+        raise UsageError(f"--eliminate {text}: expected two numbers, such as 5,0.9") from error
 
 
 def _store(
@@ -271,7 +321,7 @@ def _store(
         )  # fmt: skip
     if not planned:
         raise UsageError(
-            "nothing stored, no candidate closes: try more of them (--density, --angles)"
+            "nothing stored: no candidate closes; try more candidates (--density, --angles)"
         )
     with rtask.open(data) as kb, Engine(kb) as engine:
         return store_planned(engine.context, thing, planned, options["gripper_type"])
@@ -334,10 +384,10 @@ def _print(found: PushPlan, note: str, top: int) -> None:
     if analysis.crossed > 0.2:
         click.echo(
             f"{analysis.crossed:.0%} of the perturbed outlines cross themselves and count as "
-            "failures: lower --vertex-std, or give fewer vertices"
+            "failures: lower --vertex-std, or use fewer vertices"
         )
     elif found.quality == 0:
-        click.echo("no candidate closes: try more of them (--density, --angles) or another jaw")
+        click.echo("no candidate closes: try more candidates (--density, --angles) or another jaw")
     click.echo("what happened, over all candidates:")
     for reason, count in list(analysis.reasons().items())[:8]:
         click.echo(f"{count / analysis.codes.size:8.1%}  {reason}")

@@ -1,4 +1,4 @@
-"""``rtask reason``."""
+"""``rtask reason`` and ``rtask explain``: check consistency, and show proofs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.options import data_option, json_option, open_to_read, print_json
+from rtask.cli.connection import open_to_read
+from rtask.cli.options import data_option, json_option, print_json, term
+from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
     from rtask.knowledge_base import KnowledgeBase
@@ -27,20 +29,25 @@ _LISTED = 20
     type=click.Choice(["rl", "dl"]),
     default="rl",
     show_default=True,
-    help="rl: what commits derive; dl: OWL 2 DL, needs Java.",
+    help="rl: the rules that commits use; dl: OWL 2 DL, which needs Java.",
 )
 @click.option(
     "--engine",
     type=click.Choice(["hermit", "pellet"]),
     default="hermit",
     show_default=True,
-    help="Who reasons for --profile dl.",
+    help="Reasoner for --profile dl.",
 )
 @click.option(
-    "--with-data", is_flag=True, help="For dl: everything asserted, not the ontology only."
+    "--with-data", is_flag=True, help="For dl: include all asserted data, not just the ontology."
 )
 @click.option(
-    "--timeout", type=float, default=120.0, show_default=True, help="Seconds for dl, then it ends."
+    "--timeout",
+    type=float,
+    default=120.0,
+    show_default=True,
+    metavar="S",
+    help="For dl: stop after this time, s.",
 )
 @json_option
 def reason(
@@ -52,17 +59,19 @@ def reason(
     timeout: float,
     as_json: bool,
 ) -> None:
-    """Say whether the knowledge base is consistent, and which classes can have no member.
+    """Check consistency, and list the classes that can have no member.
 
-    Of FILES instead, where some are given. With --profile dl also lists subclasses that follow
-    under OWL 2 DL and not under the rules that commits use. Exit code 1 if it is not consistent.
+    Checks the knowledge base, or FILES where some are given. With --profile dl, also lists
+    subclasses that follow under OWL 2 DL but not under the rules that commits use. Exit code 1 if
+    it is inconsistent.
     """
-    if files:
-        triples = _read(files)
-    else:
-        with open_to_read(data) as kb:
-            triples = _asserted(kb, ontologies_only=profile == "dl" and not with_data)
-    report = _rl(triples) if profile == "rl" else _dl(triples, engine, timeout)
+    with announce_compilation(), Working("reasoning"):
+        if files:
+            triples = _read(files)
+        else:
+            with open_to_read(data) as kb:
+                triples = _asserted(kb, ontologies_only=profile == "dl" and not with_data)
+        report = _rl(triples) if profile == "rl" else _dl(triples, engine, timeout)
     if as_json:
         print_json(report)
     else:
@@ -182,3 +191,36 @@ def _lines(report: dict[str, Any]) -> Iterable[str]:
             yield from (f"  {line}" for line in found[:_LISTED])
             if len(found) > _LISTED:
                 yield f"  and {len(found) - _LISTED} more (--json lists all)"
+
+
+@click.command()
+@click.argument("subject")
+@click.argument("predicate")
+@click.argument("value", metavar="OBJECT")
+@data_option
+@json_option
+def explain(subject: str, predicate: str, value: str, data: Path, as_json: bool) -> None:
+    """Explain why a statement holds: who asserted it, or what it follows from.
+
+    Write terms as in Turtle: <IRI>, prefix:name, "text", 0.3. Exit code 1 if the statement does
+    not hold.
+    """
+    with announce_compilation(), open_to_read(data) as kb:
+        predicate = "rdf:type" if predicate == "a" else predicate
+        triple = [term(part, kb.base) for part in (subject, predicate, value)]
+        graphs = [str(quad.graph_name) for quad in kb.match(*triple)]
+        asserted = [name for name in graphs if name != str(kb.graphs.inferred)]
+        proof = None if asserted else kb.explain(*triple)
+        text = None if proof is None else proof.render()
+    holds = bool(asserted) or text is not None
+    if as_json:
+        print_json({"holds": holds, "asserted_in": asserted, "proof": text})
+    else:
+        for name in asserted:
+            click.echo(f"asserted in {name}")
+        if text is not None:
+            click.echo(text)
+        if not holds:
+            click.echo("does not hold", err=True)
+    if not holds:
+        raise SystemExit(1)

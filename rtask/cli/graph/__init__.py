@@ -1,1 +1,0 @@
-"""Commands on stored data: load, query, back up, verify."""

@@ -1,0 +1,217 @@
+"""Commands that keep a knowledge base in order: copy it, check it, rebuild what is derived."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rtask.cli.connection import open_to_read
+from rtask.cli.options import data_option, json_option, print_json
+from rtask.cli.progress import Working
+
+if TYPE_CHECKING:
+    from rtask.knowledge_base import KnowledgeBase
+
+_FILES = ("store", "journal")
+_PARTS = ("union", "catalogue", "inferred", "index", "statistics", "recognition", "models", "blobs")
+
+
+@click.command()
+@click.argument("target", type=click.Path(path_type=Path))
+@data_option
+@json_option
+def backup(target: Path, data: Path, as_json: bool) -> None:
+    """Copy a knowledge base to TARGET, a new folder that opens by itself."""
+    import rtask
+
+    with Working("copying"), rtask.open(data, ontologies=False, reason=False) as kb:
+        record = kb.backup(target)
+    if as_json:
+        print_json({"target": str(target), **record})
+    else:
+        click.echo(f"{target}: commit {record['seq']}")
+
+
+@click.command()
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("target", type=click.Path(path_type=Path))
+@json_option
+def restore(source: Path, target: Path, as_json: bool) -> None:
+    """Restore the backup SOURCE to TARGET, a new folder."""
+    from rtask.kb.durability.backup import restore as restore_backup
+
+    with Working("copying"):
+        record = restore_backup(source, target)
+    if as_json:
+        print_json({"target": str(target), **record})
+    else:
+        click.echo(f"{target}: commit {record['seq']} of {record['created']}")
+
+
+@click.command()
+@data_option
+@click.option("--repair", is_flag=True, help="Rebuild derived data that are wrong.")
+@json_option
+def verify(data: Path, repair: bool, as_json: bool) -> None:
+    """Check derived data against the graph, and blobs against their digests.
+
+    Exit code 1 if there is an error; with --repair, if one remains.
+    """
+    import rtask
+
+    with Working("checking derived data and blobs"):
+        if repair:
+            with rtask.open(data, ontologies=False) as kb:
+                findings = kb.verify(repair=True)
+                left = kb.verify()
+        else:
+            with open_to_read(data) as kb:
+                left = findings = kb.verify()
+    if as_json:
+        print_json([asdict(finding) for finding in findings])
+    else:
+        for finding in findings:
+            click.echo(f"{finding.severity:6s} {finding.part:10s} {finding.detail}")
+        if not findings:
+            click.echo("all well")
+    if any(finding.severity == "error" for finding in left):
+        raise SystemExit(1)
+
+
+@click.command()
+@data_option
+@json_option
+def validate(data: Path, as_json: bool) -> None:
+    """Check all data against the SHACL shapes that come with the ontology.
+
+    Exit code 1 if there is a violation; warnings are only listed.
+    """
+    with Working("checking the shapes"), open_to_read(data) as kb:
+        found = kb.validate()
+    if as_json:
+        print_json([asdict(one) for one in found])
+    else:
+        for one in found:
+            where = f" (in {one.graph})" if one.graph else ""
+            click.echo(f"{one.severity:10s} {one}{where}")
+        if not found:
+            click.echo("all well")
+    if any(one.severity == "Violation" for one in found):
+        raise SystemExit(1)
+
+
+@click.command()
+@click.argument("what", type=click.Choice([*_PARTS, *_FILES, "all"]), default="inferred")
+@data_option
+@json_option
+def rebuild(what: str, data: Path, as_json: bool) -> None:
+    """Rebuild data that are derived from the graph.
+
+    "union" and "catalogue" of graphs, the "inferred" graph, the "index" of texts and places, the
+    "statistics" of grasps, the "recognition" index, the "models" of objects. "blobs" deletes bytes
+    that no statement has named for a day.
+
+    After damage, on a folder that no process has open: "store" rebuilds the quads from a complete
+    journal; "journal" starts a new journal in place of a lost one. What is replaced is set aside.
+    """
+    if what in _FILES:
+        from rtask.kb.durability.rebuild import rebuild_journal, rebuild_store
+
+        with Working(f"rebuilding the {what}"):
+            last = rebuild_store(data) if what == "store" else rebuild_journal(data)
+        if as_json:
+            print_json({what: last})
+        else:
+            click.echo(f"{what}: up to commit {last}")
+        return
+    import rtask
+
+    done = {}
+    with rtask.open(data) as kb:
+        for part in _PARTS if what == "all" else (what,):
+            with Working(f"rebuilding {part}"):
+                done[part] = _rebuild(kb, part)
+            if not as_json:
+                click.echo(f"{part}: {done[part]}")
+    if as_json:
+        print_json(done)
+
+
+def _rebuild(kb: KnowledgeBase, part: str) -> str:
+    if part == "inferred":
+        done = kb.rebuild("inferred")
+        return f"+{done.added} -{done.removed}"
+    if part == "blobs":
+        return f"{kb.collect_blobs()} deleted"
+    if part in ("statistics", "recognition", "models"):
+        return _rebuild_by_engine(kb, part)
+    findings = kb.verify(repair=True, parts=(part,))
+    return "; ".join(finding.detail for finding in findings) or "nothing to repair"
+
+
+def _rebuild_by_engine(kb: KnowledgeBase, part: str) -> str:
+    from rtask.engine import Engine
+
+    engine = Engine(kb)
+    try:
+        if part == "recognition":
+            return f"{engine.rebuild_index()} views"
+        if part == "models":
+            return f"{engine.rebuild_models()} objects"
+        done = engine.rebuild_statistics()
+        return f"+{done.added} -{done.removed}"
+    finally:
+        engine.close()
+
+
+@click.command()
+@click.argument("records", nargs=-1)
+@data_option
+@click.option("--release", "action", flag_value="release", help="Put them back into their graphs.")
+@click.option("--forget", "action", flag_value="forget", help="Delete them.")
+@json_option
+def quarantine(records: tuple[str, ...], data: Path, action: str | None, as_json: bool) -> None:
+    """List statements that contradict the others; put them back, or delete them.
+
+    A knowledge base that is opened with on_inconsistency="quarantine" sets such statements aside
+    instead of refusing the commit. RECORDS are IRIs from the list; without any, all are meant.
+    Putting back fails, and changes nothing, while a statement still contradicts the others.
+    """
+    import rtask
+
+    if action is not None:
+        with rtask.open(data) as kb:
+            before = len(kb.quarantined())
+            kb.release(records or None, drop=action == "forget")
+            count = before - len(kb.quarantined())
+        if as_json:
+            print_json({action: count})
+        else:
+            click.echo(f"{count} {'put back' if action == 'release' else 'deleted'}")
+        return
+    with open_to_read(data) as kb:
+        found = [one for one in kb.quarantined() if not records or one.node.value in records]
+    if as_json:
+        print_json(
+            [
+                {
+                    "record": one.node.value,
+                    "triple": [
+                        str(one.quad.subject),
+                        str(one.quad.predicate),
+                        str(one.quad.object),
+                    ],
+                    "graph": str(one.quad.graph_name),
+                    "reason": one.reason,
+                    "activity": one.activity.value,
+                }
+                for one in found
+            ]
+        )
+        return
+    for one in found:
+        click.echo(f"{one.node.value}\n  {one.quad}\n  {one.reason}")
+    click.echo(f"{len(found)} in quarantine")

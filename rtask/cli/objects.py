@@ -1,0 +1,176 @@
+"""``rtask objects``: people correct what the graph holds about objects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.cli.connection import connection, open_graph
+from rtask.cli.options import agent_option, data_option, json_option, print_json, server_option
+
+__all__ = ["objects"]
+
+_agent_option = agent_option(
+    "Person who makes the change, and whose graph it goes to. A server knows it by the token.",
+    former=["--operator"],
+)
+
+
+@click.group()
+def objects() -> None:
+    """Show, name, merge, split and forget objects, and undo such changes."""
+
+
+@objects.command()
+@click.argument("name")
+@data_option
+@server_option
+@json_option
+def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
+    """Show what is stored about an object. NAME is its IRI, or one that it had before a merge."""
+    from rtask.engine.curation.merging import present_name
+    from rtask.engine.stored import stored_models
+    from rtask.errors import UnknownTermError
+    from rtask.rdf.namespaces import RT
+    from rtask.rdf.terms import iri, python_value
+
+    with open_graph(data, server) as kb:
+        thing = iri(present_name(kb, name))
+        if not kb.match(thing, RT.objectId):
+            raise UnknownTermError(f"no object {name} in the graph; `rtask search` finds its IRI")
+        models = stored_models(kb, thing)
+        shown = {
+            "object": thing.value,
+            "names": sorted({str(python_value(q.object)) for q in kb.match(thing, RT.name)}),
+            "views": sorted(str(q.object)[1:-1] for q in kb.match(thing, RT.hasView)),
+            "grasps": sorted(str(q.object)[1:-1] for q in kb.match(thing, RT.hasGrasp)),
+            "model": models[0].blob if models else None,
+            "views_in_model": len(models[0].views) if models else 0,
+            "formerly": sorted(str(q.subject)[1:-1] for q in kb.match(None, RT.mergedInto, thing)),
+        }
+    if as_json:
+        print_json(shown)
+        return
+    for key, value in shown.items():
+        for line in value if isinstance(value, list) else [value]:
+            click.echo(f"{key:15s} {line}")
+
+
+@objects.command("name")
+@click.argument("name")
+@click.option("--as", "new_name", help="Name of this very object.")
+@click.option("--kind", help="Kind of thing, in words; unknown words create a new class.")
+@data_option
+@server_option
+@_agent_option
+@json_option
+def name_(
+    name: str,
+    new_name: str | None,
+    kind: str | None,
+    data: Path,
+    server: str | None,
+    agent: str | None,
+    as_json: bool,
+) -> None:
+    """Give the object NAME a name or a kind, in place of earlier ones."""
+    _carry_out(
+        (data, server), as_json, "teach_object", operation="teach", object=name, name=new_name,
+        class_description=kind, operator=agent,
+    )  # fmt: skip
+
+
+@objects.command()
+@click.argument("name")
+@click.argument("into")
+@data_option
+@server_option
+@_agent_option
+@json_option
+def merge(
+    name: str, into: str, data: Path, server: str | None, agent: str | None, as_json: bool
+) -> None:
+    """Merge the object NAME into the object INTO: they are one and the same."""
+    _curate((data, server), as_json, operation="merge", object=name, into=into, operator=agent)
+
+
+@objects.command()
+@click.argument("name")
+@click.argument("views", nargs=-1, required=True)
+@click.option("--as", "new_name", help="Name of the new object.")
+@data_option
+@server_option
+@_agent_option
+@json_option
+def split(
+    name: str,
+    views: tuple[str, ...],
+    new_name: str | None,
+    data: Path,
+    server: str | None,
+    agent: str | None,
+    as_json: bool,
+) -> None:
+    """Move VIEWS of the object NAME to a new object."""
+    _curate(
+        (data, server), as_json, operation="split", object=name, views=list(views), name=new_name,
+        operator=agent,
+    )  # fmt: skip
+
+
+@objects.command()
+@click.argument("name")
+@click.argument("views", nargs=-1)
+@click.option("--purge", is_flag=True, help="Delete its attempts too, and its blobs at once.")
+@data_option
+@server_option
+@_agent_option
+@json_option
+def forget(
+    name: str,
+    views: tuple[str, ...],
+    purge: bool,
+    data: Path,
+    server: str | None,
+    agent: str | None,
+    as_json: bool,
+) -> None:
+    """Delete the object NAME, or only some VIEWS of it."""
+    _curate(
+        (data, server), as_json, operation="forget", object=name, views=list(views), purge=purge,
+        operator=agent,
+    )  # fmt: skip
+
+
+@objects.command()
+@click.argument("commit")
+@data_option
+@server_option
+@_agent_option
+@json_option
+def undo(commit: str, data: Path, server: str | None, agent: str | None, as_json: bool) -> None:
+    """Undo a merge, a split or a deletion, named by its COMMIT."""
+    _curate((data, server), as_json, operation="undo", commit=commit, operator=agent)
+
+
+def _curate(where: tuple[Path, str | None], as_json: bool, /, **request: Any) -> None:
+    _carry_out(where, as_json, "curate_object", **request)
+
+
+def _carry_out(
+    where: tuple[Path, str | None], as_json: bool, called: str, /, **request: Any
+) -> None:
+    given = {name: value for name, value in request.items() if value is not None}
+    with connection(*where) as client:
+        done = client.call(called, **given)
+    if as_json:
+        print_json(done)
+    elif "added" in done:
+        click.echo(
+            f"{done['commit']}: +{done['added']} -{done['removed']} {done['object']}".rstrip()
+        )
+    else:
+        (named,) = done["objects"]
+        click.echo(f"{done['commit'] or 'known already'}: {named['label']} {named['object']}")

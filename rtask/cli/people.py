@@ -1,0 +1,204 @@
+"""``rtask ask`` and ``rtask feedback``: people ask for things, and judge what robots did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.connection import connection
+from rtask.cli.options import (
+    agent_option,
+    data_option,
+    exit_if_empty,
+    json_option,
+    limit_option,
+    option,
+    print_json,
+    server_option,
+)
+from rtask.errors import UsageError
+
+if TYPE_CHECKING:
+    from rtask.client import Client
+    from rtask.engine.operations.answers import ResolvedRequest
+
+__all__ = ["ask", "feedback"]
+
+_LATEST = """
+SELECT ?time ?task ?robot ?object ?success ?judged ?disputed ?code
+WHERE {
+  { SELECT ?attempt ?outcome ?time
+    WHERE { ?attempt a rt:GraspAttempt ; rt:hasOutcome ?outcome ; prov:endedAtTime ?time }
+    ORDER BY DESC(?time) DESC(?attempt) LIMIT %d }
+  ?attempt rt:requestId ?task ; rt:performedBy/rt:name ?robot .
+  ?outcome rt:success ?success ; rt:hasReason/rt:code ?code
+  OPTIONAL { ?through rt:through ?attempt ; rt:handles/rt:name ?object }
+  OPTIONAL { ?outcome rt:judgedSuccess ?judged } OPTIONAL { ?outcome rt:disputed ?disputed }
+} ORDER BY DESC(?time)"""
+
+
+@click.command()
+@click.argument("words", nargs=-1, required=True)
+@data_option
+@server_option
+@agent_option(
+    "Robot whose hand is to hold the object. A server knows it by the token.", former=["--robot"]
+)
+@click.option("--gripper", help="Name or IRI of the hand, if the robot has several.")
+@option(
+    "--object",
+    "objects",
+    former=["-o"],
+    multiple=True,
+    metavar="IRI",
+    help="An object in view now; may be repeated.",
+)
+@click.option(
+    "--seen-within",
+    default=600.0,
+    show_default=True,
+    metavar="S",
+    help="Without --object: consider objects seen this recently, s.",
+)
+@json_option
+def ask(
+    words: tuple[str, ...],
+    data: Path,
+    server: str | None,
+    agent: str | None,
+    gripper: str | None,
+    objects: tuple[str, ...],
+    seen_within: float,
+    as_json: bool,
+) -> None:
+    """Ask for an object by kind or use, such as "something to drink from".
+
+    Answers which of the objects in view will do, why, and how to grasp it. If none will, gives the
+    reasons and exits with code 1.
+    """
+    request: dict[str, Any] = {"wanted": " ".join(words), "seen_within_s": seen_within}
+    if gripper:
+        request["gripper_id"] = gripper
+    if objects:
+        request["objects"] = list(objects)
+    with connection(data, server, agent) as client:
+        answer = client.resolve_request(**request)
+    if as_json:
+        print_json(answer)
+    else:
+        _show(answer)
+    if answer["task_response"] == "unmet":
+        raise SystemExit(1)
+
+
+def _show(answer: ResolvedRequest) -> None:
+    if answer["object"]:
+        click.echo(f"{answer['label']}  {answer['object']}")
+        click.echo(answer["explanation"]["text"])
+        for grasp in answer["grasps"]:
+            stats, sure = grasp["statistics"], grasp["confidence"]["mean"]
+            click.echo(
+                f"  {grasp['id']}  confidence {sure:.2f}, "
+                f"held {stats['successes']} of {stats['attempts']}"
+            )
+        for line in answer["explanation"]["proof"]:
+            click.echo(f"  {line}")
+    for reason in answer["reasons"]:
+        click.echo(f"{reason['code']}: {reason['text']}", err=not answer["object"])
+
+
+@click.command()
+@click.argument("task_id", required=False)
+@data_option
+@server_option
+@click.option("--confirm", "verdict", flag_value="confirm", help="The robot's report is right.")
+@click.option("--refuse", "verdict", flag_value="refuse", help="The robot's report is wrong.")
+@click.option(
+    "--correct", metavar="held=BOOL,reason=CODE", help="What is right instead: either or both."
+)
+@agent_option("Person who judges. A server with tokens knows it by the token.", former=["--by"])
+@click.option("--comment", help="Remark to keep with the verdict.")
+@limit_option(20, "Largest number of attempts to list.")
+@json_option
+def feedback(
+    task_id: str | None,
+    data: Path,
+    server: str | None,
+    verdict: str | None,
+    correct: str | None,
+    agent: str | None,
+    comment: str | None,
+    limit: int,
+    as_json: bool,
+) -> None:
+    """Confirm, refuse or correct what a robot reported about an attempt.
+
+    Without TASK_ID, lists the latest attempts; exit code 1 if there are none. The majority of
+    verdicts counts. While there is a tie, the attempt is left out of all statistics.
+    """
+    if correct is not None and verdict is not None:
+        raise UsageError("--confirm, --refuse and --correct exclude each other: one is enough")
+    if task_id is None:
+        if verdict or correct:
+            raise UsageError("which attempt? `rtask feedback` lists the latest with their task ids")
+        with connection(data, server) as client:
+            _list(client, limit, as_json)
+        return
+    if correct is None and verdict is None:
+        raise UsageError("give --confirm, --refuse or --correct held=false,reason=slip_lift")
+    request = _request(task_id, verdict, correct, agent, comment)
+    with connection(data, server) as client:
+        answer = client.call("give_feedback", **request)
+    if as_json:
+        print_json(answer)
+        return
+    click.echo(answer["text"])
+    stats = answer["statistics"]
+    held = f"{stats['successes']} of {stats['attempts']}"
+    click.echo(f"the grasp {answer['grasp']} held {held} times")
+    if not answer["stored"]:
+        click.echo("nothing new: this verdict had been given before")
+
+
+def _request(
+    task_id: str, verdict: str | None, correct: str | None, agent: str | None, comment: str | None
+) -> dict[str, Any]:
+    request: dict[str, Any] = {"task_id": task_id, "verdict": verdict or "correct"}
+    for part in (correct or "").split(","):
+        name, equals, value = part.strip().partition("=")
+        if part.strip() and (not equals or name not in ("held", "reason")):
+            raise UsageError(
+                f"--correct {part.strip()}: held=true, held=false or reason=CODE is expected"
+            )
+        if value:
+            request[name] = value.strip()
+    if agent:
+        request["operator"] = agent
+    if comment:
+        request["comment"] = comment
+    return request
+
+
+def _list(client: Client, limit: int, as_json: bool) -> None:
+    import ontology
+    from rtask.rdf.terms import prologue
+
+    rows = client.query(prologue(ontology.PREFIXES) + _LATEST % max(limit, 1))
+    if as_json:
+        print_json(rows)
+        exit_if_empty(rows)
+        return
+    if not rows:
+        click.echo("no attempts yet", err=True)
+    for row in rows:
+        said = "held" if row["success"] else str(row["code"])
+        counts = {True: "held", False: "failed", None: "nothing"}[row["judged"]]
+        counts = "disputed" if row["disputed"] else counts
+        time = str(row["time"])[:19]
+        click.echo(
+            f"{time}  {row['robot']:12s}  {row['object'] or '-':20s}  {said:12s}  "
+            f"counts: {counts:8s}  {row['task']}"
+        )
+    exit_if_empty(rows)

@@ -1,1 +1,0 @@
-"""Commands with which people ask, name and judge."""

@@ -1,0 +1,120 @@
+"""Recognition of the objects in a file, without writing to the knowledge base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from rtask.cli.perception.segment import cut
+
+if TYPE_CHECKING:
+    from features.geometry import Frame
+    from features.recognition import Recognition as Answer
+    from features.recognition import RecognitionIndex, ViewFeatures
+    from rtask.engine.perception.poses import ObjectPose
+    from rtask.engine.stored import Models
+    from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["Seen", "index_of", "look", "short_name", "with_pose"]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One object in a view, with its features, the answer of recognition and its pose."""
+
+    label: int
+    crop: Frame
+    features: ViewFeatures
+    answer: Answer
+    pose: ObjectPose | None = None
+
+    @property
+    def name(self) -> str:
+        """Short label: what it is, the two things that it may be, or a question mark."""
+        if self.answer.outcome == "multiple" and not self.answer.accepted:
+            both = " or ".join(short_name(match.object_iri) for match in self.answer.matches[:2])
+            return f"{self.label}: {both}?"
+        if not self.answer.accepted:
+            return f"{self.label}: ?"
+        first = self.answer.matches[0]
+        name = f"{self.label}: {short_name(first.object_iri)} {first.confidence:.2f}"
+        return name if self.pose is None else f"{name}, pose {self.pose.confidence:.2f}"
+
+
+def index_of(kb: KnowledgeBase) -> RecognitionIndex:
+    """Return an index in memory, built from the graph; the one on disk belongs to the server."""
+    from features.recognition import RecognitionIndex
+    from rtask.engine.stored import stored_views
+
+    index = RecognitionIndex()
+    for row in stored_views(kb):
+        features = row.features(kb)
+        if features is not None:
+            index.add(row.view, row.object, row.class_iri, features)
+    index.save()
+    return index
+
+
+def look(
+    frame: Frame, index: RecognitionIndex, preset: str, min_confidence: float | None
+) -> list[Seen]:
+    """Cut a view into objects and recognise each of them.
+
+    Parameters
+    ----------
+    preset
+        How to cut the view; see ``rtask segment --segmentation``.
+    min_confidence
+        Lowest confidence of an accepted answer; ``None`` for the recogniser's own.
+    """
+    from features.recognition import Recogniser, describe_frame
+    from rtask.engine.perception.identity import has_rivals
+    from rtask.engine.policy import Policy
+
+    recogniser = Recogniser(index)
+    # A single known object has no rival to be told from: more inliers are required, as in the
+    # engine.
+    least = 0 if has_rivals(index) else Policy().inliers_when_alone
+    crops: list[tuple[int, Frame]] = []
+    if frame.mask is not None:
+        crops.append((1, frame))
+    else:
+        scene = cut(frame, preset)
+        crops += [(thing.label, frame.crop(scene.labels == thing.label)) for thing in scene.objects]
+    seen = []
+    for label, crop in crops:
+        features = describe_frame(crop)
+        answer = recogniser.recognise(features, min_confidence=min_confidence)
+        if answer.accepted and answer.matches[0].inliers < least:
+            answer = replace(answer, accepted=False)
+        seen.append(Seen(label, crop, features, answer))
+    return seen
+
+
+def with_pose(models: Models, one: Seen) -> Seen:
+    """Return an object with its pose, where a stored model or view determines it."""
+    import numpy as np
+
+    from rtask.engine.memory.question import Question
+    from rtask.engine.memory.recall import recall
+    from rtask.engine.observation import Observation
+    from rtask.engine.perception.poses import find_pose
+
+    if not one.answer.accepted:
+        return one
+    match = one.answer.matches[0]
+    memory = recall(models.kb, Question(objects=(match.object_iri,), views=(match.view_iri,)))
+    # Only the camera is known, not where it is relative to the table.
+    nothing = np.empty((0, 3))
+    seen = Observation(b"", one.crop, one.features, np.eye(4), nothing, None, is_posed=False)
+    known = memory.objects.get(match.object_iri)
+    return replace(one, pose=find_pose(models, seen, known, match, memory))
+
+
+def short_name(name: str) -> str:
+    """Return the last two parts of an IRI.
+
+    >>> short_name("https://example.org/lab/object/7/")
+    'object/7'
+    """
+    return "/".join(name.rstrip("/").split("/")[-2:])

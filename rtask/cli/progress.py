@@ -1,0 +1,148 @@
+"""Progress of slow work, on standard error: how far a load is, what is being computed, compilation.
+
+Nothing is shown before two seconds have passed, nor where standard error is not a terminal.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import click
+
+__all__ = ["LoadProgress", "Working", "announce_compilation"]
+
+_QUIET_S = 2.0
+_TICK_S = 0.5
+_CLEAR = "\r\x1b[K"
+
+
+class Working:
+    """Context manager that names what is being done once it has taken two seconds.
+
+    Parameters
+    ----------
+    text
+        What is being done, such as ``"checking the shapes"``.
+    quiet_s
+        How long to stay silent, s.
+
+    Examples
+    --------
+    >>> with Working("adding two numbers"):
+    ...     1 + 1
+    2
+    """
+
+    def __init__(self, text: str, quiet_s: float = _QUIET_S) -> None:
+        self._text, self._quiet_s = text, quiet_s
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._tick, daemon=True)
+        self._terminal = sys.stderr.isatty()
+
+    def __enter__(self) -> Working:
+        self._started = time.monotonic()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> float:
+        """Remove the line; return how long the work took, s."""
+        self._done.set()
+        self._thread.join()
+        return time.monotonic() - self._started
+
+    def _tick(self) -> None:
+        if not self._terminal or self._done.wait(self._quiet_s):
+            return
+        while True:
+            seconds = time.monotonic() - self._started
+            click.echo(f"{_CLEAR}{self._text} ... {seconds:.0f} s", err=True, nl=False)
+            if self._done.wait(_TICK_S):
+                click.echo(_CLEAR, err=True, nl=False)
+                return
+
+
+class LoadProgress:
+    """Share of a document that has been read, its speed and the time left, on a terminal."""
+
+    def __init__(self) -> None:
+        self._started = self._shown = time.monotonic()
+        self._name = ""
+        self._before = 0
+
+    def __call__(self, name: str, read: int, size: int) -> None:
+        """Show how much of a document has been read, five times a second at most.
+
+        Parameters
+        ----------
+        name
+            File or address.
+        read, size
+            Bytes read so far, and bytes in all; 0 where the size is not known.
+        """
+        now = time.monotonic()
+        if name != self._name or read < self._before:
+            self._name, self._started = name, now
+        self._before = read
+        if now - self._shown < 0.2 or not size:
+            return
+        self._shown = now
+        share = min(read / size, 1.0)
+        rate = read / max(now - self._started, 1e-3)
+        left = (size - read) / max(rate, 1.0)
+        text = f"{Path(name).name[:40]} {share:4.0%} {rate / 1e6:.1f} MB/s, {left:.0f} s left"
+        click.echo(f"{_CLEAR}{text}", err=True, nl=False)
+
+    def clear(self) -> None:
+        """Remove the line."""
+        click.echo(_CLEAR, err=True, nl=False)
+
+
+@contextmanager
+def announce_compilation() -> Iterator[None]:
+    """Tell the user while numeric kernels are compiled, which happens on the first run.
+
+    The compiled code is cached on disk, so that later runs start at once and nothing is shown.
+    """
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def __init__(self) -> None:
+            self.depth = 0
+            self.total_s = 0.0
+            self.line: Working | None = None
+
+        def on_start(self, event: object) -> None:
+            self.depth += 1
+            if self.depth == 1:
+                text = "compiling numeric kernels, once on this machine"
+                self.line = Working(text, quiet_s=max(_QUIET_S - self.total_s, 0.0))
+                self.line.__enter__()
+
+        def on_end(self, event: object) -> None:
+            self.depth -= 1
+            if self.depth == 0 and self.line is not None:
+                self.total_s += self.line.close()
+                self.line = None
+
+    listener = Listener()
+    events: Any = event  # numba's functions carry no types
+    events.register("numba:compile", listener)
+    try:
+        yield
+    finally:
+        events.unregister("numba:compile", listener)

@@ -1,0 +1,286 @@
+"""``rtask query``, ``rtask update`` and ``rtask search``: ask and change the graph."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rtask.cli.connection import base_of, open_graph
+from rtask.cli.options import (
+    agent_option,
+    data_option,
+    exit_if_empty,
+    json_option,
+    limit_option,
+    option,
+    prefixes,
+    print_json,
+    read_text,
+    server_option,
+    term,
+)
+from rtask.cli.progress import Working
+from rtask.errors import UsageError
+
+if TYPE_CHECKING:
+    from rtask.graph import Graph
+    from rtask.sparql.results import Solutions
+
+_MEDIA_TYPES = {
+    "json": "application/sparql-results+json",
+    "xml": "application/sparql-results+xml",
+    "csv": "text/csv",
+    "tsv": "text/tab-separated-values",
+    "turtle": "text/turtle",
+    "ntriples": "application/n-triples",
+    "rdfxml": "application/rdf+xml",
+    "jsonld": "application/ld+json",
+}
+_MAX_WIDTH = 60
+# An answer without rows is short, whatever its format.
+_EMPTY_BYTES = 4096
+_EMPTY = {
+    "json": re.compile(rb'"bindings"\s*:\s*\[\s*\]|"boolean"\s*:\s*false'),
+    "xml": re.compile(rb"<results\s*/>|<results>\s*</results>|<boolean>\s*false"),
+    "csv": re.compile(rb"^[^\n]*\n?$"),
+    "tsv": re.compile(rb"^[^\n]*\n?$"),
+    "turtle": re.compile(rb"^\s*$"),
+    "ntriples": re.compile(rb"^\s*$"),
+    "rdfxml": re.compile(rb"^(?!.*rdf:Description).*$", re.S),
+    "jsonld": re.compile(rb"^\s*\[\s*\]\s*$"),
+}
+
+
+@click.command()
+@click.argument("text", required=False)
+@data_option
+@server_option
+@option(
+    "--file",
+    former=["-f"],
+    type=click.Path(path_type=Path),
+    help="Read the query from a file.",
+)
+@option(
+    "--format",
+    "-F",
+    "form",
+    former=["-o"],
+    type=click.Choice(["table", *_MEDIA_TYPES]),
+    default="table",
+    show_default=True,
+    help="Format of the answer.",
+)
+@click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
+@click.option("--no-inferred", is_flag=True, help="Leave inferred statements out.")
+@click.option("--timeout", type=float, metavar="S", help="Stop the query after this time, s.")
+def query(
+    text: str | None,
+    data: Path,
+    server: str | None,
+    file: Path | None,
+    form: str,
+    as_json: bool,
+    no_inferred: bool,
+    timeout: float | None,
+) -> None:
+    """Run a SPARQL query; TEXT may be - for standard input.
+
+    The ontology's prefixes (rt:, cora:, prov: ...) are predefined; with a folder, so is kb: for
+    the base. Exit code 1 if there are no rows, or the answer to an ASK is no.
+    """
+    from rtask.rdf.terms import prologue
+
+    form = "json" if as_json else form
+    asked = read_text(text, file)
+    if server and no_inferred:
+        raise UsageError("--no-inferred needs a folder; with a server, name the graphs with FROM")
+    with open_graph(data, server) as kb:
+        missing = {
+            name: namespace
+            for name, namespace in prefixes(base_of(kb)).items()
+            if f"{name}:" in asked and f"prefix {name}:" not in " ".join(asked.lower().split())
+        }
+        whole = prologue(missing).replace("\n", " ") + asked
+        if form == "table":
+            found = _print_answer(kb, whole, not no_inferred, timeout)
+        else:
+            found = _write_answer(_pieces(kb, whole, form, not no_inferred, timeout), form)
+    exit_if_empty(found)
+
+
+def _pieces(
+    kb: Graph, text: str, form: str, inferred: bool, timeout_s: float | None
+) -> Iterator[bytes]:
+    """Yield the answer in a format as it comes."""
+    from rtask.knowledge_base import KnowledgeBase
+
+    if not isinstance(kb, KnowledgeBase):
+        yield kb.serialize(text, _MEDIA_TYPES[form])
+        return
+    with kb.stream(text, _MEDIA_TYPES[form], inferred=inferred, timeout_s=timeout_s) as answer:
+        yield from answer
+
+
+def _write_answer(pieces: Iterator[bytes], form: str) -> bool:
+    """Write an answer; tell whether it holds anything."""
+    head, last, size = b"", b"", 0
+    for last in pieces:
+        size += len(last)
+        head += last[: max(_EMPTY_BYTES - len(head), 0)]
+        click.echo(last, nl=False)
+    if not last.endswith(b"\n"):
+        click.echo()
+    return size > _EMPTY_BYTES or _EMPTY[form].search(head) is None
+
+
+def _print_answer(kb: Graph, text: str, inferred: bool, timeout_s: float | None) -> bool:
+    """Print an answer for people; tell whether it holds anything."""
+    from rtask.knowledge_base import KnowledgeBase
+    from rtask.sparql.results import Solutions
+
+    with Working("running the query"):
+        if isinstance(kb, KnowledgeBase):
+            answer = kb.query(text, inferred=inferred, timeout_s=timeout_s)
+        else:
+            answer = kb.query(text, timeout_s=timeout_s)
+    if isinstance(answer, bool):
+        click.echo("yes" if answer else "no")
+        return answer
+    if isinstance(answer, Solutions):
+        _print_table(answer, base_of(kb))
+        return len(answer) > 0
+    written = answer.serialize()
+    click.echo(written.decode(), nl=False)
+    return bool(written.strip())
+
+
+def _print_table(rows: Solutions, base: str) -> None:
+    known = prefixes(base)
+    cells = [[_short(term, known) for term in row] for row in rows]
+    widths = [
+        min(_MAX_WIDTH, max([len(name), *(len(line[at]) for line in cells)]))
+        for at, name in enumerate(rows.variables)
+    ]
+    for line in ([*rows.variables], ["-" * width for width in widths], *cells):
+        padded = "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))
+        click.echo(padded.rstrip())
+    click.echo(f"{len(rows)} rows", err=True)
+
+
+def _short(term: object, known: dict[str, str]) -> str:
+    from rtask.rdf.terms import Literal, NamedNode, python_value
+
+    if isinstance(term, Literal):
+        return str(term.value)
+    if not isinstance(term, NamedNode):
+        return "" if term is None else str(python_value(term))  # type: ignore[arg-type]
+    for name, namespace in known.items():
+        if term.value.startswith(namespace):
+            return f"{name}:{term.value[len(namespace) :]}"
+    return term.value
+
+
+@click.command()
+@click.argument("text", required=False)
+@data_option
+@server_option
+@option(
+    "--file", former=["-f"], type=click.Path(path_type=Path), help="Read the update from a file."
+)
+@agent_option("Write as this robot or person, into its own graph. A server knows it by the token.")
+@click.option("--note", help="Remark to keep with the provenance.")
+@json_option
+def update(
+    text: str | None,
+    data: Path,
+    server: str | None,
+    file: Path | None,
+    agent: str | None,
+    note: str | None,
+    as_json: bool,
+) -> None:
+    """Run a SPARQL update; TEXT may be - for standard input.
+
+    The update is one commit: it is stored as a whole or not at all.
+    """
+    import rtask
+
+    asked = read_text(text, file)
+    graph: Graph = open_graph(data, server) if server else rtask.open(data)
+    with graph:
+        done = graph.update(asked, agent=agent, note=note)
+    if done is None:
+        click.echo('{"done": true}' if as_json else "done")
+        return
+    if as_json:
+        names = ("seq", "added", "removed", "derived")
+        print_json({name: getattr(done, name) for name in names})
+        return
+    click.echo(f"commit {done.seq}: +{done.added} -{done.removed}, {done.derived} derived")
+
+
+@click.command()
+@click.argument("words", nargs=-1, required=True)
+@data_option
+@server_option
+@click.option("--class", "-c", "cls", metavar="CLASS", help="Only instances of this class.")
+@click.option("--lang", help="Only texts in this language, such as en.")
+@limit_option(20, "Largest number of results.")
+@json_option
+def search(
+    words: tuple[str, ...],
+    data: Path,
+    server: str | None,
+    cls: str | None,
+    lang: str | None,
+    limit: int,
+    as_json: bool,
+) -> None:
+    """Search labels, comments and descriptions for WORDS.
+
+    All words must occur; "cup*" matches any ending. Exit code 1 if nothing is found.
+    """
+    from rtask.knowledge_base import KnowledgeBase
+
+    with open_graph(data, server) as kb:
+        wanted = None if cls is None else term(cls, base_of(kb))
+        if not isinstance(kb, KnowledgeBase):
+            rows = _search_server(kb, " ".join(words), wanted, lang, limit)
+        else:
+            found = kb.search(" ".join(words), cls=wanted, lang=lang, limit=limit)
+            rows = [
+                {"iri": h.subject.value, "text": h.text, "language": h.language, "score": h.score}
+                for h in found
+            ]
+    if as_json:
+        print_json(rows)
+    else:
+        for row in rows:
+            tag = f"@{row['language']}" if row["language"] else ""
+            text = " ".join(str(row["text"]).split())
+            click.echo(f"{row['iri']}  {text[:100]}{tag}")
+    exit_if_empty(rows)
+
+
+def _search_server(
+    kb: Graph, words: str, cls: object, lang: str | None, limit: int
+) -> list[dict[str, object]]:
+    """Search through the text service of a server's SPARQL endpoint."""
+    import ontology
+    from rtask.rdf.terms import Literal, prologue, written
+
+    asked = f"; rt:lang {written(Literal(lang))}" if lang else ""
+    of_class = f"?iri a {cls} ." if cls is not None else ""
+    rows = kb.select(
+        prologue({"rt": ontology.NS})
+        + f"""SELECT ?iri ?text (LANG(?text) AS ?language) ?score {{
+  SERVICE <urn:rtask:text> {{ ?iri rt:matches {written(Literal(words))} {asked} ;
+    rt:text ?text ; rt:score ?score ; rt:limit {limit if cls is None else 1000} }} {of_class}
+}} ORDER BY DESC(?score) LIMIT {limit}"""
+    )
+    return [{**row, "language": row["language"] or None} for row in rows.to_dicts()]
