@@ -10,9 +10,9 @@ from typing import Any, Protocol, Self
 from pyoxigraph import Quad, RdfFormat
 
 from rtask.kb.commit.commit import Commit
-from rtask.kb.readers.query import Bindings
 from rtask.loader.load import LoadReport
 from rtask.rdf.terms import NamedNode, Subject, Value
+from rtask.sparql.bindings import Bindings
 from rtask.sparql.results import Solutions, Triples
 
 __all__ = ["Changes", "Graph"]

@@ -9,7 +9,7 @@ import threading
 from endpoint.http.messages import Request
 from rtask.kb.commit.commit import Change
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import Graph
+from rtask.rdf.terms import GraphName
 
 # A query that calls these has another answer each time, though nothing was written.
 _UNSTEADY = re.compile(r"\b(?:NOW|RAND|UUID|STRUUID|BNODE|SERVICE)\b", re.I)
@@ -31,7 +31,7 @@ class Versions:
         self._kb = kb
         self._epoch = kb.settings.epoch
         self._started_at = kb.seq
-        self._graphs: dict[Graph, int] = {}
+        self._graphs: dict[GraphName, int] = {}
         self._lock = threading.Lock()
         self._stop = kb.on_commit(self._note)
 
@@ -59,7 +59,7 @@ class Versions:
         digest = hashlib.blake2b(repr((text, *parts)).encode("utf-8", "replace"), digest_size=8)
         return f'W/"{self._epoch}-{self._kb.seq}-{digest.hexdigest()}"'
 
-    def of_graph(self, graph: Graph | None, media_type: str) -> str:
+    def of_graph(self, graph: GraphName | None, media_type: str) -> str:
         """Return the strong entity tag of a graph in a media type; of the whole dataset for none.
 
         Take it before reading the graph: a commit in between makes the tag too old, never too new.

@@ -27,7 +27,7 @@ from endpoint.sparql.request import QueryRequest, absolute_iri
 from rtask.errors import VersionConflictError
 from rtask.kb.commit.transaction import Transaction
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import Graph
+from rtask.rdf.terms import GraphName
 
 ADDRESS = "/store"
 METHODS = ("GET", "HEAD", "PUT", "POST", "DELETE", "OPTIONS")
@@ -117,7 +117,7 @@ class GraphStore:
         parts = _parts(request)
         return Plan(lambda: write(request, caller, graph, parts))
 
-    def _target(self, request: Request, caller: Caller) -> Graph | None:
+    def _target(self, request: Request, caller: Caller) -> GraphName | None:
         """Return the graph a request is about; none for the whole dataset (GSP, 4.1 and 4.2)."""
         names = request.values("graph")
         default = any(name == "default" for name, _ in request.parameters)
@@ -133,7 +133,7 @@ class GraphStore:
 
     # Reading
 
-    def _plan_read(self, request: Request, caller: Caller, graph: Graph | None) -> Plan:
+    def _plan_read(self, request: Request, caller: Caller, graph: GraphName | None) -> Plan:
         offers = negotiation.DATASET_TYPES if graph is None else negotiation.GRAPH_TYPES
         media_type = negotiation.choose(request.header("accept"), offers)
         timeout_s = self._config.effective_timeout(None, caller.access.role)
@@ -175,7 +175,7 @@ class GraphStore:
         file.seek(0)
         return FilePieces(file)
 
-    def _exists(self, graph: Graph) -> bool:
+    def _exists(self, graph: GraphName) -> bool:
         """Tell whether a graph is there, empty ones included; the default graph always is."""
         if isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
             return True
@@ -184,7 +184,7 @@ class GraphStore:
     # Writing
 
     def _put(
-        self, request: Request, caller: Caller, graph: Graph | None, parts: list[Part]
+        self, request: Request, caller: Caller, graph: GraphName | None, parts: list[Part]
     ) -> Response:
         """Replace a graph, or every graph the caller may write (GSP, 5.3)."""
         existed = graph is None or self._exists(graph)
@@ -201,7 +201,7 @@ class GraphStore:
         return Response(204 if existed else 201)
 
     def _post(
-        self, request: Request, caller: Caller, graph: Graph | None, parts: list[Part]
+        self, request: Request, caller: Caller, graph: GraphName | None, parts: list[Part]
     ) -> Response:
         """Merge into a graph, or make a new one (GSP, 5.5)."""
         headers: tuple[tuple[str, str], ...] = ()
@@ -218,7 +218,7 @@ class GraphStore:
         return Response(204 if existed else 201, headers=headers)
 
     def _load(
-        self, tx: Transaction, request: Request, graph: Graph | None, parts: list[Part]
+        self, tx: Transaction, request: Request, graph: GraphName | None, parts: list[Part]
     ) -> None:
         where = graph if isinstance(graph, NamedNode) else None
         base = where.value if where else request.url
@@ -229,7 +229,7 @@ class GraphStore:
                 )
             tx.load(part.data, part.format, graph=where, base=base)
 
-    def _delete(self, request: Request, caller: Caller, graph: Graph | None) -> Response:
+    def _delete(self, request: Request, caller: Caller, graph: GraphName | None) -> Response:
         """Remove a graph (GSP, 5.4); the default graph goes on existing, empty."""
         existed = graph is None or self._exists(graph)
         if graph is not None and not existed:
@@ -246,7 +246,7 @@ class GraphStore:
         return Response(204)
 
     def _check_preconditions(
-        self, request: Request, graph: Graph | None, existed: bool
+        self, request: Request, graph: GraphName | None, existed: bool
     ) -> int | None:
         """Compare If-Match and If-None-Match (RFC 9110, 13.1).
 
@@ -266,7 +266,7 @@ class GraphStore:
             raise VersionConflictError("the graph is no longer the one that If-Match names")
         return version
 
-    def _etag(self, graph: Graph | None) -> str:
+    def _etag(self, graph: GraphName | None) -> str:
         return self._versions.of_graph(graph, "any")
 
 
@@ -311,7 +311,7 @@ def _format(media_type: str) -> str:
     return found
 
 
-def _pattern(graph: Graph | None) -> str:
+def _pattern(graph: GraphName | None) -> str:
     if graph is None:
         return "{ GRAPH ?g { ?s ?p ?o } }"
     if isinstance(graph, DefaultGraph):
@@ -319,10 +319,10 @@ def _pattern(graph: Graph | None) -> str:
     return f"{{ GRAPH <{graph.value}> {{ ?s ?p ?o }} }}"
 
 
-def _reference(graph: Graph) -> str:
+def _reference(graph: GraphName) -> str:
     return "DEFAULT" if isinstance(graph, DefaultGraph) else f"GRAPH <{graph.value}>"
 
 
-def _missing(graph: Graph) -> RefusedError:
+def _missing(graph: GraphName) -> RefusedError:
     name = graph.value if isinstance(graph, NamedNode) else "the default graph"
     return RefusedError(404, "not-found", f"no graph {name}", graph=name)

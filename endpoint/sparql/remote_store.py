@@ -18,9 +18,9 @@ from endpoint.rosbridge.services import Operation
 from rtask.engine.operations.table import OPERATIONS
 from rtask.errors import ForbiddenError, QueryTimeout, RemoteUnavailableError, UnsupportedError
 from rtask.kb.commit.access import Access
-from rtask.kb.readers.query import bind
 from rtask.kb.readers.streams import WholeStream
 from rtask.kb.remote.knowledge_base import open_remote
+from rtask.sparql.bindings import bind
 from rtask.sparql.results import Solutions
 from rtask.sparql.syntax import check_query
 

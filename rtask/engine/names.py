@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 import threading
-import time
 import unicodedata
-import uuid
 from typing import TYPE_CHECKING
 
+from rtask.rdf.identifiers import uuid7
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, iri
 
@@ -24,14 +22,6 @@ _COUNTED = {
     "UNION { ?thing prov:invalidatedAtTime ?when }",
     "grasp": "?thing rt:graspPose ?pose",
 }
-
-
-def uuid7() -> uuid.UUID:
-    """Return a UUID that begins with the time (RFC 9562, 5.7), so that names sort by age."""
-    milliseconds = time.time_ns() // 1_000_000
-    random = int.from_bytes(os.urandom(10))
-    value = (milliseconds & (2**48 - 1)) << 80 | 0x7 << 76 | (random >> 68 & 0xFFF) << 64
-    return uuid.UUID(int=value | 0b10 << 62 | random & (2**62 - 1))
 
 
 def slug(text: str) -> str:

@@ -160,6 +160,6 @@ def _canonical(triple: TripleKey) -> TripleKey:
 
 
 def _statements(world: Any) -> list[TripleKey]:
-    from rtask.interop.terms import from_rdflib
+    from rtask.interop.rdflib_dataset import from_rdflib
 
     return [tuple(map(from_rdflib, triple)) for triple in world.as_rdflib_graph()]  # type: ignore[misc]

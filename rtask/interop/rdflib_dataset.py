@@ -10,19 +10,18 @@ import pyoxigraph as ox
 import rdflib
 from rdflib.query import Result
 from rdflib.store import Store
-from rdflib.term import Identifier, URIRef, Variable
+from rdflib.term import BNode, Identifier, URIRef, Variable
 
 import ontology
-from rtask.errors import ForbiddenError, UsageError
-from rtask.interop.terms import from_rdflib, graph_name, to_rdflib
-from rtask.rdf.terms import DEFAULT, Graph, Quad, prologue, stored, stored_quad
+from rtask.errors import DataError, ForbiddenError, UsageError
+from rtask.rdf.terms import DEFAULT, GraphName, Quad, Term, prologue, stored, stored_quad
 from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["KnowledgeDataset"]
+__all__ = ["KnowledgeDataset", "from_rdflib", "to_rdflib"]
 
 Pattern = tuple[Identifier | None, Identifier | None, Identifier | None]
 
@@ -43,7 +42,7 @@ class KnowledgeStore(Store):
     formula_aware = False
     transaction_aware = False
 
-    def __init__(self, kb: GraphCore, home: Graph | None) -> None:
+    def __init__(self, kb: GraphCore, home: GraphName | None) -> None:
         super().__init__()
         self._kb = kb
         self._home = home
@@ -52,7 +51,9 @@ class KnowledgeStore(Store):
 
     # Reading
 
-    def _quads(self, pattern: Pattern, name: Graph | None, stated: bool = False) -> Iterator[Quad]:
+    def _quads(
+        self, pattern: Pattern, name: GraphName | None, stated: bool = False
+    ) -> Iterator[Quad]:
         """Yield quads of a graph or of all; of the merged union unless who states it matters."""
         s, p, o = (None if term is None else stored(from_rdflib(term)) for term in pattern)
         apart = stated or bool(self.added or self.removed)
@@ -197,7 +198,7 @@ class KnowledgeDataset(rdflib.Dataset):
         return tx.commit
 
 
-def _named(name: Graph) -> ox.NamedNode | None:
+def _named(name: GraphName) -> ox.NamedNode | None:
     return name if isinstance(name, ox.NamedNode) else None
 
 
@@ -226,3 +227,47 @@ def _result(answer: Any) -> Result:
     for triple in answer:
         made.graph.add(tuple(map(to_rdflib, triple)))  # type: ignore[arg-type]
     return made
+
+
+def to_rdflib(term: Term) -> Identifier:
+    """Return a term as rdflib has it; literals keep their spelling.
+
+    Raises
+    ------
+    DataError
+        For a triple term (RDF 1.2), which rdflib has not.
+    """
+    if isinstance(term, ox.NamedNode):
+        return URIRef(term.value)
+    if isinstance(term, ox.BlankNode):
+        return BNode(term.value)
+    if isinstance(term, ox.Literal):
+        if term.language:
+            return rdflib.Literal(term.value, lang=term.language)
+        datatype = URIRef(term.datatype.value)
+        return rdflib.Literal(term.value, datatype=datatype, normalize=False)
+    raise DataError("rdflib has no triple terms (RDF 1.2)")
+
+
+def from_rdflib(term: object) -> Term:
+    """Return a term as the store has it."""
+    if isinstance(term, BNode):
+        return ox.BlankNode(str(term))
+    if isinstance(term, URIRef):
+        return ox.NamedNode(str(term))
+    if isinstance(term, rdflib.Literal):
+        if term.language:
+            return ox.Literal(str(term), language=term.language)
+        if term.datatype is None:
+            return ox.Literal(str(term))
+        return ox.Literal(str(term), datatype=ox.NamedNode(str(term.datatype)))
+    raise DataError(f"not an RDF term: {term!r}")
+
+
+def graph_name(context: object) -> GraphName | None:
+    """Return the name of an rdflib graph; ``None`` for the default graph, the union."""
+    name = getattr(context, "identifier", context)
+    if name is None or str(name) in ("urn:x-rdflib:default", ""):
+        return None
+    found = from_rdflib(name)
+    return found if isinstance(found, ox.NamedNode) else None

@@ -9,12 +9,13 @@ from typing import Any
 from pyoxigraph import Quad
 
 from rtask.errors import UnsupportedError
-from rtask.kb.readers import query as queries
-from rtask.kb.readers.query import Bindings, QueryDataset
+from rtask.kb.readers import evaluation
+from rtask.kb.readers.evaluation import QueryDataset
+from rtask.kb.readers.request import Question
 from rtask.kb.readers.streams import Stream, WholeStream
 from rtask.kb.searching import Searching
-from rtask.rdf.terms import Graph, NamedNode, Subject, Value, iri, object_term, subject_term
-from rtask.sparql.question import Question
+from rtask.rdf.terms import GraphName, NamedNode, Subject, Value, iri, object_term, subject_term
+from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.results import Solutions, Triples, read_answer
 
 __all__ = ["Reading"]
@@ -61,11 +62,11 @@ class Reading(Searching):
             It needs more memory than it may have.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = self._looked_up(queries.bind(text, bindings or {}))
+        text = self._looked_up(bind(text, bindings or {}))
         if timeout_s is not None and self.readers.possible:
             with self._ask(text, dataset, Question(""), timeout_s) as answer:
                 return read_answer(answer.kind, answer.read())
-        return queries.run(self.store, self.graphs, self.plain, text, dataset)
+        return evaluation.run(self.store, self.graphs, self.plain, text, dataset)
 
     def select(self, text: str, **options: Any) -> Solutions:
         """Evaluate a SELECT; the same as :meth:`query`, typed for rows."""
@@ -93,8 +94,8 @@ class Reading(Searching):
             If the media type does not fit the kind of query.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = self._looked_up(queries.bind(text, bindings or {}))
-        return queries.serialize(self.store, self.graphs, self.plain, text, media_type, dataset)
+        text = self._looked_up(bind(text, bindings or {}))
+        return evaluation.serialize(self.store, self.graphs, self.plain, text, media_type, dataset)
 
     def stream(
         self,
@@ -143,8 +144,8 @@ class Reading(Searching):
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
         text = self._looked_up(text)
         if not self.readers.possible:
-            form = media_type or queries.default_media_type(text)
-            data = queries.serialize(self.store, self.graphs, self.plain, text, form, dataset)
+            form = media_type or evaluation.default_media_type(text)
+            data = evaluation.serialize(self.store, self.graphs, self.plain, text, form, dataset)
             return WholeStream(data, form)
         question = Question(
             "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes
@@ -160,7 +161,7 @@ class Reading(Searching):
         on_start: Callable[[Stream], None] | None = None,
         quick: bool | None = None,
     ) -> Stream:
-        text, graphs = queries.prepare(self.store, self.graphs, self.plain, text, dataset)
+        text, graphs = evaluation.prepare(self.store, self.graphs, self.plain, text, dataset)
         names = [
             None if graphs.get(key) is None else tuple(graph.value for graph in graphs[key])
             for key in ("default_graph", "named_graphs")
@@ -180,7 +181,7 @@ class Reading(Searching):
         subject: Subject | str | None = None,
         predicate: NamedNode | str | None = None,
         value: Value | None = None,
-        graph: Graph | str | None = None,
+        graph: GraphName | str | None = None,
     ) -> list[Quad]:
         """Return the statements that fit a pattern; ``None`` fits everything.
 

@@ -13,7 +13,7 @@ from rtask.kb.commit.delta import UpdateDataset, UpdateLimits, run_update
 from rtask.kb.commit.transaction import Transaction
 from rtask.kb.readers.updating import UpdateOrder, commit_update, needs_reader
 from rtask.kb.searching import Searching
-from rtask.rdf.terms import Graph, NamedNode, iri
+from rtask.rdf.terms import GraphName, NamedNode, iri
 
 __all__ = ["Writing"]
 
@@ -115,7 +115,9 @@ class Writing(Searching):
         """Return a transaction for rooms that set more than agent and note."""
         return Transaction(self._writer, self.blobs, request)
 
-    def bulk_add(self, quads: Iterable[Quad] | TripleText, graph: Graph, request: Request) -> int:
+    def bulk_add(
+        self, quads: Iterable[Quad] | TripleText, graph: GraphName, request: Request
+    ) -> int:
         """Add more statements than a commit may hold; return how many were derived.
 
         One atomic step for the statements, then a commit for what follows from them.

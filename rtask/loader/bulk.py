@@ -16,7 +16,7 @@ from rtask.kb.commit.commit import Request
 from rtask.kb.core import GraphCore
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, explain
-from rtask.rdf.terms import Graph
+from rtask.rdf.terms import GraphName
 
 __all__ = ["load_bulk", "load_text", "readable_by_the_store"]
 
@@ -51,7 +51,7 @@ def load_text(
     kb: GraphCore,
     document: Document,
     form: Format,
-    graph: Graph,
+    graph: GraphName,
     request: Request,
     *,
     base: str | None,
@@ -75,7 +75,7 @@ def load_text(
 
 
 def load_bulk(
-    kb: GraphCore, quads: Iterable[Quad], graph: Graph, request: Request, *, replace: bool
+    kb: GraphCore, quads: Iterable[Quad], graph: GraphName, request: Request, *, replace: bool
 ) -> tuple[int, int, int, int]:
     """Load the statements of a large document; return how many were read, added, removed, derived.
 
@@ -96,7 +96,7 @@ def load_bulk(
     return (counted.count, after - before, removed, derived)
 
 
-def _clear(kb: GraphCore, graph: Graph, request: Request) -> int:
+def _clear(kb: GraphCore, graph: GraphName, request: Request) -> int:
     with kb.commit_block(request) as tx:
         tx.clear(graph)
         return tx.counts()[1]

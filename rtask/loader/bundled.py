@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode, Quad, parse
 
 import ontology
 from rtask.kb.commit.commit import Commit, Request
-from rtask.rdf.terms import RDF_TYPE, Graph, python_value
+from rtask.rdf.terms import RDF_TYPE, GraphName, python_value
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -32,7 +32,7 @@ def refresh(kb: GraphCore) -> Commit | None:
     stale = [path for path in ontology.modules() if _is_stale(kb, path)]
     if not stale:
         return None
-    kinds: dict[Graph, str] = {}
+    kinds: dict[GraphName, str] = {}
     request = Request(kb.access(), note="bundled ontology", kinds=kinds, trusted=True)
     with kb.commit_block(request) as tx:
         for path in stale:

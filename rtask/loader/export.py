@@ -12,7 +12,7 @@ from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 import ontology
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.formats import find_format
-from rtask.rdf.terms import XSD, DefaultGraph, Graph, iri
+from rtask.rdf.terms import XSD, DefaultGraph, GraphName, iri
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -75,11 +75,13 @@ def _format(target: Path | str | IO[bytes], format: RdfFormat | str | None) -> R
     return found
 
 
-def _chosen(kb: GraphCore, graphs: Iterable[NamedNode | str] | None, inferred: bool) -> list[Graph]:
+def _chosen(
+    kb: GraphCore, graphs: Iterable[NamedNode | str] | None, inferred: bool
+) -> list[GraphName]:
     known = [*kb.store.named_graphs(), *([DefaultGraph()] if kb.plain else [])]
     if graphs is None:
         return [g for g in known if inferred or g != kb.graphs.inferred]
-    chosen: list[Graph] = []
+    chosen: list[GraphName] = []
     for graph in map(iri, graphs):
         if graph not in known:
             raise UnknownTermError(f"no graph {graph}; `rtask stats` lists them")
@@ -87,7 +89,7 @@ def _chosen(kb: GraphCore, graphs: Iterable[NamedNode | str] | None, inferred: b
     return chosen
 
 
-def _statements(kb: GraphCore, graphs: list[Graph], with_names: bool) -> Iterator[Quad]:
+def _statements(kb: GraphCore, graphs: list[GraphName], with_names: bool) -> Iterator[Quad]:
     for graph in graphs:
         for quad in kb.store.quads_for_pattern(None, None, None, graph):
             quad = _with_owl_types(quad)

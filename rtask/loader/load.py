@@ -6,7 +6,6 @@ A document that cannot be read or contradicts what is there changes nothing.
 from __future__ import annotations
 
 import logging
-import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
@@ -26,7 +25,8 @@ from rtask.loader.headers import Header, Terms, header_of, peek
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.guards import undefined_json_terms
-from rtask.rdf.terms import DEFAULT, DefaultGraph, Graph, iri
+from rtask.rdf.identifiers import uuid7
+from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, iri
 
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
@@ -190,7 +190,7 @@ class Item:
 
     document: Document
     header: Header
-    graph: Graph
+    graph: GraphName
     loose: bool
 
 
@@ -311,7 +311,7 @@ class _Loader:
         if self.options.missing_imports == "warn":
             _log.warning("%s", message)
 
-    def _target(self, document: Document, header: Header) -> Graph:
+    def _target(self, document: Document, header: Header) -> GraphName:
         if self.options.graph is not None:
             return self.options.graph
         if self.kb.plain:
@@ -356,7 +356,7 @@ class _Loader:
     def _request(self, item: Item) -> Request:
         """Return who loads, and what the graph will be."""
         is_ontology = item.header.iri is not None
-        kinds: dict[Graph, str] = {item.graph: "OntologyGraph"} if is_ontology else {}
+        kinds: dict[GraphName, str] = {item.graph: "OntologyGraph"} if is_ontology else {}
         sources = {}
         if self._keeps_source(item):
             document = item.document
@@ -419,15 +419,6 @@ def _for_imports(options: Options) -> Options:
     )
 
 
-def _graphs(quads: Iterable[Quad], graph: Graph) -> set[Graph]:
+def _graphs(quads: Iterable[Quad], graph: GraphName) -> set[GraphName]:
     named = {q.graph_name for q in quads if not isinstance(q.graph_name, DefaultGraph)}
     return {graph, *named}
-
-
-def uuid7() -> str:
-    """Return a UUID that sorts by the time it was made (RFC 9562, 5.7)."""
-    stamp = time.time_ns() // 1_000_000
-    bits = secrets.randbits(74)
-    value = stamp << 80 | 0x7 << 76 | (bits >> 62) << 64 | 0b10 << 62 | bits & (1 << 62) - 1
-    text = f"{value:032x}"
-    return "-".join((text[:8], text[8:12], text[12:16], text[16:20], text[20:]))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import ontology
 from rtask.errors import FieldError, OwnershipError, VersionConflictError
 from rtask.model.fields import Field, term
-from rtask.model.identifiers import mint
 from rtask.model.instance import Model, Pending, class_iris, required
 from rtask.model.plan import RDF_TYPE
-from rtask.rdf.terms import BlankNode, Graph, NamedNode, Subject, Term, stored
+from rtask.rdf.identifiers import mint
+from rtask.rdf.terms import BlankNode, GraphName, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:
     from rtask.kb.commit.transaction import Transaction
@@ -178,7 +178,7 @@ class _Writer:
         )
 
 
-def own_cells(kb: GraphCore, head: Term, home: Graph) -> list[tuple[Subject, NamedNode, Term]]:
+def own_cells(kb: GraphCore, head: Term, home: GraphName) -> list[tuple[Subject, NamedNode, Term]]:
     """Return the statements of an RDF list that one graph holds."""
     found: list[tuple[Subject, NamedNode, Term]] = []
     seen: set[Term] = set()
@@ -190,6 +190,6 @@ def own_cells(kb: GraphCore, head: Term, home: Graph) -> list[tuple[Subject, Nam
     return found
 
 
-def named(graph: Graph) -> NamedNode | None:
+def named(graph: GraphName) -> NamedNode | None:
     """Return the name of a graph, ``None`` for the default graph."""
     return graph if isinstance(graph, NamedNode) else None

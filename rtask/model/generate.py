@@ -37,7 +37,8 @@ from rtask.model.fields import Link, Links, Many, One
 from rtask.rdf.terms import NamedNode
 {extends}from rtask.model.instance import Identity, Model, Registry
 from rtask.model.limits import Limits
-{lists}
+{lists}from rtask.rdf.terms import NamedNode
+
 REGISTRY = Registry({parent})
 """
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, TypeVar
 from rtask.errors import ClosedError, UnknownTermError, UsageError
 from rtask.model.annotations import Note
 from rtask.model.flush import Flush, named
-from rtask.model.identifiers import mint
 from rtask.model.identity import IdentityMap
 from rtask.model.instance import Model
 from rtask.model.plan import Plan, finished
 from rtask.model.query import Query
 from rtask.model.reading import Lazy, Reader
-from rtask.rdf.terms import Graph, NamedNode, iri
+from rtask.rdf.identifiers import mint
+from rtask.rdf.terms import GraphName, NamedNode, iri
 from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
@@ -288,7 +288,7 @@ class Session:
         return tx.commit
 
     @property
-    def home(self) -> Graph:
+    def home(self) -> GraphName:
         """The graph that this session writes."""
         return self.kb.access(self.agent).home()
 

@@ -39,7 +39,7 @@ __all__ = [
 
 Term: TypeAlias = NamedNode | BlankNode | Literal | Triple
 Subject: TypeAlias = NamedNode | BlankNode | Triple
-Graph: TypeAlias = NamedNode | BlankNode | DefaultGraph
+GraphName: TypeAlias = NamedNode | BlankNode | DefaultGraph
 Value: TypeAlias = Term | str | bool | int | float | decimal.Decimal | dt.datetime | dt.date
 TripleKey: TypeAlias = tuple[Subject, NamedNode, Term]
 

@@ -6,34 +6,14 @@ parses it. So the knowledge base reads tokens itself: linear in the text, no rec
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
 from functools import lru_cache
 
 from rtask.errors import QuerySyntaxError
 from rtask.sparql.complexity import check_complexity, limit
-from rtask.sparql.tokens import Token
+from rtask.sparql.tokens import Token, scan
 
-__all__ = ["Token", "find_block_end", "names_dataset", "query_form", "tokenise"]
+__all__ = ["body_start", "find_block_end", "guard", "names_dataset", "query_form", "tokenise"]
 
-_TOKEN = re.compile(
-    r"""
-    (?P<space>(?:[\x20\t\r\n]|\#[^\n\r]*)+)
-  | (?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*>)
-  | (?P<string>\"\"\"(?:(?:"|"")?(?:[^"\\]|\\.))*\"\"\"|'''(?:(?:'|'')?(?:[^'\\]|\\.))*'''
-      |"(?:[^"\\\n\r]|\\.)*"|'(?:[^'\\\n\r]|\\.)*')
-  | (?P<variable>[?$][\w\u00b7]+)
-  | (?P<blank>_:\w(?:[\w.\-\u00b7]*[\w\-\u00b7])?)
-  | (?P<language>@[A-Za-z]+(?:-[A-Za-z0-9]+)*(?:--[a-z]+)?)
-  | (?P<number>(?:\d+\.\d*|\.\d+|\d+)(?:[eE][+-]?\d+)?)
-  | (?P<name>(?:[^\W\d_](?:[\w.\-\u00b7]*[\w\-\u00b7])?)?:
-      (?:(?:[\w:]|%[0-9A-Fa-f]{2}|\\.)
-         (?:(?:[\w:.\-\u00b7]|%[0-9A-Fa-f]{2}|\\.)*(?:[\w:\-\u00b7]|%[0-9A-Fa-f]{2}|\\.))?)?)
-  | (?P<word>[A-Za-z_][A-Za-z_0-9]*)
-  | (?P<mark><<\(|\)>>|<<|>>|\{\||\|\}|\^\^|&&|\|\||!=|<=|>=|[{}()\[\].;,*/|^+\-?!=<>~$])
-    """,
-    re.X | re.S,
-)
 _OPENERS = {"{", "(", "[", "<<", "<<(", "{|"}
 _CLOSERS = {"}", ")", "]", ">>", ")>>", "|}"}
 _OPERATORS = {"+", "-", "*", "/", "&&", "||", "=", "!=", "<", ">", "<=", ">=", "|", "^"}
@@ -59,26 +39,10 @@ def tokenise(text: str) -> list[Token]:
     TooLargeError
         Nested deeper, or with longer expressions, than the store's parser survives.
     """
-    tokens = list(_scan(text))
+    tokens = list(scan(text))
     _check_limits(tokens)
     tokens.append(Token("end", "", len(text), len(text)))
     return tokens
-
-
-def _scan(text: str) -> Iterator[Token]:
-    position, match = 0, _TOKEN.match
-    while position < len(text):
-        found = match(text, position)
-        if found is None:
-            line, column = line_and_column(text, position)
-            near = text[position : position + 20]
-            raise QuerySyntaxError(
-                f"{line}:{column}: cannot read {near!r}", line=line, column=column
-            )
-        if found.lastgroup != "space":
-            assert found.lastgroup is not None
-            yield Token(found.lastgroup, found.group(), position, found.end())
-        position = found.end()
 
 
 def _check_limits(tokens: list[Token]) -> None:
@@ -123,12 +87,6 @@ def _guard(text: str) -> None:
     many = max(brackets, separators) > _MAX_NESTING or operators > _MAX_NEGATIONS
     if many or len(text) > _LONG:
         tokenise(text)
-
-
-def line_and_column(text: str, position: int) -> tuple[int, int]:
-    """Return the 1-based line and column of a position."""
-    start = text.rfind("\n", 0, position) + 1
-    return text.count("\n", 0, position) + 1, position - start + 1
 
 
 def find_block_end(tokens: list[Token], start: int) -> int:

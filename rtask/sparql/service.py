@@ -20,9 +20,9 @@ from pyoxigraph import Literal, NamedNode
 import ontology
 from rtask.errors import ForbiddenError, QuerySyntaxError
 from rtask.rdf.terms import Term, written
-from rtask.sparql.lexer import body_start, find_block_end, line_and_column, tokenise
+from rtask.sparql.lexer import body_start, find_block_end, tokenise
 from rtask.sparql.templates import resolve
-from rtask.sparql.tokens import Token
+from rtask.sparql.tokens import Token, line_and_column
 
 __all__ = ["TEXT_SERVICE", "with_found_texts", "without_services"]
 

@@ -9,8 +9,8 @@ from itertools import pairwise
 from pyoxigraph import Store
 
 from rtask.errors import QuerySyntaxError, RtaskError
-from rtask.sparql.lexer import guard, line_and_column, tokenise
-from rtask.sparql.tokens import Token
+from rtask.sparql.lexer import guard, tokenise
+from rtask.sparql.tokens import Token, line_and_column
 from rtask.sparql.update_outline import Update
 
 __all__ = ["check_query", "check_update", "syntax_error"]

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, RdfFormat, Triple, parse
 
 from rtask.errors import QuerySyntaxError
-from rtask.rdf.terms import Graph, Term
+from rtask.rdf.terms import GraphName, Term
 from rtask.sparql.tokens import Token
 from rtask.sparql.update_outline import Block, Update
 
@@ -115,7 +115,7 @@ def variables(template: Iterable[Quad]) -> list[str]:
     return sorted(found)
 
 
-def constant_graphs(template: Iterable[Quad], home: Graph) -> set[Graph]:
+def constant_graphs(template: Iterable[Quad], home: GraphName) -> set[GraphName]:
     """Return the graphs that a template names without a variable."""
     return {
         home if isinstance(quad.graph_name, DefaultGraph) else quad.graph_name
@@ -130,7 +130,7 @@ def _new_blank() -> BlankNode:
 
 
 def fill(
-    template: Iterable[Quad], solution: Mapping[str, Term], home: Graph, fresh: bool
+    template: Iterable[Quad], solution: Mapping[str, Term], home: GraphName, fresh: bool
 ) -> Iterator[Quad]:
     """Yield the template's quads for one solution; illegal ones are left out.
 

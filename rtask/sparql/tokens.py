@@ -1,14 +1,37 @@
-"""One token of a SPARQL text."""
+"""Tokens of SPARQL texts, read without a parser (SPARQL 1.1 Query Language, 19.8)."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from typing import NamedTuple
 
-__all__ = ["Token"]
+from rtask.errors import QuerySyntaxError
+
+__all__ = ["Token", "line_and_column", "scan"]
+
+_TOKEN = re.compile(
+    r"""
+    (?P<space>(?:[\x20\t\r\n]|\#[^\n\r]*)+)
+  | (?P<iri><(?:[^<>"{}|^`\\\x00-\x20]|\\u[0-9A-Fa-f]{4}|\\U[0-9A-Fa-f]{8})*>)
+  | (?P<string>\"\"\"(?:(?:"|"")?(?:[^"\\]|\\.))*\"\"\"|'''(?:(?:'|'')?(?:[^'\\]|\\.))*'''
+      |"(?:[^"\\\n\r]|\\.)*"|'(?:[^'\\\n\r]|\\.)*')
+  | (?P<variable>[?$][\w\u00b7]+)
+  | (?P<blank>_:\w(?:[\w.\-\u00b7]*[\w\-\u00b7])?)
+  | (?P<language>@[A-Za-z]+(?:-[A-Za-z0-9]+)*(?:--[a-z]+)?)
+  | (?P<number>(?:\d+\.\d*|\.\d+|\d+)(?:[eE][+-]?\d+)?)
+  | (?P<name>(?:[^\W\d_](?:[\w.\-\u00b7]*[\w\-\u00b7])?)?:
+      (?:(?:[\w:]|%[0-9A-Fa-f]{2}|\\.)
+         (?:(?:[\w:.\-\u00b7]|%[0-9A-Fa-f]{2}|\\.)*(?:[\w:\-\u00b7]|%[0-9A-Fa-f]{2}|\\.))?)?)
+  | (?P<word>[A-Za-z_][A-Za-z_0-9]*)
+  | (?P<mark><<\(|\)>>|<<|>>|\{\||\|\}|\^\^|&&|\|\||!=|<=|>=|[{}()\[\].;,*/|^+\-?!=<>~$])
+    """,
+    re.X | re.S,
+)
 
 
 class Token(NamedTuple):
-    """One token: its kind, its text and where it stands."""
+    """One token: its kind, its text and its position."""
 
     kind: str
     text: str
@@ -16,9 +39,38 @@ class Token(NamedTuple):
     end: int
 
     def is_word(self, *words: str) -> bool:
-        """Whether this is one of these keywords, in any case."""
+        """Whether this is one of these keywords, in any letter case."""
         return self.kind == "word" and self.text.upper() in words
 
     def is_mark(self, mark: str) -> bool:
-        """Whether this is that punctuation."""
+        """Whether this is a given punctuation mark."""
         return self.kind == "mark" and self.text == mark
+
+
+def scan(text: str) -> Iterator[Token]:
+    """Yield the tokens of a text; spaces and comments are left out.
+
+    Raises
+    ------
+    QuerySyntaxError
+        At characters that begin no token.
+    """
+    position, match = 0, _TOKEN.match
+    while position < len(text):
+        found = match(text, position)
+        if found is None:
+            line, column = line_and_column(text, position)
+            near = text[position : position + 20]
+            raise QuerySyntaxError(
+                f"{line}:{column}: cannot read {near!r}", line=line, column=column
+            )
+        if found.lastgroup != "space":
+            assert found.lastgroup is not None
+            yield Token(found.lastgroup, found.group(), position, found.end())
+        position = found.end()
+
+
+def line_and_column(text: str, position: int) -> tuple[int, int]:
+    """Return the 1-based line and column of a position."""
+    start = text.rfind("\n", 0, position) + 1
+    return text.count("\n", 0, position) + 1, position - start + 1

@@ -10,8 +10,8 @@ import re
 from dataclasses import dataclass
 
 from rtask.errors import QuerySyntaxError
-from rtask.sparql.lexer import find_block_end, line_and_column, tokenise
-from rtask.sparql.tokens import Token
+from rtask.sparql.lexer import find_block_end, tokenise
+from rtask.sparql.tokens import Token, line_and_column
 
 __all__ = ["Block", "Operation", "Target", "read_update"]
 

@@ -21,7 +21,7 @@ from rtask.engine.records.attempts import state_verdict
 from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
-from rtask.rdf.terms import Graph
+from rtask.rdf.terms import GraphName
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -45,9 +45,9 @@ GIVE_FEEDBACK = (
 class _Recounting(Access):
     """A person's rights, and that to correct the counts that the verdict changes."""
 
-    counts: Graph | None = None
+    counts: GraphName | None = None
 
-    def may_write(self, graph: Graph) -> bool:
+    def may_write(self, graph: GraphName) -> bool:
         return super().may_write(graph) or graph == self.counts
 
 

@@ -20,7 +20,7 @@ from rtask.errors import UsageError, ValidationError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import DEFAULT, RDF_TYPE, Graph, Subject, Term, TripleKey, triple_key
+from rtask.rdf.terms import DEFAULT, RDF_TYPE, GraphName, Subject, Term, TripleKey, triple_key
 
 __all__ = ["Validator", "Violation", "policy"]
 
@@ -230,7 +230,7 @@ def run(
     data: Iterable[TripleKey],
     shapes: Iterable[TripleKey],
     focus: list[Subject] | None,
-    graph: Graph | None,
+    graph: GraphName | None,
 ) -> list[Violation]:
     """Validate statements; of one graph only, if one is given."""
     from reasoner import validate
@@ -255,7 +255,7 @@ def run(
 class _View:
     """Statements as they would be after a change: of all graphs, or of one."""
 
-    def __init__(self, change: Overlay, graph: Graph | None) -> None:
+    def __init__(self, change: Overlay, graph: GraphName | None) -> None:
         self._change = change
         self.graph = graph
         self._by_subject: dict[Term, set[TripleKey]] = {}

@@ -16,7 +16,7 @@ from rtask.kb.durability.blobs import PREFIX, digest_of
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.reasoning import Reasoning
 from rtask.kb.store.union import is_joined
-from rtask.rdf.terms import DEFAULT, Graph, triple_key
+from rtask.rdf.terms import DEFAULT, GraphName, triple_key
 
 __all__ = ["PARTS", "Finding", "collect_blobs", "verify"]
 
@@ -161,7 +161,7 @@ def _union(kb: Reasoning, repair: bool) -> Iterator[Finding]:
 
 
 def _catalogue(kb: Reasoning, repair: bool) -> Iterator[Finding]:
-    wrong: set[Graph] = set()
+    wrong: set[GraphName] = set()
     for graph in kb.store.named_graphs():
         if graph in (kb.graphs.meta, kb.graphs.provenance):
             continue

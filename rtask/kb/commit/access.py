@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import DEFAULT, DefaultGraph, Graph, NamedNode
+from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 
 __all__ = ["Access", "Role"]
 
@@ -42,7 +42,7 @@ class Access:
     agent: str | None = None
     role: Role = "admin"
     graphs: Graphs | None = field(default=None, compare=False, repr=False)
-    is_ontology: Callable[[Graph], bool] | None = field(default=None, compare=False, repr=False)
+    is_ontology: Callable[[GraphName], bool] | None = field(default=None, compare=False, repr=False)
     plain: bool = field(default=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -54,20 +54,20 @@ class Access:
     def bind(
         self,
         graphs: Graphs,
-        is_ontology: Callable[[Graph], bool] | None = None,
+        is_ontology: Callable[[GraphName], bool] | None = None,
         plain: bool = False,
     ) -> Access:
         """Return the same rights, applied to one knowledge base."""
         return replace(self, graphs=graphs, is_ontology=is_ontology, plain=plain)
 
-    def home(self) -> Graph:
+    def home(self) -> GraphName:
         """Return the graph that a statement without a graph goes to."""
         if self.plain:
             return DEFAULT
         graphs = self._bound()
         return graphs.agent(self.agent) if self.agent else graphs.shared
 
-    def may_write(self, graph: Graph) -> bool:
+    def may_write(self, graph: GraphName) -> bool:
         """Whether this caller may change the graph."""
         if self.role == "reader":
             return False
@@ -82,7 +82,7 @@ class Access:
             return self.is_ontology is None or not self.is_ontology(graph)
         return True
 
-    def require_write(self, graph: Graph, operation: str) -> None:
+    def require_write(self, graph: GraphName, operation: str) -> None:
         """Raise unless this caller may change the graph.
 
         Raises

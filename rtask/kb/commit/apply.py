@@ -13,7 +13,7 @@ from typing import Any
 from pyoxigraph import DefaultGraph, NamedNode, Quad
 
 from rtask.kb.store.graph_store import GraphStore
-from rtask.rdf.terms import Graph, is_ground, written
+from rtask.rdf.terms import GraphName, is_ground, written
 
 __all__ = ["Writes", "apply", "as_update"]
 
@@ -27,9 +27,9 @@ class Writes:
 
     removed: Sequence[Quad] = ()
     added: Sequence[Quad] = ()
-    created: Sequence[Graph] = ()
-    dropped: Sequence[Graph] = ()
-    graphs_of_added: frozenset[Graph] = field(init=False)
+    created: Sequence[GraphName] = ()
+    dropped: Sequence[GraphName] = ()
+    graphs_of_added: frozenset[GraphName] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "graphs_of_added", frozenset(q.graph_name for q in self.added))
@@ -87,7 +87,7 @@ def _split(quads: Iterable[Quad]) -> tuple[list[Quad], list[Quad]]:
 
 
 def _data(quads: Iterable[Quad]) -> str:
-    by_graph: dict[Graph, list[str]] = {}
+    by_graph: dict[GraphName, list[str]] = {}
     for quad in quads:
         text = f"{written(quad.subject)} {quad.predicate} {written(quad.object)}"
         by_graph.setdefault(quad.graph_name, []).append(text)

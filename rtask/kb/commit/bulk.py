@@ -23,7 +23,7 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.settings import write_durably
 from rtask.kb.store.union import is_joined
-from rtask.rdf.terms import DEFAULT, Graph, NamedNode, iri
+from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
 __all__ = ["TripleText", "bulk_add", "complete", "finish_bulk"]
 
@@ -50,7 +50,7 @@ def bulk_add(
     files: Files,
     inference: Inference | None,
     data: Iterable[Quad] | TripleText,
-    graph: Graph,
+    graph: GraphName,
     request: Request,
 ) -> int:
     """Add statements; return how many the inferred graph then holds more.
@@ -83,7 +83,9 @@ def bulk_add(
     return committer.catalogue.triple_count(inferred) - before
 
 
-def _add_text(files: Files, committer: Committer, text: TripleText, graph: Graph) -> set[Graph]:
+def _add_text(
+    files: Files, committer: Committer, text: TripleText, graph: GraphName
+) -> set[GraphName]:
     for target in (graph, DEFAULT) if files.settings.is_merged else (graph,):
         try:
             with text.open() as stream:
@@ -97,8 +99,10 @@ def _add_text(files: Files, committer: Committer, text: TripleText, graph: Graph
     return {graph}
 
 
-def _add_quads(files: Files, quads: Iterable[Quad], graph: Graph, access: Access) -> set[Graph]:
-    joined: dict[Graph, bool] = {graph: files.settings.is_merged and is_joined(graph)}
+def _add_quads(
+    files: Files, quads: Iterable[Quad], graph: GraphName, access: Access
+) -> set[GraphName]:
+    joined: dict[GraphName, bool] = {graph: files.settings.is_merged and is_joined(graph)}
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
@@ -177,7 +181,7 @@ def _mark_file(files: Files) -> Path | None:
     return None if files.folder is None else files.folder / _MARK
 
 
-def _mark(files: Files, graph: Graph) -> None:
+def _mark(files: Files, graph: GraphName) -> None:
     mark = _mark_file(files)
     if mark is not None:
         write_durably(mark, json.dumps({"graph": getattr(graph, "value", "")}) + "\n")

@@ -22,7 +22,7 @@ from rtask.kb.store.overlay import Overlay
 from rtask.rdf.terms import (
     RDF_TYPE,
     DefaultGraph,
-    Graph,
+    GraphName,
     NamedNode,
     Term,
     iri,
@@ -87,9 +87,9 @@ class GraphFacts:
         matter. The catalogue names the inferred graph's commit only while it fits.
     """
 
-    kinds: Mapping[Graph, str]
-    sources: Mapping[Graph, Blob]
-    sizes: Mapping[Graph, int]
+    kinds: Mapping[GraphName, str]
+    sources: Mapping[GraphName, Blob]
+    sizes: Mapping[GraphName, int]
     closure_current: bool | None
 
 
@@ -106,7 +106,7 @@ class Catalogue:
 
     store: GraphStore
     graphs: Graphs
-    _entries: dict[Graph, _Entry] = field(default_factory=dict)
+    _entries: dict[GraphName, _Entry] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.refresh()
@@ -132,22 +132,22 @@ class Catalogue:
         entry = self._entries.get(self.graphs.meta)
         return (entry.seq if entry else None) or 0
 
-    def revision(self, graph: Graph) -> int | None:
+    def revision(self, graph: GraphName) -> int | None:
         """Return the number of the last commit that changed a graph."""
         entry = self._entries.get(graph)
         return entry.seq if entry else None
 
-    def triple_count(self, graph: Graph) -> int:
+    def triple_count(self, graph: GraphName) -> int:
         """Return how many triples a graph holds."""
         entry = self._entries.get(graph)
         return entry.triples if entry else 0
 
-    def kind(self, graph: Graph) -> str:
+    def kind(self, graph: GraphName) -> str:
         """Return the local name of a graph's class."""
         entry = self._entries.get(graph)
         return entry.kind if entry else self.graphs.kind(graph)
 
-    def is_ontology(self, graph: Graph) -> bool:
+    def is_ontology(self, graph: GraphName) -> bool:
         """Whether a graph holds an ontology."""
         return self.kind(graph) == "OntologyGraph"
 
@@ -207,7 +207,7 @@ class Catalogue:
         return notes
 
     def _describe_activity(
-        self, notes: Overlay, commit: CommitRecord, changed: Iterable[Graph]
+        self, notes: Overlay, commit: CommitRecord, changed: Iterable[GraphName]
     ) -> None:
         activity, graph = self.activity(commit.seq), self.graphs.provenance
 
@@ -229,7 +229,7 @@ class Catalogue:
             say(_COMMENT, literal(commit.note))
 
     def _describe_graph(
-        self, notes: Overlay, graph: Graph, commit: CommitRecord, kind: str | None
+        self, notes: Overlay, graph: GraphName, commit: CommitRecord, kind: str | None
     ) -> None:
         entry = self._entries.get(graph)
         if not isinstance(graph, NamedNode) or (entry and kind in (None, entry.kind)):
@@ -244,7 +244,7 @@ class Catalogue:
             agent = self.graphs.agent_iri(owner, role)
             notes.added[Quad(graph, _GRAPH_OWNER, agent, self.graphs.meta)] = None
 
-    def _name_source(self, notes: Overlay, graph: Graph, source: Blob | None) -> None:
+    def _name_source(self, notes: Overlay, graph: GraphName, source: Blob | None) -> None:
         if source is None or not isinstance(graph, NamedNode):
             return
         meta = self.graphs.meta
@@ -264,7 +264,7 @@ class Catalogue:
         return None
 
     def _set_number(
-        self, notes: Overlay, graph: Graph, predicate: NamedNode, old: int | None, new: int
+        self, notes: Overlay, graph: GraphName, predicate: NamedNode, old: int | None, new: int
     ) -> None:
         if old == new or not isinstance(graph, NamedNode):
             return
@@ -273,7 +273,7 @@ class Catalogue:
             notes.removed[Quad(graph, predicate, literal(old), meta)] = None
         notes.added[Quad(graph, predicate, literal(new), meta)] = None
 
-    def _forget(self, notes: Overlay, graph: Graph) -> None:
+    def _forget(self, notes: Overlay, graph: GraphName) -> None:
         if isinstance(graph, NamedNode):
             for quad in self.store.quads_for_pattern(graph, None, None, self.graphs.meta):
                 notes.removed[quad] = None
@@ -283,7 +283,7 @@ class Catalogue:
         notes: Overlay,
         commit: CommitRecord,
         closure_current: bool | None,
-        changed: Iterable[Graph],
+        changed: Iterable[GraphName],
     ) -> None:
         inferred = self.graphs.inferred
         known = self.revision(inferred)
@@ -312,7 +312,7 @@ class Catalogue:
             elif quad.predicate == RDF_TYPE and isinstance(quad.object, NamedNode):
                 entry.kind = quad.object.value.removeprefix(_RT)
 
-    def forget(self, graph: Graph) -> None:
+    def forget(self, graph: GraphName) -> None:
         """Drop a graph's entry after the graph was dropped."""
         self._entries.pop(graph, None)
 

@@ -31,7 +31,7 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
-from rtask.rdf.terms import LONG_AGO, Graph, NamedNode
+from rtask.rdf.terms import LONG_AGO, GraphName, NamedNode
 
 __all__ = ["Change", "Commit", "Committer", "Request"]
 
@@ -84,7 +84,7 @@ class Change:
     inferred_removed: tuple[Quad, ...]
 
     @property
-    def graphs(self) -> frozenset[Graph]:
+    def graphs(self) -> frozenset[GraphName]:
         """The asserted graphs that changed."""
         return frozenset(quad.graph_name for quad in (*self.added, *self.removed))
 
@@ -115,9 +115,9 @@ class Request:
 
     access: Access
     note: str | None = None
-    kinds: Mapping[Graph, str] = field(default_factory=dict)
-    sources: Mapping[Graph, Blob] = field(default_factory=dict)
-    recount: frozenset[Graph] = frozenset()
+    kinds: Mapping[GraphName, str] = field(default_factory=dict)
+    sources: Mapping[GraphName, Blob] = field(default_factory=dict)
+    recount: frozenset[GraphName] = frozenset()
     if_version: int | None = None
     check_blobs: bool = True
     trusted: bool = False
@@ -272,7 +272,7 @@ class Committer:
         touched = change.touched_graphs() | request.recount
         return False if any(map(self.graphs.is_input, touched)) else None
 
-    def _sizes(self, request: Request, change: Overlay) -> dict[Graph, int]:
+    def _sizes(self, request: Request, change: Overlay) -> dict[GraphName, int]:
         return {
             graph: self.store.count(graph)
             + sum(quad.graph_name == graph for quad in change.added)

@@ -23,7 +23,7 @@ from rtask.kb.commit.apply import Functions, Writes, as_update
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
-from rtask.rdf.terms import DEFAULT, Graph, Term, stored_quad
+from rtask.rdf.terms import DEFAULT, GraphName, Term, stored_quad
 from rtask.sparql import templates
 from rtask.sparql.service import without_services
 from rtask.sparql.syntax import check_update, syntax_error
@@ -92,8 +92,8 @@ class NetChange:
 
     removed: dict[Quad, None] = field(default_factory=dict)
     added: dict[Quad, None] = field(default_factory=dict)
-    created: dict[Graph, None] = field(default_factory=dict)
-    dropped: dict[Graph, None] = field(default_factory=dict)
+    created: dict[GraphName, None] = field(default_factory=dict)
+    dropped: dict[GraphName, None] = field(default_factory=dict)
 
     def join(self, change: Overlay) -> None:
         """Add a change that was made after all the others."""
@@ -271,7 +271,7 @@ class _Runner:
     access: Access
     dataset: UpdateDataset
     meter: _Meter
-    home: Graph = field(init=False)
+    home: GraphName = field(init=False)
 
     def __post_init__(self) -> None:
         self.home = self.access.home()
@@ -299,7 +299,7 @@ class _Runner:
         for quad in self.meter.quads(templates.fill(template, {}, self.home, fresh=insert)):
             change(stored_quad(quad))
 
-    def _template(self, operation: Operation, block: Any, home: Graph) -> list[Quad]:
+    def _template(self, operation: Operation, block: Any, home: GraphName) -> list[Quad]:
         if block is None:
             return []
         template = templates.read_template(
@@ -411,7 +411,7 @@ class _Runner:
                 continue
             self.overlay.clear(graph, drop)
 
-    def _targets(self, operation: Operation) -> list[Graph]:
+    def _targets(self, operation: Operation) -> list[GraphName]:
         """Return the graphs that CLEAR or DROP means; ALL and NAMED = all the caller may write."""
         target = operation.target
         assert target is not None
@@ -444,7 +444,7 @@ class _Runner:
         if operation.kind == "MOVE":
             self.overlay.clear(source, drop=True)
 
-    def _exists(self, graph: Graph, operation: Operation) -> bool:
+    def _exists(self, graph: GraphName, operation: Operation) -> bool:
         if self.overlay.has_graph(graph):
             return True
         if operation.silent:
@@ -458,7 +458,7 @@ class _Runner:
                 operation="LOAD",
             )
 
-    def _graph(self, target: Target | None, operation: Operation) -> Graph:
+    def _graph(self, target: Target | None, operation: Operation) -> GraphName:
         assert target is not None
         if target.scope == "DEFAULT":
             return self.home

@@ -22,8 +22,8 @@ from rtask.rdf.terms import Triple
 __all__ = ["Expiry"]
 
 _log = logging.getLogger(__name__)
-_LONGEST_WAIT_S = 3_600.0
-_MOST = 10_000
+_MAX_WAIT_S = 3_600.0
+_MAX_EXPIRED = 10_000
 
 
 class Expiry:
@@ -77,8 +77,8 @@ class Expiry:
                     return
                 now = dt.datetime.now(dt.UTC).timestamp()
                 if not self._heap or self._heap[0] > now:
-                    wait = self._heap[0] - now if self._heap else _LONGEST_WAIT_S
-                    self._changed.wait(min(wait, _LONGEST_WAIT_S))
+                    wait = self._heap[0] - now if self._heap else _MAX_WAIT_S
+                    self._changed.wait(min(wait, _MAX_WAIT_S))
                     continue
                 while self._heap and self._heap[0] <= now:
                     heapq.heappop(self._heap)
@@ -121,7 +121,7 @@ class Expiry:
                     overlay.remove(about)
                     overlay.add(Quad(reifier, INVALIDATED, stamp(now), graph))
                     count += 1
-            if count >= _MOST:  # the rest in the next commit
+            if count >= _MAX_EXPIRED:  # the rest in the next commit
                 with self._changed:
                     heapq.heappush(self._heap, now.timestamp())
                 break

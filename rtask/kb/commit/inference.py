@@ -14,7 +14,7 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import input_change
-from rtask.rdf.terms import Graph, TripleKey, triple_key
+from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
 __all__ = ["Inference", "Staged"]
 
@@ -50,7 +50,7 @@ class Inference:
     """
 
     def __init__(
-        self, store: GraphStore, graphs: Graphs, is_ontology: Callable[[Graph], bool]
+        self, store: GraphStore, graphs: Graphs, is_ontology: Callable[[GraphName], bool]
     ) -> None:
         self._store = store
         self._graphs = graphs
@@ -89,7 +89,7 @@ class Inference:
         """Build the closure anew when it is needed next."""
         self._closure = None
 
-    def is_input(self, graph: Graph) -> bool:
+    def is_input(self, graph: GraphName) -> bool:
         """Whether conclusions are drawn from a graph."""
         return self._graphs.is_input(graph)
 

@@ -18,7 +18,7 @@ import ontology
 from rtask.errors import DataError, UsageError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.rdf.terms import (
-    Graph,
+    GraphName,
     Literal,
     NamedNode,
     Subject,
@@ -72,7 +72,7 @@ class Annotation:
         What it was derived from.
     """
 
-    graph: Graph
+    graph: GraphName
     reifier: Subject
     confidence: float | None = None
     valid_until: dt.datetime | None = None
@@ -127,7 +127,7 @@ def reification(reifier: NamedNode, quad: Quad) -> Quad:
     return Quad(reifier, REIFIES, _triple(quad), quad.graph_name)
 
 
-def reifiers(store: GraphStore, key: TripleKey, graph: Graph | None = None) -> Iterator[Quad]:
+def reifiers(store: GraphStore, key: TripleKey, graph: GraphName | None = None) -> Iterator[Quad]:
     """Yield the quads that name a statement."""
     yield from store.quads_for_pattern(None, REIFIES, Triple(*key), graph)
 

@@ -23,7 +23,7 @@ from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.store.overlay import Overlay
 from rtask.rdf.terms import (
     DEFAULT,
-    Graph,
+    GraphName,
     Subject,
     Term,
     Value,
@@ -65,7 +65,7 @@ class Transaction:
         return self._commit
 
     @property
-    def home(self) -> Graph:
+    def home(self) -> GraphName:
         """The graph of statements that name none."""
         return self._request.access.home()
 
@@ -168,7 +168,7 @@ class Transaction:
                 quad = Quad(quad.subject, quad.predicate, quad.object, where)
             pending.add(stored_quad(quad))
 
-    def clear(self, graph: Graph | str) -> None:
+    def clear(self, graph: GraphName | str) -> None:
         """Withdraw all statements of a graph."""
         name = iri(graph) if isinstance(graph, str) else graph
         self._pending().clear(name, drop=False)

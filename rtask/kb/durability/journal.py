@@ -26,7 +26,7 @@ from rtask.errors import StorageFullError, StoreError
 from rtask.kb.commit.catalogue import CommitRecord
 from rtask.kb.durability.blobs import sync_folder
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import Graph, iri
+from rtask.rdf.terms import GraphName, iri
 
 __all__ = ["Journal", "JournalFile", "NoJournal", "Record"]
 
@@ -63,7 +63,7 @@ class Record:
         """Return the statements that the commit asserted or derived."""
         return self._quads(b"A ")
 
-    def graphs(self, key: str) -> list[Graph]:
+    def graphs(self, key: str) -> list[GraphName]:
         """Return the graphs that the commit ``created`` or ``dropped``."""
         return [iri(name) for name in self.header.get(key, ())]
 

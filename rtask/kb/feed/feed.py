@@ -18,13 +18,13 @@ from rtask.kb.commit.commit import Change, Commit
 from rtask.kb.durability.journal import JournalFile, Record
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
 from rtask.kb.store.graph_store import GraphStore
-from rtask.rdf.terms import RDF_TYPE, Graph, NamedNode, Subject, Term, moment
+from rtask.rdf.terms import RDF_TYPE, GraphName, NamedNode, Subject, Term, moment
 
 __all__ = ["Feed"]
 
 _REMEMBERED = 100_000
 _REMEMBERED_QUADS = 1_000_000
-_Key = tuple[Term | None, NamedNode | None, Term | None, Graph | None]
+_Key = tuple[Term | None, NamedNode | None, Term | None, GraphName | None]
 _Mask = tuple[bool, bool, bool, bool]
 
 

@@ -10,7 +10,7 @@ from pyoxigraph import Quad
 
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.feed.feed import Feed
-from rtask.rdf.terms import Graph, moment
+from rtask.rdf.terms import GraphName, moment
 
 __all__ = ["HistoryEntry", "Period", "history", "matcher"]
 
@@ -107,7 +107,7 @@ def _entries(feed: Feed, journal: object, period: Period) -> Iterator[HistoryEnt
 
 
 def matcher(
-    subject: object, predicate: object, value: object, graph: Graph | None, kept: set[Graph]
+    subject: object, predicate: object, value: object, graph: GraphName | None, kept: set[GraphName]
 ) -> Callable[[Quad], bool]:
     """Return a test for a pattern; ``None`` fits everything but the graphs in ``kept``."""
 

@@ -18,7 +18,7 @@ from pyoxigraph import Quad
 
 from rtask.errors import ClosedError, Lagged, RtaskError
 from rtask.kb.commit.commit import Change
-from rtask.rdf.terms import Graph, NamedNode, Subject, Term
+from rtask.rdf.terms import GraphName, NamedNode, Subject, Term
 
 __all__ = ["Filter", "Subscription"]
 
@@ -41,7 +41,7 @@ class Filter:
     subject: Subject | None = None
     predicate: NamedNode | None = None
     value: Term | None = None
-    graph: Graph | None = None
+    graph: GraphName | None = None
     cls: NamedNode | None = None
     inferred: bool = True
 
@@ -51,7 +51,7 @@ class Filter:
         return self.key == (None, None, None, None) and self.cls is None
 
     @property
-    def key(self) -> tuple[Term | None, NamedNode | None, Term | None, Graph | None]:
+    def key(self) -> tuple[Term | None, NamedNode | None, Term | None, GraphName | None]:
         """Return the pattern."""
         return (self.subject, self.predicate, self.value, self.graph)
 

@@ -30,12 +30,11 @@ from rtask.errors import (
 )
 from rtask.kb.commit.apply import Writes
 from rtask.kb.readers.keeper import CommitFrame, KeeperProcess, ReaderGone, ReaderProcess
-from rtask.kb.readers.limits import ReaderLimits
+from rtask.kb.readers.request import Question, ReaderLimits
 from rtask.kb.readers.streams import Deadlines, ReaderStream
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.snapshots import Snapshot, Snapshots
 from rtask.sparql.query_cost import is_quick
-from rtask.sparql.question import Question
 
 __all__ = ["ReaderLimits", "Readers"]
 

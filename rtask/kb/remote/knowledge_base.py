@@ -15,8 +15,7 @@ from urllib.parse import parse_qs, urljoin, urlsplit
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
 
 from rtask.errors import UnsupportedError, UsageError
-from rtask.kb.readers.query import Bindings, bind
-from rtask.kb.remote.transport import Wire, read_rows, read_triples
+from rtask.kb.remote.transport import Connection, read_rows, read_triples
 from rtask.rdf.terms import (
     Subject,
     Value,
@@ -26,6 +25,7 @@ from rtask.rdf.terms import (
     subject_term,
     written,
 )
+from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.lexer import query_form
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.syntax import check_query, check_update
@@ -83,7 +83,7 @@ class RemoteKnowledgeBase:
     ) -> None:
         self.query_url = query_url
         self.update_url = update_url or query_url
-        self._wire = Wire(token, timeout_s)
+        self._connection = Connection(token, timeout_s)
 
     def query(
         self,
@@ -111,7 +111,7 @@ class RemoteKnowledgeBase:
         rows = query_form(text) in ("select", "ask")
         parameters = _dataset("default-graph-uri", default_graphs)
         parameters += _dataset("named-graph-uri", named_graphs)
-        answer = self._wire.send(
+        answer = self._connection.send(
             self.query_url,
             parameters,
             text,
@@ -133,7 +133,7 @@ class RemoteKnowledgeBase:
         text = bind(text, bindings or {})
         check_query(text, self.query_url)
         headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
-        return self._wire.send(self.query_url, [], text, headers, repeat=True)
+        return self._connection.send(self.query_url, [], text, headers, repeat=True)
 
     def match(
         self,
@@ -176,7 +176,7 @@ class RemoteKnowledgeBase:
         check_update(read_update(text), base or self.update_url)
         parameters = _dataset("using-graph-uri", using) + _dataset("using-named-graph-uri", named)
         headers = {"Content-Type": "application/sparql-update"}
-        self._wire.send(self.update_url, parameters, text, headers, repeat=False)
+        self._connection.send(self.update_url, parameters, text, headers, repeat=False)
 
     def transaction(self, agent: str | None = None, note: str | None = None) -> RemoteTransaction:
         """Return a context manager whose changes become one update request.
@@ -216,7 +216,7 @@ class RemoteKnowledgeBase:
 
     def close(self) -> None:
         """Close the connection."""
-        self._wire.close()
+        self._connection.close()
 
     def __enter__(self) -> Self:
         return self

@@ -30,7 +30,7 @@ from rtask.errors import (
 )
 from rtask.sparql.results import Solutions, Triples
 
-__all__ = ["Wire", "read_rows", "read_triples"]
+__all__ = ["Connection", "read_rows", "read_triples"]
 
 _ATTEMPTS = 3
 _PAUSE_S = 0.2
@@ -38,7 +38,7 @@ _UNAVAILABLE = (502, 503, 504)
 _DID_NOT_RUN = (429, 503)
 
 
-class Wire:
+class Connection:
     """A connection to one server.
 
     Parameters

@@ -15,7 +15,7 @@ from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 
 from rtask.errors import ClosedError, StorageFullError, StoreFormatError
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import Graph, Subject, Term, stored
+from rtask.rdf.terms import GraphName, Subject, Term, stored
 from rtask.sparql.lexer import names_dataset
 
 __all__ = ["GraphStore"]
@@ -124,7 +124,7 @@ class GraphStore:
         subject: Subject | None,
         predicate: NamedNode | None,
         value: Term | None,
-        graph: Graph | None = None,
+        graph: GraphName | None = None,
     ) -> Iterator[Quad]:
         """Yield the quads that fit; consume them in this thread.
 
@@ -152,7 +152,7 @@ class GraphStore:
                 seen.add(one)
                 yield one
 
-    def count(self, graph: Graph) -> int:
+    def count(self, graph: GraphName) -> int:
         """Return the number of triples in a named graph."""
         if not isinstance(graph, NamedNode):
             return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
@@ -160,11 +160,11 @@ class GraphStore:
         [row] = self.raw.query(text)  # type: ignore[misc]
         return int(row["n"].value)
 
-    def named_graphs(self) -> Iterator[Graph]:
+    def named_graphs(self) -> Iterator[GraphName]:
         """Yield the names of the named graphs, empty ones included."""
         return self.raw.named_graphs()
 
-    def contains_named_graph(self, graph: Graph) -> bool:
+    def contains_named_graph(self, graph: GraphName) -> bool:
         """Whether a named graph exists."""
         return self.raw.contains_named_graph(graph)
 
@@ -204,7 +204,7 @@ def _is_named(term: Subject | Term | None) -> bool:
 
 
 def _fitting(
-    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: Graph | None
+    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
 ) -> Iterator[Quad]:
     """Leave out what does not fit.
 

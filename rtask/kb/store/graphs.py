@@ -12,7 +12,7 @@ from pyoxigraph import NamedNode
 
 import ontology
 from rtask.errors import UsageError
-from rtask.rdf.terms import Graph, iri
+from rtask.rdf.terms import GraphName, iri
 
 __all__ = ["Graphs"]
 
@@ -67,7 +67,7 @@ class Graphs:
         return self._named(_QUARANTINE)
 
     @staticmethod
-    def is_quarantine(graph: Graph) -> bool:
+    def is_quarantine(graph: GraphName) -> bool:
         """Whether this is the quarantine graph of a knowledge base."""
         return isinstance(graph, NamedNode) and graph.value.endswith("/graph/" + _QUARANTINE)
 
@@ -93,18 +93,18 @@ class Graphs:
         folder = "person" if role == "teacher" else "robot"
         return iri(f"{self.base}{folder}/{quote(name, safe='')}")
 
-    def owner(self, graph: Graph) -> str | None:
+    def owner(self, graph: GraphName) -> str | None:
         """Return the name of the agent whose graph this is, if it is an agent's."""
         path = self._path(graph)
         return unquote(path[len("agent/") :]) if path.startswith("agent/") else None
 
-    def _path(self, graph: Graph) -> str:
+    def _path(self, graph: GraphName) -> str:
         start = self.base + "graph/"
         if isinstance(graph, NamedNode) and graph.value.startswith(start):
             return graph.value[len(start) :]
         return ""
 
-    def kind(self, graph: Graph) -> str:
+    def kind(self, graph: GraphName) -> str:
         """Return the local name of the graph's class."""
         path = self._path(graph)
         fixed = {
@@ -123,11 +123,11 @@ class Graphs:
             return "RuleGraph"
         return "NamedGraph"
 
-    def is_kept_by_commits(self, graph: Graph) -> bool:
+    def is_kept_by_commits(self, graph: GraphName) -> bool:
         """Whether only the knowledge base itself writes this graph."""
         return self.kind(graph) in _KEPT_BY_COMMITS
 
-    def is_input(self, graph: Graph) -> bool:
+    def is_input(self, graph: GraphName) -> bool:
         """Whether the reasoner draws conclusions from this graph.
 
         The commits' own records are left out: they grow with every write and state nothing about

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pyoxigraph import DefaultGraph, Quad
 
 from rtask.kb.store.graph_store import GraphStore
-from rtask.rdf.terms import Graph
+from rtask.rdf.terms import GraphName
 
 __all__ = ["Overlay"]
 
@@ -24,8 +24,8 @@ class Overlay:
     store: GraphStore
     removed: dict[Quad, None] = field(default_factory=dict)
     added: dict[Quad, None] = field(default_factory=dict)
-    created: dict[Graph, None] = field(default_factory=dict)
-    dropped: dict[Graph, None] = field(default_factory=dict)
+    created: dict[GraphName, None] = field(default_factory=dict)
+    dropped: dict[GraphName, None] = field(default_factory=dict)
 
     def is_empty(self) -> bool:
         """Whether nothing differs."""
@@ -49,13 +49,13 @@ class Overlay:
             self.added[quad] = None
         self.create(quad.graph_name)
 
-    def has_graph(self, graph: Graph) -> bool:
+    def has_graph(self, graph: GraphName) -> bool:
         """Whether the graph exists; the default graph always does."""
         if isinstance(graph, DefaultGraph) or graph in self.created:
             return True
         return self.store.contains_named_graph(graph) and graph not in self.dropped
 
-    def create(self, graph: Graph) -> None:
+    def create(self, graph: GraphName) -> None:
         """Make a graph exist."""
         if self.has_graph(graph):
             return
@@ -64,7 +64,7 @@ class Overlay:
         else:
             self.created[graph] = None
 
-    def clear(self, graph: Graph, drop: bool) -> None:
+    def clear(self, graph: GraphName, drop: bool) -> None:
         """Take away all quads of a graph, and with ``drop`` the graph itself."""
         for quad in list(self.quads(graph)):
             self.remove(quad)
@@ -75,21 +75,21 @@ class Overlay:
         else:
             self.dropped[graph] = None
 
-    def quads(self, graph: Graph) -> Iterator[Quad]:
+    def quads(self, graph: GraphName) -> Iterator[Quad]:
         """Yield the quads of one graph as they would be."""
         for quad in self.store.quads_for_pattern(None, None, None, graph):
             if quad not in self.removed:
                 yield quad
         yield from [quad for quad in self.added if quad.graph_name == graph]
 
-    def named_graphs(self) -> list[Graph]:
+    def named_graphs(self) -> list[GraphName]:
         """Return the named graphs as they would be."""
         kept = [g for g in self.store.named_graphs() if g not in self.dropped]
         return [*kept, *self.created]
 
-    def touched_graphs(self) -> set[Graph]:
+    def touched_graphs(self) -> set[GraphName]:
         """Return every graph that the change concerns."""
-        graphs: set[Graph] = {*self.created, *self.dropped}
+        graphs: set[GraphName] = {*self.created, *self.dropped}
         graphs.update(quad.graph_name for quad in self.removed)
         graphs.update(quad.graph_name for quad in self.added)
         return graphs

@@ -13,7 +13,7 @@ from pyoxigraph import DefaultGraph, Quad
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import DEFAULT, Graph, TripleKey, triple_key
+from rtask.rdf.terms import DEFAULT, GraphName, TripleKey, triple_key
 
 __all__ = ["input_change", "is_joined", "union_change"]
 
@@ -22,7 +22,7 @@ def union_change(
     store: GraphStore,
     removed: Iterable[Quad],
     added: Iterable[Quad],
-    fresh: Collection[Graph] = (),
+    fresh: Collection[GraphName] = (),
 ) -> Overlay:
     """Return what changes in the default graph when these quads of named graphs change.
 
@@ -48,7 +48,7 @@ def union_change(
 
 
 def input_change(
-    overlay: Overlay, is_input: Callable[[Graph], bool]
+    overlay: Overlay, is_input: Callable[[GraphName], bool]
 ) -> tuple[list[TripleKey], list[TripleKey]]:
     """Return the triples that the asserted graphs together gain and lose.
 
@@ -66,13 +66,13 @@ def input_change(
     return gained, lost
 
 
-def is_joined(graph: Graph) -> bool:
+def is_joined(graph: GraphName) -> bool:
     """Whether the union holds what this graph holds."""
     return not isinstance(graph, DefaultGraph) and not Graphs.is_quarantine(graph)
 
 
 def _is_held(
-    store: GraphStore, key: TripleKey, gone: dict[Quad, None], counts: Callable[[Graph], bool]
+    store: GraphStore, key: TripleKey, gone: dict[Quad, None], counts: Callable[[GraphName], bool]
 ) -> bool:
     return any(
         counts(quad.graph_name) and quad not in gone for quad in store.quads_for_pattern(*key, None)

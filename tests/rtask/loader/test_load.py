@@ -25,8 +25,8 @@ from rtask.kb.commit.access import Access
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.catalogue import MAX_PEEKED_BYTES, OntologyCatalogue
 from rtask.loader.export import original
-from rtask.loader.load import uuid7
 from rtask.rdf.documents import Document
+from rtask.rdf.identifiers import uuid7
 from rtask.rdf.terms import BlankNode, NamedNode, iri
 
 _OWL = "http://www.w3.org/2002/07/owl#"
@@ -380,7 +380,7 @@ def test_real_ontologies_in_many_syntaxes_load(ontologies_dir: Path) -> None:
 
 
 def test_uuids_sort_by_time() -> None:
-    first = uuid7()
+    first = str(uuid7())
     assert first[14] == "7"
     assert first[19] in "89ab"
     assert len({uuid7() for _ in range(100)}) == 100

@@ -1,10 +1,10 @@
-"""Queries: evaluated, read to the end and dropped in the calling thread."""
+"""Evaluate queries in the calling thread, and prepare them for readers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 from pyoxigraph import (
     NamedNode,
@@ -17,27 +17,22 @@ from pyoxigraph import (
 from rtask.errors import DataError, UsageError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import Graph, Value, iri, is_ground, object_term, written
+from rtask.rdf.terms import GraphName, iri
 from rtask.sparql.lexer import (
-    body_start,
-    find_block_end,
     guard,
     names_dataset,
     query_form,
-    tokenise,
 )
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.service import without_services
 from rtask.sparql.syntax import syntax_error
 
-__all__ = ["QueryDataset", "bind", "prepare", "run", "serialize"]
-
-Bindings: TypeAlias = Mapping[str, "Value | Sequence[Value]"]
+__all__ = ["QueryDataset", "default_media_type", "prepare", "run", "serialize"]
 
 
 @dataclass(frozen=True)
 class QueryDataset:
-    """What a query reads.
+    """The graphs that a query reads.
 
     Parameters
     ----------
@@ -83,7 +78,7 @@ def _arguments(
         joined = store.is_view and not names_dataset(text)
         return {"use_default_graph_as_union": True} if joined else {}
     apart = (graphs.inferred, graphs.quarantine)
-    asserted: list[Graph] = [g for g in store.named_graphs() if g not in apart]
+    asserted: list[GraphName] = [g for g in store.named_graphs() if g not in apart]
     return {"default_graph": asserted, "named_graphs": asserted}
 
 
@@ -165,47 +160,3 @@ def default_media_type(text: str) -> str:
     """Return the media type of an answer for which nobody asked for another."""
     rows = query_form(text) in ("select", "ask")
     return "application/sparql-results+json" if rows else "application/n-triples"
-
-
-def bind(text: str, bindings: Bindings) -> str:
-    """Fix variables of a query: one ``VALUES`` for each at the start of its WHERE.
-
-    Parameters
-    ----------
-    bindings
-        Variable name to a term or value, or to a list of them.
-
-    Examples
-    --------
-    >>> bind("SELECT * { ?s ?p ?o }", {"s": iri("urn:mug")})
-    'SELECT * { VALUES ?s { <urn:mug> } ?s ?p ?o }'
-    """
-    if not bindings:
-        return text
-    tokens = tokenise(text)
-    start = body_start(tokens)
-    at = next((i for i in range(start, len(tokens)) if tokens[i].is_mark("{")), None)
-    if at is None:
-        raise UsageError("bindings need a query with a WHERE block")
-    if tokens[start].is_word("CONSTRUCT") and at == start + 1:
-        end = find_block_end(tokens, at)
-        at = next((i for i in range(end, len(tokens)) if tokens[i].is_mark("{")), None)
-        if at is None:
-            raise UsageError("bindings need a query with a WHERE block")
-    clauses = "".join(
-        f" VALUES ?{name.lstrip('?$')} {{ {_values(value)} }}" for name, value in bindings.items()
-    )
-    cut = tokens[at].end
-    return text[:cut] + clauses + text[cut:]
-
-
-def _values(value: Value | Sequence[Value]) -> str:
-    listed = isinstance(value, Sequence) and not isinstance(value, str)
-    return " ".join(_value(v) for v in (value if listed else [value]))  # type: ignore[union-attr,arg-type]
-
-
-def _value(value: Value) -> str:
-    term = object_term(value)
-    if not is_ground(term):
-        raise UsageError("a blank node cannot be bound in a query; give its IRI")
-    return written(term)

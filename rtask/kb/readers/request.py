@@ -1,16 +1,17 @@
-"""A query as a reader gets it."""
+"""Requests to readers: a query as it is sent to one, and what readers may take."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
 
-__all__ = ["Question"]
+__all__ = ["Question", "ReaderLimits"]
 
 
 @dataclass(frozen=True)
 class Question:
-    """A query as a reader gets it.
+    """A query as it is sent to a reader.
 
     Parameters
     ----------
@@ -19,9 +20,9 @@ class Question:
     union
         Whether the default graph is the union of all.
     media_type
-        ``None`` for the one that is read fastest here.
+        ``None`` for the one that this side reads fastest.
     max_rows, max_bytes
-        Where the answer is broken off.
+        Where the answer is cut off.
     """
 
     text: str
@@ -49,3 +50,31 @@ class Question:
                 "union": self.union,
             }
         ).encode()
+
+
+@dataclass(frozen=True)
+class ReaderLimits:
+    """How many readers there are and what they may take.
+
+    Parameters
+    ----------
+    count
+        Queries that run at a time.
+    reserved
+        How many of these places are for quick queries (:func:`rtask.sparql.query_cost.is_quick`).
+    updates
+        Updates that are evaluated at a time.
+    queue
+        Queries that may wait for a reader.
+    memory_bytes
+        What one query may take.
+    replica_max
+        Largest store, in quads, that is copied into memory; readers of larger ones open snapshots.
+    """
+
+    count: int = field(default_factory=lambda: 2 + (os.cpu_count() or 1))
+    reserved: int = 2
+    updates: int = 2
+    queue: int = 64
+    memory_bytes: int = 2 << 30
+    replica_max: int = 1_000_000
