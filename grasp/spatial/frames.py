@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 __all__ = [
     "FloatArray",
     "angle_between_axes",
-    "closing_turn",
+    "closing_yaw",
     "matrix_from_pose",
     "move_planar",
     "planar_from_pose",
@@ -23,18 +23,18 @@ __all__ = [
     "pose_from_planar",
     "surface_from_object",
     "tilt",
+    "wrap_2pi",
     "wrap_axis",
-    "wrap_turn",
     "yaw_of",
 ]
 
 FloatArray = NDArray[np.floating[Any]]
 
 
-def wrap_turn(angle: float) -> float:
+def wrap_2pi(angle: float) -> float:
     """Return an angle in [0, 2 pi), rad.
 
-    >>> wrap_turn(-np.pi / 2) == 1.5 * np.pi
+    >>> wrap_2pi(-np.pi / 2) == 1.5 * np.pi
     True
     """
     turned = float(np.mod(angle, 2 * np.pi))
@@ -96,7 +96,7 @@ def planar_from_pose(
         )
     x, y, z = (float(v) for v in frame_from_gripper[:3, 3])
     closing = frame_from_gripper[:2, 0]
-    return x, y, z, wrap_turn(float(np.arctan2(closing[1], closing[0])))
+    return x, y, z, wrap_2pi(float(np.arctan2(closing[1], closing[0])))
 
 
 def move_planar(
@@ -130,14 +130,14 @@ def move_planar(
     return np.column_stack([moved, np.where(theta >= 2 * np.pi, 0.0, theta)])
 
 
-def closing_turn(frame_from_gripper: FloatArray) -> float:
+def closing_yaw(frame_from_gripper: FloatArray) -> float:
     """Return the closing direction about z of any pose (4, 4), in [0, 2 pi), rad; 0 if vertical.
 
-    >>> closing_turn(pose_from_planar(0.1, 0.2, 0.0, 0.5)).__round__(6)
+    >>> closing_yaw(pose_from_planar(0.1, 0.2, 0.0, 0.5)).__round__(6)
     0.5
     """
     x, y = (float(v) for v in frame_from_gripper[:2, 0])
-    return wrap_turn(float(np.arctan2(y, x))) if np.hypot(x, y) > 1e-6 else 0.0
+    return wrap_2pi(float(np.arctan2(y, x))) if np.hypot(x, y) > 1e-6 else 0.0
 
 
 def surface_from_object(x: float, y: float, z: float, yaw: float) -> FloatArray:
@@ -156,7 +156,7 @@ def tilt(target_from_source: FloatArray) -> float:
 
 def yaw_of(target_from_source: FloatArray) -> float:
     """Return the rotation about +z of a nearly upright transform, in [0, 2 pi), rad."""
-    return wrap_turn(float(np.arctan2(target_from_source[1, 0], target_from_source[0, 0])))
+    return wrap_2pi(float(np.arctan2(target_from_source[1, 0], target_from_source[0, 0])))
 
 
 def matrix_from_pose(position: FloatArray, quaternion: FloatArray) -> FloatArray:

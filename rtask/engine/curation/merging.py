@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.spatial.frames import matrix_from_pose, tilt, wrap_turn, yaw_of
+from grasp.spatial.frames import matrix_from_pose, tilt, wrap_2pi, yaw_of
 from rtask.engine.curation.edit import Edit
 from rtask.engine.names import tail
 from rtask.engine.perception.growth import posed_views, regrown, state_model
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["frames_apart", "merge_objects", "move_frame", "withdraw_models"]
+__all__ = ["find_kept_from_other", "merge_objects", "move_frame", "withdraw_models"]
 
-_MOST_PAIRS = 6
-_LEAST_AGREED = 8
-_MOST_SHIFT_M, _MOST_TILT = 0.03, np.deg2rad(20)
+MAX_PAIRS = 6
+MIN_AGREED = 8
+MAX_SHIFT_M, MAX_TILT = 0.03, np.deg2rad(20)
 _OF_ITS_OWN = (
     RT.objectId, RT.name, RT.extentX, RT.extentY, RT.extentZ, RT.graspWidth, RT.roundness,
     RT.bodyFrame, RT.hasSymmetry, RT.hasModel,
@@ -62,10 +62,12 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
         )
     with context.writing:
         kb = context.kb
-        apart = frames_apart(context, kept, other)
+        kept_from_other = find_kept_from_other(context, kept, other)
         edit = Edit(kb)
         names = [str(python_value(q.object)) for q in kb.match(other, RT.name)]
-        move_frame(context, edit, body_frame(context, other), body_frame(context, kept), apart)
+        move_frame(
+            context, edit, body_frame(context, other), body_frame(context, kept), kept_from_other
+        )
         for node in (kept, other):
             withdraw_models(edit, node)
         kinds = {q.object for q in kb.match(kept, RDF.type)} - {RT.ManipulableObject}
@@ -80,7 +82,9 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
         triples.add(other, RT.mergedInto, kept)
         for name in sorted(set(names)):
             triples.add(other, RDFS.label, Literal(name))
-        views = posed_views(kb, kept) + [(v, apart @ pose) for v, pose in posed_views(kb, other)]
+        views = posed_views(kb, kept) + [
+            (v, kept_from_other @ pose) for v, pose in posed_views(kb, other)
+        ]
         model = regrown(kb, views)
         if model is not None:
             state_model(context, triples, kept, model)
@@ -101,7 +105,9 @@ def withdraw_models(edit: Edit, thing: NamedNode) -> None:
             edit.remove(edit.match(node))
 
 
-def frames_apart(context: Context, kept: NamedNode, other: NamedNode) -> NDArray[np.float64]:
+def find_kept_from_other(
+    context: Context, kept: NamedNode, other: NamedNode
+) -> NDArray[np.float64]:
     """Return ``kept_from_other`` (4, 4): a turn and a shift on the table, as matched views tell.
 
     Where no views match the frames are taken for one: both lie in the middle of what was measured,
@@ -110,15 +116,20 @@ def frames_apart(context: Context, kept: NamedNode, other: NamedNode) -> NDArray
     from features.recognition.pairs import match_views
 
     here, there = (_posed_views(context, thing) for thing in (kept, other))
-    best, agreed = np.eye(4), _LEAST_AGREED - 1
-    for features, kept_from_camera in here[:_MOST_PAIRS]:
-        for others, other_from_camera in there[:_MOST_PAIRS]:
+    best, agreed = np.eye(4), MIN_AGREED - 1
+    for features, kept_from_camera in here[:MAX_PAIRS]:
+        for others, other_from_camera in there[:MAX_PAIRS]:
             pairs = match_views(features, others)
             if pairs.first_from_second is None or int(pairs.agreed.sum()) <= agreed:
                 continue
-            apart = kept_from_camera @ pairs.first_from_second @ np.linalg.inv(other_from_camera)
-            if tilt(apart) < _MOST_TILT and np.linalg.norm(apart[:2, 3]) < _MOST_SHIFT_M:
-                best, agreed = apart, int(pairs.agreed.sum())
+            kept_from_other = (
+                kept_from_camera @ pairs.first_from_second @ np.linalg.inv(other_from_camera)
+            )
+            if (
+                tilt(kept_from_other) < MAX_TILT
+                and np.linalg.norm(kept_from_other[:2, 3]) < MAX_SHIFT_M
+            ):
+                best, agreed = kept_from_other, int(pairs.agreed.sum())
     flat = np.eye(4)
     yaw = yaw_of(best)
     flat[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
@@ -172,7 +183,7 @@ def move_frame(
         if RT.theta in numbers:
             place = np.array([*(numbers[p] for p in _NUMBERS[:3]), 1.0])
             x, y, z = (new_from_old @ place)[:3].tolist()
-            theta = round(wrap_turn(numbers[RT.theta] + yaw_of(new_from_old)), 6)
+            theta = round(wrap_2pi(numbers[RT.theta] + yaw_of(new_from_old)), 6)
             triples.node(pose, [], {RT.x: x, RT.y: y, RT.z: z})
             triples.add(pose, RT.theta, 0.0 if theta >= 2 * np.pi else theta)
         elif RT.qw in numbers:

@@ -77,8 +77,8 @@ class Weights:
             return self.confidence.get(grasp.object, 0.0)
         if grasp.size is None:
             return 0.0
-        apart = np.linalg.norm(np.log(np.array(grasp.size) / np.array(self.size)))
-        fade = np.exp(-(apart**2) / (2 * self.policy.size_bandwidth**2))
+        distance = np.linalg.norm(np.log(np.array(grasp.size) / np.array(self.size)))
+        fade = np.exp(-(distance**2) / (2 * self.policy.size_bandwidth**2))
         return self.policy.same_class * float(fade)
 
     def _gripper(self, grasp: Remembered) -> float:

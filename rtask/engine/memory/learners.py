@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from grasp.learning.env import quadrant
 from grasp.learning.state import GrowingComponents, pooled
 from grasp.learning.transition import Transition
-from grasp.spatial.frames import closing_turn, matrix_from_pose
+from grasp.spatial.frames import closing_yaw, matrix_from_pose
 from rtask.engine.memory.question import JUDGED
 from rtask.engine.names import slug
 from rtask.engine.stored import stored_views
@@ -80,21 +80,21 @@ SELECT DISTINCT ?attempt ?ended ?object ?theta ?held ?qx ?qy ?qz ?qw WHERE {{
     for row in rows:
         at: dict[str, Any] = row.to_dict()
         state = states.get(str(at["object"]))
-        theta = _closing_turn(at)
+        theta = _closing_yaw(at)
         if state is not None and theta is not None:
             reward = 1.0 if at["held"] else -1.0
             steps.append(Transition(state, quadrant(theta), reward, state, True))
     return steps
 
 
-def _closing_turn(at: dict[str, Any]) -> float | None:
+def _closing_yaw(at: dict[str, Any]) -> float | None:
     """Return the closing direction about z of a grasp, rad; None where its pose is not whole."""
     if at["theta"] is not None:
         return float(at["theta"])
     if at["qw"] is None:
         return None
     turn = np.array([float(at["q" + axis]) for axis in "xyzw"])
-    return closing_turn(matrix_from_pose(np.zeros(3), turn))
+    return closing_yaw(matrix_from_pose(np.zeros(3), turn))
 
 
 def _states(context: Context) -> dict[str, NDArray[np.float64]]:

@@ -33,7 +33,7 @@ _FILLERS = frozenset(
 _MODAL = re.compile(r"\b(?:i|you|we|one|he|she|they|that|which|people|robot)\s+can\b")
 _A_CAN = re.compile(r"\b(?:a|the|some|any|this|that|my|your|of)\s+(?:\w+\s+)?cans?\b|^cans?\b")
 _WORD = re.compile(r"[^\W_]+")
-_MOST_HITS = 20
+MAX_HITS = 20
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _searched(
     """Return what full-text search finds: one sense, any class or function of which will do."""
     if not words:
         return []
-    hits = context.kb.search(" ".join(f"{word}*" for word in words), limit=_MOST_HITS)
+    hits = context.kb.search(" ".join(f"{word}*" for word in words), limit=MAX_HITS)
     found = [hit.subject.value for hit in hits]
     said = " ".join(words)
     for kind, known in (("function", functions), ("class", classes)):

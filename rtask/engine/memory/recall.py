@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.spatial.frames import closing_turn, matrix_from_pose
+from grasp.spatial.frames import closing_yaw, matrix_from_pose
 from rtask.engine.memory.question import Question, query_text
 from rtask.engine.remembered import KnownObject, Memory, Remembered, Tally, Trial
 from rtask.rdf.namespaces import RT, local_name
@@ -63,7 +63,7 @@ def _turn(row: Row) -> tuple[float, tuple[float, float, float, float] | None]:
     if row["qw"] is None:
         return _number(row, "theta"), None
     x, y, z, w = (_number(row, "q" + name) for name in "xyzw")
-    return closing_turn(matrix_from_pose(np.zeros(3), np.array([x, y, z, w]))), (x, y, z, w)
+    return closing_yaw(matrix_from_pose(np.zeros(3), np.array([x, y, z, w]))), (x, y, z, w)
 
 
 def _size(row: Row) -> tuple[float, float, float] | None:

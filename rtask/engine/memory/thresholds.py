@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Assessment", "Thresholds", "asked", "decide", "grasps_above"]
 
-_MOST_ALTERNATIVES = 3
+MAX_ALTERNATIVES = 3
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _sentence(identity: float, pose: float | None, grasp: float) -> str:
 
 def _objects(case: Assessment) -> list[dict[str, Any]]:
     """Return the best matches; the second near to the first tells a false match (Kehoe 4.6)."""
-    matches = case.recognition.matches[:_MOST_ALTERNATIVES]
+    matches = case.recognition.matches[:MAX_ALTERNATIVES]
     known = case.memory.objects
     return [
         {
@@ -151,7 +151,7 @@ def _look(case: Assessment) -> str:
 
 def _poses(case: Assessment) -> list[dict[str, Any]]:
     assert case.pose is not None
-    others = case.pose.alternatives[:_MOST_ALTERNATIVES]
+    others = case.pose.alternatives[:MAX_ALTERNATIVES]
     return [{"score": float(other.score)} for other in others]
 
 
@@ -173,7 +173,7 @@ def _grasps(case: Assessment) -> list[dict[str, Any]]:
             "attempts": one.remembered.attempts if one.remembered else 0,
             "text": one.explanation.get("text", ""),
         }
-        for one in sure[:_MOST_ALTERNATIVES]
+        for one in sure[:MAX_ALTERNATIVES]
     ]
 
 

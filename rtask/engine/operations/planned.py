@@ -14,7 +14,7 @@ from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import as_messages
 from rtask.engine.operations.messages import Field
-from rtask.engine.perception.placement import MOST_TILT
+from rtask.engine.perception.placement import MAX_TILT
 from rtask.engine.records.attempts import find_grasp, state_grasp
 from rtask.engine.records.objects import state_frame
 from rtask.engine.records.received import Received, in_object
@@ -239,7 +239,7 @@ def store_planned_in_space(
 
     def as_received(planned: PlannedSpatialGrasp) -> Received:
         at, turn = in_object(planned.object_from_gripper)
-        is_planar = tilt(planned.object_from_gripper @ _UPSIDE_DOWN) < MOST_TILT
+        is_planar = tilt(planned.object_from_gripper @ _UPSIDE_DOWN) < MAX_TILT
         return Received(
             in_object=at,
             turn=None if is_planar else turn,

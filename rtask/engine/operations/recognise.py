@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate
-from grasp.spatial.frames import closing_turn, tilt
+from grasp.spatial.frames import closing_yaw, tilt
 from rtask.engine.decisions import Decision, Option
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.choice import Scene, choose, options
@@ -29,7 +29,7 @@ from rtask.engine.operations.messages import Field
 from rtask.engine.operations.search import match_message, similar_objects
 from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import observe_once
-from rtask.engine.perception.placement import MOST_TILT, Placement, footprint_of
+from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate, pose_fields
 from rtask.engine.records.prepared import SIGHT
 from rtask.engine.remembered import KnownObject, Memory
@@ -205,7 +205,7 @@ def _pose_in_space(placement: Placement, pose: ObjectPose | None) -> NDArray[np.
     The measured sides are the more exact as long as the object stands; an accepted pose tells how
     it lies.
     """
-    if pose is not None and pose.accepted and tilt(pose.frame_from_object) >= MOST_TILT:
+    if pose is not None and pose.accepted and tilt(pose.frame_from_object) >= MAX_TILT:
         return pose.frame_from_object
     return placement.frame_from_object if placement.is_verified else None
 
@@ -296,7 +296,7 @@ def _grasp(option: Option, situation: Situation) -> dict[str, Any]:
     frame_id = situation.observation.frame_id or "base"
     hand = situation.gripper.gripper
     if isinstance(grasp, GraspCandidate):
-        kind, at = "spatial", (*grasp.centre.tolist(), closing_turn(grasp.frame_from_gripper))
+        kind, at = "spatial", (*grasp.centre.tolist(), closing_yaw(grasp.frame_from_gripper))
         message = spatial_grasp_message(grasp, hand, frame_id)
     else:
         kind, at = "planar", (grasp.x, grasp.y, support + grasp.z, grasp.theta)

@@ -47,9 +47,9 @@ log = logging.getLogger(__name__)
 _MODEL = "application/vnd.rtask.model"
 _MESH = "model/ply"
 _CODEC = "RTASK-model/1"
-_ENOUGH_VIEWS, _MOST_VIEWS = 8, 48
+_ENOUGH_VIEWS, MAX_VIEWS = 8, 48
 _WORTH = 1.02
-_UPRIGHT, _MOST_FLOAT_M = np.deg2rad(20), 0.012
+_UPRIGHT, MAX_FLOAT_M = np.deg2rad(20), 0.012
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,14 +118,14 @@ def _stands(seen: Observation, object_from_camera: NDArray[np.float64]) -> bool:
         return True
     frame_from_object = seen.frame_from_camera @ np.linalg.inv(object_from_camera)
     off = abs(float(frame_from_object[2, 3]) - seen.shape.support_height)
-    return tilt(frame_from_object) > _UPRIGHT or off < _MOST_FLOAT_M
+    return tilt(frame_from_object) > _UPRIGHT or off < MAX_FLOAT_M
 
 
 def _extended(
     before: ObjectModel, frame: Frame, object_from_camera: NDArray[np.float64], view: str
 ) -> tuple[ObjectModel, Registration] | None:
     """Return a model with one more view, or None when it does not fit or shows nothing new."""
-    if len(before.sources) >= _MOST_VIEWS:
+    if len(before.sources) >= MAX_VIEWS:
         return None
     try:
         grown, registration = before.add(frame, object_from_camera=object_from_camera, name=view)

@@ -23,7 +23,7 @@ __all__ = [
 
 _RENDERED_PX = 240
 _JPEG_QUALITY = 92
-_MOST_PX = 16_000_000
+MAX_PX = 16_000_000
 
 
 def media_type_of(data: bytes) -> str | None:
@@ -52,7 +52,7 @@ def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
     import cv2
 
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if image is None or image.shape[0] * image.shape[1] > _MOST_PX:
+    if image is None or image.shape[0] * image.shape[1] > MAX_PX:
         raise UsageError(f"{path}: the picture does not decode or is larger than 16 Mpx")
     return np.asarray(image[:, :, ::-1], dtype=np.uint8)
 

@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.footprint import ROUND, Footprint
-from grasp.spatial.frames import FloatArray, surface_from_object, tilt, wrap_turn, yaw_of
+from grasp.spatial.frames import FloatArray, surface_from_object, tilt, wrap_2pi, yaw_of
 
 if TYPE_CHECKING:
     from features.tabletop import TabletopShape
     from rtask.engine.observation import Observation
 
-__all__ = ["MOST_TILT", "Placement", "classify_shape", "footprint_of", "oriented", "place"]
+__all__ = ["MAX_TILT", "Placement", "classify_shape", "footprint_of", "oriented", "place"]
 
-MOST_TILT = np.deg2rad(20)
+MAX_TILT = np.deg2rad(20)
 """Off the vertical, rad: what leans less stands."""
 
-_MOST_SHIFT_M = 0.02
+MAX_SHIFT_M = 0.02
 _SNAP = np.deg2rad(15)
-_LEAST_M = 0.002
+MIN_M = 0.002
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ class Placement:
     def to_frame(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
         """Return (x, y, theta) of a planar grasp in the robot's frame."""
         point = self.frame_from_object @ np.array([x, y, 0.0, 1.0])
-        return float(point[0]), float(point[1]), wrap_turn(theta + self.yaw)
+        return float(point[0]), float(point[1]), wrap_2pi(theta + self.yaw)
 
     def to_object(self, x: float, y: float, theta: float) -> tuple[float, float, float]:
         """Return (x, y, theta) of a planar grasp in the object's frame."""
         height = self.frame_from_object[2, 3]
         point = np.linalg.inv(self.frame_from_object) @ np.array([x, y, height, 1.0])
-        return float(point[0]), float(point[1]), wrap_turn(theta - self.yaw)
+        return float(point[0]), float(point[1]), wrap_2pi(theta - self.yaw)
 
 
 def place(
@@ -97,7 +97,7 @@ def place(
     if query_from_view is not None and object_from_view is not None:
         matched = observation.frame_from_camera @ query_from_view @ np.linalg.inv(object_from_view)
         shift = float(np.linalg.norm(matched[:2, 3] - centre))
-        if tilt(matched) < MOST_TILT and shift < _MOST_SHIFT_M:
+        if tilt(matched) < MAX_TILT and shift < MAX_SHIFT_M:
             yaw = _snapped(yaw_of(matched), float(shape.yaw))
             return Placement(_turned(upright, yaw), is_round=False, is_verified=True)
     is_first = is_round is None
@@ -118,7 +118,7 @@ def oriented(placement: Placement, matched: NDArray[np.float64]) -> Placement:
     if placement.is_round:
         return placement
     shift = float(np.linalg.norm(matched[:2, 3] - placement.frame_from_object[:2, 3]))
-    if tilt(matched) >= MOST_TILT or shift >= _MOST_SHIFT_M:
+    if tilt(matched) >= MAX_TILT or shift >= MAX_SHIFT_M:
         return placement
     yaw = _snapped(yaw_of(matched), placement.yaw)
     return Placement(_turned(placement.frame_from_object, yaw), is_round=False, is_verified=True)
@@ -138,7 +138,7 @@ def _snapped(matched_yaw: float, measured_yaw: float) -> float:
     steps = np.arange(4) * (np.pi / 2)
     off = (measured_yaw + steps - matched_yaw + np.pi) % (2 * np.pi) - np.pi
     best = int(np.argmin(np.abs(off)))
-    return wrap_turn(matched_yaw + float(off[best])) if abs(off[best]) < _SNAP else matched_yaw
+    return wrap_2pi(matched_yaw + float(off[best])) if abs(off[best]) < _SNAP else matched_yaw
 
 
 def footprint_of(shape: TabletopShape, placement: Placement) -> Footprint:
@@ -147,14 +147,14 @@ def footprint_of(shape: TabletopShape, placement: Placement) -> Footprint:
     The longer side of a round thing is wherever its frame points, so that candidates keep their
     angles from one look to the next.
     """
-    length = max(float(shape.length), float(shape.width), _LEAST_M)
+    length = max(float(shape.length), float(shape.width), MIN_M)
     width = min(float(shape.length), float(shape.width))
     return Footprint(
         centre=(float(shape.centre[0]), float(shape.centre[1])),
         yaw=placement.yaw if placement.is_round else float(shape.yaw),
         length=length,
-        width=float(np.clip(width, _LEAST_M, length)),
-        height=max(float(shape.height), _LEAST_M),
+        width=float(np.clip(width, MIN_M, length)),
+        height=max(float(shape.height), MIN_M),
         roundness=1.0 if placement.is_round else min(float(shape.roundness), ROUND - 1e-9),
         outline=None if shape.outline is None else np.asarray(shape.outline, dtype=np.float64),
     )
@@ -175,7 +175,7 @@ def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[s
     """
     length, width, height = float(shape.length), float(shape.width), float(shape.height)
     if shape.is_round:
-        slender = height / max(length, _LEAST_M)
+        slender = height / max(length, MIN_M)
         top = _top_width(shape, points)
         if top is None:
             return None
@@ -193,12 +193,12 @@ def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[s
 
 def _top_width(shape: TabletopShape, points: NDArray[np.float64]) -> float | None:
     """Return how wide the top is against the middle, seen from above; None if unseen."""
-    level = (points[:, 2] - shape.support_height) / max(float(shape.height), _LEAST_M)
+    level = (points[:, 2] - shape.support_height) / max(float(shape.height), MIN_M)
     radius = np.linalg.norm(points[:, :2] - np.asarray(shape.centre), axis=1)
     top, middle = radius[(level > 0.85) & (level < 0.97)], radius[(level > 0.3) & (level < 0.6)]
     if len(top) < 5 or len(middle) < 5:
         return None
-    return float(np.percentile(top, 90) / max(float(np.percentile(middle, 90)), _LEAST_M))
+    return float(np.percentile(top, 90) / max(float(np.percentile(middle, 90)), MIN_M))
 
 
 def _fill(shape: TabletopShape) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_turn
+from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_2pi
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.verdicts import Verdict
 from rtask.engine.perception.images import check_picture
@@ -79,19 +79,19 @@ SELECT DISTINCT * WHERE {{
     near = context.policy.same_pose_m
     for row in rows:
         there: dict[str, Any] = row.to_dict()
-        apart = max(abs(there["x"] - x), abs(there["y"] - y), abs(there["z"] - z))
+        distance = max(abs(there["x"] - x), abs(there["y"] - y), abs(there["z"] - z))
         opening = there["opening"]
         wider = abs(opening - grasp.opening) if opening and grasp.opening else 0.0
         if (
-            max(apart, wider) <= near
-            and _turned(grasp, there) <= context.policy.same_pose_rad
+            max(distance, wider) <= near
+            and _angle_between(grasp, there) <= context.policy.same_pose_rad
             and isinstance(row["grasp"], NamedNode)
         ):
             return row["grasp"]
     return None
 
 
-def _turned(grasp: Received, there: Mapping[str, Any]) -> float:
+def _angle_between(grasp: Received, there: Mapping[str, Any]) -> float:
     """Return the angle between a received and a stored grasp, rad."""
     from scipy.spatial.transform import Rotation
 
@@ -136,7 +136,7 @@ def state_grasp(
         {RT.inFrame: body_frame(context, thing), RT.x: float(x), RT.y: float(y), RT.z: float(z)},
     )
     # Rounding 2 pi - 1e-9 up would leave [0, 2 pi).
-    turned = round(wrap_turn(theta), 6)
+    turned = round(wrap_2pi(theta), 6)
     triples.add(pose, RT.theta, 0.0 if turned >= 2 * np.pi else turned)
     return node
 

@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 _CLOUD = "application/vnd.rtask.cloud"
-_MOST_MATCHES = 3
+MAX_MATCHES = 3
 
 
 @dataclass(frozen=True)
@@ -284,7 +284,7 @@ def state_recognition(
             RT.recognisedFrom: event,
         },
     )
-    for rank, match in enumerate(matches[:_MOST_MATCHES], start=1):
+    for rank, match in enumerate(matches[:MAX_MATCHES], start=1):
         node = iri(f"{result.value}/match/{rank}")
         triples.add(result, RT.hasMatch, node)
         triples.node(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.messages import matrix_from_message, planar_from_message
-from grasp.spatial.frames import FloatArray, closing_turn, matrix_from_pose, pose_from_matrix
+from grasp.spatial.frames import FloatArray, closing_yaw, matrix_from_pose, pose_from_matrix
 from rtask.engine.operations.messages import Field, read
 from rtask.engine.perception.placement import Placement
 from rtask.errors import UsageError
@@ -221,7 +221,7 @@ def _turn(at: Mapping[str, Any], path: str) -> Quaternion | None:
 def in_object(pose: FloatArray) -> tuple[tuple[float, float, float, float], Quaternion]:
     """Return (x, y, z, theta) and the quaternion of a pose (4, 4)."""
     (x, y, z), (qx, qy, qz, qw) = (part.tolist() for part in pose_from_matrix(pose))
-    return (x, y, z, closing_turn(pose)), (qx, qy, qz, qw)
+    return (x, y, z, closing_yaw(pose)), (qx, qy, qz, qw)
 
 
 @dataclass(frozen=True)

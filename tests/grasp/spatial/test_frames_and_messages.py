@@ -21,8 +21,8 @@ from grasp.spatial.frames import (
     pose_from_planar,
     surface_from_object,
     tilt,
+    wrap_2pi,
     wrap_axis,
-    wrap_turn,
     yaw_of,
 )
 from grasp.spatial.gripper import ParallelGripper
@@ -51,7 +51,7 @@ def test_a_slanted_approach_is_no_planar_grasp():
 
 def test_wrapping_never_returns_the_open_end():
     for angle in (0.0, -1e-18, 2 * np.pi, -np.pi, 7.0):
-        assert 0 <= wrap_turn(angle) < 2 * np.pi
+        assert 0 <= wrap_2pi(angle) < 2 * np.pi
         assert 0 <= wrap_axis(angle) < np.pi
 
 
