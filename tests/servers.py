@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -65,7 +65,12 @@ class RunningServer:
 
 
 @contextlib.contextmanager
-def running_server(data: Path | None, *options: str) -> Iterator[RunningServer]:
+def running_server(
+    data: Path | None,
+    *options: str,
+    command: Sequence[str] = (sys.executable, "-m", "rtask"),
+    environment: Mapping[str, str] = os.environ,
+) -> Iterator[RunningServer]:
     """Run ``rtask serve`` on a free port for the duration of the block.
 
     Parameters
@@ -74,6 +79,10 @@ def running_server(data: Path | None, *options: str) -> Iterator[RunningServer]:
         Folder of the knowledge base; none to keep everything in memory.
     *options
         Further options of the command.
+    command
+        How ``rtask`` is run.
+    environment
+        Of the process.
 
     Raises
     ------
@@ -82,11 +91,11 @@ def running_server(data: Path | None, *options: str) -> Iterator[RunningServer]:
     """
     where = ["--data", str(data)] if data else ["--temp"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "rtask", "serve", *where, "-p", "0", *options],
+        [*command, "serve", *where, "-p", "0", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        env={**environment, "PYTHONUNBUFFERED": "1"},
     )
     assert process.stdout is not None
     assert process.stderr is not None

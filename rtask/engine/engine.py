@@ -14,6 +14,7 @@ from rtask.engine.operations.table import OPERATIONS, Operation
 from rtask.engine.perception.growth import rebuild_models
 from rtask.engine.policy import Policy
 from rtask.errors import UnknownTermError, UnsupportedError
+from rtask.extras import naming_extras
 from rtask.kb.commit.access import Access
 
 if TYPE_CHECKING:
@@ -133,15 +134,18 @@ class Engine:
             The request does not fit the operation.
         ForbiddenError
             The caller has no right to it.
+        MissingExtraError
+            It needs a library of an extra that is not installed.
         """
         operation = self.operations.get(name.removeprefix("/").removeprefix("rtask/"))
         if operation is None:
             raise UnknownTermError(f"no operation {name!r}{nearest(name, list(self.operations))}")
         access = access or Access()
         self.context.require(access, operation.scope)
-        request = read(operation.fields, operation.prepare(dict(args or {})))
-        request = followed(self.kb, request)
-        return operation.handler(self.context, request, access)
+        with naming_extras(operation.name):
+            request = read(operation.fields, operation.prepare(dict(args or {})))
+            request = followed(self.kb, request)
+            return operation.handler(self.context, request, access)
 
     def sync_index(self) -> int:
         """Bring the index in step with the graph; return how many views were added."""

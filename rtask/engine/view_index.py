@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rtask.engine.stored import stored_views
+from rtask.errors import MissingExtraError
+from rtask.extras import naming_extras
 from rtask.rdf.terms import NamedNode
 
 if TYPE_CHECKING:
@@ -24,6 +26,9 @@ log = logging.getLogger(__name__)
 class ViewIndex:
     """The views of one knowledge base, indexed.
 
+    Without the extra ``perception`` there is no index: using it is refused, and everything else
+    works. The next start with the extra makes the index from the graph.
+
     Parameters
     ----------
     folder
@@ -33,22 +38,37 @@ class ViewIndex:
 
     Attributes
     ----------
-    index, recogniser
-        As they are now; rebuilding replaces both.
     generation
         Counts the changes of the index: what was recognised in one generation may be recognised
         differently in the next.
     """
-
-    index: RecognitionIndex
-    recogniser: Recogniser
 
     def __init__(self, kb: GraphCore, folder: Path | None, writing: threading.RLock) -> None:
         self._kb = kb
         self._folder = folder
         self._writing = writing
         self.generation = 0
-        self._use(self._open())
+        self._opened: tuple[RecognitionIndex, Recogniser] | None = None
+        try:
+            self._require()
+        except MissingExtraError as error:
+            log.info("views are not indexed: %s", error)
+
+    @property
+    def index(self) -> RecognitionIndex:
+        """The index as it is now; rebuilding replaces it.
+
+        Raises
+        ------
+        MissingExtraError
+            The extra ``perception`` is not installed.
+        """
+        return self._require()[0]
+
+    @property
+    def recogniser(self) -> Recogniser:
+        """Recognition by the present index; raises as :attr:`index` does."""
+        return self._require()[1]
 
     def learn(
         self, view: NamedNode, thing: NamedNode, class_iri: str, features: ViewFeatures
@@ -66,6 +86,8 @@ class ViewIndex:
 
     def sync(self) -> int:
         """Bring the index in step with the graph; return how many views were added."""
+        if self._opened is None:
+            return 0
         with self._writing:
             wanted = {row.view: row for row in stored_views(self._kb)}
             present = {name.view_iri: name for name in self.index.views()}
@@ -100,14 +122,21 @@ class ViewIndex:
 
     def close(self) -> None:
         """Close the files."""
-        self.index.close()
+        if self._opened is not None:
+            self.index.close()
 
     def _use(self, index: RecognitionIndex) -> None:
         from features.recognition.recogniser import Recogniser
 
-        self.index = index
-        self.recogniser = Recogniser(index)
+        self._opened = (index, Recogniser(index))
         self.generation += 1
+
+    def _require(self) -> tuple[RecognitionIndex, Recogniser]:
+        if self._opened is None:
+            with naming_extras("recognition"):
+                self._use(self._open())
+        assert self._opened is not None
+        return self._opened
 
     def _open(self) -> RecognitionIndex:
         from features.recognition.index.recognition_index import RecognitionIndex

@@ -1,0 +1,92 @@
+"""The wheel is complete: it runs in an environment of its own, away from the checkout."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import zipfile
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.architecture.imports import PACKAGES, ROOT
+from tests.packaging.installation import Installation, build_wheel, install
+from tests.servers import running_server
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_wheel(tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installation:
+    """What ``pip install rtask-kg`` brings."""
+    return install(wheel, tmp_path_factory.mktemp("base") / "venv")
+
+
+def _readme_example() -> str:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    return str(example)
+
+
+def test_the_wheel_holds_every_file_of_the_packages(wheel: Path) -> None:
+    listed = subprocess.run(
+        ["git", "ls-files", *PACKAGES], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
+    tracked = {name for name in listed if (ROOT / name).exists()}
+    assert not sorted(tracked - packed)
+    assert not sorted(packed - tracked)
+
+
+def test_every_package_comes_from_the_installation(base: Installation, tmp_path: Path) -> None:
+    program = f"import {', '.join(PACKAGES)}\nfor m in ({', '.join(PACKAGES)}): print(m.__file__)"
+    done = base.run("python", "-c", program, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert all(Path(line).is_relative_to(base.packages) for line in done.stdout.splitlines())
+
+
+def test_the_base_runs_the_example_of_the_readme(base: Installation, tmp_path: Path) -> None:
+    done = base.run("python", "-W", "error", "-c", _readme_example(), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_base_serves_queries_and_registers_robots(base: Installation, tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    sample = ROOT / "ontology" / "examples" / "sample.trig"
+    loaded = base.run("rtask", "load", sample, "-d", store, folder=tmp_path)
+    assert loaded.returncode == 0, loaded.stderr
+    command = [str(base.rtask)]
+    with running_server(store, command=command, environment=base.environment) as server:
+        query = "PREFIX rt: <https://w3id.org/rtask-kg/ns#> ASK { ?mug rt:objectId 'lab/mug-1' }"
+        answer = httpx.get(f"{server.url}/sparql", params={"query": query})
+        assert answer.json()["boolean"] is True
+        assert "mug" in httpx.get(f"{server.url}/objects").text
+        hand = {"name": "hand", "gripper_type": "nao", "max_opening": 0.05, "max_payload": 0.3}
+        robot = {"name": "nao-1", "model": "nao-h25-v5", "end_effectors": [hand]}
+        assert httpx.post(f"{server.url}/engine/register_robot", json=robot).status_code == 200
+        refused = httpx.post(f"{server.url}/engine/search_object", json={"data": "eA=="})
+        assert refused.status_code == 501, refused.text
+        assert refused.json()["type"] == "/errors/missing-extra"
+        assert "pip install 'rtask-kg[perception]'" in refused.json()["detail"]
+
+
+def test_the_base_says_which_extra_a_demo_needs(base: Installation, tmp_path: Path) -> None:
+    done = base.run("rtask", "demo", folder=tmp_path)
+    wanted = "rtask demo needs the extra 'simulate': pip install 'rtask-kg[simulate]'"
+    assert (done.returncode, done.stderr) == (1, f"rtask: {wanted}\n")
+
+
+def test_a_robot_learns_two_objects_with_everything_installed(wheel: Path, tmp_path: Path) -> None:
+    whole = install(wheel, tmp_path / "venv", "all")
+    demo = ["demo", "--objects", "2", "--robots", "1", "--json"]
+    done = whole.run("rtask", *demo, folder=tmp_path, timeout_s=280)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert json.loads(done.stdout)
