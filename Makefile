@@ -7,10 +7,10 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
-.PHONY: help setup system demo test check conformance bench docs clean
+.PHONY: help setup system demo test test-quick check conformance bench docs clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
 
 setup: $(READY)  ## create .venv and install everything
 
@@ -45,6 +45,9 @@ demo: $(READY)  ## robots learn to grasp and share it; ARGS="--seed 3" passes op
 
 test: $(READY)  ## run the tests; ARGS="-k name" passes options
 	@$(BIN)/python -m pytest -n 2 --dist loadscope $(ARGS)
+
+test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
+	@$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow and not browser" $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .

@@ -7,7 +7,22 @@ from pathlib import Path
 
 import pytest
 
+_MAX_QUICK_S = 10.0
 _ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """List the tests that took more than ten seconds and are not marked as slow."""
+    took: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport) and "slow" not in report.keywords:
+                took[report.nodeid] = took.get(report.nodeid, 0.0) + report.duration
+    slow = {name: seconds for name, seconds in took.items() if seconds > _MAX_QUICK_S}
+    if slow:
+        terminalreporter.section("above ten seconds and not marked slow")
+        for name, seconds in sorted(slow.items(), key=lambda item: -item[1]):
+            terminalreporter.line(f"{seconds:6.1f} s  {name}")
 
 
 def _beside(folder: str) -> Path:
