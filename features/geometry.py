@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Float64Array",
     "FloatArray",
     "Frame",
     "Intrinsics",
@@ -22,6 +23,7 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.floating[Any]]
+Float64Array = NDArray[np.float64]
 UInt8Array = NDArray[np.uint8]
 
 

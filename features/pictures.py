@@ -24,8 +24,8 @@ _GOLDEN = 0.61803398875
 _EDGES = ((0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 6), (5, 7),
           (6, 7))  # fmt: skip
 _AXIS_COLOURS = ((230, 60, 50), (60, 190, 70), (60, 100, 240))
-_MOST_DOTS = 300
-_MOST_LINES = 40
+_MAX_DOTS = 300
+_MAX_LINES = 40
 _GREEN, _GREY = (70, 220, 90), (150, 150, 150)
 
 
@@ -112,7 +112,7 @@ def draw_matches(
     for colour, chosen in ((_GREY, ~agreed), (_GREEN, agreed)):
         rows = np.flatnonzero(chosen)
         rows = rows[np.argsort(here[rows, 1], kind="stable")]
-        for k in rows[:: -(-len(rows) // _MOST_LINES) or 1].tolist():
+        for k in rows[:: -(-len(rows) // _MAX_LINES) or 1].tolist():
             cv2.line(shown, here[k].tolist(), there[k].tolist(), colour, 1, cv2.LINE_AA)
         for place in (*here[rows], *there[rows]):
             cv2.circle(shown, place.tolist(), 2, colour, -1, cv2.LINE_AA)
@@ -175,7 +175,7 @@ def draw_model(
     normals = cloud[:, 3:] @ camera_from_object[:3, :3].T
     places = places[np.einsum("ni,ni->n", places, normals) < 0].astype(np.float64)
     reach = float(np.ptp(cloud[:, :3], axis=0).max()) / 2
-    order = np.argsort(-places[:, 2], kind="stable")[:: max(len(places) // _MOST_DOTS, 1)]
+    order = np.argsort(-places[:, 2], kind="stable")[:: max(len(places) // _MAX_DOTS, 1)]
     pixels = _project(places[order], intrinsics, origin_px)
     depth = places[order, 2]
     share = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-6) if len(depth) else depth

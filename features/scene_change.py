@@ -22,7 +22,7 @@ __all__ = ["SceneChange", "SceneChangeGate", "SceneChangeParams", "scene_entropy
 
 BLOCK_PX = 20
 _GREY_BINS = 8
-_MOST_BINS = 1_024
+_MAX_BINS = 1_024
 _COMPARABLE, _EMPTY, _FULL = 0.25, 0.10, 0.60
 _VOXEL_M = 0.01
 
@@ -237,7 +237,7 @@ def _depth_divergence(
     """Return per block of ``block`` px the divergence of depth; bins are as wide as the noise."""
     rows, columns = before.shape[0] // block, before.shape[1] // block
     out = np.zeros((rows, columns))
-    p, q = np.zeros(_MOST_BINS), np.zeros(_MOST_BINS)
+    p, q = np.zeros(_MAX_BINS), np.zeros(_MAX_BINS)
     for i in range(rows):
         for j in range(columns):
             here = before[i * block : (i + 1) * block, j * block : (j + 1) * block]
@@ -260,15 +260,15 @@ def _depth_divergence(
             elif share_p >= _COMPARABLE and share_q >= _COMPARABLE:
                 mean = total / seen_p
                 width = max(0.01, 3 * (0.0012 + 0.0019 * (mean - 0.4) ** 2))
-                low = min(int(near / width), _MOST_BINS - 1)
-                high = min(int(far / width), _MOST_BINS - 1)
+                low = min(int(near / width), _MAX_BINS - 1)
+                high = min(int(far / width), _MAX_BINS - 1)
                 p[low : high + 1], q[low : high + 1] = 0.0, 0.0
                 for r in range(block):
                     for c in range(block):
                         if 0 < here[r, c] < np.inf:
-                            p[min(int(here[r, c] / width), _MOST_BINS - 1)] += 1
+                            p[min(int(here[r, c] / width), _MAX_BINS - 1)] += 1
                         if 0 < there[r, c] < np.inf:
-                            q[min(int(there[r, c] / width), _MOST_BINS - 1)] += 1
+                            q[min(int(there[r, c] / width), _MAX_BINS - 1)] += 1
                 out[i, j] = _divergence(p, q, low, high)
     return out
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.frames import (
-    FloatArray,
     matrix_from_pose,
     planar_from_pose,
     pose_from_matrix,

@@ -11,10 +11,10 @@ from features.pose.search import scene_points
 
 __all__ = ["fused", "oriented_points", "smoothed"]
 
-_MOST_POINTS = 6000
+_MAX_POINTS = 6000
 _GRAZING = 0.25
 _VOXEL_M = 0.0015
-_MOST_KEPT = 40_000
+_MAX_KEPT = 40_000
 _AROUND, _SMOOTH_M, _ALIKE = 32, 0.005, 0.8
 _NEAR_M = 0.5
 
@@ -38,9 +38,9 @@ def oriented_points(
     mask = frame.object_mask() & np.isfinite(points).all(axis=-1)
     places = points[mask]
     rng = np.random.default_rng(0)
-    order = np.sort(rng.permutation(len(places))[:_MOST_POINTS])
-    chosen = scene_points(places[order], _MOST_POINTS, np.inf, np.random.default_rng(0))
-    shuffled = np.random.default_rng(0).permutation(len(order))[:_MOST_POINTS]
+    order = np.sort(rng.permutation(len(places))[:_MAX_POINTS])
+    chosen = scene_points(places[order], _MAX_POINTS, np.inf, np.random.default_rng(0))
+    shuffled = np.random.default_rng(0).permutation(len(order))[:_MAX_POINTS]
     inks = np.full((len(places), 3), 128, np.uint8) if frame.rgb is None else frame.rgb[mask]
     away = np.maximum(np.linalg.norm(chosen.places, axis=1), 1e-9)
     facing = -np.einsum("ni,ni->n", chosen.places, chosen.normals) / away
@@ -65,7 +65,7 @@ def fused(
     """
     edge_m = _VOXEL_M
     merged = _averaged(rows, colours, weights, edge_m)
-    while len(merged[0]) > _MOST_KEPT:
+    while len(merged[0]) > _MAX_KEPT:
         edge_m *= 1.5
         merged = _averaged(rows, colours, weights, edge_m)
     return merged

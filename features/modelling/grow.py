@@ -27,10 +27,10 @@ from features.recognition.views.view import ViewFeatures
 
 __all__ = ["ObjectModel", "Registration", "warm_up"]
 
-_LEAST_FIT = 0.45
+_MIN_FIT = 0.45
 _MODEL_GRID, _MODEL_POINTS = 48, 6000
 _NOISE_M = 0.0005
-_MOST_CELLS = 160
+_MAX_CELLS = 160
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +181,7 @@ class ObjectModel:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
         """Return vertices (v, 3) m, faces (f, 3), colours (v, 3); open where nothing was seen."""
         size = np.ptp(self.cloud[:, :3], axis=0).max() if len(self.cloud) else 0.0
-        return surface_of(self.cloud, self.colours, max(cell_m, float(size) / _MOST_CELLS))
+        return surface_of(self.cloud, self.colours, max(cell_m, float(size) / _MAX_CELLS))
 
     def to_bytes(self) -> bytes:
         """Return an ``.npz`` of the cloud and its sources; views are kept by whoever has them."""
@@ -232,7 +232,7 @@ class ObjectModel:
                     return found
         labels = (frame.object_mask() & (frame.depth_m > 0)).astype(np.int32)
         estimate = estimate_pose(self.pose_model(), frame, labels, 1, PoseParams(merge=False))
-        if estimate is None or estimate.ambiguous or estimate.fit < _LEAST_FIT:
+        if estimate is None or estimate.ambiguous or estimate.fit < _MIN_FIT:
             return None
         inverse = np.linalg.inv(estimate.camera_from_object).astype(np.float64)
         return registered(self._surface, frame, oriented, inverse, "shape")

@@ -20,17 +20,17 @@ from features.pose.visibility import check_free_space
 
 __all__ = ["Registration", "Surface", "registered"]
 
-_MOST_SAMPLES, _MOST_LAID = 3000, 1500
+_MAX_SAMPLES, _MAX_LAID = 3000, 1500
 _CUTS_M = np.geomspace(0.008, 0.003, 10)
-_LEAST_FACING = 0.5
+_MIN_FACING = 0.5
 _ESTIMATED = 1 / np.array([np.deg2rad(2.0)] * 3 + [0.010] * 3) ** 2
 _MEASURED = 1 / np.array([np.deg2rad(1.5)] * 3 + [0.003] * 3) ** 2
 """Prior weights: of an estimate, about the object's middle; of a measurement, about the camera."""
 _NOISE_M, _INDEPENDENT = 0.002, 200
 """Of depth; and how many of a view's points err independently: neighbours share their error."""
-_OVERLAP_M, _LEAST_OVERLAP = 0.004, 0.35
-_MOST_DRIFT_M, _MOST_DRIFT_RAD = 0.015, np.deg2rad(12.0)
-_MOST_VIOLATION, _LEAST_JUDGED = 0.12, 0.25
+_OVERLAP_M, _MIN_OVERLAP = 0.004, 0.35
+_MAX_DRIFT_M, _MAX_DRIFT_RAD = 0.015, np.deg2rad(12.0)
+_MAX_VIOLATION, _MIN_JUDGED = 0.12, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Surface:
     """What views are laid on: the smoothed middle of a cloud (n, 6), at most 3,000 places of it."""
 
     def __init__(self, cloud: NDArray[np.float32], weights: NDArray[np.float32]) -> None:
-        rows = smoothed(cloud, weights, _MOST_SAMPLES)
+        rows = smoothed(cloud, weights, _MAX_SAMPLES)
         self.places, self.normals = rows[:, :3], rows[:, 3:]
         self.tree = cKDTree(self.places)
         self.centre = (self.places.min(axis=0) + self.places.max(axis=0)) / 2
@@ -92,7 +92,7 @@ def registered(
         anything known, and what hides known surface is taken for a side not seen before.
     """
     rng = np.random.default_rng(0)
-    few = oriented[np.sort(rng.permutation(len(oriented))[:_MOST_LAID])]
+    few = oriented[np.sort(rng.permutation(len(oriented))[:_MAX_LAID])]
     told = np.asarray(object_from_camera, np.float64)
     pivot, prior = (told[:3, 3], _MEASURED) if is_measured else (surface.centre, _ESTIMATED)
     pose = _laid_on(surface, few, told, pivot, prior)
@@ -100,13 +100,13 @@ def registered(
     away, _ = surface.tree.query(few[:, :3] @ pose[:3, :3].T + pose[:3, 3])
     overlap = float((away < _OVERLAP_M + surface.spacing_m).mean())
     if (
-        (overlap < _LEAST_OVERLAP and not is_measured)
-        or float(np.linalg.norm(moved)) > _MOST_DRIFT_M
-        or float(np.linalg.norm(turned)) > _MOST_DRIFT_RAD
+        (overlap < _MIN_OVERLAP and not is_measured)
+        or float(np.linalg.norm(moved)) > _MAX_DRIFT_M
+        or float(np.linalg.norm(turned)) > _MAX_DRIFT_RAD
     ):
         return None
     violation = _violation(surface, frame, pose, not is_measured)
-    return None if violation > _MOST_VIOLATION else Registration(pose, how, overlap, violation)
+    return None if violation > _MAX_VIOLATION else Registration(pose, how, overlap, violation)
 
 
 def _laid_on(
@@ -128,7 +128,7 @@ def _laid_on(
         away, rows = surface.tree.query(places)
         normals = surface.normals[rows]
         facing = np.einsum("ni,ni->n", few[:, 3:] @ pose[:3, :3].T, normals)
-        weight = trust * np.where(facing > _LEAST_FACING, facing, 0) / (1 + (away / cut) ** 2) ** 2
+        weight = trust * np.where(facing > _MIN_FACING, facing, 0) / (1 + (away / cut) ** 2) ** 2
         across = np.einsum("ni,ni->n", places - surface.places[rows], normals)
         lever = np.hstack([np.cross(places - pivot, normals), normals])
         weighted = (lever * weight[:, None]).T
@@ -173,5 +173,5 @@ def _violation(
         (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0),
         surface.spacing_m,
     )
-    judged = max(float(sight.agreeing[0] + sight.violating[0]), _LEAST_JUDGED * len(surface.places))
+    judged = max(float(sight.agreeing[0] + sight.violating[0]), _MIN_JUDGED * len(surface.places))
     return float(sight.violating[0]) / judged

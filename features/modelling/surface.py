@@ -15,7 +15,7 @@ __all__ = ["mesh_to_ply", "surface_of"]
 
 _NEIGHBOURS = 10
 _BAND_CELLS = 2.2
-_MOST_CELLS = 8_000_000
+_MAX_CELLS = 8_000_000
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
@@ -42,7 +42,7 @@ def surface_of(
         return nothing
     low = cloud[:, :3].min(axis=0) - 3 * cell_m
     shape = np.ceil((cloud[:, :3].max(axis=0) + 3 * cell_m - low) / cell_m).astype(int) + 1
-    if np.prod(shape.astype(float)) > _MOST_CELLS:
+    if np.prod(shape.astype(float)) > _MAX_CELLS:
         raise ValueError(f"a grid of {shape.tolist()} cells of {cell_m} m: take larger cells")
     tree = cKDTree(cloud[:, :3])
     distance = _signed_distances(cloud, tree, low, shape, cell_m)

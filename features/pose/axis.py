@@ -19,7 +19,7 @@ __all__ = ["AxisCheck", "axis_check"]
 _CELL_PX = 4.0
 _CELL_SPACINGS = 2.5
 _OCCLUSION_M = 0.008
-_LEAST_POINTS = 10
+_MIN_POINTS = 10
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def axis_check(
     rows, columns = np.nonzero(frame.object_mask() & (frame.depth_m > 0))
     seen = np.column_stack([columns, rows]).astype(np.float64)
     expected = _visible_px(model, frame, np.asarray(camera_from_object, np.float64))
-    if min(len(seen), len(expected)) < _LEAST_POINTS:
+    if min(len(seen), len(expected)) < _MIN_POINTS:
         return AxisCheck(0.0, 1.0, applies=False, passes=True)
     (here, ratio_here), (there, ratio_there) = _major_axis(seen), _major_axis(expected)
     angle = float(np.arccos(np.clip(abs(here @ there), 0.0, 1.0)))

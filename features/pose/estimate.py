@@ -27,7 +27,7 @@ __all__ = ["PoseAlternative", "PoseEstimate", "PoseParams", "estimate_pose"]
 
 log = logging.getLogger(__name__)
 
-_LEAST_POINTS = 30
+_MIN_POINTS = 30
 _STRAY = 0.75
 _OTHER_RAD, _OTHER_M = np.deg2rad(15.0), 0.010
 _EXPLAINED_M = 0.008
@@ -173,7 +173,7 @@ def estimate_pose(
         raise ValueError(f"labels {labels.shape} and depth {frame.depth_m.shape} differ in shape")
     started = time.perf_counter()
     task = _Task(model, frame, np.asarray(labels, np.int32), label, params, plane)
-    if len(task.judged) < _LEAST_POINTS:
+    if len(task.judged) < _MIN_POINTS:
         log.info("no pose: segment %d has %d points with depth", label, len(task.judged))
         return None
     pool = [] if initial is None else task.given(np.asarray(initial, np.float64).reshape(-1, 4, 4))
@@ -242,7 +242,7 @@ class _Task:
     def poses(self, guess: Hypothesis, starts: int) -> list[_Found]:
         alone = len(guess.labels) == 1
         points = self.judged if alone else self._chosen(guess.mask)
-        if len(points) < _LEAST_POINTS:
+        if len(points) < _MIN_POINTS:
             return []
         found = search(self.model, points, starts, self.params.keep)
         if not alone:
@@ -269,7 +269,7 @@ class _Task:
         for _ in range(2):
             mask = self._on_model(poses.rotations[0], poses.translations[0])
             points = self._chosen(mask)
-            if len(points) < _LEAST_POINTS:
+            if len(points) < _MIN_POINTS:
                 return []
             poses = refine(self.model, points, poses, self.judged)
         return self._judge(poses, mask, found.labels)

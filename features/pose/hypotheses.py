@@ -17,7 +17,7 @@ __all__ = ["Hypothesis", "hypotheses", "spread"]
 
 _DILATION_PX = 9
 _GAP_M = 0.012
-_MOST_NEIGHBOURS = 5
+_MAX_NEIGHBOURS = 5
 _LARGER = 1.1
 _ENOUGH_POINTS = 600
 
@@ -63,7 +63,7 @@ def hypotheses(
         other
         for other in _touching(points, labels, label, mine)
         if spread(np.vstack([mine, _some(points[labels == other])])) <= _LARGER * diameter_m
-    ][:_MOST_NEIGHBOURS]
+    ][:_MAX_NEIGHBOURS]
     found += [Hypothesis((label, other), alone | (labels == other)) for other in joined]
     if len(joined) > 1:
         together = np.isin(labels, [label, *joined])

@@ -11,14 +11,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import Float64Array
+
 __all__ = ["align", "distances", "fit_scores"]
 
-Doubles = NDArray[np.float64]
 
 _BOUND_SLIDING = 0.05
-_LEAST_FACING = 0.05
+_MIN_FACING = 0.05
 _DAMPING = 1e-6
-_MOST_TURN_RAD = 0.5
+_MAX_TURN_RAD = 0.5
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -84,7 +85,7 @@ def _solve(a, b):  # type: ignore[no-untyped-def]
 def _move(r, t, step):  # type: ignore[no-untyped-def]
     """Apply a step (turn, shift) of the points in the model's frame to the model's pose."""
     angle = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-    scale = min(1.0, _MOST_TURN_RAD / angle) if angle > 1e-12 else 1.0
+    scale = min(1.0, _MAX_TURN_RAD / angle) if angle > 1e-12 else 1.0
     angle *= scale
     e = np.eye(3)
     if angle > 1e-12:
@@ -106,15 +107,15 @@ def _move(r, t, step):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def align(
-    points: Doubles,
-    normals: Doubles,
-    rotations: Doubles,
-    translations: Doubles,
+    points: Float64Array,
+    normals: Float64Array,
+    rotations: Float64Array,
+    translations: Float64Array,
     samples: NDArray[np.float32],
     grid: NDArray[np.int16],
-    corner: Doubles,
+    corner: Float64Array,
     cell: float,
-    cuts: Doubles,
+    cuts: Float64Array,
 ) -> None:
     """Improve poses in place, one round for each cut.
 
@@ -146,7 +147,7 @@ def align(
                     points[p], normals[p], r, t, samples, grid, corner, cell
                 )
                 far = 1.0 + (ex * ex + ey * ey + ez * ez) / (cut * cut)
-                w = max(facing, _LEAST_FACING) / (far * far)
+                w = max(facing, _MIN_FACING) / (far * far)
                 row[0], row[1], row[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
                 row[3], row[4], row[5] = nx, ny, nz
                 off = ex * nx + ey * ny + ez * nz
@@ -169,16 +170,16 @@ def align(
 
 @numba.njit(cache=True, nogil=True)
 def fit_scores(
-    points: Doubles,
-    normals: Doubles,
-    rotations: Doubles,
-    translations: Doubles,
+    points: Float64Array,
+    normals: Float64Array,
+    rotations: Float64Array,
+    translations: Float64Array,
     samples: NDArray[np.float32],
     grid: NDArray[np.int16],
-    corner: Doubles,
+    corner: Float64Array,
     cell: float,
     sigma: float,
-) -> Doubles:
+) -> Float64Array:
     """Return how well the points lie on the model, (k,) in 0..1; parameters as in ``align``."""
     scores = np.zeros(len(rotations))
     for k in range(len(rotations)):
@@ -197,14 +198,14 @@ def fit_scores(
 
 @numba.njit(cache=True, nogil=True)
 def distances(
-    points: Doubles,
-    rotation: Doubles,
-    translation: Doubles,
+    points: Float64Array,
+    rotation: Float64Array,
+    translation: Float64Array,
     samples: NDArray[np.float32],
     grid: NDArray[np.int16],
-    corner: Doubles,
+    corner: Float64Array,
     cell: float,
-) -> Doubles:
+) -> Float64Array:
     """Return the distance in m of points (n, 3) to the model at one pose; others as above."""
     found = np.empty(len(points))
     r, t = rotation, translation

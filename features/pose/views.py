@@ -21,12 +21,12 @@ from features.pose.visibility import Sight, check_free_space
 
 __all__ = ["estimate_pose_from_views"]
 
-_LEAST_POINTS = 30
-_MOST_POINTS = 1200
+_MIN_POINTS = 30
+_MAX_POINTS = 1200
 _CUTS_M = np.geomspace(0.008, 0.003, 10)
 _SIGMA_M = 0.003
 _EXPLAINED_M = 0.008
-_MOST_TURN_RAD = 0.2
+_MAX_TURN_RAD = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +92,9 @@ def estimate_pose_from_views(
 
 def _cloud(frame: Frame) -> _Cloud | None:
     points = scene_points(
-        frame.points()[frame.object_mask()], _MOST_POINTS, np.inf, np.random.default_rng(0)
+        frame.points()[frame.object_mask()], _MAX_POINTS, np.inf, np.random.default_rng(0)
     )
-    return None if len(points) < _LEAST_POINTS else _Cloud(points, cKDTree(points.places))
+    return None if len(points) < _MIN_POINTS else _Cloud(points, cKDTree(points.places))
 
 
 def _met(
@@ -131,7 +131,7 @@ def _laid_on(
         left = (lever * weight[:, None]).T @ lever
         left += 1e-6 * np.trace(left) * np.eye(6)
         step = np.linalg.solve(left, -(lever * weight[:, None]).T @ residual)
-        angle = min(float(np.linalg.norm(step[:3])), _MOST_TURN_RAD)
+        angle = min(float(np.linalg.norm(step[:3])), _MAX_TURN_RAD)
         change = np.eye(4)
         if angle > 1e-12:
             change[:3, :3] = rotation_about(step[:3] / np.linalg.norm(step[:3]), angle)

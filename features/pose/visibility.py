@@ -19,7 +19,7 @@ _TOLERANCE_M = 0.008
 _OCCLUSION_M = 0.008
 _CELL_PX = 4
 _CELL_SPACINGS = 2.5
-_LEAST_FACING = 0.15
+_MIN_FACING = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def _project(samples, rotations, translations, depth, own, camera, plane, spacin
                 + (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z) * py
                 + (r[2, 0] * x + r[2, 1] * y + r[2, 2] * z) * pz
             )
-            grazing = -_LEAST_FACING * np.sqrt(px * px + py * py + pz * pz)
+            grazing = -_MIN_FACING * np.sqrt(px * px + py * py + pz * pz)
             if a < 0 or b < 0 or a >= side or b >= side or facing > grazing:
                 cells[i] = -1
                 continue

@@ -20,7 +20,7 @@ from features.recognition.views.view import ViewFeatures, describe_view
 __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 
 # Less says nothing, not even what it looks like.
-_LEAST_NAMED = 0.001
+_MIN_NAMED = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class Recogniser:
         matches = [
             candidates[k].as_match(snapshot, float(confidence[k]))
             for k in order[:max_results]
-            if confidence[k] >= _LEAST_NAMED
+            if confidence[k] >= _MIN_NAMED
         ]
         return Recognition(outcome, accepted, tuple(matches))
 

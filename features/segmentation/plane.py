@@ -12,9 +12,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from features.geometry import Float64Array
+
 __all__ = ["Plane", "find_table_plane"]
 
-Floats = NDArray[np.float64]
 
 _TOLERANCE_M = 0.008
 _ITERATIONS = 150
@@ -40,13 +41,13 @@ class Plane:
         Of the subsample, within 8 mm.
     """
 
-    normal: Floats
+    normal: Float64Array
     offset: float
     inlier_share: float
 
-    def heights(self, points: NDArray[np.floating[Any]]) -> Floats:
+    def heights(self, points: NDArray[np.floating[Any]]) -> Float64Array:
         """Return the height (...) of points (..., 3) over the plane, m."""
-        heights: Floats = points.astype(np.float64) @ self.normal + self.offset
+        heights: Float64Array = points.astype(np.float64) @ self.normal + self.offset
         return heights
 
 
@@ -116,7 +117,7 @@ def find_table_plane(
     return best
 
 
-def subsample(points: NDArray[np.floating[Any]], rng_seed: int) -> Floats:
+def subsample(points: NDArray[np.floating[Any]], rng_seed: int) -> Float64Array:
     """Return finite points (m, 3): every 6th row and column, or 8,500 at random."""
     if points.ndim == 3:
         picked = points[::_PIXEL_STEP, ::_PIXEL_STEP].reshape(-1, 3)
@@ -125,11 +126,13 @@ def subsample(points: NDArray[np.floating[Any]], rng_seed: int) -> Floats:
         if len(points) > _SUBSAMPLE:
             rng = np.random.default_rng(rng_seed)
             picked = points[rng.choice(len(points), _SUBSAMPLE, replace=False)]
-    finite: Floats = picked[np.isfinite(picked).all(axis=1)].astype(np.float64)
+    finite: Float64Array = picked[np.isfinite(picked).all(axis=1)].astype(np.float64)
     return finite
 
 
-def _fit(sample: Floats, total: int, rng: np.random.Generator) -> tuple[Plane, NDArray[np.bool_]]:
+def _fit(
+    sample: Float64Array, total: int, rng: np.random.Generator
+) -> tuple[Plane, NDArray[np.bool_]]:
     triples = rng.integers(0, len(sample), (_ITERATIONS, 3))
     model = _ransac(sample, triples, _TOLERANCE_M)
     normal, offset = model[:3], float(model[3])

@@ -12,6 +12,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.learning.bandit import Arm, BetaThompson, Policy, Trial, kernel
 from grasp.learning.env import MAX_ATTEMPTS
 from grasp.learning.logistic import LearnedQuality
@@ -19,7 +20,6 @@ from grasp.learning.simulated import Thing, World
 
 __all__ = ["Attempt", "Candidates", "Contender", "Luck", "Oracle", "RandomCandidate"]
 
-Floats = NDArray[np.float64]
 
 _PUSH = 2 * np.pi
 _SAME_OBJECT, _SAME_FAMILY, _SIMILAR = 1.0, 0.7, 0.5
@@ -173,7 +173,7 @@ class Candidates:
     def _rated(self, here: Thing) -> list[float | None]:
         if self._quality is None:
             return [None] * len(here)
-        quality: Floats = getattr(here, self._quality)
+        quality: FloatArray = getattr(here, self._quality)
         if self._model is not None:
             quality = self._model.rate(here.features, quality)
         return [float(q) for q in quality]
@@ -213,7 +213,7 @@ class Memory:
             self._candidates.append(attempt.candidate)
             self._held.append(attempt.success)
 
-    def counts(self, thing: int) -> Floats:
+    def counts(self, thing: int) -> FloatArray:
         """Return weighted successes and failures for each candidate, (n, 2)."""
         here = self._world.things[thing]
         if not self._things:
@@ -227,17 +227,17 @@ class Memory:
         won, lost = near @ (weights * held), near @ (weights * ~held)
         return np.round(np.stack([won, lost], axis=1), 9)
 
-    def _weights(self, thing: int) -> Floats:
+    def _weights(self, thing: int) -> FloatArray:
         others = np.array(self._things)
         views, families = self._world.views, self._world.families()
         apart = np.sum((views[others] - views[thing]) ** 2, axis=1)
         factor = np.where(families[others] == families[thing], _SAME_FAMILY, _SIMILAR)
         factor[others == thing] = _SAME_OBJECT
-        weights: Floats = factor * np.exp(-apart / (2 * self._width**2))
+        weights: FloatArray = factor * np.exp(-apart / (2 * self._width**2))
         return weights
 
 
-def median_distance(views: Floats) -> float:
+def median_distance(views: FloatArray) -> float:
     """Return the median distance between two objects' views (n, 5)."""
     apart = np.sqrt(np.sum((views[:, None] - views[None]) ** 2, axis=2))
     return float(np.median(apart[np.triu_indices(len(views), 1)])) if len(views) > 1 else 1.0

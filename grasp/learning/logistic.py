@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasp.arrays import FloatArray
 from grasp.learning.agents.tabular import load_arrays, save_arrays
 
 __all__ = ["LearnedQuality", "LogisticRegression"]
 
-Floats = NDArray[np.float64]
 
 _NEWTON_STEPS = 30
 _SURE = 1e-3
@@ -53,13 +53,13 @@ class LogisticRegression:
         self.mean = np.zeros(size + 1)
         self.covariance = prior_std**2 * np.eye(size + 1)
 
-    def _rows(self, features: ArrayLike) -> Floats:
+    def _rows(self, features: ArrayLike) -> FloatArray:
         rows = np.atleast_2d(np.asarray(features, dtype=np.float64))
         if rows.shape[1] != self.size or not np.all(np.isfinite(rows)):
             raise ValueError(f"expected {self.size} finite features, got {rows.tolist()}")
         return np.column_stack([np.ones(len(rows)), rows])
 
-    def predict(self, features: ArrayLike) -> Floats:
+    def predict(self, features: ArrayLike) -> FloatArray:
         """Return the chance of success for features (n, size), (n,); the weights' doubt included.
 
         The mean of the logistic function under the belief, after MacKay 1992.
@@ -91,7 +91,7 @@ class LogisticRegression:
         )
 
 
-def _logistic(x: Floats) -> Floats:
+def _logistic(x: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (1 + np.tanh(x / 2)))
 
 
@@ -128,7 +128,7 @@ class LearnedQuality:
         quality, model = self.losses
         return len(self._losses) == self.window and model < quality
 
-    def rate(self, features: ArrayLike, quality: ArrayLike) -> Floats:
+    def rate(self, features: ArrayLike, quality: ArrayLike) -> FloatArray:
         """Return the quality (n,) to believe in, for features (n, size) and quality (n,)."""
         q = _checked(quality)
         return self.model.predict(_with_quality(features, q)) if self.in_charge else q
@@ -170,7 +170,7 @@ class LearnedQuality:
         return {"size": model.size, "prior_std": model.prior_std, "window": self.window}
 
 
-def _checked(quality: ArrayLike) -> Floats:
+def _checked(quality: ArrayLike) -> FloatArray:
     q = np.asarray(quality, dtype=np.float64)
     wrong = ~((q >= 0) & (q <= 1))
     if wrong.any():
@@ -179,7 +179,7 @@ def _checked(quality: ArrayLike) -> Floats:
     return q
 
 
-def _with_quality(features: ArrayLike, quality: Floats) -> Floats:
+def _with_quality(features: ArrayLike, quality: FloatArray) -> FloatArray:
     sure = np.clip(quality, _SURE, 1 - _SURE)
     rows = np.asarray(features, dtype=np.float64)
     return np.column_stack([rows, np.log(sure / (1 - sure)) / 3])

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
+
 __all__ = ["NEVER", "Life", "Measure", "attempts", "bootstrap", "difference", "first_try", "regret"]
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NEVER = 13
@@ -34,7 +35,7 @@ class Life:
 
     objects: Ints
     attempts: Ints
-    lost: Floats
+    lost: FloatArray
 
     def __post_init__(self) -> None:
         if not len(self.objects) == len(self.attempts) == len(self.lost):
@@ -59,25 +60,25 @@ class Measure:
         return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
-def attempts(life: Life) -> Floats:
+def attempts(life: Life) -> FloatArray:
     """Return the attempts to the first success, an object."""
     return life.attempts.astype(np.float64)
 
 
-def first_try(life: Life) -> Floats:
+def first_try(life: Life) -> FloatArray:
     """Return 1 where the first attempt held, an object."""
-    held: Floats = (life.attempts == 1).astype(np.float64)
+    held: FloatArray = (life.attempts == 1).astype(np.float64)
     return held
 
 
-def regret(life: Life) -> Floats:
+def regret(life: Life) -> FloatArray:
     """Return the cumulative regret up to each object."""
     return np.asarray(np.cumsum(life.lost))
 
 
 def bootstrap(
     lives: Sequence[Life],
-    measure: Callable[[Life], Floats] = attempts,
+    measure: Callable[[Life], FloatArray] = attempts,
     draws: int = 1000,
     seed: int = 0,
 ) -> Measure:
@@ -98,7 +99,7 @@ def bootstrap(
 def difference(
     first: Sequence[Life],
     second: Sequence[Life],
-    measure: Callable[[Life], Floats] = attempts,
+    measure: Callable[[Life], FloatArray] = attempts,
     draws: int = 1000,
     seed: int = 0,
 ) -> Measure:
@@ -117,7 +118,7 @@ def difference(
     return _interval(apart, draws, seed)
 
 
-def _interval(values: list[Floats], draws: int, seed: int) -> Measure:
+def _interval(values: list[FloatArray], draws: int, seed: int) -> Measure:
     if not values or any(len(row) == 0 for row in values):
         raise ValueError("nothing to measure: a life without objects, or no life")
     rng = np.random.default_rng(seed)

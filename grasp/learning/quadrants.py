@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.learning.agents import QLearning, run_episode
 from grasp.learning.agents.texplore import Texplore, TexploreSettings
 from grasp.learning.contenders import Attempt, Luck, median_distance
@@ -32,8 +33,6 @@ from grasp.learning.transition import Learner, Transition
 __all__ = [
     "QuadrantBelief", "QuadrantOracle", "Quadrants", "RandomQuadrant", "q_learning", "texplore",
 ]  # fmt: skip
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,7 @@ class QuadrantBelief:
         drawn = self._rng.beta(belief[:, 0], belief[:, 1])
         return int(np.argmax(np.where(info["action_mask"], drawn, -1.0)))
 
-    def _told(self, state: NDArray[Any]) -> Floats:
+    def _told(self, state: NDArray[Any]) -> FloatArray:
         counts = np.zeros((QUADRANTS, 2))
         if self._states:
             apart = np.sum((np.array(self._states) - state) ** 2, axis=1)
@@ -186,9 +185,9 @@ class QuadrantBelief:
             self._tried.append(pair)
 
 
-def _quadrants(directions: Floats) -> NDArray[np.int64]:
+def _quadrants(directions: FloatArray) -> NDArray[np.int64]:
     return np.array([quadrant(float(d)) for d in directions])
 
 
-def _mean(values: Floats) -> float:
+def _mean(values: FloatArray) -> float:
     return float(values.mean()) if len(values) else -1.0

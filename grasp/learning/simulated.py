@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.candidates import Grasps, needed_openings, sample_grasps
 from grasp.push.mechanics.quasistatic import simulate
 from grasp.push.polygon import Part, as_part
@@ -22,7 +23,6 @@ from grasp.push.push_plan import analyse_push_grasps
 
 __all__ = ["GOOD", "POOR", "Perception", "Thing", "World", "WorldSettings", "make_world"]
 
-Floats = NDArray[np.float64]
 
 _JAW = 0.35
 _FRICTION = 0.7
@@ -106,13 +106,13 @@ class Thing:
     """
 
     family: int
-    places: Floats
-    directions: Floats
-    chances: Floats
-    good: Floats
-    poor: Floats
-    features: Floats
-    extents: Floats
+    places: FloatArray
+    directions: FloatArray
+    chances: FloatArray
+    good: FloatArray
+    poor: FloatArray
+    features: FloatArray
+    extents: FloatArray
 
     def __len__(self) -> int:
         return len(self.directions)
@@ -130,7 +130,7 @@ class World:
 
     settings: WorldSettings
     things: tuple[Thing, ...]
-    views: Floats
+    views: FloatArray
 
     def families(self) -> NDArray[np.int64]:
         """Return the family of each object, (objects,)."""
@@ -156,7 +156,7 @@ def make_world(settings: WorldSettings | None = None) -> World:
     return World(chosen, tuple(things), principal_views(things))
 
 
-def principal_views(things: list[Thing]) -> Floats:
+def principal_views(things: list[Thing]) -> FloatArray:
     """Return five standardised principal components of the extents, (objects, 5)."""
     rows = np.array([thing.extents for thing in things])
     centred = rows - rows.mean(axis=0)
@@ -169,7 +169,7 @@ def principal_views(things: list[Thing]) -> Floats:
     return np.pad(scores, ((0, 0), (0, FEATURES - scores.shape[1])))
 
 
-def _family(rng: np.random.Generator) -> Floats:
+def _family(rng: np.random.Generator) -> FloatArray:
     """Return a polygon of 4 to 9 vertices around the origin, (n, 2)."""
     count = int(rng.integers(4, 10))
     while True:
@@ -182,7 +182,7 @@ def _family(rng: np.random.Generator) -> Floats:
     return np.column_stack([radii * np.cos(angles) * stretch, radii * np.sin(angles)])
 
 
-def _distorted(outline: Floats, std: float, rng: np.random.Generator) -> Part:
+def _distorted(outline: FloatArray, std: float, rng: np.random.Generator) -> Part:
     """Return a part with noise at its vertices; drawn again while the outline crosses itself."""
     while True:
         try:
@@ -216,7 +216,7 @@ def _perceived(part: Part, seen: Perception, rng: np.random.Generator) -> Part:
 
 def _chances(
     part: Part, grasps: Grasps, settings: WorldSettings, rng: np.random.Generator
-) -> Floats:
+) -> FloatArray:
     """Return the share of simulated pushes that close, (g,)."""
     size = part.diameter / part.radius
     rows = np.repeat(grasps.rows(part), settings.runs, axis=0)
@@ -230,11 +230,11 @@ def _chances(
         (part.com - part.centroid)[None] / part.radius, np.ones(1, np.bool_), rows, _JAW * size,
         _FRICTION, _MOMENT_ARM**2, size, _STEP * size, codes,
     )  # fmt: skip
-    closed: Floats = (codes[:, 0] > 0).reshape(len(grasps), settings.runs).mean(axis=1)
+    closed: FloatArray = (codes[:, 0] > 0).reshape(len(grasps), settings.runs).mean(axis=1)
     return closed
 
 
-def _quality(part: Part, grasps: Grasps, seen: Perception, settings: WorldSettings) -> Floats:
+def _quality(part: Part, grasps: Grasps, seen: Perception, settings: WorldSettings) -> FloatArray:
     """Return the bound on closure of the candidates on the perceived part, (g,)."""
     return analyse_push_grasps(
         grasps, part.vertices, part.com, jaw_width=_JAW * part.diameter, friction=seen.friction,
@@ -242,7 +242,7 @@ def _quality(part: Part, grasps: Grasps, seen: Perception, settings: WorldSettin
     ).quality  # fmt: skip
 
 
-def _features(part: Part, grasps: Grasps) -> Floats:
+def _features(part: Part, grasps: Grasps) -> FloatArray:
     """Return measures of the candidates on the perceived part, (g, 5)."""
     jaw = _JAW * part.diameter
     along = grasps.approaches
@@ -257,7 +257,7 @@ def _features(part: Part, grasps: Grasps) -> Floats:
     )
 
 
-def _slope_behind(part: Part, middle: Floats, along: Floats) -> float:
+def _slope_behind(part: Part, middle: FloatArray, along: FloatArray) -> float:
     """Return the sine between jaw and the last edge that a ray along the push crosses; 1 = none."""
     starts, ends = part.vertices - middle, np.roll(part.vertices, -1, axis=0) - middle
     across = np.array([-along[1], along[0]])
@@ -271,7 +271,7 @@ def _slope_behind(part: Part, middle: Floats, along: Floats) -> float:
     return float(abs(edge @ along) / np.hypot(*edge))
 
 
-def _extents(part: Part) -> Floats:
+def _extents(part: Part) -> FloatArray:
     """Return how far the outline reaches from the centre of mass in 32 directions, radii."""
     ring = part.vertices - part.com
     starts, ends = ring, np.roll(ring, -1, axis=0)

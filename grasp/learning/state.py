@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasp.arrays import FloatArray
+
 __all__ = ["GrowingComponents", "State", "pooled"]
 
-Floats = NDArray[np.float64]
 
 DESCRIPTOR = 128
 _COMPONENTS = 5
 _ENOUGH = 30
 
 
-def pooled(descriptors: ArrayLike) -> tuple[Floats, bool]:
+def pooled(descriptors: ArrayLike) -> tuple[FloatArray, bool]:
     """Return mean and standard deviation of a view's descriptors, and whether there were any.
 
     Parameters
@@ -51,7 +52,7 @@ def pooled(descriptors: ArrayLike) -> tuple[Floats, bool]:
 class State:
     """Five standardised components (5,) and the version of the components they belong to."""
 
-    features: Floats
+    features: FloatArray
     version: int
 
 
@@ -78,7 +79,7 @@ class GrowingComponents:
         self._scatter = np.zeros((size, size))
         rng = np.random.default_rng(seed)
         projection, _ = np.linalg.qr(rng.normal(size=(size, _COMPONENTS)))
-        self._axes: Floats = projection.T
+        self._axes: FloatArray = projection.T
         self._centre = np.zeros(size)
         self._scale = np.ones(_COMPONENTS)
         self._due = _ENOUGH
@@ -107,7 +108,7 @@ class GrowingComponents:
         row = self._checked(view)
         return State(self._axes @ (row - self._centre) / self._scale, self.version)
 
-    def _checked(self, view: ArrayLike) -> Floats:
+    def _checked(self, view: ArrayLike) -> FloatArray:
         row = np.asarray(view, dtype=np.float64)
         if row.shape != (self.size,) or not np.all(np.isfinite(row)):
             raise ValueError(f"expected {self.size} finite numbers, got shape {row.shape}")

@@ -11,11 +11,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray, IntArray
 from grasp.push.candidates import Grasps
 from grasp.push.mechanics.conditions import CODES, INVALID, UNTRIED
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray, Part
-from grasp.push.quality import IntArray, best_first, density_quality, lower_bound
+from grasp.push.polygon import Part
+from grasp.push.quality import best_first, density_quality, lower_bound
 from grasp.push.shards import Executor, Serial, shard
 from grasp.push.trials import CodeArray, PushTest, Trials
 
@@ -31,7 +32,7 @@ __all__ = [
     "summed",
 ]
 
-STOP_CHANGE, STOP_WINDOW, STOP_LEAST = 0.05, 20, 30
+STOP_CHANGE, STOP_WINDOW, STOP_MIN_SAMPLES = 0.05, 20, 30
 """Convergence rule of Kehoe 2014, 3.5: the best quality moved by at most 5 % over a window."""
 
 _BATCH = 64
@@ -221,7 +222,7 @@ def stop_at(curve: FloatArray) -> int:
     >>> stop_at(np.ones(100)), stop_at(np.linspace(1, 0, 40))
     (30, 0)
     """
-    for k in range(STOP_LEAST, len(curve) + 1):
+    for k in range(STOP_MIN_SAMPLES, len(curve) + 1):
         window = curve[k - STOP_WINDOW - 1 : k] if k > STOP_WINDOW else curve[:k]
         if np.ptp(window) <= STOP_CHANGE * max(curve[k - 1], 1e-12):
             return k

@@ -8,8 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.mechanics.contact import NOTHING, highest, lowest
-from grasp.push.polygon import FloatArray, Part, filter_polygon
+from grasp.push.polygon import Part, filter_polygon
 
 __all__ = ["Grasps", "approach", "make_grasps", "needed_openings", "sample_grasps"]
 

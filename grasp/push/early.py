@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from grasp.arrays import FloatArray, IntArray
 from grasp.push.analysis import Analysis, summed
 from grasp.push.candidates import Grasps
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray, Part
-from grasp.push.quality import IntArray
+from grasp.push.polygon import Part
 from grasp.push.shards import Executor, Serial, shard
 from grasp.push.trials import CodeArray, PushTest, Trials
 

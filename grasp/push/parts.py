@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from grasp.push.polygon import FloatArray
+from grasp.arrays import FloatArray
 
 __all__ = ["BRACKETS", "SHAPES", "TAPE_DISPENSER", "TAPE_DISPENSER_COM", "TOLERANCING", "stand_in"]
 

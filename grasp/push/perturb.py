@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, uint64
 
-from grasp.push.polygon import FloatArray, Part, crossing
+from grasp.arrays import FloatArray
+from grasp.push.polygon import Part, crossing
 
 __all__ = ["Tolerance", "normals", "part_key", "perturbed", "sobol_normals", "valid_outlines"]
 

@@ -13,9 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from grasp.arrays import FloatArray
+
 __all__ = [
     "MAX_VERTICES",
-    "FloatArray",
     "Part",
     "as_part",
     "as_polygon",
@@ -25,7 +26,6 @@ __all__ = [
     "simplify",
 ]
 
-FloatArray = NDArray[np.float64]
 
 MAX_VERTICES = 512
 """Planning on more is refused: at such a density the tolerance of a vertex exceeds its edges."""

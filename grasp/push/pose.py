@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from grasp.arrays import FloatArray
 from grasp.push.candidates import Grasps
 from grasp.push.mechanics.quasistatic import simulate
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray, Part
+from grasp.push.polygon import Part
 from grasp.push.quality import density_weights
 from grasp.push.shards import Executor, Serial, shard
 from grasp.push.trials import CodeArray, PushTest, Trials

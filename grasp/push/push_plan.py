@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.analysis import Analysis, Elimination, Racing, analyse
 from grasp.push.candidates import Grasps, needed_openings, sample_grasps
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import MAX_VERTICES, FloatArray, Part, as_part
+from grasp.push.polygon import MAX_VERTICES, Part, as_part
 from grasp.push.shards import Executor
 from grasp.push.trials import CodeArray, PushTest, Trials
 

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.push.polygon import FloatArray
+from grasp.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from grasp.push.candidates import Grasps
 
 __all__ = ["best_first", "density_quality", "density_weights", "lower_bound"]
-
-IntArray = NDArray[np.int64]
 
 
 def lower_bound(successes: IntArray, tried: IntArray, confidence: float = 0.95) -> FloatArray:

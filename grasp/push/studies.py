@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln
 
+from grasp.arrays import FloatArray
 from grasp.push.analysis import analyse
 from grasp.push.candidates import sample_grasps
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray, Part
+from grasp.push.polygon import Part
 from grasp.push.push_plan import PushPlan
 from grasp.push.trials import CodeArray, PushTest
 

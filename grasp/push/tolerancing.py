@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray, IntArray
 from grasp.push.analysis import Elimination, analyse
 from grasp.push.candidates import Grasps
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray, Part
-from grasp.push.quality import IntArray, lower_bound
+from grasp.push.polygon import Part
+from grasp.push.quality import lower_bound
 from grasp.push.trials import PushTest, Trials
 
 __all__ = [

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.candidates import Grasps
 from grasp.push.mechanics.conditions import evaluate
 from grasp.push.perturb import (
@@ -19,7 +20,7 @@ from grasp.push.perturb import (
     sobol_normals,
     valid_outlines,
 )
-from grasp.push.polygon import FloatArray, Part
+from grasp.push.polygon import Part
 
 __all__ = ["CodeArray", "PushTest", "Trials"]
 

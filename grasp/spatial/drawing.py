@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.figures.drawing import Canvas
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
@@ -14,10 +14,9 @@ from grasp.spatial.meshes.mesh import Mesh
 
 __all__ = ["candidates_svg"]
 
-FloatArray = NDArray[np.float64]
 
 _TILT, _TURN = np.deg2rad(30.0), np.deg2rad(-35.0)
-_MOST_FACES, _MOST_POINTS = 1500, 2500
+_MAX_FACES, _MAX_POINTS = 1500, 2500
 _LIGHT = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
 _COLUMNS, _STEM_M = 3, 0.02
 # Corners of a box's faces, counter-clockwise from outside; corner k has the bits of x, y, z.
@@ -140,7 +139,7 @@ def _dots(points: FloatArray) -> Shaded:
     """Return points as they are seen, far ones first and lighter."""
     if len(points) == 0:
         return []
-    shown = _seen(points[:: max(len(points) // _MOST_POINTS, 1)])
+    shown = _seen(points[:: max(len(points) // _MAX_POINTS, 1)])
     order = np.argsort(shown[:, 2], kind="stable")
     far, near = shown[order[0], 2], shown[order[-1], 2]
     tones = np.round(175 - 110 * (shown[:, 2] - far) / max(near - far, 1e-9)).astype(int).tolist()
@@ -151,8 +150,8 @@ def _faces(mesh: Mesh) -> Shaded:
     """Return the faces that look towards the eye, far ones first; of a fine mesh, dots."""
     eye = np.linalg.inv(_seen(np.eye(3)).T)[:, 2]
     front = np.flatnonzero(mesh.normals @ eye > 0)
-    if len(front) > _MOST_FACES:
-        points, face = mesh.sample(2 * _MOST_POINTS, np.random.default_rng(0))
+    if len(front) > _MAX_FACES:
+        points, face = mesh.sample(2 * _MAX_POINTS, np.random.default_rng(0))
         return _dots(points[mesh.normals[face] @ eye > 0])
     corners = _seen(mesh.vertices[mesh.faces[front]].reshape(-1, 3)).reshape(-1, 3, 3)
     tones = 150 + 90 * np.maximum(mesh.normals[front] @ _LIGHT, 0.0)

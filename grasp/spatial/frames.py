@@ -7,13 +7,12 @@ midway between the fingertips. Transforms are ``target_from_source``, quaternion
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
+
 __all__ = [
-    "FloatArray",
     "angle_between_axes",
     "closing_yaw",
     "matrix_from_pose",
@@ -27,8 +26,6 @@ __all__ = [
     "wrap_axis",
     "yaw_of",
 ]
-
-FloatArray = NDArray[np.floating[Any]]
 
 
 def wrap_2pi(angle: float) -> float:
@@ -122,7 +119,8 @@ def move_planar(
     pose, yaw, height = target_from_source, yaw_of(target_from_source), 0.0
     if inverse:
         # The yaw is negated, not read from the inverse: theta - yaw is exactly 0 along the x axis.
-        pose, yaw, height = np.linalg.inv(pose), -yaw, float(pose[2, 3])
+        inverted = np.asarray(np.linalg.inv(pose), dtype=np.float64)
+        pose, yaw, height = inverted, -yaw, float(pose[2, 3])
     ones = np.ones(len(planar))
     points = np.stack([planar[:, 0], planar[:, 1], height * ones, ones], axis=1)
     moved = (pose @ points[:, :, None])[:, :2, 0]

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import ParallelGripper
@@ -20,7 +20,6 @@ from grasp.spatial.scoring.select import diverse, rank
 
 __all__ = ["SpatialOptions", "plan_on_cloud", "plan_on_mesh", "warm_up"]
 
-FloatArray = NDArray[np.float64]
 
 _BODY_POINTS = 1500
 _SURFEL = 1.5

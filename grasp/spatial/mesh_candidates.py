@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.collision import HIT_BY, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
@@ -23,8 +24,6 @@ from grasp.spatial.scoring.confidence import PoseNoise, closures
 
 __all__ = ["Pairs", "antipodal_pairs", "propose_on_mesh"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _UNFIT = "too wide or too narrow for the stroke"
 _NO_ROOM = "no room for a finger beside it"

@@ -19,7 +19,7 @@ Ids = NDArray[np.uint64]
 
 HALF = np.uint64(32)
 LOW = np.uint64(0xFFFFFFFF)
-MOST_ROWS = 20_000_000
+MAX_ROWS = 20_000_000
 """A join with more rows is done in parts."""
 
 
@@ -164,7 +164,7 @@ def expand(keys: Keys, highs: Ids) -> tuple[NDArray[np.intp], Ids]:
     start = np.searchsorted(keys, first)
     counts = np.searchsorted(keys, first | LOW, side="right") - start
     total = int(counts.sum())
-    if total > MOST_ROWS:
+    if total > MAX_ROWS:
         raise TooManyRowsError
     index = np.repeat(np.arange(len(highs)), counts)
     offset = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)

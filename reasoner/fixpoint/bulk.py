@@ -373,7 +373,7 @@ class _Hierarchy:
     def above(self, types: Keys) -> Keys:
         """Return the types that follow from types."""
         out = []
-        for part in np.array_split(types, 1 + len(types) * self._deepest // arrays.MOST_ROWS):
+        for part in np.array_split(types, 1 + len(types) * self._deepest // arrays.MAX_ROWS):
             index, classes = arrays.expand(self._above, arrays.lower(part))
             out.append(arrays.distinct(arrays.pack(arrays.upper(part)[index], classes)))
         return np.concatenate(out)

@@ -24,7 +24,7 @@ def test_the_size_of_the_closure_is_known():
 def test_joins_in_parts_give_the_same(monkeypatch):
     data = facts(2_500)
     whole = set(Closure.build(schema(), data).inferred())
-    monkeypatch.setattr(arrays, "MOST_ROWS", 100)
+    monkeypatch.setattr(arrays, "MAX_ROWS", 100)
     assert set(Closure.build(schema(), data).inferred()) == whole
 
 

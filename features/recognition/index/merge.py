@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from features.recognition.index.folder import SegmentEntry
 from features.recognition.index.segments import Block, ViewName
 
-__all__ = ["MOST_DEAD", "Piece", "sealed_pieces"]
+__all__ = ["MAX_DEAD", "Piece", "sealed_pieces"]
 
-MOST_DEAD = 0.25
+MAX_DEAD = 0.25
 """Share of removed views above which a segment is written anew without them."""
 
 _ALIKE = 2.0
@@ -84,7 +84,7 @@ def sealed_pieces(pieces: Sequence[Piece]) -> list[Piece]:
 
 def _sealed(group: Sequence[Piece]) -> Piece:
     only = group[0]
-    if len(group) == 1 and only.block.tables is not None and only.dead_share <= MOST_DEAD:
+    if len(group) == 1 and only.block.tables is not None and only.dead_share <= MAX_DEAD:
         return only
     block = Block.joined([piece.block.kept(piece.alive, piece.names) for piece in group])
     return Piece(block.with_tables(), block.names, np.ones(len(block.names), bool))

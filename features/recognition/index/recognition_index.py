@@ -21,7 +21,7 @@ from features.recognition.index.delta import Delta
 from features.recognition.index.folder import IndexFolder, Manifest
 from features.recognition.index.hashing import Hasher
 from features.recognition.index.journal import Change, Journal, read_changes
-from features.recognition.index.merge import MOST_DEAD, Piece, sealed_pieces
+from features.recognition.index.merge import MAX_DEAD, Piece, sealed_pieces
 from features.recognition.index.segments import (
     Block,
     IndexCorruptError,
@@ -154,7 +154,7 @@ class RecognitionIndex:
             self._record(Change("remove", view_iri))
             part = self._apply_remove(view_iri)
             sealed = part.block.tables is not None
-            if sealed and not self._snapshot.alive[part.views()].mean() >= 1 - MOST_DEAD:
+            if sealed and not self._snapshot.alive[part.views()].mean() >= 1 - MAX_DEAD:
                 self.save()
             return True
 

@@ -22,8 +22,8 @@ _CUBIC_KNOTS = np.concatenate(
     [np.zeros(4), np.arange(1, INNER_KNOTS + 1) / (INNER_KNOTS + 1), np.ones(4)]
 )
 _PER_AXIS = INNER_KNOTS + 4
-_LEAST_POINTS = 200
-_MOST_POINTS = 4000
+_MIN_POINTS = 200
+_MAX_POINTS = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +133,9 @@ def fit_surface(depth_m: NDArray[np.floating], mask: NDArray[np.bool_]) -> Surfa
         None with fewer than 200 measured points.
     """
     rows, columns = np.nonzero(mask & np.isfinite(depth_m) & (depth_m > 0))
-    if len(rows) < _LEAST_POINTS:
+    if len(rows) < _MIN_POINTS:
         return None
-    step = -(-len(rows) // _MOST_POINTS)
+    step = -(-len(rows) // _MAX_POINTS)
     rows, columns = rows[::step], columns[::step]
     z = depth_m[rows, columns].astype(np.float64)
     box = np.array([columns.min(), rows.min(), columns.max(), rows.max()], np.float32)

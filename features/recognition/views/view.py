@@ -31,8 +31,8 @@ __all__ = ["EXTRACTOR", "ViewFeatures", "describe_frame", "describe_view"]
 EXTRACTOR = "rootsift-240/hsv-hog/1"
 """Name of what :func:`describe_view` computes; features of another name cannot be compared."""
 
-_LEAST_MASK_PX = 50
-_MOST_BYTES = 64 * 2**20
+_MIN_MASK_PX = 50
+_MAX_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,8 @@ class ViewFeatures:
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
                 declared = sum(entry.file_size for entry in archive.infolist())
-            if declared > _MOST_BYTES:
-                raise ValueError(f"view features of {declared} bytes; at most {_MOST_BYTES}")
+            if declared > _MAX_BYTES:
+                raise ValueError(f"view features of {declared} bytes; at most {_MAX_BYTES}")
             with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
                 return cls._from_arrays(dict(arrays))
         except (zipfile.BadZipFile, KeyError, OSError, EOFError) as error:
@@ -214,7 +214,7 @@ def describe_view(
         raise ValueError(f"depth needs intrinsics and the mask's shape, got {depth.shape}")
 
     grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    if len(rows) < _LEAST_MASK_PX:
+    if len(rows) < _MIN_MASK_PX:
         keypoints, descriptors = np.empty((0, 4), np.float32), np.empty((0, 128), np.uint8)
     else:
         keypoints, descriptors = detect_keypoints(grey, mask, params)

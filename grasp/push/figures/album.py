@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.push.figures.drawing import Canvas, chart, heat_map
 from grasp.push.figures.whiskers import best_grasp_svg, eliminated_svg, whisker_svg
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray
 from grasp.push.pose import pose_map
 from grasp.push.push_plan import PushPlan
 from grasp.push.tolerancing import near_vertices, quality_at

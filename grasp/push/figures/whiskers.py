@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.push.figures.drawing import Canvas
-from grasp.push.polygon import FloatArray
 from grasp.push.push_plan import PushPlan
 from grasp.push.trials import Trials
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.push.polygon import FloatArray
+from grasp.arrays import FloatArray
 
 __all__ = [
     "Complex",
@@ -30,7 +30,7 @@ Complex = NDArray[np.complex128]
 Curve = Callable[[FloatArray], Complex]
 Piece = tuple[Curve, int]
 
-_MOST_CHORDS = 1024
+_MAX_CHORDS = 1024
 _TOLERANCE = 5e-4
 
 
@@ -102,7 +102,7 @@ def _chords(pieces: Sequence[Piece], tolerance: float) -> FloatArray:
     for curve, chords in pieces:
         count, straight = chords, chords == 1
         places = curve(np.linspace(0.0, 1.0, count + 1))
-        while not straight and count < _MOST_CHORDS:
+        while not straight and count < _MAX_CHORDS:
             finer = curve(np.linspace(0.0, 1.0, 2 * count + 1))
             off = np.abs(finer[1::2] - (finer[:-1:2] + finer[2::2]) / 2)
             straight = bool(off.max() <= tolerance)

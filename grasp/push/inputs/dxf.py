@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.push.inputs.curves import Complex, flatten
 from grasp.push.inputs.rings import joined
-from grasp.push.polygon import FloatArray
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grasp.push.polygon import FloatArray, as_polygon
+from grasp.arrays import FloatArray
+from grasp.push.polygon import as_polygon
 
 __all__ = ["PartRings", "joined", "outline_and_holes"]
 

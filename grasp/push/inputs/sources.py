@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.inputs.dxf import DxfOutlines, rings_from_dxf
 from grasp.push.inputs.rings import PartRings, outline_and_holes
 from grasp.push.inputs.svg import rings_from_svg
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import FloatArray, as_part, as_polygon, plate_centroid, simplify
+from grasp.push.polygon import as_part, as_polygon, plate_centroid, simplify
 
 __all__ = [
     "CLOUD_ENDINGS",

@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.push.inputs.curves import Piece, flatten, moved_by
 from grasp.push.inputs.svg_path import basic_shape, numbers, path_pieces
-from grasp.push.polygon import FloatArray
 
 __all__ = ["rings_from_svg", "transform_matrix"]
 
@@ -20,7 +20,7 @@ _PX = {"": 1.0, "px": 1.0, "mm": 96 / 25.4, "cm": 960 / 25.4, "q": 24 / 25.4, "i
 _LENGTH = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Z]*|%)\s*")
 _UNSEEN = frozenset({"defs", "symbol", "clipPath", "mask", "marker", "pattern", "metadata"})
 _HREF = "{http://www.w3.org/1999/xlink}href"
-_MOST_USES = 100
+_MAX_USES = 100
 
 
 def rings_from_svg(text: str, tolerance: float | None = None) -> tuple[list[FloatArray], str]:
@@ -110,8 +110,8 @@ class _Document:
         if target is None:
             return
         self._uses += 1
-        if self._uses > _MOST_USES:
-            raise ValueError(f"an SVG with more than {_MOST_USES} uses is refused")
+        if self._uses > _MAX_USES:
+            raise ValueError(f"an SVG with more than {_MAX_USES} uses is refused")
         x, y = (0.0 if math.isnan(v := self._length(element, k)) else v for k in "xy")
         moved = here @ np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
         if str(target.tag).rpartition("}")[2] == "symbol":

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.push.mechanics.contact import NOTHING, highest, lowest
 from grasp.push.mechanics.quasistatic import CLOSED, LOST, NOT_HELD
-from grasp.push.polygon import FloatArray
 
 __all__ = ["is_available", "simulate_in_box2d"]
 

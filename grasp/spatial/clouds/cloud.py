@@ -8,16 +8,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.clouds.neighbours import PointGrid
 from grasp.spatial.clouds.surfaces import estimate_normals
 
 __all__ = ["SurfaceCloud", "prepare_cloud"]
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-_MOST_RAW = 500_000
-_MOST_VOXELS = 40_000
+_MAX_RAW = 500_000
+_MAX_VOXELS = 40_000
 _FAR_M = 2.0
 _ABSURD_M = 1e6
 _TABLE_VOXELS = 2.0
@@ -53,14 +53,14 @@ class SurfaceCloud:
         Why there is nothing to grasp; "" when there is.
     """
 
-    points: Floats
-    normals: Floats
+    points: FloatArray
+    normals: FloatArray
     target: Flags
     counted: Flags
     completed: Flags
     voxel: float
-    viewpoints: Floats
-    table: Floats | None = None
+    viewpoints: FloatArray
+    table: FloatArray | None = None
     notes: tuple[str, ...] = ()
     reason: str = ""
     _grids: dict[float, PointGrid] = field(default_factory=dict, compare=False, repr=False)
@@ -72,16 +72,16 @@ class SurfaceCloud:
         return self._grids[cell]
 
     @cached_property
-    def axes(self) -> Floats:
+    def axes(self) -> FloatArray:
         """Axes of the object (3, 3), rows, longest first; see :func:`own_axes`."""
         return own_axes(self.points[self.target & ~self.completed])
 
     @property
-    def centroid(self) -> Floats:
+    def centroid(self) -> FloatArray:
         """Mean of the object's points (3,), m."""
         return np.asarray(self.points[self.target].mean(axis=0))
 
-    def with_points(self, points: Floats, normals: Floats) -> SurfaceCloud:
+    def with_points(self, points: FloatArray, normals: FloatArray) -> SurfaceCloud:
         """Return the cloud and points (m, 3) with normals that are assumed, not seen."""
         n, m = len(self.points), len(points)
         return replace(
@@ -96,11 +96,11 @@ class SurfaceCloud:
 
 
 def prepare_cloud(
-    points: Floats,
+    points: FloatArray,
     *,
-    table: Floats | None = None,
-    viewpoints: Floats | None = None,
-    obstacles: Floats | None = None,
+    table: FloatArray | None = None,
+    viewpoints: FloatArray | None = None,
+    obstacles: FloatArray | None = None,
     voxel: float = 0.003,
     normal_radius: float = 0.01,
     silhouette_deg: float = 70.0,
@@ -176,7 +176,7 @@ def prepare_cloud(
     )
 
 
-def own_axes(points: Floats) -> Floats:
+def own_axes(points: FloatArray) -> FloatArray:
     """Return the principal axes of points (n, 3) as rows, longest first, right-handed.
 
     Each points to where the points reach further, so that the axes move with them.
@@ -190,14 +190,14 @@ def own_axes(points: Floats) -> Floats:
     return axes
 
 
-def _checked(points: Floats, name: str) -> Floats:
+def _checked(points: FloatArray, name: str) -> FloatArray:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"{name} must have shape (n, 3) in m, got {array.shape}")
     return array
 
 
-def _unit_plane(table: Floats) -> Floats:
+def _unit_plane(table: FloatArray) -> FloatArray:
     plane = np.asarray(table, dtype=np.float64)
     if plane.shape != (4,) or not np.isfinite(plane).all() or not np.any(plane[:3]):
         raise ValueError("table must be a plane (4,): its upward normal and n . p + d = 0, in m")
@@ -205,7 +205,7 @@ def _unit_plane(table: Floats) -> Floats:
 
 
 def _nothing(
-    cameras: Floats, plane: Floats | None, voxel: float, notes: list[str], reason: str
+    cameras: FloatArray, plane: FloatArray | None, voxel: float, notes: list[str], reason: str
 ) -> SurfaceCloud:
     none, flags = np.empty((0, 3)), np.empty(0, bool)
     return SurfaceCloud(
@@ -213,13 +213,13 @@ def _nothing(
     )
 
 
-def _cropped(points: Floats, notes: list[str]) -> Floats:
+def _cropped(points: FloatArray, notes: list[str]) -> FloatArray:
     finite = (np.abs(points) < _ABSURD_M).all(axis=1)  # false for nan too
     if not finite.all():
         notes.append(f"{int((~finite).sum())} points that are not finite left out")
         points = points[finite]
-    if len(points) > _MOST_RAW:
-        step = -(-len(points) // _MOST_RAW)
+    if len(points) > _MAX_RAW:
+        step = -(-len(points) // _MAX_RAW)
         notes.append(f"every {step}th of {len(points)} points taken")
         points = points[::step]
     if len(points):
@@ -231,7 +231,7 @@ def _cropped(points: Floats, notes: list[str]) -> Floats:
     return points
 
 
-def _shapeless(points: Floats, voxel: float) -> str:
+def _shapeless(points: FloatArray, voxel: float) -> str:
     """Return why points have no volume to close around, or ""."""
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T, ddof=0)), 0.0))
     if len(points) < 3 or spread[2] < _THIN_VOXELS * voxel:
@@ -244,8 +244,13 @@ def _shapeless(points: Floats, voxel: float) -> str:
 
 
 def _thinned(
-    points: Floats, kind: Flags, axes: Floats, centre: Floats, voxel: float, notes: list[str]
-) -> tuple[Floats, Flags, float]:
+    points: FloatArray,
+    kind: Flags,
+    axes: FloatArray,
+    centre: FloatArray,
+    voxel: float,
+    notes: list[str],
+) -> tuple[FloatArray, Flags, float]:
     """Return the mean of the points in each voxel, whether most are the object's, the edge."""
     local = (points - centre) @ axes.T
     wanted = voxel
@@ -256,9 +261,9 @@ def _thinned(
         keys = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
         order = np.argsort(keys, kind="stable")
         starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
-        if len(starts) <= _MOST_VOXELS:
+        if len(starts) <= _MAX_VOXELS:
             break
-        voxel *= max(1.05, float(np.sqrt(len(starts) / _MOST_VOXELS)))
+        voxel *= max(1.05, float(np.sqrt(len(starts) / _MAX_VOXELS)))
     if voxel > wanted:
         notes.append(f"voxels enlarged from {1e3 * wanted:.3g} to {1e3 * voxel:.3g} mm")
     counts = np.diff(np.append(starts, len(keys)))
@@ -268,8 +273,12 @@ def _thinned(
 
 
 def _oriented(
-    points: Floats, normals: Floats, cameras: Floats, centroid: Floats, least_cos: float
-) -> tuple[Floats, Flags]:
+    points: FloatArray,
+    normals: FloatArray,
+    cameras: FloatArray,
+    centroid: FloatArray,
+    least_cos: float,
+) -> tuple[FloatArray, Flags]:
     """Turn normals out of the object; return them and which are seen well enough."""
     if len(cameras) == 0:
         outward = np.einsum("ij,ij->i", normals, points - centroid)

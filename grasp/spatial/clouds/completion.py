@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from grasp.arrays import FloatArray
 from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.clouds.neighbours import within
 
 __all__ = ["Symmetry", "complete_by_symmetry", "find_symmetry"]
 
-Floats = NDArray[np.float64]
 
 _PLANES = 11
 _ACROSS_RAD = 0.62
@@ -53,12 +53,12 @@ class Symmetry:
         How far completed points lie in space that was seen empty, mean, m.
     """
 
-    linear: Floats
-    offset: Floats
+    linear: FloatArray
+    offset: FloatArray
     kind: Literal["plane", "turn"]
     contradiction: float = 0.0
 
-    def apply(self, points: Floats) -> Floats:
+    def apply(self, points: FloatArray) -> FloatArray:
         """Return images of points (n, 3), m."""
         return points @ self.linear.T + self.offset
 
@@ -84,7 +84,7 @@ def complete_by_symmetry(
     if cloud.reason or len(cloud.viewpoints) == 0:
         return cloud
     symmetry = symmetry or find_symmetry(cloud)
-    added: list[tuple[Floats, Floats]] = []
+    added: list[tuple[FloatArray, FloatArray]] = []
     if symmetry is not None:
         chosen = cloud.target & ~cloud.completed & cloud.counted
         image = symmetry.apply(cloud.points[chosen])
@@ -127,7 +127,7 @@ def find_symmetry(cloud: SurfaceCloud) -> Symmetry | None:
     return replace(options[best], contradiction=judged[best][0])
 
 
-def _planes(seen: Floats, ahead: Floats, side: Floats) -> list[Symmetry]:
+def _planes(seen: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symmetry]:
     """Return mirrors in vertical planes that stand across the view, through and behind what is
     seen. Planes along the view map what is seen onto itself and tell nothing."""
     found = []
@@ -143,7 +143,7 @@ def _planes(seen: Floats, ahead: Floats, side: Floats) -> list[Symmetry]:
     return found
 
 
-def _turns(seen: Floats, up: Floats, ahead: Floats, side: Floats) -> list[Symmetry]:
+def _turns(seen: FloatArray, up: FloatArray, ahead: FloatArray, side: FloatArray) -> list[Symmetry]:
     """Return half turns about vertical axes through and behind what is seen."""
     linear = 2 * np.outer(up, up) - np.eye(3)
     depth, across = seen @ ahead, seen @ side
@@ -170,14 +170,14 @@ class _View:
         m; inf where the object is not seen.
     """
 
-    camera: Floats
-    rotation: Floats
-    low: Floats
+    camera: FloatArray
+    rotation: FloatArray
+    low: FloatArray
     cell: float
-    depth: Floats
+    depth: FloatArray
 
     @classmethod
-    def of(cls, cloud: SurfaceCloud, camera: Floats) -> _View:
+    def of(cls, cloud: SurfaceCloud, camera: FloatArray) -> _View:
         seen = cloud.points[cloud.target & ~cloud.completed] - camera
         forward = seen.mean(axis=0)
         distance = float(np.linalg.norm(forward))
@@ -200,7 +200,7 @@ class _View:
                 np.minimum.at(depth, (row[inside] + dr, column[inside] + dc), local[inside, 2])
         return cls(camera, rotation, low, cell, depth)
 
-    def behind(self, points: Floats) -> Floats:
+    def behind(self, points: FloatArray) -> FloatArray:
         """Return how far points (n, 3) lie behind the visible surface, m; -inf beside it."""
         local = np.ascontiguousarray((points - self.camera) @ self.rotation.T)
         return np.asarray(_behind(local, self.low, self.cell, self.depth))
@@ -221,7 +221,7 @@ def _behind(local, low, cell, depth):  # type: ignore[no-untyped-def]
     return out
 
 
-def _contradiction(views: list[_View], image: Floats) -> tuple[float, float]:
+def _contradiction(views: list[_View], image: FloatArray) -> tuple[float, float]:
     """Return what speaks against completed points, and what orders guesses that nothing speaks
     against, both as means over the points, m.
 
@@ -235,7 +235,7 @@ def _contradiction(views: list[_View], image: Floats) -> tuple[float, float]:
     return float(front.mean()), float(np.mean(front + _BEHIND * np.clip(behind, 0.0, None)))
 
 
-def _hidden(cloud: SurfaceCloud, points: Floats) -> NDArray[np.bool_]:
+def _hidden(cloud: SurfaceCloud, points: FloatArray) -> NDArray[np.bool_]:
     """Tell which points no camera saw as empty, the table does not hold, and nobody knows yet."""
     keep = np.ones(len(points), bool)
     if len(points) == 0:
@@ -252,7 +252,7 @@ def _hidden(cloud: SurfaceCloud, points: Floats) -> NDArray[np.bool_]:
     return keep
 
 
-def _walls(cloud: SurfaceCloud) -> tuple[Floats, Floats]:
+def _walls(cloud: SurfaceCloud) -> tuple[FloatArray, FloatArray]:
     """Return points and normals of walls from the edge of the visible top down to the table.
 
     The object is looked at from above as a map of heights; where a cell has a much lower or no
@@ -277,8 +277,8 @@ def _walls(cloud: SurfaceCloud) -> tuple[Floats, Floats]:
     top = ndimage.grey_closing(top, 3)
     # Walls look down the slope of the blurred heights: not only along the map's own directions.
     slope = np.stack(np.gradient(ndimage.gaussian_filter(np.minimum(top, top.mean()), 1.0)))
-    points: list[Floats] = []
-    normals: list[Floats] = []
+    points: list[FloatArray] = []
+    normals: list[FloatArray] = []
     for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         neighbour = np.roll(top, (-dx, -dy), axis=(0, 1))
         for i, j in np.argwhere(top - neighbour > 2 * cloud.voxel):

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from grasp.arrays import FloatArray
 from grasp.spatial.clouds.neighbours import PointGrid, within
 
 __all__ = ["estimate_normals", "quadric_normals", "smallest_axis", "surface_frames"]
 
-Floats = NDArray[np.float64]
 
 _FEW = 5
 _DRAWN = 64
 _FLAT_SHARE = 0.02
 
 
-def estimate_normals(grid: PointGrid, radius: float) -> tuple[Floats, NDArray[np.bool_]]:
+def estimate_normals(grid: PointGrid, radius: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return unit normals (n, 3) of unknown sign by PCA of each point's neighbours, and which
     points have the five neighbours off one line that it takes; the others have zeros.
 
@@ -39,12 +39,12 @@ def estimate_normals(grid: PointGrid, radius: float) -> tuple[Floats, NDArray[np
 
 def surface_frames(
     grid: PointGrid,
-    normals: Floats,
+    normals: FloatArray,
     samples: NDArray[np.int64],
     radius: float,
-    along: Floats,
+    along: FloatArray,
     quadric: bool = False,
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return local frames (m, 3, 3) at samples, rows axis, normal, binormal, and which exist.
 
     Parameters
@@ -85,7 +85,7 @@ def surface_frames(
     return frames, known
 
 
-def quadric_normals(points: Floats) -> Floats | None:
+def quadric_normals(points: FloatArray) -> FloatArray | None:
     """Return unit normals (n, 3) of the quadric that fits points (n, 3) best (Taubin 1991).
 
     Minimises the sum of squared values over the sum of squared gradients. The sign is arbitrary

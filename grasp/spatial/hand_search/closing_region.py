@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.gripper import ParallelGripper
@@ -18,7 +19,6 @@ from grasp.spatial.hand_search.antipodal import REFERENCE_VOXEL_M
 
 __all__ = ["HOG_LENGTH", "PICTURE", "STATISTICS", "closing_regions", "hog"]
 
-Floats = NDArray[np.float64]
 
 PICTURE = (80, 100)
 """Rows along the approach and columns along the closing direction, cells of 1 mm."""
@@ -132,7 +132,7 @@ def hog(pictures: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.concatenate(found, axis=1)
 
 
-def _view_ray(cloud: SurfaceCloud, at: Floats) -> Floats:
+def _view_ray(cloud: SurfaceCloud, at: FloatArray) -> FloatArray:
     if len(cloud.viewpoints) == 0:
         return np.zeros(3)
     ray = at - cloud.viewpoints[0]
@@ -141,13 +141,13 @@ def _view_ray(cloud: SurfaceCloud, at: Floats) -> Floats:
 
 def _statistics(
     cloud: SurfaceCloud,
-    region: Floats,
-    along: Floats,
+    region: FloatArray,
+    along: FloatArray,
     completed: NDArray[np.bool_],
     candidate: GraspCandidate,
     gripper: ParallelGripper,
     view: float,
-) -> Floats:
+) -> FloatArray:
     low, high = gripper.fingertip - gripper.finger_length, gripper.fingertip
     inside = (region[:, 2] > low) & (region[:, 2] < high)
     region, along, completed = region[inside], along[inside], completed[inside]
@@ -185,7 +185,7 @@ def _statistics(
     )
 
 
-def _picture(region: Floats) -> NDArray[np.bool_]:
+def _picture(region: FloatArray) -> NDArray[np.bool_]:
     rows, columns = PICTURE
     picture = np.zeros(PICTURE, bool)
     if len(region) == 0:

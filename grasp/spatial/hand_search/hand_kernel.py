@@ -35,7 +35,7 @@ COLUMNS = (
 """What :func:`search_samples` returns of each hand; lengths in m, in the hand frame."""
 
 
-_LEAST_BITE = 0.5
+_MIN_BITE = 0.5
 
 
 @numba.njit(cache=True, nogil=True)
@@ -275,7 +275,7 @@ def _placed(  # type: ignore[no-untyped-def]
         bite = _bite_over_table(
             origin, rotation, middle, outer, slim, wide, bite, depth, tip_room, table
         )
-        if bite < _LEAST_BITE * init_bite:
+        if bite < _MIN_BITE * init_bite:
             return False
     if not support(local, along_x, flags, count, middle, wanted, bite - depth, bite, cos_angle,
                    touch, out):  # fmt: skip

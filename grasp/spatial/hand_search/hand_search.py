@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
@@ -25,7 +26,6 @@ from grasp.spatial.hand_search.hands import Hands, SearchOptions, find_hands
 
 __all__ = ["propose_from_cloud", "propose_on"]
 
-Floats = NDArray[np.float64]
 
 _CHECKED = 3
 
@@ -36,12 +36,12 @@ _RIGHT = {"full": (0.05, 0.3, 0.6, 0.8, 0.92, 0.97), "half": (0.01, 0.1, 0.4, 0.
 
 
 def propose_from_cloud(
-    points: Floats,
+    points: FloatArray,
     gripper: ParallelGripper,
     *,
-    table: Floats | None = None,
-    viewpoints: Floats | None = None,
-    obstacles: Floats | None = None,
+    table: FloatArray | None = None,
+    viewpoints: FloatArray | None = None,
+    obstacles: FloatArray | None = None,
     samples: int = 200,
     seed: int = 0,
     options: SearchOptions | None = None,
@@ -229,7 +229,7 @@ def _wider(cloud: SurfaceCloud, gripper: ParallelGripper) -> str:
 
 def _plausibility(
     cloud: SurfaceCloud, gripper: ParallelGripper, hands: Hands, needed: float
-) -> Floats:
+) -> FloatArray:
     """Return what speaks for each hand by geometry alone (m,), 0..1: an order, no probability."""
     left, right = hands.column("left"), hands.column("right")
     weaker, stronger = np.minimum(left, right), np.maximum(left, right)

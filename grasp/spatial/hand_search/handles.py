@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
 
 __all__ = ["Handle", "find_handles"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Handle:
 
     grasp: GraspCandidate
     members: tuple[int, ...]
-    axis: Floats
+    axis: FloatArray
     length: float
 
 
@@ -98,8 +97,8 @@ def find_handles(
 
 
 def _row(
-    centres: Floats,
-    axis: Floats,
+    centres: FloatArray,
+    axis: FloatArray,
     i: int,
     among: NDArray[np.int64],
     distance: float,
@@ -116,5 +115,5 @@ def _row(
     return np.asarray(among[piece == piece[np.flatnonzero(among == i)[0]]])
 
 
-def _extent(centres: Floats, axis: Floats, row: NDArray[np.int64]) -> float:
+def _extent(centres: FloatArray, axis: FloatArray, row: NDArray[np.int64]) -> float:
     return float(np.ptp(centres[row] @ axis)) if len(row) else 0.0

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.clouds.cloud import SurfaceCloud
 from grasp.spatial.clouds.surfaces import surface_frames
 from grasp.spatial.gripper import ParallelGripper
@@ -19,7 +20,6 @@ from grasp.spatial.hand_search.hand_kernel import COLUMNS, search_samples
 
 __all__ = ["Hands", "SearchOptions", "find_hands"]
 
-Floats = NDArray[np.float64]
 
 _COLUMN = {name: k for k, name in enumerate(COLUMNS)}
 _CELL_M = 0.02
@@ -92,13 +92,13 @@ class Hands:
         Columns of :data:`grasp.spatial.hand_search.hand_kernel.COLUMNS`.
     """
 
-    poses: Floats
-    table: Floats
+    poses: FloatArray
+    table: FloatArray
 
     def __len__(self) -> int:
         return len(self.poses)
 
-    def column(self, name: str) -> Floats:
+    def column(self, name: str) -> FloatArray:
         """Return one column (m,) of the table."""
         return self.table[:, _COLUMN[name]]
 
@@ -167,8 +167,8 @@ def find_hands(
 
 
 def _poses(
-    origins: Floats, frames: Floats, rows: Floats, turns: int, gripper: ParallelGripper
-) -> Floats:
+    origins: FloatArray, frames: FloatArray, rows: FloatArray, turns: int, gripper: ParallelGripper
+) -> FloatArray:
     """Return ``frame_from_gripper`` (m, 4, 4) of rows of the kernel."""
     sample = rows[:, _COLUMN["sample"]].astype(np.int64)
     angle = 2 * np.pi * rows[:, _COLUMN["turn"]] / turns

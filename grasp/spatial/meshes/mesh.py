@@ -12,12 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.meshes.rays import Tree, build_tree, crossings
 
 __all__ = ["Mesh", "as_mesh", "surfels"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _SMALL_M, _LARGE_M = 0.005, 1.0
 _MERGE = 1e-7

@@ -11,8 +11,8 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray, IntArray
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
 
 __all__ = ["MESH_ENDINGS", "has_faces", "mesh_from_ply", "read_mesh"]
@@ -23,8 +23,6 @@ _MAX_BYTES = 256 * 1024 * 1024
 _STL_HEAD, _STL_FACE = 84, 50
 _PLY_HEAD = 65_536
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Surface = tuple[FloatArray, IntArray]
 
 

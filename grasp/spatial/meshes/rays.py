@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from grasp.arrays import FloatArray, IntArray
 
 __all__ = ["MAX_HITS", "NOTHING", "Tree", "build_tree", "crossings", "first_and_last"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 NOTHING = -1
 """Face index of a line that meets no face."""

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.push.quality import density_weights, lower_bound
 from grasp.spatial.boxes import boxes_meet_mesh
 from grasp.spatial.candidate import GraspCandidate
@@ -35,7 +36,6 @@ __all__ = [
     "score_grasps",
 ]
 
-FloatArray = NDArray[np.float64]
 
 Quality = Literal["closure", "epsilon"]
 Weighting = Literal["plain", "density"]
@@ -44,7 +44,7 @@ MAX_SAMPLES = 100_000
 """Of pose errors."""
 
 _EXACT = 20
-_LEAST_WIDTH = 1e-4
+_MIN_WIDTH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +337,7 @@ def _swept(
     if len(mesh.faces) and len(poses):
         mu = gripper.friction if friction is None else friction
         cone = float(np.cos(np.arctan(mu)))
-        least = max(gripper.min_opening, _LEAST_WIDTH)
+        least = max(gripper.min_opening, _MIN_WIDTH)
         _close(*mesh.tree.arrays, mesh.tree.normals, poses, errors, in_object, opening, cone,
                least, closed, ends)  # fmt: skip
     return closed, ends

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support
 from grasp.spatial.gripper import ParallelGripper
 
 __all__ = ["FEATURES", "Body", "body_of", "with_features"]
 
-FloatArray = NDArray[np.float64]
 
 FEATURES = (
     "confidence", "epsilon", "width", "offset", "height", "approach", "alignment",

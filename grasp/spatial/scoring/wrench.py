@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from grasp.arrays import FloatArray
 
 __all__ = ["Contacts", "epsilon", "epsilon_bound", "wrenches"]
 
-FloatArray = NDArray[np.float64]
 
 _EDGES = 8
 _STARTS, _STEPS = 24, 60

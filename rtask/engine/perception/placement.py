@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.spatial.footprint import ROUND, Footprint
-from grasp.spatial.frames import FloatArray, surface_from_object, tilt, wrap_2pi, yaw_of
+from grasp.spatial.frames import surface_from_object, tilt, wrap_2pi, yaw_of
 
 if TYPE_CHECKING:
     from features.tabletop import TabletopShape

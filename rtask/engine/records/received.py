@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.messages import matrix_from_message, planar_from_message
-from grasp.spatial.frames import FloatArray, closing_yaw, matrix_from_pose, pose_from_matrix
+from grasp.spatial.frames import closing_yaw, matrix_from_pose, pose_from_matrix
 from rtask.engine.operations.messages import Field, read
 from rtask.engine.perception.placement import Placement
 from rtask.errors import UsageError

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.learning.agents.texplore.tree import Forest, ForestSettings, leaf_of
 from grasp.learning.transition import Transition
 
 __all__ = ["Model", "Prediction"]
 
-Floats = NDArray[np.float64]
 
 _UNTRAINED_REWARD = -0.001
 _MERGED = 1e-4
@@ -86,9 +86,9 @@ class Model:
         ]
         self.reward = Forest(inputs, settings, _MERGED, seeds[-2])
         self.end = Forest(inputs, settings, 0.5, seeds[-1])
-        self._visited: list[list[Floats]] = [[] for _ in range(actions)]
+        self._visited: list[list[FloatArray]] = [[] for _ in range(actions)]
 
-    def _input(self, state: NDArray[Any], action: int) -> Floats:
+    def _input(self, state: NDArray[Any], action: int) -> FloatArray:
         x = np.zeros(len(self.low) + self.actions)
         x[: len(self.low)] = state
         x[len(self.low) + action] = 1.0
@@ -108,7 +108,7 @@ class Model:
             self._visited[transition.action].append(np.asarray(transition.state, float))
         return changed or bool(self.novelty)
 
-    def predict_into(self, kept: Prediction, cell: int, state: Floats, action: int) -> None:
+    def predict_into(self, kept: Prediction, cell: int, state: FloatArray, action: int) -> None:
         """Write the prediction for a cell and action."""
         x = self._input(state, action)
         forests = [forest.predict(x) for forest in self.changes]
@@ -128,7 +128,7 @@ class Model:
         kept.reward[cell, action] = reward + self._exploration(x, state, action)
         kept.known[cell, action] = True
 
-    def _exploration(self, x: Floats, state: Floats, action: int) -> float:
+    def _exploration(self, x: FloatArray, state: FloatArray, action: int) -> float:
         bonus = 0.0
         if self.bonus:
             forests = [*self.changes, self.reward, self.end]
@@ -161,7 +161,7 @@ class Model:
         return [*changes, ("reward", self.reward), ("end", self.end)]
 
 
-def _disagreement(forest: Forest, x: Floats) -> float:
+def _disagreement(forest: Forest, x: FloatArray) -> float:
     """Return the mean Kullback-Leibler divergence over pairs of trees, zeros replaced by .01."""
     shares = []
     for tree in np.flatnonzero(forest.used):

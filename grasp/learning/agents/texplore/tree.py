@@ -12,9 +12,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
+
 __all__ = ["Forest", "ForestSettings"]
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _LEAF, _GREATER, _EQUAL = -1, 0, 1
@@ -82,7 +83,7 @@ class Forest:
         self.counts = np.zeros((trees, 16, 1))
         self.used = np.zeros(trees, dtype=np.int64)
 
-    def add(self, x: Floats, output: float) -> bool:
+    def add(self, x: FloatArray, output: float) -> bool:
         """Learn one experience; return whether a tree changed.
 
         Parameters
@@ -102,7 +103,7 @@ class Forest:
             changed = True
         return changed
 
-    def predict(self, x: Floats) -> Floats:
+    def predict(self, x: FloatArray) -> FloatArray:
         """Return the probability (classes,) of each of :attr:`outputs`; none learned: empty."""
         result = np.zeros(len(self.outputs))
         if self.count:
@@ -120,7 +121,7 @@ class Forest:
             self.counts = np.concatenate([self.counts, wider], axis=2)
         return len(self.outputs) - 1
 
-    def _remember(self, x: Floats, output: int) -> int:
+    def _remember(self, x: FloatArray, output: int) -> int:
         if self.count == len(self.y):
             self.x = np.concatenate([self.x, np.zeros_like(self.x)])
             self.y = np.concatenate([self.y, np.zeros_like(self.y)])
@@ -191,7 +192,7 @@ def uniform(state: NDArray[np.uint64]) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def leaf_of(x: Floats, nodes: Ints, limits: Floats) -> int:
+def leaf_of(x: FloatArray, nodes: Ints, limits: FloatArray) -> int:
     """Return the leaf that an input falls into."""
     node = 0
     while nodes[node, 0] != _LEAF:
@@ -203,7 +204,12 @@ def leaf_of(x: Floats, nodes: Ints, limits: Floats) -> int:
 
 @numba.njit(cache=True, nogil=True)
 def predict(
-    x: Floats, nodes: Ints, limits: Floats, counts: Floats, used: Ints, result: Floats
+    x: FloatArray,
+    nodes: Ints,
+    limits: FloatArray,
+    counts: FloatArray,
+    used: Ints,
+    result: FloatArray,
 ) -> None:
     """Write the mean of the trees' distributions over classes into ``result``."""
     result[:] = 0.0
@@ -221,7 +227,7 @@ def predict(
 
 
 @numba.njit(cache=True, nogil=True)
-def _entropy(counts: Floats, total: float) -> float:
+def _entropy(counts: FloatArray, total: float) -> float:
     sum_ = 0.0
     for n in counts:
         if n > 0:
@@ -230,7 +236,7 @@ def _entropy(counts: Floats, total: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def gain_ratio(held: Floats, all_: Floats) -> float:
+def gain_ratio(held: FloatArray, all_: FloatArray) -> float:
     """Return information gained by a test over the information of the test itself (natural log).
 
     Parameters
@@ -250,7 +256,7 @@ def gain_ratio(held: Floats, all_: Floats) -> float:
 
 @numba.njit(cache=True, nogil=True)
 def _best_split(
-    x: Floats, y: Ints, members: Ints, all_: Floats, skip: float, random: NDArray[np.uint64]
+    x: FloatArray, y: Ints, members: Ints, all_: FloatArray, skip: float, random: NDArray[np.uint64]
 ) -> tuple[int, int, float]:
     """Return feature, test and limit of the best split; feature -1 if none gains."""
     best, feature, test, limit = _NEGLIGIBLE, _LEAF, _GREATER, 0.0
@@ -288,7 +294,9 @@ def _best_split(
 
 
 @numba.njit(cache=True, nogil=True)
-def _parted(x: Floats, members: Ints, feature: int, test: int, limit: float) -> tuple[Ints, Ints]:
+def _parted(
+    x: FloatArray, members: Ints, feature: int, test: int, limit: float
+) -> tuple[Ints, Ints]:
     holds = np.empty(len(members), dtype=np.bool_)
     for i in range(len(members)):
         value = x[members[i], feature]
@@ -297,7 +305,7 @@ def _parted(x: Floats, members: Ints, feature: int, test: int, limit: float) -> 
 
 
 @numba.njit(cache=True, nogil=True)
-def _class_counts(y: Ints, members: Ints, classes: int) -> Floats:
+def _class_counts(y: Ints, members: Ints, classes: int) -> FloatArray:
     counts = np.zeros(classes)
     for i in members:
         counts[y[i]] += 1
@@ -306,7 +314,7 @@ def _class_counts(y: Ints, members: Ints, classes: int) -> Floats:
 
 @numba.njit(cache=True, nogil=True)
 def grow(
-    x: Floats,
+    x: FloatArray,
     y: Ints,
     members: Ints,
     newest: int,
@@ -314,8 +322,8 @@ def grow(
     skip: float,
     random: NDArray[np.uint64],
     nodes: Ints,
-    limits: Floats,
-    counts: Floats,
+    limits: FloatArray,
+    counts: FloatArray,
     used: int,
 ) -> int:
     """Build one tree anew, keeping the branches that the newest experience does not reach.

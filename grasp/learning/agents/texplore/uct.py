@@ -8,13 +8,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.arrays import FloatArray
 from grasp.learning.agents.texplore.model import Prediction
 from grasp.learning.agents.texplore.tree import uniform
 from grasp.learning.environments.discretise import Bins
 
 __all__ = ["Planner"]
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _DEEPEST = 200
@@ -64,7 +64,7 @@ class Planner:
 
     def rollouts(
         self,
-        state: Floats,
+        state: FloatArray,
         number: int,
         predictions: Prediction,
         predict: Callable[[int, int], None],
@@ -96,7 +96,7 @@ class Planner:
 
 
 @numba.njit(cache=True, nogil=True)
-def _cell(state: Floats, width: Floats, first: Ints, shape: Ints) -> int:
+def _cell(state: FloatArray, width: FloatArray, first: Ints, shape: Ints) -> int:
     number = 0
     for k in range(len(state)):
         half = width[k] / 2 if state[k] >= 0 else -width[k] / 2
@@ -107,7 +107,7 @@ def _cell(state: Floats, width: Floats, first: Ints, shape: Ints) -> int:
 
 
 @numba.njit(cache=True, nogil=True)
-def _best(values: Floats, visits: float, tries: Floats, scale: float) -> int:
+def _best(values: FloatArray, visits: float, tries: FloatArray, scale: float) -> int:
     best, action = -np.inf, 0
     for a in range(len(values)):
         value = values[a] + scale * np.sqrt(np.log(visits) / tries[a])
@@ -118,20 +118,20 @@ def _best(values: Floats, visits: float, tries: Floats, scale: float) -> int:
 
 @numba.njit(cache=True, nogil=True)
 def _roll(
-    start: Floats,
+    start: FloatArray,
     number: int,
     done: int,
     known: NDArray[np.bool_],
-    rewards: Floats,
-    ends: Floats,
-    changes: Floats,
-    shares: Floats,
-    values: Floats,
-    visits: Floats,
-    tries: Floats,
-    low: Floats,
-    high: Floats,
-    width: Floats,
+    rewards: FloatArray,
+    ends: FloatArray,
+    changes: FloatArray,
+    shares: FloatArray,
+    values: FloatArray,
+    visits: FloatArray,
+    tries: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    width: FloatArray,
     first: Ints,
     shape: Ints,
     gamma: float,
