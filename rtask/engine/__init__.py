@@ -1,7 +1,7 @@
-"""The use cases of RTASK, free of HTTP and physics.
+"""The use cases of RTASK, independent of HTTP and physics.
 
-A robot sends what it sees; the engine says which object that is, how it was taken before and which
-grasp to try; the robot tells what came of it, and the next robot starts from there.
+A robot sends what it sees; the engine answers which object it is, how it was grasped before and
+which grasp to try. The robot reports the outcome, and the next robot starts from there.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What every operation works with: the knowledge base, its catalogues, the index and the caches."""
+"""The context of an operation: knowledge base, policy, catalogues, index and caches."""
 
 from __future__ import annotations
 

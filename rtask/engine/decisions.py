@@ -1,4 +1,4 @@
-"""Grasps that were offered for a task, and why."""
+"""Grasps offered for a task, and the reasons for their order."""
 
 from __future__ import annotations
 
@@ -46,24 +46,24 @@ class Option:
 
     @property
     def quality(self) -> float:
-        """By geometry, 0..1: of a grasp in space the confidence with which it was planned."""
+        """Quality by geometry, 0..1; for a grasp in space the confidence of its planning."""
         if isinstance(self.grasp, GraspCandidate):
             return self.grasp.scores["confidence"]
         return self.grasp.quality
 
     @property
     def opening(self) -> float:
-        """Between the jaws before closing, m."""
+        """Opening between the jaws before closing, m."""
         return self.grasp.width if self.grasp.opening is None else self.grasp.opening
 
     @property
     def quaternion(self) -> tuple[float, float, float, float] | None:
-        """Of a grasp in space in the object's frame (x, y, z, w)."""
+        """Orientation (x, y, z, w) of a grasp in space in the object's frame, else None."""
         return None if self.remembered is None else self.remembered.quaternion
 
     @property
     def explanation(self) -> dict[str, Any]:
-        """Why it stands where it stands: parts of the belief, and a sentence."""
+        """Reasons for its place in the order: the parts of the belief, and a sentence."""
         if self.choice is None:
             return {}
         parts = dict(self.choice.explanation)
@@ -74,7 +74,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Decision:
-    """What the engine answered for one task.
+    """The engine's answer to one task.
 
     Parameters
     ----------

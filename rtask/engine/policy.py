@@ -14,7 +14,7 @@ _SCHEME = 1
 
 @dataclass(frozen=True)
 class Policy:
-    """How the engine decides.
+    """Parameters of the engine's decisions.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Policy:
 
     @property
     def version(self) -> str:
-        """Name of the rules by which outcomes become a belief; it changes with their numbers.
+        """Version of the rules that turn outcomes into a belief; it changes with their numbers.
 
         >>> Policy().version == Policy(min_grasp=0.5).version != Policy(fast_physics=0.5).version
         True
@@ -73,5 +73,5 @@ class Policy:
         return f"beta-{_SCHEME}-{sha256(repr(numbers).encode()).hexdigest()[:8]}"
 
     def weight_of(self, is_fast: bool) -> float:
-        """Return what one outcome counts by the physics that it was had in."""
+        """Return the weight of an outcome by the physics preset in which it happened."""
         return self.fast_physics if is_fast else 1.0

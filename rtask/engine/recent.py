@@ -1,4 +1,4 @@
-"""A bounded cache that forgets what was not used for longest."""
+"""A bounded cache that drops the least recently used entries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class Recent(Generic[T]):
-    """The values used last, by key; safe to share between threads.
+    """The most recently used values by key; safe to share between threads.
 
     Examples
     --------

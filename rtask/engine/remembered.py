@@ -1,4 +1,4 @@
-"""What the graph knows of objects and their grasps, as plain values."""
+"""Objects and grasps as the graph knows them, as plain values."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Remembered:
 
 @dataclass(frozen=True)
 class Trial:
-    """An attempt of this robot on the tracked object."""
+    """An attempt by the robot that asks, on the object it is handling."""
 
     grasp: str
     x: float
@@ -99,7 +99,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class KnownObject:
-    """What the graph says about an object."""
+    """An object in the graph."""
 
     iri: str
     name: str = ""

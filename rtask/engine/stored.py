@@ -43,7 +43,7 @@ class StoredView:
     blob: str
 
     def features(self, kb: GraphCore) -> ViewFeatures | None:
-        """Return what the view shows, or None when the bytes are gone or of another version."""
+        """Return the features of the view; None when the bytes are gone or of another version."""
         from features.recognition.views.view import ViewFeatures
 
         try:
@@ -54,7 +54,7 @@ class StoredView:
 
 
 def stored_views(kb: GraphCore) -> list[StoredView]:
-    """Return every stored view, in the order of their IRIs, which is that of their making."""
+    """Return every stored view, in the order of their IRIs, which is the order of creation."""
     found: dict[tuple[str, str, str], dict[str, int]] = {}
     for row in kb.select(_VIEWS):
         key = (str(row.value("view")), str(row.value("object")), str(row.value("blob")))
@@ -70,7 +70,7 @@ def stored_views(kb: GraphCore) -> list[StoredView]:
 
 
 def view_features(kb: GraphCore, view: NamedNode) -> ViewFeatures | None:
-    """Return what one stored view shows, or None when it cannot be read."""
+    """Return the features of one stored view, or None when it cannot be read."""
     rows = kb.select(f"""{PREFIXES}
 SELECT ?blob WHERE {{ {view} rt:viewContent ?content .
   ?content a rt:SIFTFeatureSet ; rt:hasBlob ?blob }} ORDER BY ?blob LIMIT 1""")

@@ -1,4 +1,4 @@
-"""Index of stored views, by which recognition works; derived from the graph and kept in step."""
+"""Index of stored views for recognition, derived from the graph and kept in step with it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class ViewIndex:
     def learn(
         self, view: NamedNode, thing: NamedNode, class_iri: str, features: ViewFeatures
     ) -> None:
-        """Let recognition find a view from now on; its commit has been stored already.
+        """Add a view whose commit has been stored.
 
         When this fails the view is not lost: the index is derived data, and is completed from the
         graph at the next start.
@@ -109,7 +109,7 @@ class ViewIndex:
             return len(missing)
 
     def rebuild(self) -> int:
-        """Make the index again from the graph alone; return the number of views."""
+        """Rebuild the index from the graph alone; return the number of views."""
         from features.recognition.index.recognition_index import RecognitionIndex
 
         with self._writing:

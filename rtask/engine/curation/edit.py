@@ -1,7 +1,7 @@
-"""A change of many agents' statements at once: what goes, what comes, each in its graph.
+"""An edit of many agents' statements at once, each in the graph of its author.
 
-People who curate the graph move what robots wrote. Every statement stays in the graph of whoever
-wrote it; the commit says who moved it, and the same commit turned round takes it back.
+People who curate the graph move what robots wrote. Every statement stays in the graph of its
+author; the commit records who moved it, and the inverse commit undoes it.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ class Edit:
         self.added: dict[Quad, None] = {}
 
     def match(self, *pattern: NamedNode | None) -> list[Quad]:
-        """Return the statements of a pattern that may be changed."""
+        """Return the changeable statements that match a pattern."""
         return [q for q in self._kb.match(*pattern) if self._rights.may_write(q.graph_name)]
 
     def after(self, *pattern: NamedNode | None) -> list[Quad]:
-        """Return the statements of a pattern that there will be, of those that may be changed."""
+        """Return the changeable statements that will match a pattern after the edit."""
         wanted = (*pattern, *(None,) * (3 - len(pattern)))
         come = [
             quad
@@ -63,18 +63,18 @@ class Edit:
         self.removed.update(dict.fromkeys(quads))
 
     def replace(self, old: Quad, new: Quad) -> None:
-        """Withdraw one statement for another."""
+        """Replace one statement by another."""
         if old != new:
             self.removed[old] = None
             self.added[new] = None
 
     def state(self, triples: Triples, graph: NamedNode) -> None:
-        """Assert facts in a graph."""
+        """Assert triples in a graph."""
         for subject, predicate, value in triples:
             self.added[Quad(subject, predicate, object_term(value), graph)] = None
 
     def rename(self, old: NamedNode, new: NamedNode, keep: Callable[[Quad], bool]) -> None:
-        """Let statements of which one thing is subject or object be those of another.
+        """Move the statements about one individual to another.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class Edit:
         self.replace(quad, Quad(quad.subject, quad.predicate, triple, quad.graph_name))
 
     def forget_bytes(self, node: NamedNode) -> list[NamedNode]:
-        """Withdraw what describes the bytes that only this thing has; return their IRIs."""
+        """Withdraw the descriptions of blobs that only this node uses; return their IRIs."""
         freed = []
         for link in self.match(node, RT.hasBlob):
             blob = link.object
@@ -125,7 +125,7 @@ class Edit:
         return freed
 
     def commit(self, context: Context, note: str, author: Access) -> Commit:
-        """Store it as one commit, in the name of the person; the caller holds the write lock."""
+        """Store the edit as one commit in a person's name; the caller holds the write lock."""
         access = Access(author.agent, "admin")
         with context.kb.transaction(access=access, note=NOTE + note) as tx:
             for quad in self.removed.keys() - self.added.keys():

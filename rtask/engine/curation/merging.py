@@ -1,7 +1,8 @@
-"""Two objects that turn out to be one.
+"""Merge two objects that turn out to be one, and resolve the IRIs of merged objects.
 
-Views, grasps, outcomes and counts go along. Grasps and viewpoints are turned into the frame of the
-object that stays, as matched views tell; the models are made again. Each is one commit.
+Views, grasps, outcomes and counts move to the object that is kept. Grasps and viewpoints are
+transformed into its frame, estimated from matching views; the models are rebuilt. Each merge is one
+commit.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _NUMBERS = (RT.x, RT.y, RT.z, RT.theta, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
 def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: Access) -> Commit:
-    """Make one object of two; the other's IRI leads to the one that is kept.
+    """Merge two objects into one; the IRI of the other then resolves to the one kept.
 
     Parameters
     ----------
@@ -108,9 +109,9 @@ def withdraw_models(edit: Edit, thing: NamedNode) -> None:
 def find_kept_from_other(
     context: Context, kept: NamedNode, other: NamedNode
 ) -> NDArray[np.float64]:
-    """Return ``kept_from_other`` (4, 4): a turn and a shift on the table, as matched views tell.
+    """Return ``kept_from_other`` (4, 4): yaw and translation on the table, from matching views.
 
-    Where no views match the frames are taken for one: both lie in the middle of what was measured,
+    Where no views match, the frames are assumed equal: both lie in the middle of what was measured,
     along its longer side.
     """
     from features.recognition.pairs import match_views
@@ -163,7 +164,7 @@ def move_frame(
     new_from_old: NDArray[np.float64],
     only: frozenset[NamedNode] | None = None,
 ) -> None:
-    """Restate the poses in one frame in another.
+    """Express the poses of one frame in another.
 
     Parameters
     ----------
@@ -200,7 +201,7 @@ def move_frame(
 
 
 def present_name(kb: GraphCore | Graph, name: str) -> str:
-    """Return the IRI of the object that this one was merged into, else its own; text stays text."""
+    """Return the present IRI of an object that may have been merged; other text as it is."""
     seen = {name}
     while ":" in name:
         try:
@@ -217,7 +218,7 @@ def present_name(kb: GraphCore | Graph, name: str) -> str:
 
 
 def followed(kb: GraphCore, request: dict[str, Any]) -> dict[str, Any]:
-    """Return a request in which ``object`` is its present name, at top and in ``objects``."""
+    """Return a request with the present IRIs of merged objects, in ``object`` and ``objects``."""
     if isinstance(request.get("object"), str):
         request = {**request, "object": present_name(kb, request["object"])}
     if isinstance(request.get("objects"), list):
@@ -226,5 +227,5 @@ def followed(kb: GraphCore, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _entry(kb: GraphCore, one: Any) -> Any:
-    """Return one of ``objects``, which are requests themselves or names."""
+    """Return one entry of ``objects``, which is a request itself or an IRI."""
     return followed(kb, one) if isinstance(one, dict) else one

@@ -1,4 +1,4 @@
-"""A person says what a stored object is: its name, and in words what kind of thing."""
+"""Name stored objects: a person gives the name, and describes the class in words."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OWL_CLASS = iri("http://www.w3.org/2002/07/owl#Class")
 def name_object(
     context: Context, thing: NamedNode, description: str | None, name: str | None, author: Access
 ) -> Commit:
-    """Say what a stored object is; what was guessed or said of its name and kind before goes.
+    """Set the name or class of a stored object, replacing earlier names and guesses.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def name_object(
 
 
 def described_class(context: Context, triples: Triples, description: str) -> NamedNode:
-    """Return the class of a description, made from the words when nobody taught it before."""
+    """Return the class that a description names; a new one when nobody taught it before."""
     found = classes_named(context, description)
     if found:
         return found[0]
@@ -69,7 +69,7 @@ def described_class(context: Context, triples: Triples, description: str) -> Nam
 
 
 def short_id_of(context: Context, triples: Triples, kind: NamedNode) -> str:
-    """Return the number that stands for a class in messages; a class without one gets it."""
+    """Return the short id of a class in messages, assigning one where it is missing."""
     known = context.classes.get(kind.value).short_id
     stated = [str(v) for s, p, v in triples if s == kind and p == RT.shortId]
     if known or stated:
@@ -81,7 +81,7 @@ def short_id_of(context: Context, triples: Triples, kind: NamedNode) -> str:
 
 
 def _withdraw_kinds(context: Context, edit: Edit, thing: NamedNode) -> None:
-    """Withdraw the kinds that an object is said to be of, with what is said about that."""
+    """Withdraw the stated classes of an object, with the annotations on those statements."""
     kinds = {q.object for q in edit.match(thing, RDF.type)} - {RT.ManipulableObject}
     kinds = {k for k in kinds if isinstance(k, NamedNode) and k.value in context.classes.all()}
     edit.remove(quad for quad in edit.match(thing, RDF.type) if quad.object in kinds)

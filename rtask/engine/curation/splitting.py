@@ -1,4 +1,4 @@
-"""One object that turns out to be two, and what shall be forgotten."""
+"""Split an object that turns out to be two; forget views or whole objects."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _HISTORY = ("task", "attempt", "outcome", "feedback", "grasp", "statistics", "re
 def split_object(
     context: Context, thing: NamedNode, views: list[str], name: str | None, author: Access
 ) -> tuple[NamedNode, Commit]:
-    """Let some views of an object, and what was tried on them, be another object.
+    """Move some views of an object, and the attempts made on them, to a new object.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def split_object(
         _state_twin(context, edit, triples, thing, new, name, author)
         frame = body_frame(context, new)
         events, poses = _move_views(edit, thing, new, moving)
-        poses |= _move_tries(context, edit, thing, new, events)
+        poses |= _move_attempts(context, edit, thing, new, events)
         move_frame(context, edit, body_frame(context, thing), frame, np.eye(4), frozenset(poses))
         withdraw_models(edit, thing)
         posed = posed_views(kb, thing)
@@ -86,7 +86,7 @@ def _state_twin(
     context: Context, edit: Edit, triples: Triples, thing: NamedNode, new: NamedNode,
     name: str | None, author: Access,
 ) -> None:  # fmt: skip
-    """State the new object: of the same kinds, size and symmetry, with a name of its own."""
+    """State the new object, with the classes, size and symmetry of the old one."""
     alike = (RDF.type, RT.extentX, RT.extentY, RT.extentZ, RT.graspWidth, RT.roundness,
              RT.hasFunction, RT.hasSymmetry)  # fmt: skip
     for quad in edit.match(thing):
@@ -127,10 +127,10 @@ def _objects(edit: Edit, subject: NamedNode, predicate: NamedNode) -> set[NamedN
     return {q.object for q in edit.match(subject, predicate) if isinstance(q.object, NamedNode)}
 
 
-def _move_tries(
+def _move_attempts(
     context: Context, edit: Edit, thing: NamedNode, new: NamedNode, events: set[NamedNode]
 ) -> set[NamedNode]:
-    """Move the attempts told together with observations; return the poses of grasps that move.
+    """Move the attempts reported with observations; return the poses of the moved grasps.
 
     A grasp that was also tried on what stays is stated again for the new object.
     """
@@ -189,7 +189,7 @@ def _copy_grasp(
 def _recount(
     context: Context, edit: Edit, grasp: NamedNode, twin: NamedNode, attempts: list[NamedNode]
 ) -> None:
-    """Count a grasp without some attempts, and its twin with them."""
+    """Recount a grasp without some attempts, and its copy with them."""
     totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
     every, moved = judged(context, grasp=[grasp]), judged(context, attempt=attempts)
     for rows, owner, sign in ((every, grasp, 1), (moved, grasp, -1), (moved, twin, 1)):
@@ -210,7 +210,7 @@ def _recount(
 def forget_views(
     context: Context, thing: NamedNode, views: list[str], purge: bool, author: Access
 ) -> Commit:
-    """Forget some views of an object; its model is made again from the others."""
+    """Forget some views of an object and rebuild its model from the others."""
     gone = _views_of(context, thing, views)
     with context.writing:
         kb, edit, triples = context.kb, Edit(context.kb), Triples()
@@ -239,7 +239,7 @@ def _forget_view(edit: Edit, view: NamedNode) -> list[NamedNode]:
 
 
 def forget_object(context: Context, thing: NamedNode, purge: bool, author: Access) -> Commit:
-    """Forget an object: nobody recognises it any more.
+    """Forget an object, so that it is no longer recognised.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def forget_object(context: Context, thing: NamedNode, purge: bool, author: Acces
 
 
 def _forget_notes(edit: Edit, thing: NamedNode) -> None:
-    """Withdraw what is said about statements about an object."""
+    """Withdraw the annotations on statements about an object."""
     from rtask.rdf.terms import Triple
 
     for quad in edit.match(None, RDF.reifies, None):
@@ -287,7 +287,7 @@ def _forget_notes(edit: Edit, thing: NamedNode) -> None:
 
 
 def _history(context: Context, edit: Edit, thing: NamedNode) -> set[NamedNode]:
-    """Return everything that exists because of an object: tries, outcomes, grasps, counts."""
+    """Return everything that depends on an object: attempts, outcomes, grasps, counts."""
     base = context.kb.base
     starts = tuple(f"{base}{kind}/" for kind in _HISTORY)
     seen: set[NamedNode] = set()
@@ -306,7 +306,7 @@ def _history(context: Context, edit: Edit, thing: NamedNode) -> set[NamedNode]:
 
 
 def _discard(context: Context, blobs: Iterable[NamedNode]) -> None:
-    """Delete bytes that nothing names any more."""
+    """Delete blobs that nothing refers to any more."""
     kb = context.kb
     for blob in blobs:
         if not kb.match(None, RT.hasBlob, blob) and kb.blobs.has(blob):

@@ -1,4 +1,4 @@
-"""A person takes back what a person put right: naming, merging, splitting or forgetting."""
+"""Undo a correction: naming, merging, splitting or forgetting."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _NUMBERS = (RT.x, RT.y, RT.z, RT.qx, RT.qy, RT.qz, RT.qw)
 
 
 def undo(context: Context, commit: str, author: Access) -> Commit:
-    """Take back one commit that put objects right.
+    """Undo one commit that corrected objects.
 
-    What was told since then stays, and what it withdrew since then stays withdrawn.
+    Statements made since then stay, and statements withdrawn since then stay withdrawn.
 
     Raises
     ------
@@ -39,17 +39,17 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
     ForbiddenError
         The commit was something else, or its bytes are gone for good.
     ConflictError
-        Taken back already, or something since then stands in the way.
+        Undone already, or a later change conflicts.
     """
     with context.writing:
         entry = _entry(context, commit)
-        edit = _turned_round(context, entry)
+        edit = _inverse(context, entry)
         if not edit.removed and all(quad in context.kb.store for quad in edit.added):
             raise ConflictError(f"commit: {commit} was taken back already")
         _refuse_gone(context, edit, commit)
         _refuse_moved_on(context, edit, entry.seq)
         _refuse_told_since(context, edit)
-        _tries_go_along(context, edit)
+        _move_later_attempts(context, edit)
         triples = Triples()
         for thing in sorted(_grown_since(edit), key=str):
             withdraw_models(edit, thing)
@@ -62,7 +62,7 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
 
 
 def _entry(context: Context, commit: str) -> HistoryEntry:
-    """Return the commit that is meant."""
+    """Return the commit with this id."""
     number = commit.removeprefix("c-")
     if not number.isdecimal():
         raise UnknownTermError(f"commit: {commit!r} is no commit; c-00012 is wanted")
@@ -75,8 +75,8 @@ def _entry(context: Context, commit: str) -> HistoryEntry:
     return entries[0]
 
 
-def _turned_round(context: Context, entry: HistoryEntry) -> Edit:
-    """Return what takes a commit back, as far as it still stands."""
+def _inverse(context: Context, entry: HistoryEntry) -> Edit:
+    """Return the inverse of a commit, as far as its statements still stand."""
     edit, rights = Edit(context.kb), context.kb.access()
     mine = [q for q in entry.added if rights.may_write(q.graph_name)]
     edit.remove(quad for quad in mine if quad in context.kb.store)
@@ -85,7 +85,7 @@ def _turned_round(context: Context, entry: HistoryEntry) -> Edit:
 
 
 def _refuse_gone(context: Context, edit: Edit, commit: str) -> None:
-    """Refuse to restore features without their bytes."""
+    """Refuse to restore features whose blobs were deleted."""
     blobs = {q.object for q in edit.added if q.predicate == RT.hasBlob}
     gone = [b for b in blobs if isinstance(b, NamedNode) and not context.kb.blobs.has(b)]
     if gone:
@@ -93,7 +93,7 @@ def _refuse_gone(context: Context, edit: Edit, commit: str) -> None:
 
 
 def _refuse_moved_on(context: Context, edit: Edit, seq: int) -> None:
-    """Refuse where views or grasps belong to others by now, and names or kinds are others."""
+    """Refuse when views or grasps have moved on, or names or classes have changed since."""
     kinds = context.classes.all().keys() - {RT.ManipulableObject.value}
 
     def says(quad: Quad) -> bool:
@@ -116,7 +116,7 @@ def _refuse_moved_on(context: Context, edit: Edit, seq: int) -> None:
 
 
 def _in_the_way(context: Context, thing: NamedNode, seq: int) -> ConflictError:
-    """Return the error that names the last commit about a thing since then."""
+    """Return the error that names the latest conflicting commit."""
     history = context.kb.history
     since = [
         entry
@@ -134,7 +134,7 @@ def _in_the_way(context: Context, thing: NamedNode, seq: int) -> ConflictError:
 
 
 def _refuse_told_since(context: Context, edit: Edit) -> None:
-    """Refuse to let an object vanish of which robots told something since it came to be."""
+    """Refuse to remove an object that robots have reported on since it was created."""
     for quad in edit.removed:
         thing = quad.subject
         if quad.predicate != RT.objectId or not isinstance(thing, NamedNode):
@@ -152,8 +152,8 @@ def _refuse_told_since(context: Context, edit: Edit) -> None:
             )
 
 
-def _tries_go_along(context: Context, edit: Edit) -> None:
-    """Let what was tried since then follow the grasps that go back to their objects."""
+def _move_later_attempts(context: Context, edit: Edit) -> None:
+    """Move later attempts along with the grasps that return to their objects."""
     owner = {q.object: q.subject for q in edit.added if q.predicate == RT.hasGrasp}
     grasps = [grasp for grasp in owner if isinstance(grasp, NamedNode)]
     if not grasps:
@@ -171,7 +171,7 @@ SELECT DISTINCT ?task ?grasp WHERE {{ VALUES ?grasp {{ {values(grasps)} }}
 
 
 def _grown_since(edit: Edit) -> set[NamedNode]:
-    """Return the objects whose model the commit made again, and that grew further since."""
+    """Return the objects whose model the commit rebuilt and that has grown since."""
     before = {q.subject for q in edit.added if q.predicate == RT.hasModel}
     return {
         thing
@@ -182,7 +182,7 @@ def _grown_since(edit: Edit) -> set[NamedNode]:
 
 
 def _leave_out_models(edit: Edit, thing: NamedNode) -> None:
-    """Restore none of an object's former models."""
+    """Leave the former models of an object out of what is restored."""
     models = {q.object for q in edit.added if (q.subject, q.predicate) == (thing, RT.hasModel)}
     nodes = {
         f"{m.value}{part}" for m in models if isinstance(m, NamedNode) for part in ("", "/mesh")
@@ -194,7 +194,7 @@ def _leave_out_models(edit: Edit, thing: NamedNode) -> None:
 
 
 def _posed_after(edit: Edit, thing: NamedNode) -> list[tuple[str, NDArray[np.float64]]]:
-    """Return the views that an object will have, and how the camera stood, oldest first."""
+    """Return the views that an object will have, with their camera poses, oldest first."""
     found = []
     for view in sorted({q.object for q in edit.after(thing, RT.hasView)}, key=str):
         assert isinstance(view, NamedNode)

@@ -1,1 +1,1 @@
-"""What the graph remembers: recalled experience, confidence and the choice of a grasp."""
+"""Memory: recalled experience, confidence in grasps, and the choice of a grasp."""

@@ -1,4 +1,4 @@
-"""Whether a gripper can hold an object, in numbers: opening against width, payload against mass."""
+"""Decide whether a gripper can hold an object: opening against width, payload against mass."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Capability = Literal["proven", "possible", "no"]
 
 @dataclass(frozen=True)
 class Bounds:
-    """What the graph knows about holding an object.
+    """Known bounds on an object's width and mass.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a gripper can hold an object.
+    """Judgement whether a gripper can hold an object.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Choose a grasp: what is remembered and what geometry proposes, in the learner's order."""
+"""Order the grasps to try: remembered ones and those that geometry proposes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MERGE_RAD = np.deg2rad(10)
 
 @dataclass(frozen=True)
 class Scene:
-    """What a choice depends on besides memory.
+    """The object and gripper at hand, for which a grasp is chosen.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Scene:
 def options(
     scene: Scene, memory: Memory, object_iri: str | None, propose: bool, limit: int = 50
 ) -> list[Option]:
-    """Return the grasps to choose from: those of the object, then new candidates beside them.
+    """Return the grasps to choose from: the remembered ones, then new candidates.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""From what the graph remembers to the counts that a belief is made of.
+"""Weigh remembered outcomes into the counts that a belief is formed from.
 
-Each remembered outcome weighs by who made it, on which object, with which gripper, in which
-physics and when; through the kernel it speaks for neighbouring grasps too. Grasps of other objects
-of the class are carried over by scaling their object's frame to the present one.
+The weight of an outcome depends on the object, the gripper, the physics and its age; the kernel
+spreads it to neighbouring grasps. Grasps of other objects of the class are carried over by scaling
+their object's frame to the present one.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Weights:
-    """What one remembered outcome counts.
+    """Weight of one remembered outcome.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def gather(
     bandwidth: float,
     axes: NDArray[np.float64] | None = None,
 ) -> Evidence:
-    """Return what the graph says about each arm.
+    """Return the graph's evidence on each arm.
 
     Parameters
     ----------

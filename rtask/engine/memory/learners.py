@@ -1,10 +1,10 @@
-"""Learners that begin where the graph is: experience out of it, saved states into it.
+"""Experience for learners out of the graph, and their saved states in it.
 
-The engine's own learner keeps nothing of its own: every decision is made from the outcomes in the
-graph (:mod:`rtask.engine.memory.experience`), so it goes on wherever the graph is opened. The
-learners of Gatto 2016, 3.3.4 (:mod:`grasp.learning.agents`) learn step by step. They either learn
-anew from the outcomes of all robots, with states computed from the stored descriptors, or take up a
-state that was saved as a blob; one of another version is left alone, with a note.
+The engine's own learner has no state: every decision is made from the outcomes in the graph
+(:mod:`rtask.engine.memory.experience`), so it continues wherever the graph is opened. The learners
+of Gatto 2016, 3.3.4 (:mod:`grasp.learning.agents`) learn step by step. They either learn anew from
+the outcomes of all robots, with states computed from the stored descriptors, or load a state that
+was saved as a blob; a state of another version is not loaded, and a note says so.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ log = logging.getLogger(__name__)
 
 
 class Saved(Protocol):
-    """A learner that can be put away and taken up again."""
+    """A learner whose state can be saved and loaded."""
 
     def save(self, path: Path) -> None:
-        """Write everything that is needed to go on."""
+        """Write everything that is needed to continue."""
 
     def load(self, path: Path) -> None:
-        """Go on where :meth:`save` stopped; ValueError where the file does not fit."""
+        """Continue where :meth:`save` stopped; ValueError when the file does not fit."""
 
 
 @dataclass(frozen=True)
 class Resumed:
-    """Whether a learner took up a saved state, and why not."""
+    """Result of loading a learner's state."""
 
     done: bool
     note: str = ""
 
 
 def experience(context: Context) -> list[Transition]:
-    """Return what all robots learned, as steps of the thesis's problem, the oldest first.
+    """Return the attempts of all robots as transitions of the thesis's problem, oldest first.
 
     The state is how the object looks, in five components of all views that this release can read;
     the action is the quadrant of the closing direction, the reward whether it held. Views of
@@ -98,7 +98,7 @@ def _closing_yaw(at: dict[str, Any]) -> float | None:
 
 
 def _states(context: Context) -> dict[str, NDArray[np.float64]]:
-    """Return five numbers of how each object looks; all by the same components."""
+    """Return five principal components of each object's appearance."""
     components = GrowingComponents()
     views: dict[str, NDArray[np.float64]] = {}
     for row in stored_views(context.kb):
@@ -115,7 +115,7 @@ def _states(context: Context) -> dict[str, NDArray[np.float64]]:
 def keep_learner(
     context: Context, learner: Saved, name: str, agent: str | None = None, steps: int | None = None
 ) -> str:
-    """Store a learner's state in the graph; the one of this name and agent before it goes.
+    """Store a learner's state in the graph, replacing the one of this name and agent.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def keep_learner(
 
 
 def resume_learner(context: Context, learner: Saved, name: str) -> Resumed:
-    """Let a learner go on from the latest state of its name and kind; else it stays as it is.
+    """Load the latest state of this name and kind into a learner, if there is one.
 
     A state of another version, or of other states and actions, is not mixed in: the note says why,
     and :func:`experience` is there to learn from anew.

@@ -1,4 +1,4 @@
-"""What the words of a wish mean: kinds of objects and what objects are for.
+"""Interpret the words of a request: classes of objects, and what objects are for.
 
 "Bring me something to drink from" names a function, "a bottle" a kind, "a cup to drink from" both,
 and then both are wanted. Words are compared by their stems; a wish of several words means the
@@ -38,7 +38,7 @@ MAX_HITS = 20
 
 @dataclass(frozen=True)
 class Sense:
-    """One thing that is asked of the object: to be of a kind, or to be for something.
+    """One condition on the object: to be of a class, or to serve a function.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Sense:
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a wish means.
+    """Interpretation of a request.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Meaning:
 
 
 def stems(text: str) -> list[str]:
-    """Return the telling words of a text in a form that plural and -ing do not change.
+    """Return the stems of the significant words of a text.
 
     >>> stems("Bring me something that I can drink from, please"), stems("drinking vessels")
     (['drink'], ['drink', 'vessel'])
@@ -106,7 +106,7 @@ def _stem(word: str) -> str:
 
 
 def meaning(context: Context, wish: str) -> Meaning:
-    """Return what a wish means: the IRI of a class or function, or words for one.
+    """Interpret a request: the IRI of a class or function, or words for one.
 
     Names that the words hold come first, then names whose words begin with theirs, then whatever
     full-text search finds in labels and comments.

@@ -1,4 +1,4 @@
-"""What a decision wants to know, as one SPARQL query (Gatto 2016, 3.2.4)."""
+"""The one SPARQL query behind a decision (Gatto 2016, 3.2.4)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ people disagree evenly nothing is judged."""
 
 @dataclass(frozen=True)
 class Question:
-    """What a decision wants to know.
+    """Subject of the query behind a decision.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def query_text(question: Question) -> str:
 
 
 def _object_part(question: Question) -> str:
-    """Return the pattern of what is said about the objects themselves."""
+    """Return the pattern of statements about the objects themselves."""
     only = ""
     if question.only:
         wanted = f"VALUES ?wanted {{ {values(question.only)} }}"
@@ -122,7 +122,7 @@ def _object_part(question: Question) -> str:
 
 
 def _members(question: Question) -> str:
-    """Return the pattern of other objects of the classes that are about as large."""
+    """Return the pattern of other objects of the classes with a similar size."""
     assert question.size is not None
     bounds = " && ".join(
         f"?{name} > {size / question.size_tolerance:.6f} && "
@@ -141,7 +141,7 @@ _IN_SPACE = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
 
 
 def _grasp_part(which: str, of_class: str, turn: str) -> str:
-    """Return the pattern of the grasps of some objects whose pose states its turn in one way."""
+    """Return the pattern of grasps whose pose states its orientation in one of two ways."""
     return f"""{which}
     ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
     ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
@@ -173,7 +173,7 @@ def _trial_part(tracked: str, robot: str | None, turn: str) -> str:
 
 
 def _view_part(views: Iterable[str]) -> str:
-    """Return the pattern of where stored views were taken from."""
+    """Return the pattern of the viewpoints of stored views."""
     return f"""VALUES ?view {{ {values(views)} }}
     ?view rt:viewpoint ?p . ?p rt:x ?x ; rt:y ?y ; rt:z ?z ;
       rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw
@@ -188,7 +188,7 @@ def question_for(
     gripper: KnownGripper | None,
     only: tuple[str, ...] = (),
 ) -> Question:
-    """Return what to ask the graph about a look: the matches, the kind, the robot's own tries."""
+    """Return the question about an observation: its matches, its class, the robot's attempts."""
     objects = {match.object_iri for match in recognition.matches}
     kinds: set[str] = set()
     if recognition.accepted and not tracked:
@@ -213,7 +213,7 @@ def question_for(
 
 
 def _doubtful(recognition: Recognition, tracked: str | None, policy: Policy) -> tuple[str, ...]:
-    """Return the matches that say less as the object itself than as another of its kind.
+    """Return the matches that weigh less as the object itself than as others of its class.
 
     Both together never count more than an outcome of the object itself.
     """

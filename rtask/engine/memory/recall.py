@@ -1,7 +1,7 @@
-"""Ask the graph once and read the answer: objects, their grasps, outcomes of every robot.
+"""Query the graph once about recognised objects.
 
-What recognition found goes in; out come the objects, their grasps with every outcome of every
-robot, what this robot just tried, and where stored views were taken from.
+The answer has the objects, their grasps with the outcomes of every robot, the attempts of the robot
+that asks, and the viewpoints of stored views.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NUMBERS = ("x", "y", "z", "opening", "quality")
 
 
 def recall(kb: GraphCore, question: Question) -> Memory:
-    """Ask the graph once."""
+    """Return the graph's answer to a question; one query."""
     if not (question.objects or question.classes or question.views):
         return Memory()
     return _memory(kb.select(query_text(question)), question)
@@ -117,7 +117,7 @@ def _key(row: Row) -> Key:
 
 
 def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Tally]]:
-    """Return what is counted for each grasp, coarse physics apart from the rest."""
+    """Return the counts of each grasp, those in coarse physics separately."""
     fast = {(_key(row), row.value("held")): int(_number(row, "n")) for row in fast_rows}
     tallies: dict[Key, list[Tally]] = {}
     for row in rows:

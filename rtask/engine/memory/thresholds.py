@@ -1,9 +1,8 @@
-"""A grasp, or the confidence that was too low: the thresholds of Kehoe 2014, 4.3.
+"""Decide between a grasp and a confidence that is too low: the thresholds of Kehoe 2014, 4.3.
 
-Three confidences stand between a look and a grasp: that it is this object (s_I against c_I), that
-it is where it seems (s_T against c_T), that the grasp will hold (s_G against c_G). The first that
-is too low ends the decision, and is told with its number, the best alternatives and what would
-help.
+Three confidences must suffice before a grasp: in the object's identity (s_I against c_I), in its
+pose (s_T against c_T) and in the grasp (s_G against c_G). The first that is too low ends the
+decision; the answer has its value, the best alternatives and advice.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What a decision is made on.
+    """Input of a decision.
 
     Parameters
     ----------
@@ -73,7 +72,7 @@ def asked(policy: Policy, request: dict[str, Any]) -> Thresholds | None:
 
 
 def grasps_above(chosen: Sequence[Option], threshold: float) -> list[Option]:
-    """Return the options that are sure enough, in their order."""
+    """Return the options with sufficient confidence, in their order."""
     return [one for one in chosen if one.choice is not None and one.choice.mean >= threshold]
 
 
@@ -130,7 +129,7 @@ def _sentence(identity: float, pose: float | None, grasp: float) -> str:
 
 
 def _objects(case: Assessment) -> list[dict[str, Any]]:
-    """Return the best matches; the second near to the first tells a false match (Kehoe 4.6)."""
+    """Return the best matches; a close second suggests a false match (Kehoe 2014, 4.6)."""
     matches = case.recognition.matches[:MAX_ALTERNATIVES]
     known = case.memory.objects
     return [

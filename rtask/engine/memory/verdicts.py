@@ -1,4 +1,4 @@
-"""An attempt with everything that was said about it, and what learners count of it."""
+"""Attempts with people's verdicts on them, and the label that learners count."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RECENT = 500
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a person says about an outcome.
+    """A person's verdict on an outcome.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Judged:
-    """An attempt and what was said about it.
+    """An attempt with the verdicts on it.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Judged:
 
 
 def label_of(judged: Judged) -> bool | None:
-    """Return what learners count: success, failure, or None = nothing.
+    """Return the label that learners count: success, failure, or None for neither.
 
     A disputed outcome counts nowhere, nor does a failure that says nothing about the grasp, unless
     people say that the grasp held after all.
@@ -88,7 +88,7 @@ def label_of(judged: Judged) -> bool | None:
 
 
 def find_attempt(context: Context, request: Mapping[str, Any]) -> Judged:
-    """Return the latest attempt that a request means, with everything said about it.
+    """Return the latest attempt that a request refers to, with all verdicts on it.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""What a robot saw: decoded, recognised, identified, and placed in its frame."""
+"""Perception: observations decoded, identified and placed in the robot's frame."""

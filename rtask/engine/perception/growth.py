@@ -1,9 +1,10 @@
 """One model for each object, grown from the views that fit together (Kehoe 2014, 4.3).
 
-The first view fixes the frame: that of the object's grasps. A later view joins when it is known how
-the camera stood to the object and view and model do not contradict each other; otherwise it stays
-a view like any other. The graph keeps one model for each object and author, as bytes with the views
-that are in it; of several the one with the most views counts. All can be made again from the views.
+The first view fixes the frame, which is that of the object's grasps. A later view joins when the
+camera's pose relative to the object is known and the view does not contradict the model; otherwise
+it stays a single view. The graph keeps one model for each object and author, as a blob with the
+views that are in it; of several, the one with the most views counts. All can be rebuilt from the
+views.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ _UPRIGHT, MAX_FLOAT_M = np.deg2rad(20), 0.012
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """A model with one more view.
+    """A model grown by one view.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def grow(
     view: NamedNode,
     is_round: bool = False,
 ) -> Growth | None:
-    """Let an object's model grow by a view, when it fits and shows something new.
+    """Grow an object's model by a view, when it fits and shows something new.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def posed_views(kb: GraphCore, thing: NamedNode) -> list[tuple[str, NDArray[np.f
 
 
 def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> ObjectModel | None:
-    """Return the model that views grow into, made again from their bytes; None without any.
+    """Return the model rebuilt from the bytes of views; None without any.
 
     Parameters
     ----------
@@ -173,7 +174,7 @@ def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> 
 
 
 def rebuild_models(context: Context) -> tuple[Commit, int]:
-    """Make the models of all objects again from their views; one commit.
+    """Rebuild the models of all objects from their views; one commit.
 
     Returns
     -------
@@ -206,7 +207,7 @@ def rebuild_models(context: Context) -> tuple[Commit, int]:
 def state_model(
     context: Context, triples: Triples, thing: NamedNode, model: ObjectModel
 ) -> tuple[NamedNode, str]:
-    """State a model, cloud and mesh; return its IRI and that of its bytes, which are stored."""
+    """State a model with cloud and mesh; return its IRI and that of its stored blob."""
     from features.modelling import mesh_to_ply
 
     node = context.names.unique("model")

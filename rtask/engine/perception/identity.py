@@ -1,8 +1,8 @@
-"""Whether a view that looks like a known object is that object.
+"""Decide whether a view that looks like a known object is that object.
 
-Recognition compares pictures. Before an outcome is written to an object's account, two more things
-must agree: the size that the graph knows, and, while the graph knows one object only, more evidence
-than resemblance, because there is nothing yet that the view could resemble more.
+Recognition compares images. Before an outcome is credited to an object, the size must agree with
+the stored one. While the index holds a single object, more evidence is required as well, because
+there is no other object that the view could resemble more.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def recognise(
     max_results: int,
     min_confidence: float | None = None,
 ) -> Recognition:
-    """Compare a view with the index, and doubt the answer where there was one object to compare.
+    """Match a view against the index; lower the confidence if it holds a single object.
 
     Rivals are counted first: an object that another robot inserts meanwhile took no part.
     """
@@ -48,7 +48,7 @@ def recognise(
 def settle(
     recognition: Recognition, memory: Memory, seen: Observation, policy: Policy
 ) -> Recognition:
-    """Return the recognition without what the graph contradicts.
+    """Return the recognition without the matches that the graph contradicts.
 
     Matches go that the graph does not know (any more) or whose size is another one. The answer
     stays accepted only while its first match is still the first.

@@ -1,4 +1,4 @@
-"""Pictures: of clouds that came without one, of crops, of attempts."""
+"""Images of clouds, crops and attempts: decode, check, encode, render."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
 
 
 def encode_crop(frame: Frame) -> bytes:
-    """Return the object's image crop as JPEG; sharp enough for features to be found again."""
+    """Return the object's image crop as JPEG, of a quality that preserves features."""
     import cv2
 
     if frame.rgb is None:
@@ -71,7 +71,7 @@ def encode_crop(frame: Frame) -> bytes:
 
 
 def with_image(frame: Frame, data: bytes) -> Frame:
-    """Return the frame with another picture of the object in place of its own.
+    """Return the frame with another image of the object in place of its own.
 
     A picture of another size than the frame carries no depth: where its pixels lie is not known.
     """
@@ -146,7 +146,7 @@ def frame_of_cloud(
 
 
 def shaded(depth_m: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return a picture (h, w, 3) of depth alone, near light and far dark, white around it."""
+    """Return an image (h, w, 3) of depth: near is light, far is dark, the surroundings white."""
     known = mask & np.isfinite(depth_m) & (depth_m > 0)
     grey = np.full(depth_m.shape, 255, np.uint8)
     if known.any():

@@ -1,4 +1,4 @@
-"""Where the object is now: the frame in which its grasps are kept, seen from the robot.
+"""Placement of an object on its support: the frame of its grasps, in the robot's frame.
 
 The frame's origin is the centre of the footprint at the height of the support, z points up, x
 along the longer side. A round thing has no side: its x axis points away from the robot, so that a
@@ -72,7 +72,7 @@ def place(
     query_from_view: NDArray[np.float64] | None = None,
     object_from_view: NDArray[np.float64] | None = None,
 ) -> Placement | None:
-    """Return where the object is.
+    """Return the placement of an observed object.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _turned(pose: FloatArray, yaw: float) -> NDArray[np.float64]:
 
 
 def _snapped(matched_yaw: float, measured_yaw: float) -> float:
-    """Return the measured side that the match points along, which is the more exact of the two.
+    """Return the measured direction nearest to the matched one, as it is more exact.
 
     Where no side is near, the match stands: what was measured may be one side of the object only.
     """
@@ -162,7 +162,7 @@ def footprint_of(shape: TabletopShape, placement: Placement) -> Footprint:
 
 
 def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[str, float] | None:
-    """Name the kind of thing that a shape suggests, when the geometry is clear.
+    """Return the class that a shape suggests, when the geometry is clear.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[s
 
 
 def _top_width(shape: TabletopShape, points: NDArray[np.float64]) -> float | None:
-    """Return how wide the top is against the middle, seen from above; None if unseen."""
+    """Return the ratio of the widths at the top and in the middle; None if unseen."""
     level = (points[:, 2] - shape.support_height) / max(float(shape.height), MIN_M)
     radius = np.linalg.norm(points[:, :2] - np.asarray(shape.centre), axis=1)
     top, middle = radius[(level > 0.85) & (level < 0.97)], radius[(level > 0.3) & (level < 0.6)]

@@ -1,7 +1,7 @@
-"""The pose of a recognised object in six degrees of freedom (Kehoe 2014, 4.3 and 4.4).
+"""Estimate the pose of a recognised object in six degrees of freedom (Kehoe 2014, 4.3 and 4.4).
 
-Against the model that its views grew into; where there is none, against the stored view that
-matched. A pose below c_T is told as such: it "cannot be determined".
+The observation is registered with the model grown from the object's views, or with the stored view
+that matched when there is no model. A pose below c_T is reported as "cannot be determined".
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _STARTS, _KEPT, _POINTS = 160, 12, 800
 
 @dataclass(frozen=True, eq=False)
 class ObjectPose:
-    """Where a recognised object is.
+    """Pose of a recognised object.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def locate(
     known: KnownObject | None,
     memory: Memory,
 ) -> tuple[Placement | None, ObjectPose | None]:
-    """Return where the object stands, and its pose where something stored can tell.
+    """Return the placement of an object, and its pose where something stored determines it.
 
     The frame comes from an accepted pose; else from a matching view; else from the measured sides.
     """
@@ -199,7 +199,7 @@ def _posed(seen: Observation, found: PoseEstimate, source: str, views: int) -> O
 
 
 def pose_fields(pose: ObjectPose | None, seen: Observation) -> dict[str, Any]:
-    """Return what an answer of recognition says about the pose."""
+    """Return the fields of a recognition answer that describe the pose."""
     from grasp.messages import pose_message
 
     if pose is None:

@@ -1,4 +1,4 @@
-"""What the camera saw around an object's crop: the table, where nothing else is known.
+"""Surroundings of an object's crop: the table, where nothing else is known.
 
 A robot sends the pixels of one object. That a model reaches beyond them speaks against a pose only
 when it is known what is seen there; on a table, seen from above, that is the table.

@@ -1,4 +1,4 @@
-"""Stored views, as the index of recognition is made again from them."""
+"""Frames and viewpoints of stored views."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 
 def stored_frame(kb: GraphCore, view: str) -> tuple[Frame, bool] | None:
-    """Return the crop that a stored view keeps, and whether a camera took it.
+    """Return the crop of a stored view, and whether a camera took it.
 
     A cloud without pixels is rendered again as it was when it came. None when the bytes are gone.
     """

@@ -1,1 +1,1 @@
-"""What is written: attempts, objects and outcomes as triples."""
+"""Records: attempts, objects and outcomes as triples."""

@@ -1,7 +1,7 @@
-"""The best shape that the graph has of an object, to plan grasps on.
+"""The best stored shape of an object, for grasp planning.
 
-A mesh that is closed all around, else the cloud that its views grew into, else the views' clouds as
-they lie; all in the object's own frame, in which z = 0 is what it stands on.
+A closed mesh, else the cloud grown from its views, else the clouds of the single views; all in the
+object's own frame, where z = 0 is the support.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NEAR_M = 0.002
 
 @dataclass(frozen=True, eq=False)
 class ObjectShape:
-    """What is known of an object's surface, in its own frame, m.
+    """Surface of an object in its own frame, m.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class ObjectShape:
 
 
 def object_shape(context: Context, name: str) -> ObjectShape:
-    """Return the best shape of an object that the graph has.
+    """Return the best stored shape of an object.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def _points(data: bytes, pose: Sequence[float]) -> tuple[NDArray[np.float64], bo
 
 
 def _meshes(context: Context, thing: str) -> list[tuple[str, str]]:
-    """Return IRIs and bytes of stored meshes: given ones, then those of the most views."""
+    """Return IRIs and blobs of stored meshes: given ones first, then those of the most views."""
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
   {iri(thing)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
@@ -221,13 +221,13 @@ def _read_mesh(context: Context, blob: str) -> Mesh | None:
 
 
 def _is_of_camera(context: Context, view: str) -> bool:
-    """Tell whether a camera took a view: what hides nothing has no viewpoint."""
+    """Tell whether a camera took a view; a cloud without one has no viewpoint."""
     found = stored_frame(context.kb, view)
     return found is not None and found[1]
 
 
 def _swept(model: ObjectModel) -> Mesh | None:
-    """Return the closed mesh that a round thing's surface sweeps, if it is one."""
+    """Return the closed surface of revolution of a round object, if there is one."""
     from scipy.spatial import cKDTree
 
     from grasp.spatial.meshes.mesh import as_mesh
@@ -247,7 +247,7 @@ def _is_round(context: Context, thing: str) -> bool:
 
 
 def _is_closed(mesh: Mesh) -> bool:
-    """Tell whether nearly every flat line through the body enters and leaves it.
+    """Tell whether nearly every horizontal line through the body enters and leaves it.
 
     What an object stands on is seldom seen, and no jaw needs it.
     """
