@@ -1,4 +1,4 @@
-"""Pictures for people: labels over an image, matches between two views, a pose over an image."""
+"""Illustrations: labels over an image, matches between two views, a pose over an image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which frames of a camera are worth sending: those that show a change of the scene.
+"""Selection of the camera frames worth sending: those that show a change of the scene.
 
 Gatto 2016, 3.2.1 culls frames by the entropy of sequential ones and sends a frame only when the
 variation passes a threshold, after Beksi and Papanikolopoulos. Here, in the spirit of that: the
@@ -29,7 +29,7 @@ _VOXEL_M = 0.01
 
 @dataclass(frozen=True)
 class SceneChangeParams:
-    """When a frame counts as new.
+    """Thresholds above which a frame counts as new.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class SceneChangeParams:
 
 @dataclass(frozen=True)
 class SceneChange:
-    """What was found about a frame.
+    """Result of comparing a frame with the last one sent.
 
     Parameters
     ----------

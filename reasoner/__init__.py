@@ -1,4 +1,4 @@
-"""OWL 2 RL closure, contradictions and proofs over the shared graph."""
+"""OWL 2 RL closure, contradictions and proofs over a graph."""
 
 from reasoner.closure import Closure, Config, InconsistentError, Staged
 from reasoner.contradictions import Contradiction

@@ -1,4 +1,4 @@
-"""Contradictions: what clashes, in terms, with what was asserted that led to it."""
+"""Contradictions, with the assertions that lead to them."""
 
 from __future__ import annotations
 

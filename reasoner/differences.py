@@ -1,4 +1,4 @@
-"""How a commit changes the inferred graph."""
+"""Changes of the inferred graph by a commit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Entailment: does a set of triples follow? Look-up first, then refutation.
+"""Entailment of triples: by look-up first, then by refutation.
 
 What the closure does not hold is negated with fresh constants and staged; a contradiction proves
 it. Sound always, complete for none but simple cases (OWL 2 Profiles 4.3, theorem PR1 covers

@@ -1,4 +1,4 @@
-"""What the inferred graph holds: facts in terms that stores and people can use.
+"""Selection of the derived facts that the inferred graph holds.
 
 Left out are asserted facts, triples that are true of everything (`x a owl:Thing`), schema triples
 about anonymous classes, and literals as subjects.

@@ -1,4 +1,4 @@
-"""Short words for triples: local names, anonymous classes spelled out."""
+"""Short renderings of triples: local names, anonymous classes spelled out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Proofs: why a triple holds, found backward when somebody asks, nothing kept beforehand.
+"""Proofs of triples, found backward on demand; nothing is recorded beforehand.
 
 The search deepens by height, so the first proof found is one of the least height and never rests
 on itself. It works on triples in their original terms: replacing a term by an equal one is a step
@@ -33,7 +33,7 @@ MAX_VARIANTS = 256
 
 @dataclass(frozen=True)
 class Proof:
-    """Why a triple holds.
+    """Derivation of a triple.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ class Expanded:
 
 
 class OutOfBudgetError(Exception):
-    """The search took longer than it may."""
+    """The search exceeded its budget."""
 
 
 class Prover:

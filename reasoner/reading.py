@@ -1,4 +1,4 @@
-"""One state of a closure as readers see it: in original terms, equal ones in each other's place."""
+"""Reading of one state of a closure in original terms, equal terms substituted."""
 
 from __future__ import annotations
 

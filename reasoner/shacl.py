@@ -1,4 +1,4 @@
-"""SHACL: do nodes have the shape that they should (W3C SHACL, 2017)?
+"""Validation of nodes against SHACL shapes (W3C SHACL, 2017).
 
 A thin coat over pySHACL, which takes 0.3 s to import and is imported on first use. Inference is
 off: the closure is there already.

@@ -65,7 +65,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Container:
-    """What :func:`unpack` found.
+    """Header and sections as :func:`unpack` returns them.
 
     Parameters
     ----------

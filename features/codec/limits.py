@@ -1,4 +1,4 @@
-"""What a decoder is willing to unpack; checked before memory is taken."""
+"""Limits of the decoders, checked before memory is allocated."""
 
 from __future__ import annotations
 

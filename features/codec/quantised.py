@@ -1,4 +1,4 @@
-"""What clouds on a lattice share: their check, header, colours and way back to metres."""
+"""Functions shared by the lattice codecs: validation, header, colours, conversion to metres."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def cloud_header(
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where the cells of a cloud lie.
+    """Origin and cell size of a quantised cloud.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ _MAX_CELLS = 160
 
 @dataclass(frozen=True, eq=False)
 class ObjectModel:
-    """What is known of an object's surface. Adding returns a new model.
+    """Model of an object's surface. Immutable: adding a view returns a new model.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How a view comes to lie on what is known of its object.
+"""Registration of a view with the model of its object.
 
 Points slide along a smooth surface, and a view of a round thing turns freely on its model: what the
 data leave open, the movement as it was told decides (a Gaussian prior on it, Thrun et al. 2005, 3).
@@ -35,7 +35,7 @@ _MAX_VIOLATION, _MIN_JUDGED = 0.12, 0.25
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """How a view came to the model.
+    """Result of registering a view with the model.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Registration:
 
 
 class Surface:
-    """What views are laid on: the smoothed middle of a cloud (n, 6), at most 3,000 places of it."""
+    """Target of the registration: the smoothed cloud (n, 6), at most 3,000 of its points."""
 
     def __init__(self, cloud: NDArray[np.float32], weights: NDArray[np.float32]) -> None:
         rows = smoothed(cloud, weights, _MAX_SAMPLES)

@@ -24,7 +24,7 @@ _MIN_POINTS = 10
 
 @dataclass(frozen=True)
 class AxisCheck:
-    """How the major axes of view and model compare.
+    """Comparison of the major axes of view and model.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How sure a pose is (s_T of Kehoe 2014, 4.4), and when it counts (c_T)."""
+"""Confidence of a pose (s_T of Kehoe 2014, 4.4) and its acceptance threshold (c_T)."""
 
 from __future__ import annotations
 

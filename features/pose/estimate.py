@@ -36,7 +36,7 @@ _OVER_TABLE_M = 0.003
 
 @dataclass(frozen=True)
 class PoseParams:
-    """How much is tried.
+    """Search effort and limits of the pose estimation.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class PoseAlternative:
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
-    """Where an object is.
+    """Estimated pose of an object, with its confidence.
 
     Parameters
     ----------

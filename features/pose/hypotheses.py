@@ -1,4 +1,4 @@
-"""Which pixels may belong to the object: its segment, and segments that touch it.
+"""Hypotheses about the object's pixels: its segment, alone or with touching neighbours.
 
 A segmenter that is not told what it looks at cuts a handle from its mug. The stored model says how
 large the whole may be, and so which neighbours can be parts of it.

@@ -1,4 +1,4 @@
-"""Many starts of the iterated closest point at once, against a grid of nearest samples.
+"""Iterative closest point from many starts at once, against a grid of nearest samples.
 
 One kernel walks over all starts (Kehoe 2014, 4.4). The nearest model sample of a place is one
 look-up in a grid that was filled when the model was made, which is what makes hundreds of starts

@@ -17,7 +17,7 @@ __all__ = ["PoseError", "pose_error"]
 
 @dataclass(frozen=True)
 class PoseError:
-    """How far an estimated pose is from the true one.
+    """Error of an estimated pose.
 
     Parameters
     ----------

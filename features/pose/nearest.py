@@ -1,4 +1,4 @@
-"""The sample nearest to each place of a grid, by passing vectors on (Danielsson 1980)."""
+"""Grid of nearest samples by vector propagation (Danielsson 1980)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotations: an even set to start from, and how far two are apart."""
+"""Rotations: an evenly spread set, and the angle between two."""
 
 from __future__ import annotations
 

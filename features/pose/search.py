@@ -1,4 +1,4 @@
-"""The best poses of a model for a set of points: many starts, thinned out as they improve."""
+"""Search for the poses of a model that fit a set of points, from many starts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _STAGES = ((6, 0.7, 200), (6, 1.0, 300))
 
 @dataclass(frozen=True, eq=False)
 class ScenePoints:
-    """Points of the scene that are to lie on the model.
+    """Scene points that the model must explain.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a pose predicts to be seen, held against what the depth image shows.
+"""Comparison of the depth that a pose predicts with the measured depth image.
 
 A scan covers one side of an object; hidden parts of the model cost a wrong pose nothing. The
 sensor, however, also says where there is nothing: a model surface that it looked through is a

@@ -1,4 +1,4 @@
-"""Which object is this? SIFT, cascade hashing, geometric verification; no training phase.
+"""Object recognition by SIFT, cascade hashing and geometric verification, without training.
 
 ::
 

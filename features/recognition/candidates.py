@@ -1,4 +1,4 @@
-"""Stored views that a query may show: voted for by descriptors, checked by geometry.
+"""Candidate views of a query: voted for by descriptors, verified by geometry.
 
 Three looks, each only if the one before left doubt: views with most votes of the index (Gatto
 2016, 3.2.4); views that look alike, compared in full; and twins, objects whose descriptors stand
@@ -28,7 +28,7 @@ _TWIN_GAIN = 1.5
 
 @dataclass(frozen=True)
 class RecogniserParams:
-    """How candidates are found and checked.
+    """Parameters of finding and verifying candidates.
 
     Parameters
     ----------

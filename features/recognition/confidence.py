@@ -1,4 +1,4 @@
-"""From evidence to a confidence, and from confidences to a decision (Kehoe 2014, 4.3).
+"""Confidence from evidence, and the decision from confidences (Kehoe 2014, 4.3).
 
 The constants are shipped; no training step is needed to use them. How they were fitted and what
 they achieve stands in ``docs/recognition.md``, with the command that shows it.
@@ -20,7 +20,7 @@ Outcome = Literal["null", "single", "multiple"]
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for one stored object.
+    """Evidence for one stored object.
 
     Parameters
     ----------

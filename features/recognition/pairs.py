@@ -18,7 +18,7 @@ _CAP, _RATIO = 65536, 0.72
 
 @dataclass(frozen=True, eq=False)
 class PairMatches:
-    """Which keypoints of two views are the same places.
+    """Matched keypoints of two views.
 
     Parameters
     ----------

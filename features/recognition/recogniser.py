@@ -1,4 +1,4 @@
-"""Which stored object does this view show? (Gatto 2016, 3.2.4; Kehoe 2014, 4.3)"""
+"""Recognition of the stored object that a view shows (Gatto 2016, 3.2.4; Kehoe 2014, 4.3)."""
 
 from __future__ import annotations
 

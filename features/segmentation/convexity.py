@@ -1,4 +1,4 @@
-"""Which neighbouring patches belong to one object: those that meet convexly.
+"""Convexity of neighbouring patches: those that meet convexly belong to one object.
 
 Locally convex connected patches (LCCP, Stein et al. 2014; Gatto 2016, 2.5.2): objects bulge out,
 and where two of them touch the surface makes a valley.

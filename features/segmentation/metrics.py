@@ -1,4 +1,4 @@
-"""How well a label map agrees with the truth.
+"""Agreement of a label map with the ground truth.
 
 Overlap after the best one-to-one match of segments (Gatto 2016, 5.1 reports precision and recall
 of segments); 0 = no object in both maps. Only pixels whose true label is known count.

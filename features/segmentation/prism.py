@@ -1,4 +1,4 @@
-"""What stands on the table: the points above the hull of its visible part (Gatto 2016, 2.4)."""
+"""Points on the table: those above the hull of its visible part (Gatto 2016, 2.4)."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ _METHODS = ("gaec", "components", "euclidean")
 
 @dataclass(frozen=True)
 class SegmentParams:
-    """How a cloud is cut into objects.
+    """Parameters of segmenting a cloud into objects.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ Axes = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class Policy:
-    """How beliefs are formed and which arm is chosen.
+    """Parameters of belief and of the choice of an arm.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ ROWS: tuple[Row, ...] = (
 
 @dataclass(frozen=True)
 class Result:
-    """What a contender did.
+    """Results of one contender.
 
     Parameters
     ----------

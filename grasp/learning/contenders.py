@@ -27,7 +27,7 @@ _SAME_OBJECT, _SAME_FAMILY, _SIMILAR = 1.0, 0.7, 0.5
 
 @dataclass(frozen=True)
 class Attempt:
-    """Which candidate was tried, and whether it held."""
+    """Candidate that was tried, and whether it held."""
 
     candidate: int
     success: bool

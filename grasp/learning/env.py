@@ -24,7 +24,7 @@ _FEATURES = 5
 
 
 class Candidate(Protocol):
-    """What the environment needs to know of a grasp."""
+    """Properties of a grasp that the environment uses."""
 
     @property
     def theta(self) -> float:
@@ -37,7 +37,7 @@ class Candidate(Protocol):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an attempt.
+    """Outcome of an attempt.
 
     Parameters
     ----------

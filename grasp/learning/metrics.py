@@ -1,4 +1,4 @@
-"""How good a learner of grasping is: attempts to success, first tries, regret, with intervals."""
+"""Measures of a grasp learner: attempts to success, first tries, regret, with intervals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEVER = 13
 
 @dataclass(frozen=True, eq=False)
 class Life:
-    """What one learner did with objects in the order in which it met them.
+    """Attempts of one learner at objects, in the order in which it met them.
 
     Parameters
     ----------

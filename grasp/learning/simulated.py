@@ -35,7 +35,7 @@ FEATURES = 5
 
 @dataclass(frozen=True)
 class Perception:
-    """How well an object is seen by whoever rates its grasps.
+    """Quality of the perception on which grasps are rated.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ POOR = Perception(0.10, 0.15, 0.35)
 
 @dataclass(frozen=True)
 class WorldSettings:
-    """What is simulated.
+    """Parameters of the simulated world.
 
     Parameters
     ----------

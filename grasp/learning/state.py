@@ -1,4 +1,4 @@
-"""How an object looks, in five numbers: pooled SIFT on components that grow with the views.
+"""State of an object in five numbers: pooled SIFT on components that grow with the views.
 
 Gatto 2016, 3.3.4 takes the first principal components of an object's view as state.
 """

@@ -15,7 +15,7 @@ __all__ = ["Agent", "Learner", "Transition"]
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """What an action did.
+    """Effect of an action.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Transition:
 
 
 class Learner(Protocol):
-    """What acts and observes."""
+    """Protocol of a learner that acts and observes."""
 
     def act(self, state: NDArray[Any], info: Mapping[str, Any] | None = None) -> int:
         """Return the action to take in a state (d,)."""

@@ -1,4 +1,4 @@
-"""Asynchronous parallelism: take the shards that finish first (Kehoe 2014, 3.6).
+"""Asynchronous analysis from the shards that finish first (Kehoe 2014, 3.6).
 
 More trials are started than wanted and the analysis ends with the first that make up the number.
 Shards that finish early could be easier than the others, which would bias the result; the thesis

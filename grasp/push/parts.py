@@ -1,4 +1,4 @@
-"""Test parts drawn for this project.
+"""Example parts, drawn for this project.
 
 The outlines of the thesis (Kehoe 2014, Fig. 3.8 and 3.12) were traced from images and are not
 published. These **stand-ins** imitate what its text says of each part; results on them can be

@@ -28,7 +28,7 @@ about 100 pixels radius. Read as standard deviations they give a fifth of the pu
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a real part may be from the nominal one, as standard deviations.
+    """Standard deviations of a real part from the nominal one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Planning: candidates, perturbations, ranking (Kehoe 2014, 3.4, Algorithm 2)."""
+"""Planning of push grasps: candidates, perturbations, ranking (Kehoe 2014, 3.4, Algorithm 2)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class PushPlan:
 
     @property
     def quality(self) -> float:
-        """Of the best grasp (Q* of equation 3.4)."""
+        """Quality of the best grasp (Q* of equation 3.4)."""
         return float(self.analysis.quality[self.best])
 
 

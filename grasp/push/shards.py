@@ -1,4 +1,4 @@
-"""Where the trials of an analysis run: here, in threads, in processes, or on a Ray cluster.
+"""Executors for the trials of an analysis: serial, threads, processes or a Ray cluster.
 
 The kernels release the interpreter's lock, so threads serve one machine best. Every trial is a
 function of its number, so all ways give the same results bit for bit.
@@ -24,7 +24,7 @@ class Executor(Protocol):
 
     @property
     def workers(self) -> int:
-        """How many shards run at once."""
+        """Number of shards that run at once."""
         ...
 
     def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:

@@ -79,7 +79,7 @@ def sensitivity_grid(
 
 @dataclass(frozen=True)
 class NominalOnly:
-    """What planning without uncertainty would have chosen (Kehoe 2014, 3.5).
+    """Result of planning without uncertainty (Kehoe 2014, 3.5).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How large tolerances may be, and what they are worth (Kehoe 2014, 3.5 and 6.2)."""
+"""Limits and costs of tolerances (Kehoe 2014, 3.5 and 6.2)."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _CHUNK = 512
 
 @dataclass(frozen=True)
 class PushTest:
-    """How one grasp is judged on one part.
+    """Parameters of the test of one grasp on one part.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class PushTest:
 
 @dataclass(frozen=True)
 class Trials:
-    """What a shard needs; called with a range of trial numbers.
+    """Task of a shard, called with a range of trial numbers.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Room for the gripper between the things that stand around (Gatto 2016, 3.3.3).
+"""Collision of the gripper with support and surrounding objects (Gatto 2016, 3.3.3).
 
 A straight approach sweeps each box of the gripper along its own z axis; what it passes is a longer
 box, so that the sweep is exact and costs no more than one pose.
@@ -70,7 +70,7 @@ class Support:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the gripper must not touch besides the object.
+    """Obstacles that the gripper must not touch besides the object.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Room:
-    """What is around grippers in their poses.
+    """Clearance of grippers in their poses.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Room:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Which poses touch nothing (c,)."""
+        """Poses that touch nothing, (c,) bool."""
         return np.asarray(self.hit == 0)
 
 

@@ -1,4 +1,4 @@
-"""The outline on which an object stands, and how wide it is between two jaws.
+"""Outline of an object's base, and its width between two jaws.
 
 All coordinates lie in the support plane of one frame with z up.
 """
@@ -25,7 +25,7 @@ Kind = Literal["round", "rectangle", "elongated", "irregular"]
 
 @dataclass(frozen=True)
 class Contacts:
-    """Where two jaws meet the outline.
+    """Contacts of two jaws with the outline.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Contacts:
 
 @dataclass(frozen=True, eq=False)
 class JawLines:
-    """Where jaws meet the outline, for many closing lines at once.
+    """Contacts of jaws with the outline, for many closing lines at once.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Footprint:
 
     @property
     def kind(self) -> Kind:
-        """Which rule of closing directions applies."""
+        """Rule of closing directions that applies."""
         if self.roundness >= ROUND:
             return "round"
         if self.length >= _ELONGATED * self.width:

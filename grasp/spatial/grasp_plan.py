@@ -1,4 +1,4 @@
-"""From a shape to ranked grasps: candidates, their confidence and epsilon, different ones first."""
+"""Planning of grasps in space: candidates, their confidence and epsilon, diverse ones first."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _HALF = 0.5
 
 @dataclass(frozen=True)
 class SpatialOptions:
-    """How grasps in space are planned.
+    """Options of planning grasps in space.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ class ParallelGripper:
 
     @property
     def thickness(self) -> float:
-        """Of a finger along the closing direction, m."""
+        """Thickness of a finger along the closing direction, m."""
         return self.finger_width if self.finger_thickness is None else self.finger_thickness
 
     def modelled(self) -> ParallelGripper:
@@ -169,7 +169,7 @@ class ParallelGripper:
 
     @property
     def reach(self) -> float:
-        """How deep an object may lie between the jaws, seen from the origin, m."""
+        """Depth from the origin that an object may reach between the jaws, m."""
         return self.finger_length - self.fingertip - _PALM_CLEARANCE_M
 
     def joint_positions(self, opening_m: float) -> dict[str, float]:

@@ -52,7 +52,7 @@ class Axiom:
 
 @dataclass(frozen=True)
 class DLReport:
-    """What HermiT says.
+    """Report of HermiT.
 
     Attributes
     ----------

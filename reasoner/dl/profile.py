@@ -1,4 +1,4 @@
-"""Is an ontology within the OWL 2 RL profile (OWL 2 Profiles 4.2)?
+"""Check of an ontology against the OWL 2 RL profile (OWL 2 Profiles 4.2).
 
 Outside the profile the rules still derive only what follows, yet no longer everything.
 """

@@ -1,4 +1,4 @@
-"""What is asserted, as opposed to derived."""
+"""Asserted facts, as opposed to derived ones."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ BULK_RATIO = 8
 
 @dataclass(frozen=True)
 class Settings:
-    """What maintenance needs to know from the configuration."""
+    """Configuration of maintenance."""
 
     max_facts: int
     bulk_from: int

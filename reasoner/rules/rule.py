@@ -28,7 +28,7 @@ class Atom(NamedTuple):
 
     @property
     def key(self) -> int:
-        """What the atom is filed under: its predicate, or `~class` for a type with known class."""
+        """Index key of the atom: its predicate, or `~class` for a type with known class."""
         return ~self.o if self.p == TYPE and self.o >= 0 else self.p
 
 
@@ -39,7 +39,7 @@ def keys_of(fact: Fact) -> tuple[int, ...]:
 
 
 class View(Protocol):
-    """What matching needs to know about a set of facts."""
+    """Protocol of a set of facts that rules are matched against."""
 
     def has(self, s: int, p: int, o: int) -> bool:
         """Tell whether a fact holds."""

@@ -36,7 +36,7 @@ class Trigger:
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
-        """What else must hold, in matching order."""
+        """Other conditions of the rule, in matching order."""
         rest = list(self.rule.body)
         rest.remove(self.atom)
         return arrange(rest, self.rule.conditions, self.atom.variables)

@@ -23,7 +23,7 @@ Order = bool | int | float | Fraction | str
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """What a literal denotes.
+    """Value denoted by a literal.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Terms and ids: the engine works on small integers, people and stores on terms."""
+"""Dictionary of terms and ids: the engine works on small integers instead of terms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The truth that the cascade approaches: exhaustive search with faiss (only this file imports it).
+"""Exhaustive matching with faiss, the reference for the cascade; only this file imports faiss.
 
 Used by tests and benchmarks; slower than the cascade by one to two orders of magnitude.
 """

@@ -52,7 +52,7 @@ class SegmentEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What belongs to the index.
+    """List of the files that make up the index.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What becomes of the parts of an index when its delta is sealed: which merge, which shrink."""
+"""Merge policy: which segments merge or shrink when the delta is sealed."""
 
 from __future__ import annotations
 

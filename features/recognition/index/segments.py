@@ -49,7 +49,7 @@ class IndexCorruptError(ValueError):
 
 
 class ViewName(NamedTuple):
-    """What a view is called and what it shows; IRIs are opaque here."""
+    """Identifiers of a view, its object and its class; IRIs are opaque here."""
 
     view_iri: str
     object_iri: str

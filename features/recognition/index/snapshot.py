@@ -1,4 +1,4 @@
-"""What a query sees of the index: an unchanging set of blocks and the labels of their views.
+"""Snapshot of the index for one query: an immutable set of blocks and their views' labels.
 
 Writers replace the snapshot as a whole, so that a query in another thread never sees half a
 change.
@@ -29,7 +29,7 @@ _scratch = threading.local()
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """For each of n query descriptors the nearest stored one.
+    """Nearest stored descriptor for each of n query descriptors.
 
     Parameters
     ----------

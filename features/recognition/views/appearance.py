@@ -1,4 +1,4 @@
-"""How an object looks as a whole: colours and outline of shapes, for those with little print."""
+"""Global appearance of an object (colours, outline), for objects with little texture."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ ROOT_SIFT_SCALE = 512.0
 
 @dataclass(frozen=True)
 class SiftParams:
-    """How keypoints of an object's crop are found.
+    """Parameters of the keypoint detection on an object's crop.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a view leaves in the graph beside its image, cloud and keypoints (Gatto 2016, 3.2.2).
+"""Features stored in the graph beside image, cloud and keypoints (Gatto 2016, 3.2.2).
 
 HOG, FPFH and the two B-splines as bytes, each with the numbers that describe it. The index of
 recognition does not need them; whoever asks the graph for them does.

@@ -37,7 +37,7 @@ _MAX_BYTES = 64 * 2**20
 
 @dataclass(frozen=True, eq=False)
 class ViewFeatures:
-    """What one view shows of an object.
+    """Features of one view of an object.
 
     Parameters
     ----------

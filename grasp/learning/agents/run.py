@@ -16,7 +16,7 @@ __all__ = ["Episode", "run_episode", "run_episodes"]
 
 @dataclass(frozen=True)
 class Episode:
-    """How an episode went: the sum of its rewards, undiscounted, and its number of steps."""
+    """Result of an episode: the undiscounted sum of its rewards and its number of steps."""
 
     reward: float
     steps: int

@@ -1,4 +1,4 @@
-"""What learners with a table of state-action values have in common."""
+"""Base of the learners that keep a table of state-action values."""
 
 from __future__ import annotations
 

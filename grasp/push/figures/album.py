@@ -1,4 +1,4 @@
-"""Every drawing of a plan, by name."""
+"""All figures of a plan, by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which rings of a drawing are the part's outline, and which its holes."""
+"""Classification of a drawing's rings into outline, holes and further parts."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ _MIN_PART = 0.05
 
 @dataclass(frozen=True)
 class Outline:
-    """What a file says of a part.
+    """Part as read from a file.
 
     Parameters
     ----------

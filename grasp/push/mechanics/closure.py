@@ -1,4 +1,4 @@
-"""Whether closing the second jaw gives force closure (f_beta of Kehoe 2014, 3.3 and 3.4).
+"""Force closure when the second jaw closes (f_beta of Kehoe 2014, 3.3 and 3.4).
 
 Frame of every function: the first jaw's face on y = 0 over [s, s + w], the part above it in contact
 over the part's edge [a, e]; the second jaw covers the same window and comes down.

@@ -1,4 +1,4 @@
-"""Where a jaw first touches a part (f_C of Kehoe 2014, 3.3).
+"""First contact of a jaw with a part (f_C of Kehoe 2014, 3.3).
 
 All coordinates are in a frame with x along the jaw's face and y along its motion; the jaw comes
 from infinity and covers lo <= x <= hi.

@@ -1,4 +1,4 @@
-"""A cloud made ready for a hand search: even, oriented, told apart from its table."""
+"""Cloud prepared for a hand search: evenly sampled, oriented, separated from its table."""
 
 from __future__ import annotations
 

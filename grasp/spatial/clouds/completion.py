@@ -1,4 +1,4 @@
-"""The side of an object that one view does not show, guessed from the side it does.
+"""Completion of the unseen side of an object from the visible side.
 
 Household objects are symmetric: about a vertical plane, or under half a turn about a vertical axis
 (Bohg et al. 2011). A guess is held against what the camera saw: a completed point must lie behind

@@ -1,4 +1,4 @@
-"""Points of a cloud found by place: cells in sorted order, no tree (compiled).
+"""Neighbour search in a cloud by cells in sorted order (compiled).
 
 A cell's key grows with z fastest, so the cells above one another that a query touches are one run
 of the sorted order: two binary searches for each column.

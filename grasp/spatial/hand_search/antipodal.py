@@ -1,4 +1,4 @@
-"""Whether the surface between two jaws opposes them (ten Pas and Platt 2015, 4).
+"""Test whether the surface between two jaws opposes them (ten Pas and Platt 2015, 4).
 
 A jaw at -x pushes along +x, so the surface it needs has normals along -x, and the other way round.
 """

@@ -1,4 +1,4 @@
-"""How probably a candidate on one view holds the whole object, learned from simulated views.
+"""Classifier of candidates from one view, trained on simulated views.
 
 Two models: gradient boosting over fifteen statistics, and the linear machine over gradients of a
 picture (ten Pas and Platt 2015, 5). Both are calibrated by isotonic regression on objects that

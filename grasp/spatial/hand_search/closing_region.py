@@ -1,4 +1,4 @@
-"""What a cloud shows between the fingers, as numbers to learn from.
+"""Features of the part of a cloud that lies between the fingers.
 
 The picture and its gradients after ten Pas and Platt 2015, 5; histograms of oriented gradients
 after Dalal and Triggs 2005; the statistics are our own.

@@ -29,7 +29,7 @@ _PLACING_M = 0.004
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What the search does; defaults are those of the published implementation.
+    """Options of the search; the defaults are those of the published implementation.
 
     Parameters
     ----------

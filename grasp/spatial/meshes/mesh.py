@@ -1,4 +1,4 @@
-"""Triangle meshes as grasp planning needs them: cleaned, oriented outwards, weighed.
+"""Triangle meshes for grasp planning: cleaned, oriented outwards, with centre of mass.
 
 Holes are allowed (lines only ask what they meet); what cannot be decided is said in the notes.
 """

@@ -1,4 +1,4 @@
-"""How likely a grasp is to close although the object's pose is uncertain (Kehoe 2014, 4.4).
+"""Probability that a grasp closes under an uncertain object pose (Kehoe 2014, 4.4).
 
 The gripper is moved against the object by draws of the pose error; the confidence s_G is the share
 of draws in which both jaws meet the object within the opening and the line between both contacts
@@ -135,7 +135,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """What perturbations did to each of several grasps.
+    """Results of the perturbations for each of several grasps.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a learner sees of a candidate: fourteen numbers without units, in a fixed order."""
+"""Features of a candidate for learners: fourteen dimensionless numbers in a fixed order."""
 
 from __future__ import annotations
 

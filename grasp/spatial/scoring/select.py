@@ -1,4 +1,4 @@
-"""Which candidate to take: ranking, threshold, diversity.
+"""Selection of candidates: ranking, threshold, diversity.
 
 The confidence counts first. It is an estimate from a hundred perturbations: candidates above its
 95 % bound of the best cannot be told apart by it, so among them the others decide.

@@ -1,4 +1,4 @@
-"""How strong a disturbance a grasp resists: epsilon of Ferrari and Canny 1992.
+"""Grasp wrench space: the largest disturbance resisted (epsilon, Ferrari and Canny 1992).
 
 Each contact pushes along the edges of its friction cone with a normal force of 1. Epsilon is the
 radius of the largest ball about the origin inside the convex hull of all wrenches (both contacts
@@ -25,7 +25,7 @@ _LEVEL = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where an object is touched.
+    """Contacts with an object.
 
     Parameters
     ----------

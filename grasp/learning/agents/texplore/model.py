@@ -1,4 +1,4 @@
-"""What TEXPLORE believes an action does: a forest for each feature, the reward and the end."""
+"""TEXPLORE's model of actions: a forest for each feature, the reward and termination."""
 
 from __future__ import annotations
 

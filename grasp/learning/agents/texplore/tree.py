@@ -24,7 +24,7 @@ _NEGLIGIBLE = 1e-4
 
 @dataclass(frozen=True)
 class ForestSettings:
-    """How a forest grows.
+    """Parameters of growing a forest.
 
     Parameters
     ----------
