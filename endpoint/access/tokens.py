@@ -1,8 +1,8 @@
 """Access tokens: ``rtk_<id>_<secret>``, kept as digests in ``tokens.sqlite``.
 
-The file stands in the data folder with mode 0600. A secret is shown once, when the token is made;
-what is kept is its SHA-256, compared in constant time. Any process may create or revoke a token:
-each request looks whether the file has changed, so a revocation holds at once.
+The file is in the data folder, with mode 0600. A secret is shown once, when the token is created;
+only its SHA-256 is kept, and compared in constant time. Any process may create or revoke tokens:
+each request checks whether the file has changed, so a revocation takes effect at once.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ CREATE TABLE IF NOT EXISTS tokens (
 
 @dataclass(frozen=True)
 class Token:
-    """What is known about a token, without its secret.
+    """A token without its secret.
 
     Parameters
     ----------
     id
         Twelve hex digits; public.
     agent
-        Robot or person the token speaks for; none for readers and administrators.
+        Robot or person to whom the token belongs; none for readers and administrators.
     role
         ``reader``, ``robot``, ``teacher`` or ``admin``.
     created, expires, revoked
@@ -71,11 +71,11 @@ class Token:
 
     @property
     def access(self) -> Access:
-        """The rights that the token gives."""
+        """The rights that the token grants."""
         return Access(self.agent, cast(Role, self.role))
 
     def is_valid(self, now: datetime) -> bool:
-        """Tell whether the token still opens anything."""
+        """Tell whether the token is neither revoked nor expired."""
         if self.revoked:
             return False
         return self.expires is None or datetime.fromisoformat(self.expires) > now
@@ -87,7 +87,7 @@ class TokenStore:
     Parameters
     ----------
     folder
-        Data folder; none keeps the tokens in memory (a server without a folder).
+        Data folder; none to keep the tokens in memory, for a server without a folder.
 
     Examples
     --------
@@ -129,31 +129,33 @@ class TokenStore:
     def create(
         self, role: str, *, agent: str | None = None, lifetime: timedelta | None = None
     ) -> tuple[str, Token]:
-        """Make a token.
+        """Create a token.
 
         Parameters
         ----------
         role
             One of :data:`ROLES`.
         agent
-            Name of the robot or person; wanted for ``robot`` and ``teacher``.
+            Name of the robot or person; required for ``robot`` and ``teacher``.
         lifetime
-            From now; none never expires.
+            Time from now until it expires; none for a token that never does.
 
         Returns
         -------
         text, token
-            The token itself, to be shown once, and what is kept of it.
+            The token itself, to be shown once, and its record.
 
         Raises
         ------
         UsageError
-            Unknown role, or a name that is missing or not plain.
+            The role is unknown, or the name is missing or invalid.
         """
         if role not in ROLES:
             raise UsageError(f"unknown role {role!r}; one of {', '.join(ROLES)}")
         if agent is not None and not _AGENT.fullmatch(agent):
-            raise UsageError(f"{agent!r} is no name: letters, digits, `.`, `_`, `-`; at most 64")
+            raise UsageError(
+                f"{agent!r} is not a valid name: use letters, digits, `.`, `_`, `-`; at most 64"
+            )
         if agent is None and role in ("robot", "teacher"):
             raise UsageError(f"a token of role {role} needs the name of its {role}")
         now = datetime.now(UTC)
@@ -170,7 +172,7 @@ class TokenStore:
         return f"rtk_{token.id}_{secret}", token
 
     def authenticate(self, text: str) -> Token:
-        """Return the token that a text stands for.
+        """Return the record of a token, given its text.
 
         Raises
         ------
@@ -209,31 +211,31 @@ class TokenStore:
         return token
 
     def is_valid(self, token_id: str) -> bool:
-        """Tell whether a token that was accepted before is still good."""
+        """Tell whether a token that was accepted before is still valid."""
         return self.get(token_id) is not None
 
     def get(self, token_id: str) -> Token | None:
-        """Return a token that is still good, without asking for its secret."""
+        """Return a valid token by its id, without checking a secret; none if it is not valid."""
         row = self._row(token_id)
         token = _token(row) if row is not None else None
         return token if token is not None and token.is_valid(datetime.now(UTC)) else None
 
     def _version(self) -> bytes:
-        """Return what changes with every commit to the file, whichever process makes it.
+        """Return a number that changes with every commit to the file, by whatever process.
 
-        It is the "file change counter" of the SQLite file format (1.3.8), read with one system
-        call: so a look-up is saved, and a revocation still holds at once.
+        It is the "file change counter" of the SQLite file format (1.3.8), read by one system call,
+        which saves a look-up while revocations still take effect at once.
         """
         if self._handle < 0:
             return self._memory_version.to_bytes(4, "big")
         return os.pread(self._handle, 4, 24)
 
     def ever_issued(self) -> bool:
-        """Tell whether a token was ever made: from then on, nobody writes without one.
+        """Tell whether any token was ever issued; from then on, nobody writes without one.
 
         Revoked tokens count, so revoking the last one does not open the store to everybody. Every
-        request asks, so the file is looked at ten times a second at most; a first token that
-        another process makes is noticed within that time.
+        request asks, so the file is checked at most ten times a second; a first token created by
+        another process is noticed within that time.
         """
         now = time.monotonic()
         if not self._ever_issued and now >= self._look_again:
@@ -259,7 +261,7 @@ class TokenStore:
         return done.rowcount > 0
 
     def expire(self, token_id: str, lifetime: timedelta) -> bool:
-        """Let a token end after a time from now; tell whether there was one that is not revoked."""
+        """Let a token expire after a time from now; tell whether there was one not revoked."""
         until = (datetime.now(UTC) + lifetime).isoformat()
         with self._lock, self._connection() as connection:
             done = connection.execute(
@@ -268,7 +270,7 @@ class TokenStore:
         return done.rowcount > 0
 
     def close(self) -> None:
-        """Let go of all connections; nothing may be asked afterwards."""
+        """Close all connections; the store cannot be used afterwards."""
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
@@ -284,7 +286,7 @@ class TokenStore:
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
-        """Give a connection of this thread, kept open: a look-up costs some microseconds."""
+        """Yield this thread's connection, kept open so that a look-up takes microseconds."""
         if self._memory is not None:
             with self._lock:
                 yield self._memory
@@ -298,7 +300,7 @@ class TokenStore:
 
     @contextlib.contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
-        """Give a connection for one transaction."""
+        """Yield a connection for one transaction."""
         if self._memory is not None:
             with self._memory:
                 yield self._memory
@@ -313,7 +315,7 @@ class TokenStore:
 
 
 def parse_lifetime(text: str, what: str = "") -> timedelta:
-    """Read a lifetime in hours, days or weeks; errors begin with `what`.
+    """Parse a lifetime in hours, days or weeks; errors begin with `what`.
 
     Examples
     --------
@@ -328,7 +330,7 @@ def parse_lifetime(text: str, what: str = "") -> timedelta:
     match = _LIFETIME.fullmatch(text)
     if not match or int(match.group(1)) > 876_000:
         raise UsageError(
-            f"{what}{text!r} is no lifetime: hours, days or weeks are wanted: 12h, 30d, 4w"
+            f"{what}{text!r} is no lifetime: expected hours, days or weeks: 12h, 30d, 4w"
         )
     return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
 

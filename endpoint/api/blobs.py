@@ -1,4 +1,4 @@
-"""Bytes that the graph names: images, point clouds, descriptors."""
+"""Blobs that the graph names: images, point clouds, descriptors."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _SAFE = (
 
 
 def plan_blob(kb: KnowledgeBase, request: Request, digest: str) -> Plan:
-    """Prepare the answer with the bytes of one blob.
+    """Plan the answer with the bytes of one blob.
 
     Parameters
     ----------
     kb
-        Whose blobs.
+        Knowledge base that holds the blobs.
     request
         GET or HEAD, with ``Range`` and ``If-None-Match``.
     digest
-        SHA-256 in 64 lower-case hex digits. Nothing else is looked up, so no path can be reached.
+        SHA-256 in 64 lower-case hex digits; nothing else is looked up, so no path can be reached.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def _answer(kb: KnowledgeBase, request: Request, digest: str) -> Response:
 
 
 def _range(header: str, size: int) -> tuple[int, int] | None:
-    """Return start and end of one byte range (RFC 9110, 14.1.2); none for the whole.
+    """Return the start and end of a byte range (RFC 9110, 14.1.2); none for the whole blob.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""What `/api/robots`, `/api/tasks`, `/api/objects` and `/api/outcomes` show: one table for each.
+"""Tables that define `/api/robots`, `/api/tasks`, `/api/objects` and `/api/outcomes`.
 
-The table says it once: the query, the description (OpenAPI) and the JSON-LD context are made of it.
+Query, OpenAPI description and JSON-LD context are all derived from them.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ class Member:
     Parameters
     ----------
     name
-        In JSON; with the unit where there is one.
+        Name in JSON, including the unit if there is one.
     kind
-        Of its value.
+        Kind of its value.
     summary
-        What it means.
+        Its meaning.
     value
         SPARQL aggregate over the rows of an item.
     term
-        Prefixed name of the property that it stands for; empty for what is counted.
+        Prefixed name of the property that it represents; empty for counts.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Block:
-    """Members that one pattern about ``?iri`` gives, counted apart from those of other blocks."""
+    """Members that one pattern about ``?iri`` yields, counted separately from other blocks."""
 
     pattern: str
     members: tuple[Member, ...]
@@ -48,12 +48,12 @@ class Block:
 
 @dataclass(frozen=True)
 class Filter:
-    """A parameter that leaves only some items.
+    """A parameter that selects some of the items.
 
     Parameters
     ----------
     pattern
-        About ``?iri``; ``$value`` is what was asked for.
+        Pattern about ``?iri``; ``$value`` is the value requested.
     """
 
     name: str
@@ -64,16 +64,16 @@ class Filter:
 
 @dataclass(frozen=True)
 class Collection:
-    """Things of one kind.
+    """All things of one kind.
 
     Parameters
     ----------
     name
-        Last part of the address.
+        Last segment of the address.
     folder
-        Where their IRIs are, below the base of the knowledge base.
+        Folder of their IRIs, below the base of the knowledge base.
     pattern
-        Binds ``?iri``, and ``?ended`` where they are listed by time, the newest first.
+        Binds ``?iri`` and, for lists by time with the newest first, ``?ended``.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""`/api/robots` and its like: the graph as JSON for programs that speak no SPARQL; one query each.
+"""`/api/robots` and its siblings: the graph as JSON for programs without SPARQL, by one query each.
 
-Lists are paged by keyset: a cursor says after which item to go on, so a page neither repeats nor
-misses what was there, whatever is written meanwhile.
+Lists are paged by keyset: a cursor names the item after which to continue, so that pages neither
+repeat nor miss items, whatever is written meanwhile.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Item = dict[str, Any]
 
 @dataclass(frozen=True)
 class _Wanted:
-    """A request that was understood."""
+    """A parsed request."""
 
     collection: Collection
     members: tuple[Member, ...]
@@ -55,7 +55,7 @@ class _Wanted:
 
 
 def is_listing(address: str) -> bool:
-    """Tell whether an address is one of these.
+    """Tell whether an address is a list or an item of one.
 
     Examples
     --------
@@ -67,17 +67,17 @@ def is_listing(address: str) -> bool:
 
 
 def plan_listing(kb: KnowledgeBase, versions: Versions, request: Request, timeout_s: float) -> Plan:
-    """Prepare a list, or one item, of an address that :func:`is_listing` knows.
+    """Plan a list or one item, for an address that :func:`is_listing` accepts.
 
     Parameters
     ----------
     timeout_s
-        For the query.
+        Time limit of the query.
 
     Raises
     ------
     RefusedError
-        400 with the nearest name of a parameter, 404, 405, 406.
+        400, naming the nearest parameter; 404, 405 or 406.
     """
     name, _, rest = request.raw_path.removeprefix(ADDRESS).rstrip("/").partition("/")
     if request.raw_path == CONTEXT_ADDRESS:
@@ -143,7 +143,7 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
             raise UsageError(f"unknown parameter {name!r}; {hint}", field=name)
         if name in given:
-            raise UsageError(f"{name} came twice", field=name)
+            raise UsageError(f"{name} is given twice", field=name)
         given[name] = value
     patterns = [
         one.pattern.replace("$value", _term(one.kind, given[name], name))
@@ -157,7 +157,7 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
     ]
     limit = given.get("limit", str(LIMIT))
     if not limit.isdecimal() or not 1 <= int(limit) <= MOST:
-        raise UsageError(f"limit: a whole number from 1 to {MOST} is wanted", field="limit")
+        raise UsageError(f"limit: expected a whole number from 1 to {MOST}", field="limit")
     after = _after(collection, given["cursor"]) if "cursor" in given else ""
     return _Wanted(
         collection, _members(collection, given.get("fields", "")), tuple(patterns), int(limit),
@@ -166,7 +166,7 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
 
 
 def _members(collection: Collection, fields: str) -> tuple[Member, ...]:
-    """Return the members that are wanted; all unless some are named."""
+    """Return the requested members; all unless some are named."""
     every = {member.name: member for member in collection.members}
     names = [name.strip() for name in fields.split(",") if name.strip()]
     for name in names:
@@ -186,14 +186,14 @@ def _term(kind: Kind, value: str, name: str) -> str:
             raise UsageError(f"{name}: {error}", field=name) from None
     if kind == "boolean":
         if value not in ("true", "false"):
-            raise UsageError(f"{name}: true or false is wanted", field=name)
+            raise UsageError(f"{name}: expected true or false", field=name)
         return value
     if kind == "time":
         try:
             moment = dt.datetime.fromisoformat(value)
         except ValueError:
             raise UsageError(
-                f"{name}: a time such as 2026-01-31T12:00:00Z is wanted", field=name
+                f"{name}: expected a time such as 2026-01-31T12:00:00Z", field=name
             ) from None
         moment = moment if moment.tzinfo else moment.replace(tzinfo=dt.UTC)
         return f'"{moment.isoformat()}"^^<{_XSD_TIME}>'
@@ -201,13 +201,13 @@ def _term(kind: Kind, value: str, name: str) -> str:
 
 
 def _cursor(row: Mapping[str, Any], wanted: _Wanted) -> str:
-    """Return where a row stands in the order of the list."""
+    """Return the cursor of a row: its place in the order of the list."""
     place = [str(row["iri"]), *([_moment(row["time"])] if wanted.collection.by_time else [])]
     return base64.urlsafe_b64encode(json.dumps(place).encode()).decode().rstrip("=")
 
 
 def _after(collection: Collection, cursor: str) -> str:
-    """Return the filter that goes on after a cursor."""
+    """Return the filter that continues after a cursor."""
     try:
         place = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
         if not isinstance(place, list) or len(place) != 1 + collection.by_time:
@@ -236,7 +236,7 @@ def _text(wanted: _Wanted) -> str:
 
 
 def _chosen(wanted: _Wanted, *, page: bool = True) -> str:
-    """Return the sub-select of the items: of one page, or of all that the filters leave."""
+    """Return the sub-select of the items on one page, or of all that pass the filters."""
     where = " . ".join((wanted.collection.pattern, *wanted.patterns))
     if wanted.collection.by_time:
         grouped = f"SELECT ?iri (MAX(?ended) AS ?time) {{ {where} }} GROUP BY ?iri"
@@ -258,7 +258,7 @@ def _count_text(wanted: _Wanted) -> str:
 
 
 def _item(row: Mapping[str, Any], wanted: _Wanted) -> Item:
-    """Return an item as JSON holds it."""
+    """Return an item as a JSON object."""
     item: Item = {"iri": str(row["iri"])}
     for member in wanted.members:
         value = row.get(member.name)
@@ -278,7 +278,7 @@ def _moment(value: Any) -> str:
 
 
 def _single(kb: KnowledgeBase, wanted: _Wanted, items: list[Item], answer: _Answer) -> Response:
-    """Return one thing; where it is now, or why it is not there."""
+    """Return one item, redirect to its present name, or say why it is gone."""
     if items:
         return answer.of(items[0])
     now = present_name(kb, wanted.single)
@@ -295,7 +295,7 @@ def _single(kb: KnowledgeBase, wanted: _Wanted, items: list[Item], answer: _Answ
 
 @dataclass(frozen=True)
 class _Answer:
-    """How an answer is written."""
+    """Media type of an answer and how it is written."""
 
     media_type: str
     etag: str
@@ -303,7 +303,7 @@ class _Answer:
     members: tuple[Member, ...]
 
     def of(self, body: Item) -> Response:
-        """Return a list, or one item, in the wanted media type."""
+        """Return a list or one item in the requested media type."""
         headers = (("ETag", self.etag),)
         if self.media_type == CSV:
             table = _table(body.get("items", [body]), self.members)
@@ -315,7 +315,7 @@ class _Answer:
 
 
 def _table(items: Iterable[Item], members: Iterable[Member]) -> bytes:
-    """Return items as RFC 4180 writes tables."""
+    """Return items as a CSV table (RFC 4180)."""
     names = ["iri", *(member.name for member in members)]
     out = io.StringIO()
     rows = csv.writer(out)

@@ -322,7 +322,7 @@ def _patterns(request: Request) -> list[Any]:
             raise UsageError("the body is not UTF-8") from None
         listed = body.get("patterns", [])
         if not isinstance(listed, list):
-            raise UsageError("patterns: a list is wanted")
+            raise UsageError("patterns: expected a list")
         given += listed
     given += [parse(text) for text in request.values("pattern")]
     single = {name: values[-1] for name in NAMES if (values := request.values(name))}

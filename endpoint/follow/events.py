@@ -1,4 +1,4 @@
-"""What followers of the graph ask for, and commits in the words that they get."""
+"""Patterns that followers ask for, and commits as they are sent to them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NAMES = ("s", "p", "o", "graph", "class", "inferred")
 
 @dataclass(frozen=True)
 class Pattern:
-    """One pattern of statements, as it came."""
+    """One pattern of statements, as sent."""
 
     s: str = ""
     p: str = ""
@@ -48,7 +48,7 @@ class Pattern:
 
 
 def version_of(kb: KnowledgeBase) -> str:
-    """Return the version of now: what has been announced, so that following it misses nothing.
+    """Return the version announced last, so that following from it misses nothing.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def version_of(kb: KnowledgeBase) -> str:
 
 
 def read_pattern(given: Any) -> Pattern:
-    """Read a pattern: terms as IRIs, or as N-Triples write them.
+    """Parse a pattern; terms are IRIs or in N-Triples syntax.
 
     Raises
     ------
@@ -75,11 +75,11 @@ def read_pattern(given: Any) -> Pattern:
     for name in NAMES[:-1]:
         value = given.get(name) or ""
         if not isinstance(value, str):
-            raise UsageError(f"{name}: a term is wanted, as text")
+            raise UsageError(f"{name}: expected a term, as text")
         texts["cls" if name == "class" else name] = value.strip()
     inferred = given.get("inferred", True)
     if str(inferred).lower() not in ("true", "false", "1", "0"):
-        raise UsageError("inferred: true or false is wanted")
+        raise UsageError("inferred: expected true or false")
     return Pattern(**texts, inferred=str(inferred).lower() in ("true", "1"))
 
 
@@ -97,7 +97,7 @@ def filter_of(pattern: Pattern) -> Filter:
         terms[field.name] = _term(text, field.name) if text else None
     for name in ("p", "graph", "cls"):
         if terms[name] is not None and not isinstance(terms[name], NamedNode):
-            raise UsageError(f"{'class' if name == 'cls' else name}: an IRI is wanted")
+            raise UsageError(f"{'class' if name == 'cls' else name}: expected an IRI")
     return Filter(
         terms["s"], terms["p"], terms["o"], terms["graph"], terms["cls"], pattern.inferred
     )
@@ -161,7 +161,7 @@ class Follower:
         Raises
         ------
         Lagged
-            Too much waited.
+            Too many commits were waiting.
         ClosedError
             The knowledge base was closed.
         """
@@ -174,7 +174,7 @@ class Follower:
                 return parts
 
     def _part(self, change: Change) -> Change | None:
-        """Return what of a commit fits any of the patterns."""
+        """Return the part of a commit that matches any of the patterns."""
         types = {
             (quad.subject, quad.object)
             for quad in (*change.added, *change.removed, *change.inferred_added)
@@ -195,14 +195,14 @@ class Follower:
         return Change(change.commit, change.agent, change.note, **merged)
 
     def close(self) -> None:
-        """Follow no more."""
+        """Stop following."""
         self._subscription.close()
 
 
 def change_data(change: Change, limit: int | None = MAX_QUADS) -> JsonObject:
-    """Return a commit as followers get it; terms as N-Triples write them.
+    """Return a commit as it is sent to followers, with terms in N-Triples syntax.
 
-    Above ``limit`` statements there are only counts, and an address for the whole.
+    Beyond ``limit`` statements it holds only counts, and an address for the whole commit.
     """
     commit = change.commit
     lists = (change.added, change.removed, change.inferred_added, change.inferred_removed)
@@ -234,7 +234,7 @@ def _graph(graph: Any) -> str:
 
 
 def rows_data(change: RowChange) -> JsonObject:
-    """Return what became of a standing query's rows."""
+    """Return how the rows of a live query changed."""
     return {"seq": change.seq, "added": _rows(change.added), "removed": _rows(change.removed)}
 
 

@@ -34,13 +34,13 @@ MAX_PATTERNS_IN_ALL = 1_000
 
 
 class _Source(Protocol):
-    """Something that is followed."""
+    """A source of changes."""
 
     def drain(self, limit: int = ...) -> list[Any]:
-        """Return what has come."""
+        """Return the changes since the last call."""
 
     def close(self) -> None:
-        """Follow no more."""
+        """Stop following."""
 
 
 class ChangeSocket:
@@ -49,9 +49,9 @@ class ChangeSocket:
     Parameters
     ----------
     kb
-        What is followed.
+        The knowledge base that is followed.
     caller
-        Who connected.
+        The client.
     receive, transmit
         The two halves of the connection, which has been accepted.
     """
@@ -100,7 +100,7 @@ class ChangeSocket:
         self._outbox.put(encode(message))
 
     def _take(self, message: Message) -> None:
-        """Carry out one message; whatever is wrong with it is told."""
+        """Carry out one message; errors are sent back."""
         request: JsonObject = {}
         try:
             request = parse(message.get("text") or "")
@@ -113,7 +113,7 @@ class ChangeSocket:
             if handler is None:
                 raise UsageError(f"unknown op {op!r}; one of subscribe, query, unsubscribe")
             if not isinstance(request.get("id"), str | int):
-                raise UsageError("id: a text or number of your own is wanted")
+                raise UsageError("id: expected a text or number of your own")
             handler(request)
         except RtaskError as error:
             self._tell_error(request.get("id"), error)
@@ -127,10 +127,10 @@ class ChangeSocket:
     def _subscribe(self, request: JsonObject) -> None:
         given = request.get("patterns", [])
         if not isinstance(given, list) or len(given) > MAX_PATTERNS:
-            raise UsageError(f"patterns: a list of at most {MAX_PATTERNS} is wanted")
+            raise UsageError(f"patterns: expected a list of at most {MAX_PATTERNS}")
         since = request.get("since")
         if since is not None and not isinstance(since, str | int):
-            raise UsageError("since: a version is wanted, <epoch>:<seq>")
+            raise UsageError("since: expected a version, <epoch>:<seq>")
         patterns = [read_pattern(one) for one in given]
         if sum(self._patterns.values()) + len(patterns) > MAX_PATTERNS_IN_ALL:
             raise UsageError(f"more than {MAX_PATTERNS_IN_ALL} patterns on one connection")
@@ -149,7 +149,7 @@ class ChangeSocket:
     def _query(self, request: JsonObject) -> None:
         text = request.get("select")
         if not isinstance(text, str):
-            raise UsageError("select: the text of a SELECT is wanted")
+            raise UsageError("select: expected the text of a SELECT")
         id_ = request["id"]
 
         def open_(on_ready: Callable[[], None]) -> _Source:
@@ -186,7 +186,7 @@ class ChangeSocket:
         open_: Callable[[Callable[[], None]], _Source],
         words: Callable[[Any], JsonObject],
     ) -> None:
-        """Pass on what comes, as fast as the client reads."""
+        """Forward changes as fast as the client reads."""
         ready = asyncio.Event()
 
         def wake() -> None:

@@ -1,4 +1,4 @@
-"""Answers and bodies in gzip (RFC 9110, 8.4 and 12.5.3)."""
+"""Compression of answers and request bodies by gzip (RFC 9110, 8.4 and 12.5.3)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PIECE = 1 << 20
 
 @lru_cache(maxsize=256)
 def accepts_gzip(header: str) -> bool:
-    """Tell whether a client wants gzip: named with q > 0, and not below ``identity``.
+    """Tell whether a client accepts gzip: named with q > 0, and not below ``identity``.
 
     Examples
     --------
@@ -40,13 +40,13 @@ def accepts_gzip(header: str) -> bool:
 
 
 def wants_gzip(request: Request) -> bool:
-    """Tell whether the answer to a request is to be compressed, if it is large."""
+    """Tell whether to compress the answer to a request if it is large."""
     header = request.headers.get("accept-encoding")
     return bool(header) and accepts_gzip(header or "")
 
 
 def compressed(response: Response, request: Request) -> Response:
-    """Return a response in gzip where the client takes it and it pays."""
+    """Compress a response if the client accepts that and it pays."""
     if len(response.body) < SMALLEST or response.chunks is not None or not wants_gzip(request):
         return response
     taken = {name.lower() for name, _ in response.headers}
@@ -58,21 +58,21 @@ def compressed(response: Response, request: Request) -> Response:
 
 
 def mark(name: str, value: str) -> str:
-    """Return a header of a compressed answer: a strong entity tag names these bytes only."""
+    """Return a header field for a compressed answer: its strong entity tag differs."""
     if name.lower() == "etag" and value.startswith('"'):
         return f'{value[:-1]}-gzip"'
     return value
 
 
 def unpacked(body: bytes, encoding: str, allowed: int) -> bytes:
-    """Return a request body without its Content-Encoding.
+    """Decompress a request body by its Content-Encoding.
 
     Raises
     ------
     RefusedError
-        415 for another encoding than gzip, 400 for one that is broken.
+        415 for an encoding other than gzip, 400 for a corrupt body.
     TooLargeError
-        It unpacks to more than is allowed; what a few bytes can unpack to is never held.
+        It decompresses to more than is allowed; the excess is never held in memory.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Which commit an answer shows, and since when a graph is as it is: for conditional requests."""
+"""Entity tags for conditional requests (RFC 9110, 8.8 and 13)."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ _UNSTEADY = re.compile(r"\b(?:NOW|RAND|UUID|STRUUID|BNODE|SERVICE)\b", re.I)
 
 
 class Versions:
-    """Numbers of commits as HTTP shows them.
+    """Entity tags of answers, derived from commit numbers.
 
-    A graph's number is that of the last commit that changed it since this server started, else that
-    of the last commit before: too new at worst, so a client reads once more than it had to.
+    A graph's number is that of the last commit that changed it since this server started, otherwise
+    that of the last commit before the start. At worst it is too new, and a client reads once more
+    than necessary.
 
     Parameters
     ----------
@@ -41,18 +42,18 @@ class Versions:
                 self._graphs[graph] = change.commit.seq
 
     def current(self) -> str:
-        """Return epoch and number of the last commit."""
+        """Return the epoch and number of the last commit."""
         return f"{self._epoch}:{self._kb.seq}"
 
     def of_query(self, text: str, *parts: object) -> str:
-        """Return the weak entity tag of a query's answer; empty where it has none.
+        """Return the weak entity tag of the answer to a query; empty if it has none.
 
         Parameters
         ----------
         text
             The query.
         *parts
-            What else the answer depends on: dataset, media type, rights.
+            Everything else on which the answer depends: dataset, media type, rights.
         """
         if _UNSTEADY.search(text):
             return ""
@@ -60,9 +61,10 @@ class Versions:
         return f'W/"{self._epoch}-{self._kb.seq}-{digest.hexdigest()}"'
 
     def of_graph(self, graph: GraphName | None, media_type: str) -> str:
-        """Return the strong entity tag of a graph in a media type; of the whole dataset for none.
+        """Return the strong entity tag of a graph, or of the whole dataset, in a media type.
 
-        Take it before reading the graph: a commit in between makes the tag too old, never too new.
+        Call it before reading the graph: a commit in between then makes the tag too old, never too
+        new.
         """
         if graph is None:
             number = self._kb.seq
@@ -72,7 +74,7 @@ class Versions:
         return f'"{self._epoch}-{number}-{media_type.replace("/", "-").replace("+", "-")}"'
 
     def close(self) -> None:
-        """Listen to no more commits."""
+        """Stop listening to commits."""
         self._stop()
 
 
@@ -86,7 +88,7 @@ def is_known(request: Request, etag: str) -> bool:
 
 
 def names(header: str, etag: str) -> bool:
-    """Tell whether If-Match names the graph that `etag` stands for, in whatever media type."""
+    """Tell whether If-Match names the state of the graph in `etag`, in any media type."""
     wanted = _opaque(etag).rpartition("-")[0]
     stem = "-".join(_opaque(etag).split("-")[:2])
     tags = [tag.strip() for tag in header.split(",") if not tag.strip().startswith("W/")]
@@ -94,5 +96,5 @@ def names(header: str, etag: str) -> bool:
 
 
 def _opaque(etag: str) -> str:
-    """Return what is between the quotes, without the mark of a compressed answer."""
+    """Return the text between the quotes, without the suffix of compressed answers."""
     return etag.removeprefix("W/").strip('"').removesuffix("-gzip")

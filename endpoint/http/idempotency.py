@@ -1,10 +1,10 @@
-"""Requests that may be sent again (draft-ietf-httpapi-idempotency-key-header).
+"""Idempotency keys: requests that may be repeated (draft-ietf-httpapi-idempotency-key-header).
 
-The key of what is told becomes its ``task_id`` in the graph, so a restart forgets nothing: the
-engine stores each id of an agent once and answers a repetition with what the first one stored.
-Changes by people have no such id; their answers are remembered by this process, and after a restart
-a repetition is refused, since what it would move is no longer where it was. That a key comes again
-with another body is noticed as long as this process remembers the first.
+The key of a report becomes its ``task_id`` in the graph and so survives a restart: the engine
+stores each id of an agent once and answers a repetition with what the first request stored. Changes
+by people have no such id. This process remembers their answers; after a restart a repetition is
+refused, because what it would move is no longer there. A key reused with another body is noticed as
+long as this process remembers the first.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Answer = dict[str, Any]
 
 
 class IdempotencyKeys:
-    """Remembers which body a key came with.
+    """Registry of the keys, bodies and answers of requests.
 
     Examples
     --------
@@ -45,21 +45,21 @@ class IdempotencyKeys:
     def read(
         self, request: Request, operation: str, agent: str, args: dict[str, Any]
     ) -> dict[str, Any]:
-        """Return the arguments with the request's key, where one came.
+        """Return the arguments, with the request's key if it has one.
 
         Raises
         ------
         UsageError
             The key is malformed.
         RefusedError
-            422, the key came with another body before.
+            422 if the key was used with another body before.
         """
         key = request.headers.get(HEADER)
         if key is None or operation not in (*_TOLD, *_CHANGED):
             return args
         key = key.strip().strip('"')
         if not _KEY.fullmatch(key):
-            raise UsageError("Idempotency-Key: 1 to 200 letters, digits and . _ : - are wanted")
+            raise UsageError("Idempotency-Key: expected 1 to 200 letters, digits and . _ : -")
         digest = hashlib.sha256(request.body).digest()
         with self._lock:
             first = self._bodies.setdefault((agent, operation, key), digest)
@@ -67,16 +67,16 @@ class IdempotencyKeys:
                 self._bodies.popitem(last=False)
         if first != digest:
             raise RefusedError(
-                422, "idempotency-key-reused", f"the key {key} came with another body before"
+                422, "idempotency-key-reused", f"the key {key} was used with another body before"
             )
         return with_key(operation, args, key) if operation in _TOLD else args
 
     def once(
         self, request: Request, operation: str, agent: str, run: Callable[[], Answer]
     ) -> Answer:
-        """Return what the first request of a key was answered; a failed one counts as none.
+        """Return the answer to the first request with this key that did not fail.
 
-        A repetition that comes while the first is being carried out waits for it.
+        A repetition waits while the first request is still being carried out.
         """
         key = request.headers.get(HEADER)
         if key is None or operation not in _CHANGED:
@@ -100,7 +100,7 @@ class IdempotencyKeys:
 
 
 def with_key(operation: str, args: dict[str, Any], key: str) -> dict[str, Any]:
-    """Return arguments whose every told thing has an id; ids that came stay."""
+    """Return arguments in which every reported thing has an id; given ids stay."""
     if operation != "insert_object" or "objects" not in args:
         return {**args, "task_id": args.get("task_id") or key}
     objects = args["objects"]

@@ -1,7 +1,6 @@
-"""One HTTP exchange, free of any server: a request comes in, a response goes out.
+"""HTTP requests and responses, independent of any server.
 
-The protocol code knows nothing but these two classes, so the same handlers answer under Flask,
-under the asynchronous front and in tests.
+Handlers know only these two classes, so the same ones answer under Flask, under ASGI and in tests.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ FORM_TYPE = "application/x-www-form-urlencoded"
 
 
 class RefusedError(RtaskError):
-    """A request that HTTP itself refuses.
+    """A request refused for a reason of HTTP.
 
     Parameters
     ----------
@@ -37,9 +36,9 @@ class RefusedError(RtaskError):
     slug
         Last part of the problem type.
     message
-        What was wrong, where, what to do.
+        What was wrong, where, and what to do.
     headers
-        Header fields that belong to the refusal (``Allow``, ``Accept-Post`` ...).
+        Header fields of the refusal, such as ``Allow``.
     **details
         Further members of the problem details.
     """
@@ -115,12 +114,12 @@ def split_media_type(value: str) -> tuple[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class Request:
-    """What a client sent.
+    """A request as a client sent it.
 
     Parameters
     ----------
     method
-        Upper case.
+        Method in upper case.
     raw_path
         The path exactly as sent: percent-encoding is not normalised (``%31`` and ``1`` differ).
     query_string
@@ -128,11 +127,11 @@ class Request:
     headers
         Names in lower case; repeated fields joined by a comma.
     body
-        Whole.
+        The whole body.
     site
         Scheme and authority as the client wrote them, ``http://127.0.0.1:8765``.
     client
-        Address of the other end, for the log.
+        Address of the client, for the log.
     """
 
     method: str
@@ -145,7 +144,7 @@ class Request:
 
     @cached_property
     def id(self) -> str:
-        """Name of this request in logs, problems and provenance; the client's own, if it is one."""
+        """Request id for logs, problems and provenance; the client's own if it sent a valid one."""
         sent = self.headers.get("rtask-request-id", "")
         return sent if _REQUEST_ID.fullmatch(sent) else f"{_RUN}-{next(_NUMBERS)}"
 
@@ -174,7 +173,7 @@ class Request:
 
     @cached_property
     def content_type(self) -> tuple[str, dict[str, str]]:
-        """Media type and parameters of the body; ``("", {})`` when the header is missing."""
+        """Media type and parameters of the body; ``("", {})`` if the header is missing."""
         return split_media_type(self.header("content-type"))
 
 
@@ -196,21 +195,21 @@ class Chunks(Protocol):
 
 @dataclass(frozen=True)
 class Response:
-    """What goes back.
+    """A response to a client.
 
     Parameters
     ----------
     status
-        Three digits.
+        Status code.
     body
-        Whole, or what is there already; left out by the server for HEAD.
+        The whole body, or its first part; left out by the server for HEAD.
     media_type
         Content-Type; none for an empty body.
     headers
         Further header fields.
     chunks
-        What follows `body`, as it comes; an error in it breaks the connection, so that no client
-        takes half an answer for a whole one. Closed by the server, also when the client has gone.
+        The rest of the body, as it becomes available; an error breaks the connection, so that no
+        client takes half an answer for a whole one. The server closes it in any case.
     """
 
     status: int = 200

@@ -1,9 +1,9 @@
-"""Calls from this server to others: for SERVICE and LOAD, and only where an operator allowed it.
+"""Requests from this server to others, for SERVICE and LOAD, to addresses that an operator allowed.
 
-Whoever may ask a query could otherwise make the server call addresses that only it can reach
-(server-side request forgery, CWE-918). So an address must extend an allowed one; the name is
-resolved once, what it resolves to is checked, and the connection goes to that very address; nothing
-is followed to somewhere else; time and size are bounded.
+Anybody who may query could otherwise make the server call addresses that only it can reach
+(server-side request forgery, CWE-918). So an address must begin with an allowed one; its name is
+resolved once, the result is checked, and the connection goes to that very address; redirects are
+not followed; time and size are bounded.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _PORTS = {"http": 80, "https": 443}
 
 @dataclass(frozen=True)
 class Fetched:
-    """What another server answered."""
+    """The answer of another server."""
 
     media_type: str
     body: bytes
@@ -35,21 +35,21 @@ class Fetched:
 
 @dataclass(frozen=True)
 class Outgoing:
-    """Where one operation may call.
+    """Client for the addresses that one operation may call.
 
     Parameters
     ----------
     operation
-        ``SERVICE`` or ``LOAD``, for errors.
+        ``SERVICE`` or ``LOAD``, named in errors.
     allowed
-        Prefixes of addresses.
+        Allowed prefixes of addresses.
     """
 
     operation: str
     allowed: tuple[str, ...]
 
     def check(self, url: str) -> str:
-        """Return the entry that allows an address.
+        """Return the prefix that allows an address.
 
         Examples
         --------
@@ -89,18 +89,18 @@ class Outgoing:
         Parameters
         ----------
         deadline
-            On the monotonic clock.
+            Time on the monotonic clock.
         accept, body, content_type
-            Of the request; a body makes it a POST.
+            Of the request; with a body it is a POST.
 
         Raises
         ------
         ForbiddenError
-            It is not allowed, or its name means this machine or its network.
+            It is not allowed, or its name resolves to this machine or its network.
         RemoteUnavailableError
-            No answer, or not a good one.
+            There is no answer, or the answer is an error.
         TooLargeError
-            The answer is above 64 MiB.
+            The answer exceeds 64 MiB.
         """
         entry = self.check(url)
         parts = urlsplit(url)
@@ -141,7 +141,7 @@ class Outgoing:
         return Fetched(media_type, b"".join(pieces))
 
     def _resolve(self, parts: SplitResult, entry: str) -> str:
-        """Return the address of a name; one of this machine's network must be allowed as such."""
+        """Resolve a name; an address in this machine's network must be allowed literally."""
         host = parts.hostname or ""
         port = parts.port or _PORTS[parts.scheme]
         try:
@@ -163,7 +163,7 @@ class Outgoing:
 
 
 class _Pinned(http.client.HTTPConnection):
-    """A connection to an address that was checked, whatever its name means by now."""
+    """Connection to an address that was checked, whatever its name resolves to by now."""
 
     def __init__(self, parts: SplitResult, address: str, timeout_s: float) -> None:
         port = parts.port or _PORTS[parts.scheme]
@@ -172,7 +172,7 @@ class _Pinned(http.client.HTTPConnection):
         self._tls = ssl.create_default_context() if parts.scheme == "https" else None
 
     def connect(self) -> None:
-        """Connect, with TLS for the name where the scheme says so."""
+        """Connect, using TLS for the name if the scheme is https."""
         self.sock = socket.create_connection((self._address, self.port), self.timeout)
         if self._tls is not None:
             self.sock = self._tls.wrap_socket(self.sock, server_hostname=self.host)
@@ -188,7 +188,7 @@ def _split(url: str) -> SplitResult | None:
 
 
 def _is_literal(host: str) -> bool:
-    """Tell whether an operator named an address, not a name that may come to mean another."""
+    """Tell whether an operator allowed a literal address rather than a name."""
     if host == "localhost":
         return True
     try:

@@ -30,7 +30,7 @@ def status_of(error: Exception) -> int:
 def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
     """Return the members of the problem details (RFC 9457, 3.1).
 
-    Errors that nobody raised on purpose say nothing about the inside: no message, no traceback.
+    Unexpected errors reveal nothing internal: no message, no traceback.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
     if isinstance(error, RtaskError):
         slug, detail, extra = slug_of(error), str(error), error.details
     else:
-        slug, detail, extra = "internal", "an unexpected error; the server's log has it", {}
+        slug, detail, extra = "internal", "an unexpected error; see the server's log", {}
     members: dict[str, Any] = {
         "type": f"/errors/{slug}",
         "title": HTTPStatus(status).phrase,
@@ -59,7 +59,7 @@ def details_of(error: Exception, instance: str = "") -> dict[str, Any]:
 
 
 def slug_of(error: Exception) -> str:
-    """Return the last part of the problem type; rights are told apart by what was wanted."""
+    """Return the last part of the problem type; lack of rights is divided by what was denied."""
     if not isinstance(error, RtaskError):
         return "internal"
     if isinstance(error, RefusedError):
@@ -74,7 +74,7 @@ def slug_of(error: Exception) -> str:
 
 
 def problem(error: Exception, instance: str = "") -> Response:
-    """Turn an error into a response; log what was not raised on purpose."""
+    """Turn an error into a response, and log it if it was unexpected."""
     if not isinstance(error, RtaskError):
         _log.error("request %s failed", instance or "-", exc_info=error)
     body = json.dumps(details_of(error, instance), default=str, ensure_ascii=False)
@@ -87,7 +87,7 @@ def problem(error: Exception, instance: str = "") -> Response:
 
 
 def _challenge(error: AuthenticationError) -> str:
-    """Return the challenge of RFC 6750, 3; no error code where no token came at all."""
+    """Return the challenge (RFC 6750, 3), without an error code if no token was sent."""
     if error.details.get("token_sent"):
         return 'Bearer realm="rtask", error="invalid_token"'
     return 'Bearer realm="rtask"'

@@ -1,4 +1,4 @@
-"""How an answer goes out: whole or in pieces, as fast as the client reads and no faster."""
+"""Sending of responses, whole or in pieces, as fast as the client reads and no faster."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from rtask.errors import RtaskError
 
 SEND_IDLE_S = 30.0
 PIECE = 256 << 10
-UNHURRIED_BYTES = 64 << 10  # fits the socket's buffers: no client can hold it up
+UNHURRIED_BYTES = 64 << 10  # fits the socket's buffers, so no client can delay it
 MAX_BUFFERED = 64 << 20
 _log = logging.getLogger(__name__)
 
 
 @dataclass
 class Wire:
-    """One request's two directions.
+    """The two directions of one ASGI request.
 
     Parameters
     ----------
     scope
-        Of the server.
+        ASGI scope.
     receive, transmit
-        Its two halves.
+        ASGI callables.
     """
 
     scope: Message
@@ -38,7 +38,7 @@ class Wire:
     _when_gone: list[Callable[[], None]] = field(default_factory=list)
 
     def watch(self, when_gone: Callable[[], None]) -> None:
-        """Call back when the client leaves; the body must have been read."""
+        """Call back when the client disconnects; the body must have been read."""
         self._when_gone.append(when_gone)
         if self._watcher is None:
             self._watcher = asyncio.get_running_loop().create_task(self._watch())
@@ -50,7 +50,7 @@ class Wire:
             callback()
 
     def unwatch(self) -> None:
-        """Watch no more: the answer is out."""
+        """Stop watching, once the answer has been sent."""
         if self._watcher is not None:
             self._watcher.cancel()
 
@@ -61,7 +61,7 @@ async def send(response: Response, method: str, wire: Wire) -> tuple[int, bool]:
     Returns
     -------
     sent, whole
-        Bytes of the body that went out, and whether that was all of it.
+        Bytes of the body that were sent, and whether that was all of it.
     """
     try:
         if response.chunks is None:
@@ -109,10 +109,10 @@ async def _send_whole(response: Response, method: str, wire: Wire) -> tuple[int,
 
 
 async def _send_pieces(response: Response, chunks: Chunks, wire: Wire) -> tuple[int, bool]:
-    """Send pieces as they come.
+    """Send the pieces as they become available.
 
-    What cannot be finished is left without its last chunk, and the server then closes the
-    connection: no client takes half an answer for a whole one (RFC 9112, 8).
+    An answer that cannot be completed is left without its last chunk, and the server closes the
+    connection, so that no client takes half an answer for a whole one (RFC 9112, 8).
     """
     gone = asyncio.Event()
     wire.watch(gone.set)
@@ -144,7 +144,7 @@ async def _send_pieces(response: Response, chunks: Chunks, wire: Wire) -> tuple[
 
 
 async def _send_buffered(response: Response, method: str, wire: Wire) -> tuple[int, bool]:
-    """Send all at once: before HTTP/1.1 a client cannot tell a cut from an end."""
+    """Send all at once: before HTTP/1.1 a client cannot tell that an answer is truncated."""
     assert response.chunks is not None
     loop = asyncio.get_running_loop()
     pieces, size = [response.body], len(response.body)

@@ -1,8 +1,8 @@
-"""Who changed what, and who was not let: one JSON line each, in ``audit.jsonl``.
+"""Audit trail: changes and refused requests, one JSON line each, in ``audit.jsonl``.
 
-The journal and the provenance graph record every commit as statements; this trail is for the
-operator, adds what never became a commit, and stays readable when the store is not. The file stands
-in the data folder with mode 0600. Above 64 MiB it is set aside once as ``audit.jsonl.1``.
+The journal and the provenance graph record every commit as statements. This trail is for operators:
+it adds what never became a commit, and stays readable when the store is not. The file is in the
+data folder, with mode 0600; beyond 64 MiB it is rotated to ``audit.jsonl.1``.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _log = logging.getLogger(__name__)
 
 
 class Audit:
-    """The trail of one server.
+    """The audit trail of one server.
 
     Parameters
     ----------
     folder
-        Data folder; none keeps the last events in memory only.
+        Data folder; none to keep only the last events, in memory.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -41,12 +41,12 @@ class Audit:
         self._lock = threading.Lock()
         self._recent: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._file: TextIO | None = None
-        # Whoever is refused a thousand times a second must not fill the disk.
+        # A caller that is refused a thousand times a second must not fill the disk.
         self._denials = Buckets(_DENIALS_PER_S)
         self._untold = 0
 
     def commit(self, change: Change) -> None:
-        """Record a commit; `note` holds request and token."""
+        """Record a commit; its note names request and token."""
         self._write(
             {
                 "event": "commit",
@@ -61,7 +61,7 @@ class Audit:
         )
 
     def denied(self, status: int, detail: str, **facts: Any) -> None:
-        """Record a request that was refused for want of rights."""
+        """Record a request that was refused for lack of rights."""
         if self._denials.take("denied"):
             self._untold += 1
             return
@@ -70,7 +70,7 @@ class Audit:
         self._write({"event": "denied", "status": status, **facts, "detail": detail[:500], **more})
 
     def event(self, name: str, **facts: Any) -> None:
-        """Record what else an operator wants to know: tokens made, sign-ins, start and end."""
+        """Record another event: a token created, a sign-in, start or stop."""
         self._write({"event": name, **facts})
 
     def recent(self, count: int = 200) -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
-"""One JSON line for each request, and for everything else that is logged.
+"""Logging as JSON lines, one for each request and each log record.
 
-Lines are written by a thread of their own: a terminal or a pipe that nobody reads must not hold up
-the server. What cannot be written in time is dropped and counted.
+A separate thread writes the lines, so that a terminal or pipe that nobody reads cannot block the
+server. Lines that cannot be written in time are dropped and counted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SECRET = re.compile(r"(token=|rtk_[0-9a-f]{12}_|ticket=)[^&\s\"']*")
 
 
 def redacted(text: str) -> str:
-    """Return a text without the secrets of tokens.
+    """Replace the secrets of tokens in a text.
 
     Examples
     --------
@@ -41,7 +41,7 @@ class LineWriter:
     Parameters
     ----------
     stream
-        Where to; standard error unless given.
+        Output stream; standard error by default.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -54,7 +54,7 @@ class LineWriter:
         self._thread.start()
 
     def put(self, line: Mapping[str, Any]) -> None:
-        """Take a line; never waits."""
+        """Queue a line without waiting."""
         if len(self._lines) >= _MAX_LINES:
             self.dropped += 1
             return
@@ -80,7 +80,7 @@ class LineWriter:
             self.dropped += len(texts)  # the reader has gone
 
     def close(self) -> None:
-        """Write what is left, for a second at most."""
+        """Write the queued lines, waiting for a second at most."""
         self._closed = True
         self._wake.set()
         self._thread.join(1.0)
@@ -107,7 +107,7 @@ class JsonHandler(logging.Handler):
 
 
 def timestamp(seconds: float) -> str:
-    """Write a time as ISO 8601, UTC, to the millisecond."""
+    """Format a time in ISO 8601, in UTC, to the millisecond."""
     whole = int(seconds)
     return f"{_second(whole)}.{int((seconds - whole) * 1_000):03}+00:00"
 

@@ -1,4 +1,4 @@
-"""Pages for people; each is a rendering of data that the same address plus `.json` gives."""
+"""Pages for people; each renders data that the same address plus `.json` returns."""
 
 from __future__ import annotations
 

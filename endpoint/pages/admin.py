@@ -1,7 +1,6 @@
-"""Pages for operators: tokens, running queries, who changed what. A token of role admin opens them.
+"""Pages for operators: tokens, running queries, audit trail. They require a token of role admin.
 
-Where no token exists yet there is nobody to show them to; the first one is made by whoever owns the
-data folder, with the command line.
+The first token is created on the command line by the owner of the data folder.
 """
 
 from __future__ import annotations
@@ -22,18 +21,22 @@ _EVENTS = 200
 
 
 def _operator() -> Caller:
-    """Return the caller, who is an admin.
+    """Return the caller if it is an admin.
 
     Raises
     ------
     AuthenticationError
-        Nobody has signed in.
+        The caller has not signed in.
     ForbiddenError
-        Somebody else has.
+        The caller is not an admin.
     """
     caller = context().auth.identify(current_request())
     if caller.token is None:
-        first = "" if context().tokens.ever_issued() else "; make the first token with rtask token"
+        first = (
+            ""
+            if context().tokens.ever_issued()
+            else "; create the first one with rtask token create"
+        )
         raise AuthenticationError(f"sign in with a token of role admin{first}")
     require_scope(caller.access, "admin")
     return caller
@@ -41,28 +44,28 @@ def _operator() -> Caller:
 
 @page("/admin/tokens", "tokens.html")
 def tokens() -> Model:
-    """All tokens, without their secrets."""
+    """Return all tokens, without their secrets."""
     _operator()
     return {"tokens": [asdict(one) for one in context().tokens.all()], "roles": ROLES}
 
 
 @page("/admin/audit", "audit.html")
 def audit() -> Model:
-    """The last events."""
+    """Return the last events of the audit trail."""
     _operator()
     return {"events": context().audit.recent(_EVENTS)}
 
 
 @page("/admin/queries", "queries.html")
 def queries() -> Model:
-    """What runs now."""
+    """Return the running queries."""
     running = context().queries.visible_to(_operator())
     return {"queries": [query.facts() for query in running]}
 
 
 @blueprint.route("/admin/tokens", methods=["POST"])
 def make_token() -> flask.Response:
-    """Make a token; the answer shows it this once."""
+    """Create a token; the answer shows it, this once."""
     by = _operator()
     require_form()
     form, server = flask.request.form, context()
@@ -79,7 +82,7 @@ def make_token() -> flask.Response:
 
 @blueprint.route("/admin/tokens/<token_id>/<action>", methods=["POST"])
 def change_token(token_id: str, action: str) -> WerkzeugResponse:
-    """Revoke a token, or let it end at a time."""
+    """Revoke a token, or set its lifetime."""
     by = _operator()
     require_form()
     server = context()
@@ -90,7 +93,7 @@ def change_token(token_id: str, action: str) -> WerkzeugResponse:
             token_id, parse_lifetime(flask.request.form.get("lifetime", ""))
         )
     else:
-        raise UsageError("revoke or expire")
+        raise UsageError("expected revoke or expire")
     if not done:
         raise RefusedError(404, "not-found", f"no token {token_id} to {action}")
     server.audit.event(f"token-{action}", token=token_id, by=_named(by))
@@ -99,7 +102,7 @@ def change_token(token_id: str, action: str) -> WerkzeugResponse:
 
 @blueprint.route("/admin/queries/<query_id>/stop", methods=["POST"])
 def stop_query(query_id: str) -> WerkzeugResponse:
-    """End a query."""
+    """Stop a query."""
     by = _operator()
     require_form()
     for query in context().queries.visible_to(by):
@@ -114,7 +117,7 @@ def _named(caller: Caller) -> str:
 
 @blueprint.after_request
 def _keep_nothing(response: flask.Response) -> flask.Response:
-    """Let no cache keep what operators see, nor a token that was just made."""
+    """Keep pages of operators and new tokens out of all caches."""
     if flask.request.path.startswith(("/admin/", "/login")):
         response.headers["Cache-Control"] = "no-store"
     return response

@@ -1,4 +1,4 @@
-"""Which objects a list shows: patterns for the query about objects, made of checked terms."""
+"""Patterns that select the objects of a list, built from checked terms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NAMED = "{ ?object rt:name ?said } UNION { ?object a/(rdfs:label|skos:altLabel)
 
 
 def by_iri(names: Iterable[str]) -> str:
-    """Return the pattern of some objects.
+    """Return the pattern that selects objects by IRI.
 
     Examples
     --------
@@ -26,7 +26,7 @@ def by_iri(names: Iterable[str]) -> str:
 
 
 def by_words(text: str) -> str:
-    """Return the pattern of objects in whose names or kinds all words occur.
+    """Return the pattern that selects objects whose name or kind contains all words.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def by_words(text: str) -> str:
 
 
 def without(name: str) -> str:
-    """Return the pattern that leaves one object out.
+    """Return the pattern that excludes one object.
 
     Examples
     --------
@@ -52,9 +52,9 @@ def without(name: str) -> str:
 
 
 def unnamed() -> str:
-    """Return the pattern of objects of which nobody said what kind they are; a guess says nothing.
+    """Return the pattern that selects objects whose kind nobody has stated; guesses do not count.
 
-    Only what is stated counts: what the reasoner concludes follows from the guess.
+    Inferred kinds do not count either, since they follow from the guess.
     """
     return f"""FILTER EXISTS {{ ?object rt:objectId ?id }}
 FILTER NOT EXISTS {{

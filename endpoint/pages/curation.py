@@ -1,4 +1,4 @@
-"""People put objects right on pages: merge two, split one, forget one, and take that back."""
+"""Pages on which people correct objects: merge, split, forget, and undo."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _RECENT_COMMITS = 2_000
 
 @page("/object/merge", "merge.html")
 def merge() -> Model:
-    """Choose what an object turned out to be; with ``into``, both side by side."""
+    """Return candidates for a merge or, with ``into``, both objects side by side."""
     thing = known_object("iri")
     into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
     if not into:
@@ -47,20 +47,20 @@ def merge() -> Model:
 
 @page("/object/split", "split.html")
 def split() -> Model:
-    """Choose the views that show something else, or that shall be forgotten."""
+    """Return the views to choose from, for a split."""
     thing = known_object("iri")
     return {"iri": thing, "object": side(thing)}
 
 
 @page("/object/forget", "forget.html")
 def forget() -> Model:
-    """Say what would be forgotten."""
+    """Return what would be forgotten."""
     thing = known_object("iri")
     return {"iri": thing, "object": side(thing)}
 
 
 def side(name: str) -> Model:
-    """Return what a person wants to see of an object before it is changed; two queries."""
+    """Return an object with its pictures, to be seen before it is changed; two queries."""
     rows = list_objects(1, chosen=by_iri([name]))
     if not rows:
         raise RefusedError(404, "not-found", f"no object {name}; see /objects")
@@ -69,12 +69,12 @@ def side(name: str) -> Model:
 
 @page(_ADDRESS, "curation.html")
 def curation() -> Model:
-    """The latest changes by people, the newest first."""
+    """Return the latest changes by people, the newest first."""
     return {"changes": list_changes()}
 
 
 def list_changes() -> list[Model]:
-    """Return what people changed lately, and whether it was taken back since."""
+    """Return recent changes by people, and whether each was undone."""
     kb = knowledge_base()
     since = max(0, kb.seq - _RECENT_COMMITS)
     entries = [e for e in kb.history(since=since) if (e.note or "").startswith(NOTE)]
@@ -96,7 +96,7 @@ def list_changes() -> list[Model]:
 
 @blueprint.route("/object/curate", methods=["POST"])
 def curate() -> WerkzeugResponse:
-    """Carry out what a form says and show the object that there is now."""
+    """Carry out the change in a form and show the resulting object."""
     form = flask.request.form
     told: dict[str, Any] = {}
     for name in ("operation", "object", "into", "name", "commit", "operator", "purge"):
@@ -113,12 +113,12 @@ def curate() -> WerkzeugResponse:
 
 
 def carry_out(operation: str, told: dict[str, Any]) -> dict[str, Any]:
-    """Do what a form of ours says, in the name of who sent it, and keep that it was done.
+    """Call an operation with the fields of a form, for the person who sent it, and audit that.
 
     Raises
     ------
     ForbiddenError
-        The form is of another page or session, or the caller may not teach.
+        The form belongs to another page or session, or the caller may not teach.
     """
     caller = context().auth.identify(current_request())
     require_form()
@@ -130,7 +130,7 @@ def carry_out(operation: str, told: dict[str, Any]) -> dict[str, Any]:
 
 
 def back_to(address: str, arguments: dict[str, str], told: dict[str, Any]) -> WerkzeugResponse:
-    """Show a page next; a person without a token keeps the name that was typed."""
+    """Redirect to a page, keeping the name that a person without a token typed."""
     if "operator" in told:
         arguments = {**arguments, "by": told["operator"]}
     return flask.redirect(f"{address}?{urlencode(arguments)}" if arguments else address, 303)

@@ -1,4 +1,4 @@
-"""The first page: what there is, ask it, who learned what."""
+"""Home page: counts, the workbench, objects and robots."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SHOWN_OBJECTS = 24
 
 @page("/", "home.html", twin="/index.json")
 def home() -> Model:
-    """Three queries: counts, objects, robots."""
+    """Return counts, objects and robots; three queries."""
     site = current_request().site
     return {
         "version": __version__,

@@ -1,4 +1,4 @@
-"""Objects: how they look, how they were grasped, and what came of it."""
+"""Pages about objects: their views, grasps and outcomes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from rtask.rdf.terms import iri, python_value
 
 
 def list_objects(limit: int = PAGE_SIZE, offset: int = 0, chosen: str = "") -> list[Model]:
-    """Return objects, the most tried first, with an image and how often they were held.
+    """Return objects with an image and their successes, the most tried first.
 
     Parameters
     ----------
     chosen
-        Pattern that tells which; see :mod:`endpoint.pages.choosing`.
+        Pattern that selects them; see :mod:`endpoint.pages.choosing`.
     """
     rows = select("objects", limit=limit, offset=offset, chosen=chosen)
     for row in rows:
@@ -28,19 +28,19 @@ def list_objects(limit: int = PAGE_SIZE, offset: int = 0, chosen: str = "") -> l
 
 
 def _count(row: Model) -> None:
-    """Put numbers where the graph has none, and the share of successes."""
+    """Fill in missing counts and the share of successes."""
     for name in ("views", "grasps", "attempts", "successes"):
         row[name] = int(row.get(name) or 0)
     row["mean"] = row["successes"] / row["attempts"] if row["attempts"] else None
 
 
 def known_object(argument: str) -> str:
-    """Return the object that the address names, by its present name; without a query.
+    """Return the present name of the object that the address names.
 
     Raises
     ------
     RefusedError
-        400 without one, 404 where there is none, 410 where it was forgotten.
+        400 without a name, 404 if there is no such object, 410 if it was forgotten.
     """
     asked = flask.request.args.get(argument, "").strip()
     if not asked:
@@ -58,7 +58,7 @@ def known_object(argument: str) -> str:
 
 @page("/objects", "objects.html")
 def objects() -> Model:
-    """Two queries: one page of objects, and how many there are."""
+    """Return one page of objects and their number; two queries."""
     number = page_number()
     rows = list_objects(PAGE_SIZE, (number - 1) * PAGE_SIZE)
     total = int(select("object_count")[0]["total"])
@@ -68,7 +68,7 @@ def objects() -> Model:
 
 @page("/object", "object.html")
 def object_() -> Model:
-    """Four queries: facts, views, grasps, outcomes."""
+    """Return the facts, views, grasps and outcomes of one object; four queries."""
     name = known_object("iri")
     term = iri(name)
     (facts,) = select("object", object=term)

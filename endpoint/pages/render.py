@@ -1,4 +1,4 @@
-"""How a model becomes a page or its JSON twin, and the headers that every page carries."""
+"""Rendering of models as pages and JSON twins, with the headers of every page."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def knowledge_base() -> KnowledgeBase:
 
 
 def application() -> Application:
-    """Return the application that answers programs, too."""
+    """Return the application behind the current page."""
     return cast(Application, flask.current_app.extensions["rtask"])
 
 
@@ -57,10 +57,10 @@ def context() -> ServerContext:
 
 
 def current_request() -> Request:
-    """Return the current request of Flask as one of ours.
+    """Convert Flask's current request.
 
-    The path as sent is kept by most servers in ``RAW_URI`` or ``REQUEST_URI``; without it the
-    decoded path is encoded again.
+    Most servers keep the path as sent in ``RAW_URI`` or ``REQUEST_URI``; otherwise the decoded path
+    is encoded again.
     """
     current = flask.request
     sent = current.environ.get("RAW_URI") or current.environ.get("REQUEST_URI") or ""
@@ -77,23 +77,23 @@ def current_request() -> Request:
 
 
 def finish_page(response: flask.Response) -> flask.Response:
-    """Add the headers that keep hostile data harmless; what a response says itself stays."""
+    """Add the headers that keep hostile data harmless, unless a response sets its own."""
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
     return response
 
 
 def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
-    """Register a function that builds a model: HTML at `rule`, the model at `twin`.
+    """Register a function that builds a model, served as HTML at `rule` and as JSON at `twin`.
 
     Parameters
     ----------
     rule
         Address of the page.
     template
-        Renders the model, whose members are its variables.
+        Template whose variables are the members of the model.
     twin
-        Address of the JSON twin; `rule` plus ``.json`` unless given.
+        Address of the JSON twin; by default `rule` plus ``.json``.
     """
 
     def register(build: Callable[[], Model]) -> Callable[[], Model]:
@@ -116,13 +116,13 @@ def page(rule: str, template: str, twin: str = "") -> Callable[..., Any]:
 
 
 def problem_page(error: RtaskError | None, response: Response) -> flask.Response:
-    """Render an error for people; the same details as programs get."""
+    """Render an error as a page with the details that programs get."""
     details = details_of(error) if error else json.loads(response.body)
     return flask.make_response(flask.render_template("problem.html", **details), response.status)
 
 
 def page_number() -> int:
-    """Return the wanted page of a list, from 1 on."""
+    """Return the requested page number of a list, at least 1."""
     return max(1, flask.request.args.get("page", 1, type=int))
 
 
@@ -135,17 +135,17 @@ def _query(name: str) -> str:
 def solutions(
     name: str, *, limit: int | None = None, offset: int = 0, **terms: NamedNode | str
 ) -> Solutions:
-    """Run ONE of the queries beside this file.
+    """Run one of the queries in the folder ``queries``.
 
     Parameters
     ----------
     name
         File name without its suffix.
     limit, offset
-        Which rows, where the query itself leaves it open.
+        Rows to return, for queries that do not limit themselves.
     **terms
-        What stands for each ``$name`` of the text, inside sub-selects too: a term, or a pattern
-        made of terms by :mod:`endpoint.pages.choosing`.
+        Replacements of each ``$name`` in the text: a term, or a pattern built from terms by
+        :mod:`endpoint.pages.choosing`.
     """
     text = re.sub(r"\$(\w+)", lambda match: str(terms[match.group(1)]), _query(name))
     if limit is not None:
@@ -160,7 +160,7 @@ def select(name: str, **options: Any) -> list[Model]:
 
 @blueprint.app_template_filter("short")
 def short(iri: str) -> str:
-    """Write an IRI as people read it: prefixed, or below the base of the knowledge base.
+    """Shorten an IRI for people: prefixed, or relative to the base of the knowledge base.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def short(iri: str) -> str:
 
 @blueprint.app_template_filter("resource_url")
 def resource_url(iri: str) -> str:
-    """Return the address of the page about an IRI; IRIs travel in the query, never in the path."""
+    """Return the address of the page about an IRI, which is in the query, never in the path."""
     return f"/resource?{urlencode({'iri': iri})}"
 
 
@@ -197,7 +197,7 @@ def about(iri: str, address: str) -> str:
 
 @blueprint.app_template_filter("query")
 def query(arguments: dict[str, str], address: str) -> str:
-    """Return an address with arguments; empty ones are left out."""
+    """Return an address with arguments, without the empty ones."""
     return f"{address}?{urlencode({name: value for name, value in arguments.items() if value})}"
 
 
@@ -215,11 +215,11 @@ def query_url(text: str) -> str:
 
 @blueprint.app_template_filter("percent")
 def percent(value: float | None) -> str:
-    """Write a share; a dash where there is none."""
+    """Format a share in percent; a dash for none."""
     return "–" if value is None else f"{100 * value:.0f} %"
 
 
 @blueprint.app_template_filter("when")
 def when(value: object) -> str:
-    """Write a time of the graph to the second."""
+    """Format a time of the graph to the second; a dash for none."""
     return str(value)[:19].replace("T", " ") if value else "–"

@@ -1,4 +1,4 @@
-"""Everything the graph says about one IRI, stated and derived apart."""
+"""Page about one IRI: stated, derived and incoming statements."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_INCOMING = 50
 
 @page("/resource", "resource.html")
 def resource() -> Model:
-    """Two queries: statements about it, statements that name it."""
+    """Return the statements about an IRI and those that refer to it; two queries."""
     asked = flask.request.args.get("iri", "").strip()
     if not asked:
         raise RefusedError(400, "usage", "which one? /resource?iri=<IRI>, or a prefixed name")
@@ -44,13 +44,13 @@ def resource() -> Model:
 
 
 def _is_elsewhere(name: str) -> bool:
-    """Tell whether an IRI is worth opening in a browser; those of this house lead nowhere."""
+    """Tell whether an IRI is a link to another site; our own vocabulary's IRIs are not."""
     house = (ontology.NS, ontology.BASE, ontology.ONTOLOGY, knowledge_base().base)
     return name.startswith(("http://", "https://")) and not name.startswith(house)
 
 
 def expand(name: str) -> str:
-    """Return the IRI of a prefixed name; other text as it is.
+    """Return the IRI of a prefixed name; other text unchanged.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def expand(name: str) -> str:
 
 
 def _term(term: Any) -> dict[str, str]:
-    """Return a term for a page: what kind, its text, and where it matters language or datatype."""
+    """Return the kind and text of a term, and the language or datatype of a literal."""
     if isinstance(term, NamedNode):
         return {"kind": "iri", "text": term.value}
     if isinstance(term, Literal):

@@ -1,4 +1,4 @@
-"""Robots: what they are, how often they succeeded, and what happened last."""
+"""Page about robots: model, successes and last outcome."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from endpoint.pages.render import Model, page, select
 
 
 def list_robots() -> list[Model]:
-    """Return robots with their last outcome; one row each."""
+    """Return each robot with its last outcome."""
     rows: dict[str, Model] = {}
     for row in select("robots"):
         robot = str(row["robot"])
@@ -19,5 +19,5 @@ def list_robots() -> list[Model]:
 
 @page("/robots", "robots.html")
 def robots() -> Model:
-    """One query."""
+    """Return all robots; one query."""
     return {"robots": list_robots()}

@@ -1,4 +1,4 @@
-"""Signing in with a token: people get a cookie, so that pages can be opened at all elsewhere."""
+"""Sign-in of people: a token in exchange for a session cookie."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _START = "/"
 
 @blueprint.route("/login", methods=["GET"])
 def login() -> str:
-    """Show the form."""
+    """Show the sign-in form."""
     return flask.render_template("login.html", next=_local(flask.request.args.get("next", "")))
 
 
 @blueprint.route("/login", methods=["POST"])
 def sign_in() -> WerkzeugResponse | tuple[str, int]:
-    """Begin a session with a token."""
+    """Start a session by a token."""
     request = current_request()
     server = context()
     server.auth.check_origin(request)
@@ -59,7 +59,7 @@ def sign_out() -> WerkzeugResponse:
 
 
 def require_form() -> None:
-    """Refuse a form that no page of ours made for this session.
+    """Refuse a form that none of our pages made for this session.
 
     Raises
     ------
@@ -75,14 +75,14 @@ def require_form() -> None:
 
 
 def form_secret() -> str:
-    """Return what forms of the current page carry; empty for callers without a session."""
+    """Return the secret for the forms of this page; empty for callers without a session."""
     session = context().auth.identify(current_request()).session
     return session.form_secret if session else ""
 
 
 @blueprint.app_context_processor
 def _person() -> dict[str, object]:
-    """Let templates ask who sees the page, and whether that person may teach."""
+    """Provide templates with functions about the person who sees the page."""
 
     def access() -> Access:
         return context().auth.identify(current_request()).access
@@ -105,14 +105,14 @@ def _person() -> dict[str, object]:
 
 
 def _page_to_return_to() -> str:
-    """Return the address of the page that a person wants to see after signing in."""
+    """Return the page to show after signing in."""
     if flask.request.method in ("GET", "HEAD"):
         return _local(flask.request.full_path.removesuffix("?"))
     return _local(urlsplit(flask.request.referrer or "").path or _START)
 
 
 def _local(path: str) -> str:
-    """Return a path of this server; anything else becomes the start page.
+    """Return a path on this server; anything else becomes the home page.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""People say what the things are that robots met: the unnamed ones, candidates, a name, a kind."""
+"""Pages on which people name the objects that robots met."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST_CANDIDATES = 12
 
 @page(_ADDRESS, "teach.html")
 def teach() -> Model:
-    """The objects that nobody named; with ``iri`` one of them, and what it may be."""
+    """Return the unnamed objects or, with ``iri``, one of them and what it may be."""
     if "iri" not in flask.request.args:
         return {"unnamed": list_objects(chosen=unnamed())}
     thing = known_object("iri")
@@ -35,7 +35,7 @@ def teach() -> Model:
 
 
 def _candidates(thing: str, name: str, description: str) -> Model:
-    """Return which objects and kinds the words leave: those that look alike first."""
+    """Return the objects and kinds that match the words, those that look alike first."""
     alike, suggestions = _alike(thing, description)
     seen = {one["object"] for one in alike}
     worded = [
@@ -59,7 +59,7 @@ def _candidates(thing: str, name: str, description: str) -> Model:
 
 
 def _alike(thing: str, description: str) -> tuple[list[Model], list[str]]:
-    """Return the objects that look like one, of the kinds that the words mean; and other words."""
+    """Return the objects of the described kind that look like one, and suggested words."""
     caller = context().auth.identify(current_request())
     wanted: dict[str, Any] = {"operation": "search", "object": thing}
     if description:
@@ -82,7 +82,7 @@ def _engine() -> Engine:
 
 @blueprint.route(_ADDRESS, methods=["POST"])
 def name_it() -> WerkzeugResponse:
-    """Store a name and a kind, and show what is unnamed still."""
+    """Store a name and a kind, and show the object."""
     form = flask.request.form
     told: dict[str, Any] = {"operation": "teach", "object": form.get("object", "")}
     for field, given in (

@@ -1,4 +1,4 @@
-"""The SPARQL workbench: at the protocol's own address, for people."""
+"""SPARQL workbench for people, at the address of the protocol."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def workbench() -> str:
 
 
 def run(query: str) -> dict[str, Any]:
-    """Send a query the way any program does, and return what the page shows of the answer."""
+    """Run a query as any program would, and return what the page shows of the answer."""
     request = current_request()
     # The answer is read here: what the browser can decompress is of no use.
     sent = {name: text for name, text in request.headers.items() if name != "accept-encoding"}

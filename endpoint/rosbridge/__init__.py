@@ -1,5 +1,5 @@
-"""rosbridge v2 over a websocket: robots talk to the graph as if it were a ROS node.
+"""rosbridge v2 over a websocket: to robots, the graph is a ROS node.
 
-Gatto 2016, 3.2.4 puts the robot and the cloud on a rosbridge connection. No ROS is installed here;
-what is spoken is the JSON protocol that roslibpy and roslib.js use unmodified.
+Gatto 2016, 3.2.4, connects robot and cloud by rosbridge. No ROS is installed here: the server
+speaks the JSON protocol itself, which roslibpy and roslib.js use unmodified.
 """

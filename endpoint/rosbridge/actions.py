@@ -1,7 +1,7 @@
-"""Long work with feedback: goals for the server's actions and for those that robots provide.
+"""Actions: long-running goals with feedback, for the server's actions and those of robots.
 
-Each goal has one result, always with a top-level ``status`` of actionlib_msgs/GoalStatus; feedback
-comes strictly before it, at most ten times a second; the newest replaces what still waits.
+Each goal has one result with a top-level ``status`` as in actionlib_msgs/GoalStatus. Feedback
+always comes before it, at most ten times a second; newer feedback replaces what has not been sent.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ GOAL_S = 600.0
 
 
 class Progress:
-    """What the handler of an action says and asks while it works.
+    """Connection of an action's handler to its goal: reports progress, learns of cancellation.
 
     Parameters
     ----------
     tell
-        Takes feedback.
+        Receives feedback.
     """
 
     def __init__(self, tell: Callable[[JsonObject], None]) -> None:
@@ -43,16 +43,16 @@ class Progress:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether nobody waits for the result any more."""
+        """Whether the goal has been cancelled."""
         return self._cancelled.is_set()
 
     def report(self, progress: float, phase: str, **members: Any) -> None:
-        """Tell how far the work is, 0 to 1; it never goes back."""
+        """Report progress from 0 to 1; it never decreases."""
         self._furthest = max(self._furthest, min(progress, 1.0))
         self._tell({"progress": self._furthest, "phase": phase, **members})
 
     def cancel(self) -> None:
-        """Ask the handler to end."""
+        """Ask the handler to stop."""
         self._cancelled.set()
 
 
@@ -68,7 +68,7 @@ class Action:
 
 @dataclass
 class Goal:
-    """One goal on its way."""
+    """A goal in progress."""
 
     id: Any
     action: str
@@ -83,7 +83,7 @@ class Goal:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def feedback(self, values: Any) -> None:
-        """Send feedback if it was wanted; what comes too fast waits, the newest replaces it."""
+        """Send feedback if it was requested; newer feedback replaces what comes too fast."""
         with self.lock:
             if self.done or not self.wants_feedback:
                 return
@@ -96,7 +96,7 @@ class Goal:
             self.held = values
 
     def end(self, status: int, values: Any) -> None:
-        """Send the result, the first time; feedback that waits goes before it."""
+        """Send the result, once, after any feedback that waits."""
         with self.lock:
             if self.done:
                 return
@@ -128,7 +128,7 @@ class Actions:
     offered
         The server's own.
     calls
-        Threads that work on them.
+        Runs the handlers.
     deadlines
         Ends goals that nobody answers.
     """
@@ -147,7 +147,7 @@ class Actions:
         return sorted({*self._offered, *(one.name for one in self.providers.listing())})
 
     def send(self, peer: Peer, access: Access, message: JsonObject, name: str) -> None:
-        """Take a goal; whatever is wrong with it becomes its result."""
+        """Accept a goal; errors become its result."""
         key = f"action_goal:{next(self._numbers)}"
         id_ = message.get("id") if message.get("id") is not None else key
         goal = Goal(id_, name, peer, message.get("feedback") is True, self._deadlines)
@@ -155,11 +155,11 @@ class Actions:
             args = message.get("args")
             args = {} if args is None else args
             if not isinstance(args, dict):
-                raise UsageError("args: an object is wanted")
+                raise UsageError("args: expected an object")
             with self._lock:
                 held = sum(one.peer.number == peer.number for one in self._goals.values())
                 if held >= MAX_GOALS_PER_SESSION:
-                    raise UsageError(f"busy: {MAX_GOALS_PER_SESSION} goals under way")
+                    raise UsageError(f"busy: {MAX_GOALS_PER_SESSION} goals in progress")
                 self._goals[key] = goal
             self._start(key, goal, args, access)
         except RtaskError as error:
@@ -210,7 +210,7 @@ class Actions:
         self._end(key, goal, SUCCEEDED, values)
 
     def cancel(self, peer: Peer, name: str, id_: Any = None) -> None:
-        """Cancel one goal of a session, or all of its goals of an action."""
+        """Cancel one goal of a session, or all its goals of an action."""
         with self._lock:
             found = [
                 (key, goal)
@@ -226,7 +226,7 @@ class Actions:
                 )
 
     def relay(self, peer: Peer, message: JsonObject) -> None:
-        """Pass a provider's feedback or result on, under the caller's id.
+        """Forward a provider's feedback or result under the caller's id.
 
         Raises
         ------
@@ -252,7 +252,7 @@ class Actions:
         self._end(id_, goal, status, "" if values is None else values)
 
     def leave(self, peer: Peer) -> None:
-        """Cancel a session's goals, and end those that were sent to it."""
+        """Cancel the goals of a session, and end those that were sent to it."""
         with self._lock:
             goals = list(self._goals.items())
         for key, goal in goals:

@@ -1,4 +1,4 @@
-"""Calls run off the reader: a slow one delays neither its robot's fast ones nor other robots."""
+"""Thread pool for calls: a slow call delays neither its robot's fast ones nor other robots."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ WAITING_PER_SESSION = 32
 
 @dataclass
 class _Lane:
-    """Calls of one session."""
+    """The calls of one session."""
 
     running: int = 0
     waiting: deque[Job] = field(default_factory=deque)
 
 
 class CallQueue:
-    """Threads that carry out calls, shared fairly.
+    """Queue of calls whose threads are shared fairly between sessions.
 
-    A session has at most :data:`RUNNING_PER_SESSION` calls in the threads' queue, so the calls
-    that one robot piles up wait in its own lane. Jobs must not raise.
+    At most :data:`RUNNING_PER_SESSION` calls of a session are in the threads' queue; its further
+    calls wait in a lane of their own. Jobs must not raise.
 
     Parameters
     ----------
     threads
-        How many calls run at the same time.
+        Number of calls that run at the same time.
     """
 
     def __init__(self, threads: int = THREADS) -> None:
@@ -41,7 +41,7 @@ class CallQueue:
         self._lanes: dict[Hashable, _Lane] = {}
 
     def submit(self, session: Hashable, job: Job) -> bool:
-        """Queue a call; tell whether there was room for it."""
+        """Queue a call; tell whether there was room."""
         with self._lock:
             lane = self._lanes.setdefault(session, _Lane())
             if lane.running < RUNNING_PER_SESSION:
@@ -74,25 +74,25 @@ class CallQueue:
         self._pool.submit(self._run, session, job)
 
     def forget(self, session: Hashable) -> None:
-        """Drop what a session that ended still has waiting."""
+        """Drop the waiting calls of a session that ended."""
         with self._lock:
             lane = self._lanes.get(session)
             if lane is not None:
                 lane.waiting.clear()
 
     def load(self, session: Hashable) -> tuple[int, int]:
-        """Return how many calls of a session run and wait."""
+        """Return the numbers of a session's running and waiting calls."""
         with self._lock:
             lane = self._lanes.get(session, _Lane())
             return lane.running, len(lane.waiting)
 
     def close(self) -> None:
-        """Let running calls end; what waits is dropped."""
+        """Wait for running calls to end and drop the waiting ones."""
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 class Once:
-    """Lets the first of several answers of a call through."""
+    """Guard that lets only the first of several answers to a call through."""
 
     __slots__ = ("_done", "_lock")
 

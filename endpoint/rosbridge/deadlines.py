@@ -1,4 +1,4 @@
-"""One thread that acts when a time has come, for calls that may never be answered."""
+"""Timer thread for the deadlines of calls that may never be answered."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _log = logging.getLogger(__name__)
 
 
 class Deadline:
-    """An action to come; :meth:`cancel` takes it back."""
+    """A scheduled action, which :meth:`cancel` revokes."""
 
     __slots__ = ("action",)
 
@@ -21,12 +21,12 @@ class Deadline:
         self.action: Callable[[], None] | None = action
 
     def cancel(self) -> None:
-        """Do nothing when the time comes."""
+        """Revoke the action."""
         self.action = None
 
 
 class Deadlines:
-    """Runs short actions at their times; actions must not wait.
+    """Runs short actions at their times; actions must not block.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class Deadlines:
         self._thread: threading.Thread | None = None
 
     def after(self, seconds: float, action: Callable[[], None]) -> Deadline:
-        """Run an action in some time."""
+        """Schedule an action after a number of seconds."""
         deadline = Deadline(action)
         with self._ready:
             entry = (time.monotonic() + seconds, next(self._numbers), deadline)
@@ -59,7 +59,7 @@ class Deadlines:
         return deadline
 
     def close(self) -> None:
-        """Run nothing more."""
+        """Stop; no further action runs."""
         with self._ready:
             self._closed = True
             self._ready.notify()
@@ -77,7 +77,7 @@ class Deadlines:
                 _log.exception("an action at its deadline failed")
 
     def _next(self) -> Deadline | None:
-        """Wait for the next action; none when closed."""
+        """Wait for the next action and return it; none once closed."""
         with self._ready:
             while not self._closed:
                 # Cancelled ones in front go at once, so that they hold nothing alive.

@@ -1,4 +1,4 @@
-"""Messages that arrive in pieces (rosbridge protocol 2, 3.2.1)."""
+"""Reassembly of fragmented messages (rosbridge protocol 2, 3.2.1)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_AGE_S = 30.0
 
 @dataclass
 class _Set:
-    """The pieces of one message so far."""
+    """The fragments of one message received so far."""
 
     total: int
     began: float
@@ -24,12 +24,12 @@ class _Set:
 
     @property
     def size(self) -> int:
-        """Characters so far."""
+        """Number of characters received."""
         return sum(map(len, self.parts.values()))
 
 
 class Fragments:
-    """Puts messages of one session together; what breaks a limit is dropped and told.
+    """Reassembles the messages of one session; what exceeds a limit is dropped and reported.
 
     Examples
     --------
@@ -44,14 +44,15 @@ class Fragments:
         self._sets: dict[Any, _Set] = {}
 
     def add(self, message: dict[str, Any], now: float | None = None) -> str | None:
-        """Take one piece; return the whole message when it was the last that was missing.
+        """Add a fragment; return the whole message once it is complete.
 
-        A piece that comes again replaces the first; order does not matter.
+        Fragments may come in any order; a repeated one replaces the first.
 
         Raises
         ------
         UsageError
-            Not a piece, too many sets, a set too large, too old, or of another total.
+            Not a fragment, too many incomplete messages, or a message that is too large, too old or
+            whose total changed.
         """
         now = time.monotonic() if now is None else now
         name, data, num, total = _read(message)
@@ -61,7 +62,7 @@ class Fragments:
         if stale and name in stale:
             raise UsageError(f"fragment {name!r}: not complete within {MAX_AGE_S:g} s; dropped")
         if name not in self._sets and len(self._sets) >= MAX_IDS:
-            raise UsageError(f"fragment {name!r}: {MAX_IDS} messages in pieces are under way")
+            raise UsageError(f"fragment {name!r}: {MAX_IDS} incomplete messages already")
         one = self._sets.setdefault(name, _Set(total, now))
         if one.total != total:
             del self._sets[name]
@@ -80,9 +81,9 @@ def _read(message: dict[str, Any]) -> tuple[Any, str, int, int]:
     name, data = message.get("id"), message.get("data")
     num, total = message.get("num"), message.get("total")
     if not isinstance(name, str | int) or not isinstance(data, str):
-        raise UsageError("fragment: id and data (a text) are wanted")
+        raise UsageError("fragment: expected id and data (a text)")
     if type(num) is not int or type(total) is not int or not 0 <= num < total:
-        raise UsageError("fragment: num and total are wanted, 0 <= num < total")
+        raise UsageError("fragment: expected num and total, 0 <= num < total")
     if total > MAX_PARTS:
         raise UsageError(f"fragment: {total} pieces; at most {MAX_PARTS}")
     return name, data, num, total

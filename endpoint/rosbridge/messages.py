@@ -1,4 +1,4 @@
-"""Messages as texts and as objects: reading them strictly bounded, writing them strictly."""
+"""JSON of rosbridge messages: parsed within bounds, written strictly."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def encode(message: JsonObject) -> str:
 
 
 def parse(text: str) -> JsonObject:
-    """Read one message.
+    """Parse one message.
 
     Raises
     ------
     UsageError
-        Not JSON, nested too deeply, or not an object.
+        The text is not JSON, nested too deeply, or not an object.
     """
     try:
         message = json.loads(text)
@@ -42,7 +42,7 @@ def parse(text: str) -> JsonObject:
             f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
         ) from None
     except (ValueError, RecursionError) as error:
-        raise UsageError(f"not JSON that can be read: {str(error)[:100]}") from None
+        raise UsageError(f"invalid JSON: {str(error)[:100]}") from None
     if text.count("[") + text.count("{") > MAX_DEPTH and _is_deeper(message, MAX_DEPTH):
         raise UsageError(f"JSON nested deeper than {MAX_DEPTH}")
     if not isinstance(message, dict):
@@ -67,18 +67,18 @@ def _is_deeper(value: Any, allowed: int) -> bool:
 def arguments(args: Any, parameters: Sequence[str] = ()) -> JsonObject:
     """Return the arguments of a call as an object.
 
-    Clients send an object, the protocol's text a list of positional values; a list that holds one
-    object is that object.
+    Clients send an object; the protocol describes a list of positional values. A list with a single
+    object stands for that object.
 
     Parameters
     ----------
     parameters
-        Names that positional values stand for, in order.
+        Names of the positional values, in order.
 
     Raises
     ------
     UsageError
-        Neither, or more values than names.
+        Neither was sent, or more values than there are names.
 
     Examples
     --------
@@ -92,47 +92,47 @@ def arguments(args: Any, parameters: Sequence[str] = ()) -> JsonObject:
     if isinstance(args, list) and len(args) <= len(parameters):
         return dict(zip(parameters, args, strict=False))
     if not isinstance(args, dict):
-        raise UsageError("args: an object is wanted, or a list holding one")
+        raise UsageError("args: expected an object, or a list holding one")
     return args
 
 
 def name_of(message: JsonObject, field: str) -> str:
-    """Return a topic, service or action with its leading slash.
+    """Return the name of a topic, service or action with its leading slash.
 
     Raises
     ------
     UsageError
-        There is none.
+        The name is missing.
     """
     name = message.get(field)
     if not isinstance(name, str) or not name.strip("/ "):
-        raise UsageError(f"{field}: a name is wanted")
+        raise UsageError(f"{field}: expected a name")
     return "/" + name.lstrip("/")
 
 
 def text_of(message: JsonObject, field: str) -> str:
-    """Return a field that must be a text.
+    """Return a field that must be a string.
 
     Raises
     ------
     UsageError
-        It is none.
+        It is not a string.
     """
     value = message.get(field)
     if not isinstance(value, str):
-        raise UsageError(f"{field}: a string is wanted")
+        raise UsageError(f"{field}: expected a string")
     return value
 
 
 def service_response(
     message: JsonObject, result: bool, values: Any, status: int | None = None
 ) -> JsonObject:
-    """Return the answer of a call, the service spelled as the caller did.
+    """Return the answer to a call, naming the service as the caller spelled it.
 
     Parameters
     ----------
     status
-        Of a failure, as over HTTP: clients that know it tell what to try again from what not.
+        HTTP status of a failure, which tells clients whether to try again.
     """
     answer: JsonObject = {
         "op": "service_response",
@@ -146,14 +146,14 @@ def service_response(
 
 
 def with_id(answer: JsonObject, message: Any) -> JsonObject:
-    """Echo the caller's id exactly; leave it out if none was given."""
+    """Add the caller's id exactly as it was sent; none if none was sent."""
     if isinstance(message, dict) and message.get("id") is not None:
         return {**answer, "id": message["id"]}
     return answer
 
 
 def failure_text(error: Exception) -> str:
-    """Return one line that says what went wrong; nothing of the inside where it was unforeseen."""
+    """Return one line that says what went wrong; unexpected errors reveal nothing internal."""
     if isinstance(error, RtaskError):
         return " ".join(str(error).split())[:MAX_FAILURE_TEXT]
     _log.error("a call failed", exc_info=error)

@@ -1,7 +1,7 @@
-"""What a request may ask for its answers: pieces, PNG or CBOR (rosbridge protocol 2, 3.1 to 3.3).
+"""Packing of frames on request: fragments, PNG or CBOR (rosbridge protocol 2, 3.1 to 3.3).
 
-Nobody gets anything but plain text frames without having asked: roslibpy reads none of these.
-Unknown compressions, ``cbor-raw`` among them, fall back to plain JSON.
+Clients that do not ask get plain text frames, for roslibpy reads no others. Unknown compressions,
+``cbor-raw`` among them, fall back to plain JSON.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Packing:
     compression
         ``png``, ``cbor``, or anything else for plain JSON.
     fragment_size
-        Most characters of one piece; 0 = whole.
+        Most characters in one fragment; 0 to send messages whole.
     """
 
     compression: str = "none"
@@ -41,16 +41,16 @@ class Packing:
 
     @classmethod
     def wanted(cls, message: dict[str, Any]) -> Packing:
-        """Read what a request asks for.
+        """Read the packing that a request asks for.
 
         Raises
         ------
         UsageError
-            ``fragment_size`` is no number.
+            ``fragment_size`` is not a number.
         """
         size = message.get("fragment_size") or 0
         if isinstance(size, bool) or not isinstance(size, int | float) or not math.isfinite(size):
-            raise UsageError("fragment_size: a number of characters is wanted")
+            raise UsageError("fragment_size: expected a number of characters")
         compression = message.get("compression")
         return cls(
             compression if isinstance(compression, str) else "none",
@@ -59,7 +59,7 @@ class Packing:
 
     @property
     def is_plain(self) -> bool:
-        """Whether texts go out as they are."""
+        """Whether messages are sent unchanged."""
         return not self.fragment_size and self.compression not in ("png", "cbor")
 
     def frames(self, text: str) -> Iterator[Frame]:
@@ -94,8 +94,8 @@ def pieces(text: str, size: int) -> Iterator[str]:
 def png(text: str) -> bytes:
     """Return a text as the pixels of an RGB picture (rosbridge protocol 2, 3.2.2).
 
-    Characters beyond ASCII are escaped: decoders take each byte for one character. The last row is
-    filled up with line ends, which JSON ignores.
+    Characters beyond ASCII are escaped, because decoders take each byte for one character. The last
+    row is padded with line ends, which JSON ignores.
     """
     data = json.dumps(json.loads(text), separators=(",", ":")).encode("ascii")
     width = max(int(math.sqrt(len(data) / 3)), 1)

@@ -1,4 +1,4 @@
-"""The parameters that robots share by `/rosapi/set_param`: JSON texts, in memory."""
+"""Parameters that robots share through `/rosapi/set_param`: JSON texts, in memory."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class Parameters:
         self._texts: dict[str, str] = {}
 
     def set(self, name: str, text: str) -> None:
-        """Keep a parameter.
+        """Set a parameter.
 
         Raises
         ------
         UsageError
-            Not JSON, too long, or too many.
+            The value is not JSON or too long, or there are too many parameters.
         """
         try:
             json.loads(text)
         except (ValueError, RecursionError):
-            raise UsageError("value: a JSON text is wanted") from None
+            raise UsageError("value: expected a JSON text") from None
         if len(text) > MAX_TEXT:
             raise UsageError(f"value: above {MAX_TEXT} characters")
         with self._lock:
@@ -46,11 +46,11 @@ class Parameters:
             self._texts[_full(name)] = text
 
     def get(self, name: str) -> str | None:
-        """Return a parameter's text, or None."""
+        """Return the text of a parameter; none if it is not set."""
         return self._texts.get(_full(name))
 
     def delete(self, name: str) -> bool:
-        """Forget a parameter; tell whether there was one."""
+        """Delete a parameter; tell whether there was one."""
         with self._lock:
             return self._texts.pop(_full(name), None) is not None
 

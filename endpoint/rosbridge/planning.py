@@ -1,4 +1,4 @@
-"""The server's own action: plan grasps for what a robot sees, with feedback and cancelling."""
+"""The server's own action: plans grasps for what a robot sees, with feedback and cancellation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OWN = ("samples",)
 
 
 def plan_grasps_action(engine: Engine) -> list[Action]:
-    """Return `/rtask/plan_grasps`, where there is an engine that recognises."""
+    """Return the action `/rtask/plan_grasps`, if the engine can recognise objects."""
     if "recognise_for_grasp" not in engine.operations:
         return []
 
@@ -41,6 +41,6 @@ def plan_grasps_action(engine: Engine) -> list[Action]:
 
 
 def _check_samples(samples: Any) -> None:
-    """Refuse what is no number; the planner looks at every place of the outline anyway."""
+    """Refuse a number of samples that is none."""
     if samples is not None and (type(samples) is not int or samples < 1):
-        raise UsageError("samples: a whole number above 0 is wanted", field="samples")
+        raise UsageError("samples: expected a whole number above 0", field="samples")

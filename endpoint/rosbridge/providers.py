@@ -1,7 +1,7 @@
 """Services that robots provide: caller, server, provider, and back (rosbridge protocol 2, 3.4).
 
-No thread waits for a provider. A call is answered by the provider, by its deadline, or by the
-provider's leaving, whichever comes first; what comes later is dropped.
+No thread waits for a provider. A call ends with the provider's answer, at its deadline, or when the
+provider disconnects, whichever comes first; later answers are dropped.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Done = Callable[[bool, Any], None]
 
 
 class Peer(Protocol):
-    """What is used of a session."""
+    """The part of a session that providers use."""
 
     @property
     def number(self) -> int:
@@ -37,12 +37,12 @@ class Peer(Protocol):
         """Name of the robot; all robots without a token are one."""
 
     def emit(self, message: JsonObject, topic: str = "") -> None:
-        """Queue a message; never waits."""
+        """Queue a message without waiting."""
 
 
 @dataclass(frozen=True)
 class Provider:
-    """One announced service."""
+    """A service that a robot advertised."""
 
     name: str
     type: str
@@ -51,7 +51,7 @@ class Provider:
 
 @dataclass
 class _Call:
-    """A call that waits for its provider."""
+    """A call waiting for its provider."""
 
     id: str
     provider: Provider
@@ -61,7 +61,7 @@ class _Call:
 
 
 class Providers:
-    """All services that robots provide, and the calls that are under way.
+    """All services that robots provide, and the calls in progress.
 
     Parameters
     ----------
@@ -77,14 +77,14 @@ class Providers:
         self._numbers = itertools.count(1)
 
     def advertise(self, peer: Peer, name: str, type_: str) -> None:
-        """Announce a service; the newest announcement of one robot wins.
+        """Advertise a service; a robot's newest advertisement replaces its earlier one.
 
         Raises
         ------
         UsageError
-            A reserved name, or too many.
+            The name is reserved, or the session provides too many services.
         ForbiddenError
-            Another robot provides it.
+            Another robot provides the service.
         """
         refuse_reserved(name)
         with self._lock:
@@ -97,7 +97,7 @@ class Providers:
             self._providers[name] = Provider(name, type_, peer)
 
     def unadvertise(self, peer: Peer, name: str) -> bool:
-        """Take an announcement back; tell whether it was this session's."""
+        """Withdraw an advertisement; tell whether it was this session's."""
         with self._lock:
             found = self._providers.get(name)
             if found is None or found.peer.number != peer.number:
@@ -106,18 +106,18 @@ class Providers:
             return True
 
     def find(self, name: str) -> Provider | None:
-        """Return who provides a service."""
+        """Return the provider of a service; none if nobody provides it."""
         return self._providers.get(name)
 
     def listing(self) -> list[Provider]:
-        """Return all announcements, by name."""
+        """Return all providers, sorted by service name."""
         with self._lock:
             return [self._providers[name] for name in sorted(self._providers)]
 
     def call(
         self, provider: Provider, args: JsonObject, caller: int, timeout_s: float, done: Done
     ) -> None:
-        """Pass a call on; `done` is told result and values, exactly once, from any thread."""
+        """Forward a call; `done` gets result and values exactly once, from any thread."""
         call = _Call(f"service_request:{next(self._numbers)}", provider, caller, done)
         with self._lock:
             self._calls[call.id] = call
@@ -130,24 +130,24 @@ class Providers:
             self._end(call.id, False, f"{provider.peer.identity} left")
 
     def answer(self, peer: Peer, message: JsonObject) -> None:
-        """Take a provider's answer; one that comes too late is dropped.
+        """Accept a provider's answer; one that comes too late is dropped.
 
         Raises
         ------
         ForbiddenError
-            Another session was asked.
+            The call was sent to another session.
         """
         with self._lock:
             call = self._calls.get(_key(message))
         if call is None:
             return
         if call.provider.peer.number != peer.number:
-            raise ForbiddenError(f"service_response: {call.id} was asked of another robot")
+            raise ForbiddenError(f"service_response: {call.id} was sent to another robot")
         result, values = outcome_of(message)
         self._end(call.id, result, values)
 
     def leave(self, peer: Peer) -> None:
-        """Forget a session: what it provides goes, and who waits for it hears so at once."""
+        """Forget a session, its services, and fail the calls that wait for it."""
         with self._lock:
             for name in [n for n, one in self._providers.items() if one.peer is peer]:
                 del self._providers[name]
@@ -170,19 +170,19 @@ class Providers:
 
 
 def refuse_reserved(name: str) -> None:
-    """Refuse names that belong to the server.
+    """Refuse names reserved for the server.
 
     Raises
     ------
     UsageError
-        Naming them.
+        The name is reserved.
     """
     if name.startswith(RESERVED):
         raise UsageError(f"names below {', '.join(RESERVED)} belong to the server: {name}")
 
 
 def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
-    """Return how long a caller wants to wait, s.
+    """Return the time in s that a caller is willing to wait.
 
     Examples
     --------
@@ -196,9 +196,9 @@ def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
 
 
 def outcome_of(message: JsonObject) -> tuple[bool, Any]:
-    """Return result and values of a provider's answer.
+    """Return the result and values of a provider's answer.
 
-    roslibpy sends `null` as result where a handler returns nothing, roslib neither result nor
+    If a handler returns nothing, roslibpy sends `null` as result, and roslib neither result nor
     values: both are failures.
 
     Examples

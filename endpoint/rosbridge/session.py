@@ -1,4 +1,4 @@
-"""One robot's conversation, free of sockets: text into `feed`, frames out by `send`."""
+"""A robot's session, independent of sockets: text goes into `feed`, frames out by `send`."""
 
 from __future__ import annotations
 
@@ -47,23 +47,23 @@ _numbers = itertools.count(1)
 
 
 class Send(Protocol):
-    """Takes a frame for the robot; `topic` is empty for answers, which are never dropped."""
+    """Callback for frames to the robot; `topic` is empty for answers, which are never dropped."""
 
     def __call__(self, text: Frame, topic: str = "") -> None:
-        """Queue the frame; must not wait."""
+        """Queue the frame without waiting."""
 
 
 class Bridge:
-    """What all sessions share: services, topics, actions, the threads that carry out calls.
+    """State that all sessions share: services, topics, actions, and threads for calls.
 
     Parameters
     ----------
     engine
-        Its operations are the services below ``/rtask/``.
+        Offers its operations as services below ``/rtask/``.
     threads
-        How many calls run at the same time.
+        Number of calls that run at the same time.
     call_s
-        Longest time for a call whose caller names none, s.
+        Time limit in s of a call whose caller names none.
     """
 
     def __init__(self, engine: Engine, threads: int = 32, call_s: float = CALL_S) -> None:
@@ -84,22 +84,22 @@ class Bridge:
             self.services.add(service)
 
     def close(self) -> None:
-        """Let running calls end."""
+        """Wait for the running calls to end."""
         self.deadlines.close()
         self.calls.close()
 
 
 class Session:
-    """One connection of a robot.
+    """The session of one connection.
 
     Parameters
     ----------
     bridge
-        What it shares with the others.
+        State shared with the other sessions.
     send
-        Where frames for the robot go; may be called from any thread.
+        Sends a frame to the robot; may be called from any thread.
     access
-        What the robot may do.
+        Rights of the robot.
     """
 
     def __init__(self, bridge: Bridge, send: Send, access: Access) -> None:
@@ -137,11 +137,11 @@ class Session:
 
     @property
     def identity(self) -> str:
-        """Name of the robot; all robots without a token are one."""
+        """Name of the robot; the same for all robots without a token."""
         return self.access.agent or "anonymous"
 
     def feed(self, text: str) -> None:
-        """Take one message; whatever is wrong with it becomes a `status`, never an exception."""
+        """Handle one message; errors are sent as a `status` message, never raised."""
         message: Any = None
         try:
             message = parse(text)
@@ -151,7 +151,7 @@ class Session:
                 known = ", ".join(sorted(self._ops))
                 raise UsageError(f"unknown op {op!r}; this server takes {known}")
             if not isinstance(message.get("id"), str | int | float | None):
-                raise UsageError("id: a string or a number is wanted")
+                raise UsageError("id: expected a string or a number")
             handler(message)
         except RtaskError as error:
             self._status("error", str(error), message)
@@ -160,7 +160,7 @@ class Session:
             self._status("error", "an unexpected error; the server's log has it", message)
 
     def close(self) -> None:
-        """End the session: all it announced, asked for and still waits for goes with it."""
+        """End the session and everything it advertised, subscribed to and waits for."""
         self._closed = True
         bridge = self.bridge
         bridge.sessions.pop(self.number, None)
@@ -170,7 +170,7 @@ class Session:
         bridge.providers.leave(self)
 
     def emit(self, message: JsonObject, topic: str = "") -> None:
-        """Queue a message for the robot; never waits."""
+        """Queue a message for the robot without waiting."""
         if not self._closed:
             self._send(encode(message), topic)
 
@@ -200,7 +200,7 @@ class Session:
         name = message.get("service")
         try:
             if not isinstance(name, str):
-                raise UsageError("service: a string is wanted")
+                raise UsageError("service: expected a string")
             if message.get("id") is None and name.endswith(_CANCEL_ALL):
                 # roslib cancels all goals this way, and logs an error for each answer to it.
                 self.bridge.actions.cancel(self, "/" + name.removesuffix(_CANCEL_ALL).lstrip("/"))
@@ -229,7 +229,7 @@ class Session:
         self, message: JsonObject, packing: Packing, service: Service, args: JsonObject,
         once: Once,
     ) -> None:  # fmt: skip
-        """Answer at once, or when a thread has worked on it, or when its time is up."""
+        """Answer a call at once, when a thread has finished it, or when its time is up."""
         if service.inline:
             self._run(message, packing, service, args, once)
             return
@@ -288,7 +288,7 @@ class Session:
             self._send(frame)
 
     def _tell_activity(self, service: str) -> None:
-        """Tell those who listen that somebody called something."""
+        """Publish the call to the subscribers of the activity topic."""
         topics = self.bridge.topics
         if not service.startswith("/rosapi/") and topics.is_heard(ACTIVITY):
             topics.announce(
@@ -296,7 +296,7 @@ class Session:
             )
 
     def _thesis_op(self, message: JsonObject) -> None:
-        """Carry out an op of Gatto 2016, 3.2.4 that is not of rosbridge."""
+        """Carry out an op of Gatto 2016, 3.2.4, that rosbridge does not define."""
 
         def job() -> None:
             self.emit(with_id(aliases.answer(message, self.bridge.engine, self.access), message))
@@ -362,7 +362,7 @@ class Session:
         throttle, queue = (message.get(name) or 0 for name in ("throttle_rate", "queue_length"))
         for name, value in (("throttle_rate", throttle), ("queue_length", queue)):
             if not isinstance(value, int | float) or not math.isfinite(value):
-                raise UsageError(f"{name}: a number is wanted")
+                raise UsageError(f"{name}: expected a number")
         name, packing = name_of(message, "topic"), Packing.wanted(message)
         packing = self._smallest(name, packing)
         deliver = self._deliver if packing.is_plain else self._packed(packing)
@@ -371,7 +371,7 @@ class Session:
         )
 
     def _smallest(self, name: str, packing: Packing) -> Packing:
-        """Return how a topic is packed when this session asked before: smallest pieces win."""
+        """Return the packing of this session's subscriptions to a topic; the smallest wins."""
         before = self._packings.get(name)
         if before is not None:
             sizes = [p.fragment_size for p in (before, packing) if p.fragment_size]

@@ -1,4 +1,4 @@
-"""Topics: whoever publishes reaches every subscriber, robots and the server alike."""
+"""Topics, published by robots and the server and delivered to every subscriber."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ Deliver = Callable[[str, str], None]
 
 @dataclass
 class Subscriber:
-    """One session's interest in one topic; it gets one copy of each message.
+    """One session's subscription to a topic; it gets one copy of each message.
 
     Parameters
     ----------
     deliver
-        Takes the text of a message and the topic it belongs to.
+        Receives the text of a message and its topic.
     throttles_ms
-        Wanted pause between messages, by subscription id; the shortest wins.
+        Requested pause between messages in ms, by subscription id; the shortest applies.
     queues
-        Messages kept while throttled, by subscription id; the longest wins, the newest is always
-        kept.
+        Requested queue length while throttled, by subscription id; the longest applies, and the
+        newest message is always kept.
     last_sent
-        Monotonic time of the last message, s.
+        Time of the last message, on the monotonic clock.
     held
-        Messages that wait for the pause to end.
+        Messages held until the pause ends.
     """
 
     deliver: Deliver
@@ -50,18 +50,18 @@ class Subscriber:
 
     @property
     def pause_s(self) -> float:
-        """Wanted time between two messages, s."""
+        """Requested time between two messages in s."""
         return min(self.throttles_ms.values(), default=0.0) / 1_000
 
     def is_due(self, now: float) -> bool:
-        """Tell whether a message may go out now, and take note of it."""
+        """Tell whether a message may be sent now; if so, record that it is."""
         if now - self.last_sent < self.pause_s:
             return False
         self.last_sent = now
         return True
 
     def hold(self, text: str) -> bool:
-        """Keep a message for later, the oldest make room; tell whether it is the only one."""
+        """Hold a message for later, dropping the oldest; tell whether it is the only one."""
         room = min(max(1, *self.queues.values()) if self.queues else 1, MAX_HELD)
         while len(self.held) >= room:
             self.held.popleft()
@@ -74,7 +74,7 @@ class Subscriber:
 
 @dataclass
 class Topic:
-    """A topic that somebody advertised, published to or subscribed to."""
+    """A topic that was advertised, published to or subscribed to."""
 
     type: str = ""
     advertisers: set[int] = field(default_factory=set)
@@ -84,17 +84,17 @@ class Topic:
 
     @property
     def is_unused(self) -> bool:
-        """Whether nobody has anything to do with it any more."""
+        """Whether it has neither advertisers nor subscribers."""
         return not self.advertisers and not self.subscribers and not self.latched
 
 
 class Topics:
-    """All topics of a server. Sessions are known by a number; texts go out without the lock held.
+    """All topics of a server; sessions are identified by number, and sending never holds the lock.
 
     Parameters
     ----------
     deadlines
-        Sends what a throttled subscriber still has to get; without one it is left out.
+        Delivers messages held for throttled subscribers; without it they are dropped.
 
     Examples
     --------
@@ -111,17 +111,17 @@ class Topics:
         self._topics: dict[str, Topic] = {}
 
     def advertise(self, session: int, name: str, type_: str, *, latch: bool = False) -> None:
-        """Announce messages; the first advertiser fixes the type.
+        """Advertise a topic; the first advertiser fixes its type.
 
         Parameters
         ----------
         latch
-            Whether who subscribes later gets the session's last message.
+            Whether later subscribers receive the session's last message.
 
         Raises
         ------
         UsageError
-            Reserved name, another type, too many topics.
+            The name is reserved, the type differs, or the session has too many topics.
         """
         self._refuse_reserved(name)
         with self._lock:
@@ -136,7 +136,7 @@ class Topics:
             (topic.latching.add if latch else topic.latching.discard)(session)
 
     def unadvertise(self, session: int, name: str) -> bool:
-        """Take an announcement back; tell whether there was one."""
+        """Withdraw an advertisement; tell whether there was one."""
         with self._lock:
             topic = self._topics.get(name)
             if topic is None or session not in topic.advertisers:
@@ -155,12 +155,12 @@ class Topics:
         deliver: Deliver,
         queue_length: int = 0,
     ) -> None:
-        """Ask for the messages of a topic, which need not exist yet.
+        """Subscribe to a topic, which need not exist yet.
 
         Raises
         ------
         UsageError
-            Too many subscriptions.
+            The session has too many subscriptions.
         """
         with self._lock:
             topic = self._topics.setdefault(name, Topic())
@@ -176,7 +176,7 @@ class Topics:
             deliver(latched, name)
 
     def unsubscribe(self, session: int, name: str, id_: Any = None) -> None:
-        """End one subscription, or without an id all of this session on the topic."""
+        """End one subscription to a topic or, without an id, all of the session's."""
         with self._lock:
             topic = self._topics.get(name)
             subscriber = topic.subscribers.get(session) if topic else None
@@ -190,14 +190,14 @@ class Topics:
             self._tidy(name)
 
     def publish(self, session: int, name: str, message: Any, *, latch: bool = False) -> None:
-        """Send a message of a robot to all subscribers, itself included."""
+        """Deliver a robot's message to all subscribers, itself included."""
         self._refuse_reserved(name)
         topic = self._topics.get(name)
         latch = latch or (topic is not None and session in topic.latching)
         self._send(name, message, latch)
 
     def announce(self, name: str, type_: str, message: Any) -> None:
-        """Send a message of the server itself."""
+        """Deliver a message of the server itself."""
         with self._lock:
             self._topics.setdefault(name, Topic(type_)).type = type_
         self._send(name, message, latch=False)
@@ -228,7 +228,7 @@ class Topics:
         self._deadlines.after(wait_s, lambda: self._flush(session, name))
 
     def _flush(self, session: int, name: str) -> None:
-        """Send the oldest message that a subscriber's throttle held back."""
+        """Send the oldest message held back by a subscriber's throttle."""
         now = time.monotonic()
         with self._lock:
             topic = self._topics.get(name)
@@ -264,7 +264,7 @@ class Topics:
             return sorted((name, topic.type) for name, topic in self._topics.items())
 
     def advertised(self, session: int, name: str) -> bool:
-        """Tell whether a session announced a topic."""
+        """Tell whether a session advertised a topic."""
         with self._lock:
             topic = self._topics.get(name)
             return topic is not None and session in topic.advertisers
@@ -275,7 +275,7 @@ class Topics:
         return topic is not None and bool(topic.subscribers)
 
     def sessions(self, name: str) -> tuple[set[int], set[int]]:
-        """Return who advertises and who subscribes to a topic."""
+        """Return the sessions that advertise a topic and those that subscribe to it."""
         with self._lock:
             topic = self._topics.get(name)
             return (set(topic.advertisers), set(topic.subscribers)) if topic else (set(), set())

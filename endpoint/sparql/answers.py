@@ -1,8 +1,8 @@
-"""Answers of queries as they come out of the knowledge base's readers.
+"""Answers to queries, streamed from the reader processes of the knowledge base.
 
-A reader is a process of its own that is killed at the query's deadline, when its client leaves or
-when somebody stops it. Two readers are kept for quick queries, so that a robot's look-up does not
-wait for somebody's report.
+A reader is a process that is killed at the query's deadline, when its client leaves, or when
+somebody stops the query. Two readers are reserved for quick queries, so that a robot's look-up
+never waits for a long report.
 """
 
 from __future__ import annotations
@@ -36,30 +36,30 @@ _XML_TYPES = (negotiation.RESULTS_XML, negotiation.RDF_XML)
 
 
 def xml_safe(data: bytes, media_type: str) -> bytes:
-    """Return bytes in which nothing is left that XML cannot hold."""
+    """Replace the bytes that XML cannot represent."""
     return data.translate(_XML_SAFE) if media_type in _XML_TYPES else data
 
 
 class SlowerThanItLooksError(Exception):
-    """A query that looked quick is not; it is asked again among the long ones."""
+    """A query that looked quick is not; it is to be run again among the long ones."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked, and how the answer is wanted.
+    """A query and the form of its answer.
 
     Parameters
     ----------
     query
-        As the client sent it.
+        The query as sent.
     media_type
-        Of the answer.
+        Media type of the answer.
     gzip
-        Whether a large answer is to be packed.
+        Whether a large answer is to be compressed.
     headers
-        That the answer carries.
+        Header fields of the answer.
     running
-        Listed, and can be stopped, until the answer is out.
+        Registration of the running query, by which it is listed and stopped.
     deadline
         On the monotonic clock.
     """
@@ -73,12 +73,12 @@ class Question:
 
 
 class Answers:
-    """Opens answers; at most so many long ones at once.
+    """Opens answers, and limits how many long ones run at once.
 
     Parameters
     ----------
     kb
-        Who is asked.
+        The knowledge base.
     config
         Limits of one answer.
     """
@@ -89,16 +89,16 @@ class Answers:
         self._slow = threading.BoundedSemaphore(max(1, kb.readers.limits.count - POINT_READERS))
 
     def open(self, question: Question, *, point: bool) -> Response:
-        """Begin an answer; its first piece is there when this returns.
+        """Open an answer; its first piece is available on return.
 
         Raises
         ------
         SlowerThanItLooksError
-            It was taken for a point query and is none.
+            It was taken for a point query by mistake.
         QueryTimeout
-            The time is over; waiting counts.
+            The time limit is exceeded, waiting included.
         RtaskError
-            There is no answer; says why.
+            The query failed.
         """
         left = question.deadline - time.monotonic()
         if point:
@@ -143,7 +143,7 @@ class Answers:
             raise
 
     def _open_long(self, question: Question, timeout_s: float) -> Response:
-        """Answer with the first piece; the caller holds a place and keeps it if this fails."""
+        """Open an answer in a slot that the caller took, and releases if this fails."""
         stream, pieces = self._begin(question, timeout_s, self._slow)
         try:
             first = next(pieces, b"")
@@ -191,12 +191,12 @@ class Answers:
 
 
 class FilePieces(Iterator[bytes]):
-    """The pieces of an answer that was written to a file.
+    """Pieces of an answer that was written to a file.
 
     Parameters
     ----------
     file
-        At its beginning; closed at the end.
+        File at its beginning; closed at the end.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -212,21 +212,21 @@ class FilePieces(Iterator[bytes]):
         return piece
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         self._file.close()
 
 
 class Pieces(Iterator[bytes]):
-    """The pieces of one answer.
+    """Pieces of one answer.
 
     Parameters
     ----------
     stream
-        Where they come from.
+        Source of the pieces.
     slot
-        Given back at the end.
+        Slot to release at the end.
     is_xml
-        Whether bytes that XML cannot hold are to be replaced.
+        Whether to replace bytes that XML cannot represent.
     """
 
     def __init__(
@@ -245,12 +245,12 @@ class Pieces(Iterator[bytes]):
         return piece.translate(_XML_SAFE) if self._is_xml else piece
 
     def take_slot(self, slot: threading.BoundedSemaphore) -> None:
-        """Give this place back at the end."""
+        """Take over a slot, to be released at the end."""
         with self._lock:
             self._slot = slot
 
     def close(self, *, keep_slot: bool = False) -> None:
-        """End the query if it runs, and let the next begin."""
+        """Stop the query if it is running, and release its slot."""
         self._stream.close()
         with self._lock:
             slot, self._slot = self._slot, None

@@ -1,9 +1,9 @@
 """SERVICE and LOAD, carried out before the store sees the text.
 
-The store's own HTTP client has no time limit and would call anywhere. So a SERVICE is asked here,
-and its solutions take its place as VALUES, which is what evaluating it on its own and joining means
-(SPARQL 1.1 Federated Query, 2.2). Blank nodes of another server become IRIs: they name the same
-thing within one answer, which is all that a blank node of an answer does.
+The store's own HTTP client has no time limit and would call any address. So each SERVICE is queried
+here and replaced by its solutions as VALUES, which is what evaluating it separately and joining
+means (SPARQL 1.1 Federated Query, 2.2). Blank nodes of another server become IRIs: like them, they
+name the same thing within one answer only.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _SUFFIXES = {".ttl": "turtle", ".nt": "nt", ".rdf": "rdfxml", ".owl": "rdfxml", 
 
 
 def mentions(text: str, word: str) -> bool:
-    """Tell whether a text may hold a keyword; cheap, and wrong only by saying yes too often."""
+    """Tell whether a text may contain a keyword; cheap, errs only by saying yes."""
     return word in text.upper()
 
 
@@ -47,18 +47,18 @@ def answer_services(text: str, outgoing: Outgoing, deadline: float, base: str) -
     text
         SPARQL.
     outgoing
-        Where SERVICE may call.
+        The addresses that SERVICE may call.
     deadline
-        On the monotonic clock.
+        Time on the monotonic clock.
     base
-        For relative IRIs.
+        Base of relative IRIs.
 
     Raises
     ------
     ForbiddenError
-        An address that is not allowed, or a variable.
+        The address is not allowed, or a variable.
     RefusedError
-        502: no solutions came, and it was not SILENT.
+        502 if the call failed and was not SILENT.
     """
     tokens = tokenise(text)
     prologue = text[: tokens[body_start(tokens)].start]
@@ -117,7 +117,7 @@ def values(names: list[str], rows: Iterable[Any], url: str) -> str:
     Raises
     ------
     TooLargeError
-        More than 10,000.
+        There are more than 10,000 solutions.
     """
     lines = []
     for number, row in enumerate(rows):
@@ -149,12 +149,12 @@ def update_with_loads(
     deadline: float,
     run_bounded: Callable[[str], Commit],
 ) -> Commit:
-    """Run an update whose LOADs are allowed; all of it is one commit.
+    """Run an update with permitted LOADs, as one commit.
 
     Where other operations read the store, the documents become INSERT DATA of the same request, so
     that a reader can evaluate the whole of it within the limits.
 
-    The documents are fetched before anything is changed, so nobody waits for another server.
+    The documents are fetched before anything is changed, so that no lock is held meanwhile.
 
     Parameters
     ----------
@@ -164,9 +164,9 @@ def update_with_loads(
     Raises
     ------
     ForbiddenError
-        An address that is not allowed, or a graph that is not the caller's.
+        The address is not allowed, or the graph is not the caller's.
     RefusedError
-        502: no document came, and it was not SILENT.
+        502 if a document could not be fetched and the LOAD was not SILENT.
     """
     steps = _steps(text)
     documents = {
@@ -192,7 +192,7 @@ def update_with_loads(
 
 
 def _steps(text: str) -> list[tuple[Operation, str]]:
-    """Return the operations of an update, each with a text of its own."""
+    """Return the operations of an update, each as a text of its own."""
     outline = read_update(text)
     sources, depth, start = [], 0, 0
     for token in outline.tokens:
@@ -220,7 +220,7 @@ def _document(operation: Operation, outgoing: Outgoing, deadline: float, base: s
         format_ = ox.RdfFormat.from_media_type(found.media_type)
         name = format_.file_extension if format_ else _by_suffix(url)
         if not name:
-            raise RemoteUnavailableError(f"{url} is no RDF: {found.media_type or 'no type'}")
+            raise RemoteUnavailableError(f"{url} is not RDF: {found.media_type or 'no type'}")
     except ForbiddenError:
         raise
     except RtaskError as error:
@@ -235,7 +235,7 @@ def _by_suffix(url: str) -> str:
 
 
 def _as_data(operation: Operation, document: Document, base: str) -> str:
-    """Return INSERT DATA that does what a LOAD does."""
+    """Return an INSERT DATA equivalent to a LOAD."""
     if document is None:
         return "INSERT DATA {}"
     url, body, name = document

@@ -1,7 +1,7 @@
-"""Whole graphs over HTTP: SPARQL 1.1 Graph Store HTTP Protocol.
+"""SPARQL 1.1 Graph Store HTTP Protocol: read and write whole graphs.
 
-`?default` is the graph that statements without a graph go to: in a plain store the default graph,
-else the caller's own graph or the shared one. What is put there is what is read back.
+`?default` is the graph that receives statements without a graph: the default graph of a plain
+store, otherwise the caller's own graph or the shared one. What is put there is what is read back.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ class GraphStore:
     Parameters
     ----------
     kb
-        Where the graphs are.
+        The knowledge base that holds the graphs.
     auth
-        Decides who writes at all.
+        Checks who may write at all.
     config
-        Public address and profile.
+        Settings: public address and profile.
     versions
-        Since when a graph is as it is.
+        Entity tags of graphs.
     answers
         Reads whole graphs.
     """
@@ -93,12 +93,12 @@ class GraphStore:
         self._answers = answers
 
     def plan(self, request: Request, caller: Caller) -> Plan:
-        """Prepare a request.
+        """Plan the answer to a request.
 
         Raises
         ------
         RefusedError
-            400, 405, 406 or 415 with what to do instead.
+            400, 405, 406 or 415; the message says what to do instead.
         """
         if request.method not in METHODS:
             raise RefusedError(
@@ -118,7 +118,7 @@ class GraphStore:
         return Plan(lambda: write(request, caller, graph, parts))
 
     def _target(self, request: Request, caller: Caller) -> GraphName | None:
-        """Return the graph a request is about; none for the whole dataset (GSP, 4.1 and 4.2)."""
+        """Return the graph that a request names; none for the whole dataset (GSP, 4.1 and 4.2)."""
         names = request.values("graph")
         default = any(name == "default" for name, _ in request.parameters)
         if len(names) > 1 or (names and default):
@@ -165,7 +165,7 @@ class GraphStore:
         return Plan(run, timeout_s + GRACE_S, "query", "GRAPH", text, running)
 
     def _dump(self, media_type: str) -> FilePieces:
-        """Write all graphs to a file that is gone when it has been sent."""
+        """Write all graphs to a temporary file, deleted once it has been sent."""
         file = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the pieces
         try:
             self._kb.dump(file, RdfFormat.from_media_type(media_type))
@@ -176,7 +176,7 @@ class GraphStore:
         return FilePieces(file)
 
     def _exists(self, graph: GraphName) -> bool:
-        """Tell whether a graph is there, empty ones included; the default graph always is."""
+        """Tell whether a graph exists, even empty; the default graph always does."""
         if isinstance(graph, DefaultGraph) or graph == self._kb.graphs.shared:
             return True
         return bool(self._kb.query(f"ASK {{ GRAPH <{graph.value}> {{}} }}"))
@@ -203,7 +203,7 @@ class GraphStore:
     def _post(
         self, request: Request, caller: Caller, graph: GraphName | None, parts: list[Part]
     ) -> Response:
-        """Merge into a graph, or make a new one (GSP, 5.5)."""
+        """Merge into a graph, or create one (GSP, 5.5)."""
         headers: tuple[tuple[str, str], ...] = ()
         if graph is None and not all(part.format in _QUADS for part in parts):
             graph = NamedNode(f"{request.site}{ADDRESS}/{uuid.uuid4()}")
@@ -230,7 +230,7 @@ class GraphStore:
             tx.load(part.data, part.format, graph=where, base=base)
 
     def _delete(self, request: Request, caller: Caller, graph: GraphName | None) -> Response:
-        """Remove a graph (GSP, 5.4); the default graph goes on existing, empty."""
+        """Delete a graph (GSP, 5.4); the default graph is emptied instead."""
         existed = graph is None or self._exists(graph)
         if graph is not None and not existed:
             raise _missing(graph)
@@ -253,12 +253,12 @@ class GraphStore:
         Returns
         -------
         version
-            The commit that was looked at, where the change depends on it: another commit between
-            this look and the change makes the change fail.
+            Number of the commit that was compared, if the change depends on it: a commit in between
+            makes the change fail.
         """
         version = self._kb.seq
         if request.header("if-none-match") == "*" and existed:
-            raise VersionConflictError("the graph is there already")
+            raise VersionConflictError("the graph exists already")
         wanted = request.header("if-match")
         if not wanted:
             return None
@@ -271,7 +271,7 @@ class GraphStore:
 
 
 def _parts(request: Request) -> list[Part]:
-    """Read the documents of a body, each by its own Content-Type."""
+    """Read the documents in a body, each by its own Content-Type."""
     media_type, _ = request.content_type
     if media_type == "multipart/form-data":
         return _multipart(request)

@@ -1,8 +1,8 @@
-"""What one SPARQL text may hold, counted before the store sees it.
+"""Complexity limits of one SPARQL text, checked before the store sees it.
 
-The knowledge base refuses what would end the process in the store's parser. What is left is text
-that parses but plans for seconds: stars of hundreds of patterns, chains of OPTIONAL, long paths.
-The counts here are linear in the text and far above what people and libraries write.
+The knowledge base refuses texts that would crash the store's parser. What remains are texts that
+parse but take seconds to plan: stars of hundreds of patterns, chains of OPTIONAL, long paths. The
+counts take time linear in the text, and the limits are far above what people and libraries write.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _STEPS = frozenset("/|^")
 
 
 def checked_form(text: str, limits: Limits, *, update: bool = False) -> str:
-    """Count what a text holds, refuse it beyond the limits, and return its form.
+    """Return the form of a text, or refuse it beyond the limits.
 
     Parameters
     ----------
     text
         Query or update.
     limits
-        What is allowed.
+        The limits.
     update
         Whether the text is an update.
 
@@ -42,11 +42,11 @@ def checked_form(text: str, limits: Limits, *, update: bool = False) -> str:
     Raises
     ------
     TooLargeError
-        Longer than allowed.
+        The text is longer than allowed.
     QuerySyntaxError
-        Characters that begin no token.
+        A character begins no token.
     RefusedError
-        400, naming the limit: nested too deep, too many patterns and the like.
+        400, naming the limit: nested too deeply, too many patterns and the like.
 
     Examples
     --------

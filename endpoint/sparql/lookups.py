@@ -1,8 +1,8 @@
-"""Look-ups answered where they arrive: what is known about one thing, from the store at hand.
+"""Look-ups answered in this process: the statements about one thing, straight from the store.
 
-A robot asks this again and again, and handing it to another process takes longer than the answer.
-It runs on the server's own loop, so it is bounded twice: the form of the query makes its cost
-proportional to the statements about one subject, and it is broken off when these are many.
+Robots repeat such queries, and passing them to another process takes longer than answering. They
+run on the server's event loop, so they are bounded twice: the form of the query makes its cost
+proportional to the statements about one subject, and it is aborted when these are many.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _FORMATS = {
 
 
 class _EnoughError(Exception):
-    """More than may be answered here."""
+    """The answer exceeds what may be answered here."""
 
 
 class _Sink:
-    """Takes an answer as long as it is small and quick."""
+    """Collects an answer while it is small and quick."""
 
     def __init__(self, until: float) -> None:
         self.pieces: list[bytes] = []
@@ -40,7 +40,7 @@ class _Sink:
         self._size = 0
 
     def write(self, data: bytes) -> int:
-        """Take a piece."""
+        """Add a piece."""
         self._size += len(data)
         if self._size > MAX_BYTES or time.thread_time() > self._until:
             raise _EnoughError
@@ -48,16 +48,16 @@ class _Sink:
         return len(data)
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing: no data is buffered."""
 
 
 class Lookups:
-    """Answers look-ups of one knowledge base.
+    """Answers look-ups in one knowledge base.
 
     Parameters
     ----------
     kb
-        Who is asked.
+        The knowledge base.
     """
 
     def __init__(self, kb: KnowledgeBase) -> None:
@@ -66,18 +66,18 @@ class Lookups:
         self._slow: OrderedDict[str, None] = OrderedDict()
 
     def try_now(self, question: Question) -> Response | None:
-        """Return the answer of a look-up; none where it must be asked elsewhere.
+        """Return the answer to a look-up; none if a reader must answer it.
 
         Parameters
         ----------
         question
-            Its text is one that :func:`rtask.sparql.query_cost.is_lookup` accepts.
+            A query accepted by :func:`rtask.sparql.query_cost.is_lookup`.
         """
         text = question.query.text
         form = _FORMATS.get(question.media_type)
         if not self._possible or form is None or text in self._slow:
             return None
-        started = time.thread_time()  # of this thread: others' work is not its fault
+        started = time.thread_time()  # of this thread: the work of others does not count
         sink: Any = _Sink(started + BUDGET_S)
         try:
             answer: Any = self._kb.store.query(text, base_iri=question.query.base)

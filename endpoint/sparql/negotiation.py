@@ -1,4 +1,4 @@
-"""Which format a client gets: the Accept header of RFC 9110, 12.5.1."""
+"""Content negotiation by the Accept header (RFC 9110, 12.5.1)."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def parse_accept(text: str) -> tuple[MediaRange, ...]:
 
 
 def _best_range(ranges: Sequence[MediaRange], media_type: str) -> MediaRange | None:
-    """Return the range that speaks for a type: the most specific one that covers it."""
+    """Return the range that applies to a type: the most specific one that covers it."""
     covering = [r for r in ranges if r.covers(media_type)]
     return max(covering, key=lambda r: r.specificity, default=None)
 
@@ -104,19 +104,19 @@ def _best_range(ranges: Sequence[MediaRange], media_type: str) -> MediaRange | N
 def choose(accept: str, offers: tuple[str, ...]) -> str:
     """Choose the media type to answer in.
 
-    Highest quality wins; of equals, the one named more specifically, then the server's order.
+    The highest quality wins; among equals, the more specific range, then the server's order.
 
     Parameters
     ----------
     accept
-        The Accept header as sent; empty means anything.
+        The Accept header as sent; empty accepts anything.
     offers
-        What the server can write, preferred first.
+        Media types that the server can write, in order of preference.
 
     Raises
     ------
     RefusedError
-        406 when nothing is acceptable, listing what there is.
+        406 if none is acceptable; the message lists them.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def choose(accept: str, offers: tuple[str, ...]) -> str:
 
 
 def prefers_html(accept: str) -> bool:
-    """Tell whether a browser asks: ``text/html`` is named with the highest quality.
+    """Tell whether a browser asks, one that gives ``text/html`` the highest quality.
 
     Examples
     --------
@@ -157,7 +157,7 @@ def prefers_html(accept: str) -> bool:
 
 
 def content_type(media_type: str) -> str:
-    """Return the Content-Type field of an answer; text types say that they are UTF-8."""
+    """Return the Content-Type of an answer; text types name UTF-8 as charset."""
     if media_type == CSV:
         return f"{CSV}; charset=utf-8; header=present"
     return f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type

@@ -1,4 +1,4 @@
-"""Carry out protocol operations on the knowledge base: SPARQL 1.1 Protocol, 2.1.4 to 2.2.4."""
+"""Operations of the SPARQL 1.1 Protocol on the knowledge base (2.1.4 to 2.2.4)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _known_form(text: str, limits: Limits) -> str:
 
 
 def _form(text: str, limits: Limits) -> str:
-    """Robots send the same text again and again; what is short is read once."""
+    """Return the form of a query; short texts, which robots repeat, are parsed once."""
     if len(text) > _CACHED_TEXT:
         return checked_form(text, limits)
     return _known_form(text, limits)
@@ -46,7 +46,7 @@ def _form(text: str, limits: Limits) -> str:
 
 @dataclass(frozen=True)
 class Asked:
-    """Who answers queries: readers, the store at hand for look-ups, or the client's own cache."""
+    """The parts that answer queries: readers, the store for look-ups, or the client's own cache."""
 
     answers: Answers
     lookups: Lookups
@@ -56,20 +56,20 @@ class Asked:
 def plan_query(
     query: QueryRequest, request: Request, caller: Caller, config: Config, asked: Asked
 ) -> Plan:
-    """Prepare a query: limits, format, dataset, and whether the client knows the answer already.
+    """Plan a query: check limits, format, dataset and whether the client has the answer already.
 
     Raises
     ------
     RefusedError
-        Too complex, or no format is acceptable.
+        The query is too complex, or no format is acceptable.
     QuerySyntaxError
-        The text is no query.
+        The text is not a query.
     """
     lookup = is_lookup(query.text)
     form = "SELECT" if lookup else _form(query.text, config.limits)
     if not form:
         raise QuerySyntaxError(
-            "this is no query: SELECT, ASK, CONSTRUCT or DESCRIBE is wanted; "
+            "this is not a query: expected SELECT, ASK, CONSTRUCT or DESCRIBE; "
             "send updates as `update=` or application/sparql-update"
         )
     offers = negotiation.SOLUTION_TYPES if form in ("SELECT", "ASK") else negotiation.GRAPH_TYPES
@@ -130,7 +130,7 @@ def plan_query(
 
 
 def _federated(question: Question, config: Config) -> Question:
-    """Ask other servers first, where an operator allowed it; else the store refuses SERVICE."""
+    """Query other servers first if that is allowed; otherwise the store refuses SERVICE."""
     query = question.query
     if not config.allow_service or not federation.mentions(query.text, "SERVICE"):
         return question
@@ -140,11 +140,11 @@ def _federated(question: Question, config: Config) -> Question:
 
 
 def timed_out(seconds: float, config: Config) -> RefusedError:
-    """Return the refusal of work that took longer than it may."""
+    """Return the error for work that exceeded its time limit."""
     return RefusedError(
         504,
         "query-timeout",
-        f"no answer within {seconds:g} s; ask for more with `timeout=<seconds>`, "
+        f"no answer within {seconds:g} s; request more with `timeout=<seconds>`, "
         f"at most {config.max_timeout_s:g}, or for fewer rows with LIMIT",
         limit=seconds,
     )
@@ -153,14 +153,14 @@ def timed_out(seconds: float, config: Config) -> RefusedError:
 def plan_update(
     kb: KnowledgeBase, update: UpdateRequest, request: Request, caller: Caller, config: Config
 ) -> Plan:
-    """Prepare an update. Rights are decided on by the knowledge base, on the exact change.
+    """Plan an update; the knowledge base checks rights on the exact change.
 
     Raises
     ------
     RefusedError
         Too complex.
     ForbiddenError
-        It calls another server.
+        The update calls another server.
     """
     if checked_form(update.text, config.limits, update=True):
         raise QuerySyntaxError("this is a query; send it as `query=` or application/sparql-query")
@@ -187,7 +187,7 @@ def plan_update(
 def _commit(
     kb: KnowledgeBase, update: UpdateRequest, caller: Caller, note: str, config: Config
 ) -> Commit:
-    """Carry out an update, and what it wants from other servers where that is allowed."""
+    """Carry out an update, including its requests to other servers if those are allowed."""
     text = update.text
     deadline = time.monotonic() + config.timeout_s
     if config.allow_service and federation.mentions(text, "SERVICE"):
@@ -216,7 +216,7 @@ def _commit(
 
 
 def plan_description(kb: KnowledgeBase, request: Request, config: Config, *, updates: bool) -> Plan:
-    """Prepare the service description."""
+    """Plan the service description."""
     media_type = negotiation.choose(request.header("accept"), negotiation.GRAPH_TYPES)
 
     def run() -> Response:

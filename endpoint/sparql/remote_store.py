@@ -1,7 +1,7 @@
-"""Storage that has left this machine: this server's front before another SPARQL 1.1 server.
+"""Storage on another machine: a store that passes everything on to a SPARQL 1.1 server.
 
 Queries and updates pass through. What needs the embedded store (recognition, rights on graphs,
-conclusions, the change feed, blobs, writing whole graphs) says so, as ``501 unsupported``.
+inference, the change feed, blobs, writing whole graphs) is refused as ``501 unsupported``.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ READERS = 32
 
 @dataclass(frozen=True)
 class _Settings:
-    """As much of a knowledge base's settings as a server shows."""
+    """The settings of a knowledge base that a server shows."""
 
     epoch: str
 
 
 @dataclass(frozen=True)
 class _Limits:
-    """How many queries may be under way."""
+    """Number of simultaneous queries."""
 
     count: int = READERS
 
 
 @dataclass(frozen=True)
 class _Readers:
-    """There are no processes here: the other server does the work."""
+    """No reader processes: the other server does the work."""
 
     limits: _Limits
     possible: bool = False
@@ -51,7 +51,7 @@ class _Readers:
 
 @dataclass(frozen=True)
 class _Passed:
-    """An update that was passed on; what it changed, the other server knows."""
+    """An update that was passed on; only the other server knows what it changed."""
 
     seq: int
     added: int | None = None
@@ -60,22 +60,22 @@ class _Passed:
 
 
 class RemoteStore:
-    """A SPARQL server in the place of a knowledge base, for the endpoint.
+    """A SPARQL server in the place of a knowledge base.
 
     Parameters
     ----------
     address
-        As :func:`rtask.open` takes it: where queries and updates go, or
+        As for :func:`rtask.open`: the address of queries and updates, or
         ``sparql+http://host:port/?query=/query&update=/update``.
     token
-        For the other server.
+        Access token for the other server.
     timeout_s
-        For one answer, where the client names none.
+        Time limit of one answer if the client names none.
 
     Notes
     -----
-    Anybody may write to the other server at any time. So :attr:`seq` never repeats, and no client
-    is told that it has an answer already.
+    Others may write to that server at any time, so :attr:`seq` never repeats and no client is told
+    that it has an answer already.
     """
 
     plain = True
@@ -89,7 +89,7 @@ class RemoteStore:
 
     @property
     def base(self) -> str:
-        """What relative IRIs are resolved against."""
+        """Base against which relative IRIs are resolved."""
         return self._remote.query_url
 
     @property
@@ -98,12 +98,12 @@ class RemoteStore:
         return next(self._numbers)
 
     def query(self, text: str, **options: Any) -> Any:
-        """Evaluate a query at the other server."""
+        """Evaluate a query on the other server."""
         options.pop("inferred", None)
         return self._remote.query(text, **options)
 
     def select(self, text: str, **options: Any) -> Solutions:
-        """Evaluate a SELECT at the other server."""
+        """Evaluate a SELECT on the other server."""
         return self._remote.select(text, **options)
 
     def serialize(
@@ -123,12 +123,12 @@ class RemoteStore:
         base_iri: str | None = None,
         **options: Any,
     ) -> WholeStream:
-        """Evaluate a query; its answer comes whole.
+        """Evaluate a query; its answer comes in one piece.
 
         Raises
         ------
         QueryTimeout
-            The other server did not answer in time; it may go on working.
+            The other server did not answer in time; it may still be working.
         RemoteUnavailableError
             It does not answer at all.
         """
@@ -172,9 +172,9 @@ class RemoteStore:
         Raises
         ------
         ForbiddenError
-            A robot's token: which graph belongs to whom, only the embedded store can tell.
+            The token is a robot's; only the embedded store knows which graph is whose.
         UnsupportedError
-            The change is bound to a version.
+            The change depends on a version.
         """
         if access is not None and access.role not in ("admin", "anonymous"):
             raise ForbiddenError(
@@ -187,7 +187,7 @@ class RemoteStore:
         return _Passed(self.seq)
 
     def on_commit(self, listener: Callable[[Any], None]) -> Callable[[], None]:
-        """Tell nobody: commits of another server are not heard here."""
+        """Do nothing: commits of another server are not observed."""
         return lambda: None
 
     def subscribe(self, *patterns: Any, **options: Any) -> Any:
@@ -201,14 +201,14 @@ class RemoteStore:
         raise UnsupportedError("the change feed needs the embedded store")
 
     def publish(self, **facts: Any) -> None:
-        """Keep nothing: there is no folder."""
+        """Do nothing: there is no folder."""
 
     def warm_up(self) -> None:
-        """Start nothing: there are no readers."""
+        """Do nothing: there are no readers."""
 
     @property
     def store(self) -> _Count:
-        """What can be counted."""
+        """An object whose length is the number of statements."""
         return _Count(self)
 
     def close(self) -> None:
@@ -228,7 +228,7 @@ class RemoteStore:
 
 
 class _Count:
-    """Says how many statements there are."""
+    """Counts the statements of the other server."""
 
     def __init__(self, kb: RemoteStore) -> None:
         self._kb = kb
@@ -240,7 +240,7 @@ class _Count:
 
 
 class EngineElsewhere:
-    """Stands for the engine over a remote store: knows its operations and carries none out."""
+    """Stand-in for the engine over a remote store: lists its operations and refuses them all."""
 
     operations: Mapping[str, Operation] = OPERATIONS
 

@@ -1,4 +1,4 @@
-"""What a protocol request asks for: SPARQL 1.1 Protocol, 2.1 and 2.2."""
+"""Parsing of protocol requests (SPARQL 1.1 Protocol, 2.1 and 2.2)."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class QueryRequest:
     text
         SPARQL 1.1 Query.
     default_graphs, named_graphs
-        The protocol's dataset; where one of them is given, ``FROM`` in the text has no say (2.1.4).
+        The protocol's dataset; if either is given, it overrides ``FROM`` in the text (2.1.4).
     base
-        Relative IRIs of the text are resolved against it.
+        Base of relative IRIs in the text.
     timeout_s
-        What the client allows; none for the server's default.
+        Time limit that the client requests; none for the server's default.
     inferred
-        Whether derived triples are read too.
+        Whether to read derived triples, too.
     """
 
     text: str
@@ -59,7 +59,7 @@ class UpdateRequest:
 
 @dataclass(frozen=True)
 class DescriptionRequest:
-    """A GET without a query: the service description is wanted."""
+    """A GET without a query, which asks for the service description."""
 
 
 Operation = QueryRequest | UpdateRequest | DescriptionRequest
@@ -67,19 +67,19 @@ Fields = list[tuple[str, str]]
 
 
 def parse_operation(request: Request, kinds: tuple[str, ...] = (QUERY, UPDATE)) -> Operation:
-    """Read a protocol request.
+    """Parse a protocol request.
 
     Parameters
     ----------
     request
-        As it came in.
+        The request as received.
     kinds
-        What this address accepts.
+        Kinds of operation that the address accepts.
 
     Raises
     ------
     RefusedError
-        400, 405 or 415 with what to do instead.
+        400, 405 or 415; the message says what to do instead.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def _from_form(fields: Fields, kinds: tuple[str, ...], request: Request) -> Oper
     if len(names) != 1:
         wanted = " or ".join(f"`{kind}`" for kind in kinds)
         found = ", ".join(names) or "none"
-        raise RefusedError(400, "usage", f"exactly one field {wanted} is wanted; found {found}")
+        raise RefusedError(400, "usage", f"expected exactly one field {wanted}; found {found}")
     if names == [QUERY]:
         return _query(_single(fields, "query"), fields, request)
     return _update(_single(fields, "update"), fields, request)
@@ -156,7 +156,7 @@ def _refuse_text_fields(fields: Fields) -> None:
 def _single(fields: Fields, name: str) -> str:
     values = [value for key, value in fields if key == name]
     if len(values) != 1:
-        raise RefusedError(400, "usage", f"{len(values)} fields `{name}`; one is wanted")
+        raise RefusedError(400, "usage", f"{len(values)} fields `{name}`; expected one")
     return values[0]
 
 
@@ -193,7 +193,7 @@ def _iris(fields: Fields, name: str) -> tuple[str, ...]:
 
 
 def absolute_iri(value: str, name: str) -> str:
-    """Return the value, or refuse it where it is no absolute IRI."""
+    """Return a value, or refuse it unless it is an absolute IRI."""
     if not _ABSOLUTE_IRI.fullmatch(value):
         raise RefusedError(400, "usage", f"{name}={value!r} is not an absolute IRI")
     return value

@@ -1,4 +1,4 @@
-"""WHERE parts of updates, tried in a reader first.
+"""Trial of an update's WHERE part in a reader process, which can be killed.
 
 Where readers cannot evaluate whole updates (:mod:`rtask.kb.readers.updating`), because the store is
 too large to be copied, an update is evaluated in this process, which nothing can stop. So its WHERE
@@ -21,7 +21,7 @@ from rtask.sparql.update_outline import Operation, read_update
 
 
 def try_where(kb: KnowledgeBase, update: UpdateRequest, text: str, seconds: float) -> None:
-    """Evaluate what an update will evaluate, where that can be stopped.
+    """Evaluate the WHERE part of an update where the evaluation can be stopped.
 
     Parameters
     ----------

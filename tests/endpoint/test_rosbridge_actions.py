@@ -129,7 +129,7 @@ def test_goals_of_one_session_are_bounded(pair: tuple[Any, Any]) -> None:
     for number in range(15):
         caller.say({**GOAL, "id": f"more-{number}"})
     refused = caller.ask({**GOAL, "id": "one too many"})
-    assert refused["values"] == "busy: 16 goals under way"
+    assert refused["values"] == "busy: 16 goals in progress"
 
 
 @pytest.fixture

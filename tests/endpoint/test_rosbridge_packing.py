@@ -62,7 +62,7 @@ def test_too_many_messages_in_pieces_and_too_old_ones() -> None:
     fragments = Fragments()
     for name in "abcdefgh":
         fragments.add({"id": name, "num": 0, "total": 2, "data": "x"}, now=0.0)
-    with pytest.raises(UsageError, match="under way"):
+    with pytest.raises(UsageError, match="incomplete messages already"):
         fragments.add({"id": "i", "num": 0, "total": 2, "data": "x"}, now=1.0)
     with pytest.raises(UsageError, match="not complete within"):
         fragments.add({"id": "a", "num": 1, "total": 2, "data": "x"}, now=31.0)

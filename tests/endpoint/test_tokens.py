@@ -105,10 +105,10 @@ def test_a_first_token_of_another_process_is_noticed(tmp_path: Path) -> None:
         ("king", None, "unknown role"),
         ("robot", None, "needs the name"),
         ("teacher", None, "needs the name"),
-        ("robot", "a/b", "is no name"),
-        ("robot", "../x", "is no name"),
-        ("robot", "", "is no name"),
-        ("robot", "x" * 65, "is no name"),
+        ("robot", "a/b", "is not a valid name"),
+        ("robot", "../x", "is not a valid name"),
+        ("robot", "", "is not a valid name"),
+        ("robot", "x" * 65, "is not a valid name"),
     ],
 )
 def test_a_token_without_a_sound_owner_is_not_made(role: str, agent: str | None, part: str) -> None:
