@@ -1,1 +1,1 @@
-"""The graph as other libraries see it: rdflib and owlready2, neither imported before it is used."""
+"""Bridges to other libraries: rdflib and owlready2, imported on first use."""

@@ -1,4 +1,4 @@
-"""A knowledge base as an owlready2 world, and what changed there as one commit."""
+"""Bridge to owlready2: a world of the graph's statements, and its changes as one commit."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _triple(quad: Quad) -> TripleKey:
 
 
 def _has_place(quad: Quad) -> bool:
-    """Whether owlready2 can hold a statement, and should: it would fetch imports."""
+    """Whether a statement belongs into owlready2; imports do not, since it would fetch them."""
     terms = (quad.subject, quad.object)
     return not any(isinstance(t, Triple) for t in terms) and quad.predicate.value not in _HEADER
 
@@ -112,7 +112,7 @@ def update_from(
     agent: str | None = None,
     graphs: Iterable[NamedNode | str] | None = None,
 ) -> Commit | None:
-    """Write what a world has that the knowledge base has not to a graph, and withdraw the rest.
+    """Write the new statements of a world to a graph, and withdraw the missing ones.
 
     Statements with blank nodes (class expressions) are left as they are on both sides.
 
@@ -146,7 +146,7 @@ def _is_ground(triple: TripleKey) -> bool:
 
 
 def _is_header(triple: TripleKey) -> bool:
-    """Whether a statement is about the ontology that owlready2 took all the others for."""
+    """Whether a statement describes the ontology that owlready2 put all others into."""
     return isinstance(triple[0], NamedNode) and triple[0].value in (_IRI, _IRI[:-1], _ANONYMOUS)
 
 

@@ -1,4 +1,4 @@
-"""A knowledge base as an ``rdflib.Dataset``: read in place, written as one commit."""
+"""Bridge to rdflib: the graph as an ``rdflib.Dataset``, read in place, written as one commit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Pattern = tuple[Identifier | None, Identifier | None, Identifier | None]
 
 
 class KnowledgeStore(Store):
-    """What rdflib reads and writes; changes wait until they are committed.
+    """An rdflib store over the graph, which collects changes until they are committed.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class KnowledgeStore(Store):
     def _quads(
         self, pattern: Pattern, name: GraphName | None, stated: bool = False
     ) -> Iterator[Quad]:
-        """Yield quads of a graph or of all; of the merged union unless who states it matters."""
+        """Yield quads of a graph or of all graphs; from the union unless the graph matters."""
         s, p, o = (None if term is None else stored(from_rdflib(term)) for term in pattern)
         apart = stated or bool(self.added or self.removed)
         where = DEFAULT if name is None and not apart else name
@@ -119,14 +119,14 @@ class KnowledgeStore(Store):
         return stored_quad(Quad(subject, predicate, value, name))  # type: ignore[arg-type]
 
     def add(self, triple: Any, context: Any, quoted: bool = False) -> None:
-        """Note a triple to be asserted."""
+        """Collect a triple to assert."""
         quad = self._quad(triple, context)
         self.removed.discard(quad)
         if quad not in self._kb.store:
             self.added.add(quad)
 
     def remove(self, triple: Any, context: Any = None) -> None:
-        """Note triples to be withdrawn; ``None`` fits everything."""
+        """Collect triples to withdraw; ``None`` matches everything."""
         if self._home is None:
             raise ForbiddenError("this dataset is read-only; take kb.rdflib(writable=True)")
         own = list(self._quads(triple, graph_name(context), stated=True))
@@ -137,15 +137,15 @@ class KnowledgeStore(Store):
                 self.removed.add(quad)
 
     def add_graph(self, graph: Any) -> None:
-        """Do nothing: a graph is there when it holds something."""
+        """Do nothing: a graph exists while it contains statements."""
 
     def remove_graph(self, graph: Any) -> None:
-        """Note all triples of a graph to be withdrawn."""
+        """Collect all triples of a graph to withdraw."""
         self.remove((None, None, None), graph)
 
 
 class KnowledgeDataset(rdflib.Dataset):
-    """A knowledge base for code that speaks rdflib.
+    """A knowledge base for code that uses rdflib.
 
     Reading sees the current state. Changes are seen by this dataset at once, and written as one
     commit when the ``with`` block ends; none if it fails.
@@ -230,7 +230,7 @@ def _result(answer: Any) -> Result:
 
 
 def to_rdflib(term: Term) -> Identifier:
-    """Return a term as rdflib has it; literals keep their spelling.
+    """Convert a term to rdflib; literals keep their spelling.
 
     Raises
     ------
@@ -250,7 +250,7 @@ def to_rdflib(term: Term) -> Identifier:
 
 
 def from_rdflib(term: object) -> Term:
-    """Return a term as the store has it."""
+    """Convert a term from rdflib."""
     if isinstance(term, BNode):
         return ox.BlankNode(str(term))
     if isinstance(term, URIRef):

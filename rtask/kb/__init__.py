@@ -1,1 +1,1 @@
-"""The knowledge base: a store, its named graphs, exact commits, blobs and what follows."""
+"""The embedded graph: store, named graphs, commits, blobs, inference, readers and change feed."""

@@ -1,4 +1,4 @@
-"""The reading side of a knowledge base: queries and patterns."""
+"""Methods that read: queries, streams and patterns."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Reading"]
 
 
 class Reading(Searching):
-    """Queries and patterns; from any thread."""
+    """Evaluation of queries and patterns, from any thread."""
 
     def query(
         self,
@@ -183,7 +183,7 @@ class Reading(Searching):
         value: Value | None = None,
         graph: GraphName | str | None = None,
     ) -> list[Quad]:
-        """Return the statements that fit a pattern; ``None`` fits everything.
+        """Return the statements that match a pattern; ``None`` matches everything.
 
         Without a graph every named graph is searched, so a triple that two graphs hold comes
         twice.

@@ -1,4 +1,4 @@
-"""The reasoning side of a knowledge base: proofs, contradictions, deriving anew."""
+"""Methods of the reasoner: proofs, contradictions, quarantine and rebuilding."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Reasoning"]
 
 
 class Reasoning(Writing):
-    """What follows from the asserted graphs."""
+    """Inference from the asserted graphs."""
 
     def contradictions(self) -> list[Any]:
         """Return the contradictions in the asserted graphs."""
@@ -37,13 +37,13 @@ class Reasoning(Writing):
             return self._reasoner().explain(triple)
 
     def quarantined(self) -> list[Quarantined]:
-        """Return the statements that are kept aside because they contradict the rest."""
+        """Return the statements in quarantine, which contradict the rest."""
         return statements(self.store, self.graphs)
 
     def release(
         self, nodes: Iterable[str] | None = None, agent: str | None = None, drop: bool = False
     ) -> Commit:
-        """Put statements from the quarantine back into their graphs; one commit.
+        """Return statements from the quarantine to their graphs, as one commit.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class Reasoning(Writing):
         return self._inference
 
     def rebuild(self, what: str = "inferred") -> Commit:
-        """Derive the inferred graph again from the asserted ones; one commit of the difference.
+        """Recompute the inferred graph and commit the difference.
 
         Raises
         ------
@@ -93,5 +93,5 @@ class Reasoning(Writing):
             self.readers.invalidate()
 
     def complete_interrupted(self) -> bool:
-        """Finish a large load that a crash interrupted; whether there was one."""
+        """Complete a bulk load that a crash interrupted; return whether there was one."""
         return complete(self._writer, self._files, self._inference, self.access())

@@ -1,4 +1,4 @@
-"""Single statements of a knowledge base: what is said about them, withdrawing them."""
+"""Methods for single statements: read their annotations, retract them."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ __all__ = ["Retraction"]
 
 
 class Retraction(Writing):
-    """What is said about statements, and withdrawing them with a reason."""
+    """Annotations of statements, and retraction with a reason."""
 
     def annotations(
         self, subject: Subject | str, predicate: NamedNode | str, value: Value
     ) -> list[Annotation]:
-        """Return what each graph says about a statement: confidence, validity, source."""
+        """Return the annotations of a statement in each graph: confidence, validity, source."""
         return read_annotations(self.store, _key(subject, predicate, value))
 
     def retract(
@@ -91,7 +91,7 @@ class Retraction(Writing):
 
 
 def _asserting(kb: Writing, holders: list[NamedNode]) -> NamedNode:
-    """Return the graph that an error should name: one that asserts, if there is one."""
+    """Return the graph that an error should name, preferably one that asserts."""
     return next((g for g in holders if not kb.graphs.is_kept_by_commits(g)), holders[0])
 
 

@@ -1,4 +1,4 @@
-"""The searching side of a knowledge base: words and places."""
+"""Methods that search: words in texts, and places."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Searching"]
 
 
 class Searching(GraphBase):
-    """What the side index finds."""
+    """Full-text and spatial search in the side index."""
 
     def search(
         self,

@@ -1,4 +1,4 @@
-"""The watching side of a knowledge base: who is told of commits, what happened before."""
+"""Methods that follow commits: listeners, subscriptions and history."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ __all__ = ["Watching"]
 
 
 class Watching(GraphBase):
-    """Commits as they come, and as they were."""
+    """Notification of commits, and their history."""
 
     def on_commit(self, listener: Callable[[Change], None]) -> Callable[[], None]:
         """Call ``listener`` with each commit, in order, after it is stored and durable.
 
         Returns
         -------
-        A function that ends it.
+        A function that stops this.
         """
         return self._writer.listen(listener)
 
@@ -49,12 +49,12 @@ class Watching(GraphBase):
         size: int = QUEUE,
         on_ready: Callable[[], None] | None = None,
     ) -> Subscription[Change]:
-        """Follow the commits that touch matching statements, in order, after they are stored.
+        """Subscribe to the commits that touch matching statements, in order, once they are stored.
 
         Parameters
         ----------
         subject, predicate, value, graph
-            What is followed; ``None`` fits everything.
+            Pattern of the statements; ``None`` matches everything.
         cls
             Statements about instances of a class, derived ones included.
         inferred
@@ -65,7 +65,7 @@ class Watching(GraphBase):
             Begin after this commit: its number, or ``epoch:number`` as in
             :meth:`Feed.position <rtask.kb.feed.feed.Feed.position>`; without it, with the next one.
         size
-            How much may wait to be read.
+            How many changes may wait to be read.
         on_ready
             Called from the writer's thread when something has come; see :class:`Subscription`.
 

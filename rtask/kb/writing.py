@@ -1,4 +1,4 @@
-"""The writing side of a knowledge base: rights, updates, transactions, loads."""
+"""Methods that write: updates, transactions, bulk loads and access rights."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Writing"]
 
 
 class Writing(Searching):
-    """One commit at a time, each wholly or not at all."""
+    """Atomic commits, one at a time."""
 
     def access(self, agent: str | None = None, access: Access | None = None) -> Access:
         """Return the rights of a caller on this knowledge base.
@@ -112,7 +112,7 @@ class Writing(Searching):
         return Transaction(self._writer, self.blobs, request)
 
     def commit_block(self, request: Request) -> Transaction:
-        """Return a transaction for rooms that set more than agent and note."""
+        """Return a transaction with all conditions of a request."""
         return Transaction(self._writer, self.blobs, request)
 
     def bulk_add(

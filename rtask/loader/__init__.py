@@ -1,1 +1,1 @@
-"""Ontologies and data in and out: formats, the catalogue of imports, whole folders."""
+"""Loading and exporting ontologies and data."""

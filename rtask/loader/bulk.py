@@ -1,4 +1,4 @@
-"""Documents beyond the size of a commit: streamed into the store in one atomic step.
+"""Documents larger than a commit, streamed into the store in one atomic step.
 
 What follows from them is derived right after, as a commit of its own; until then the closure is
 behind. The document itself is not kept in memory; the store's bulk loader has its own buffers.
@@ -29,7 +29,7 @@ _MARKS = {
 
 
 def readable_by_the_store(document: Document, form: Format) -> bool:
-    """Whether a large document holds nothing but data without blank nodes.
+    """Whether a document is large and contains only data without blank nodes.
 
     Then the store reads it by itself, which is faster. A mark in a text may only look like a blank
     node; the document goes the other way then.
@@ -103,7 +103,7 @@ def _clear(kb: GraphCore, graph: GraphName, request: Request) -> int:
 
 
 class _Counted:
-    """Counts what passes."""
+    """Iterable that counts its items."""
 
     def __init__(self, quads: Iterable[Quad]) -> None:
         self._quads = quads

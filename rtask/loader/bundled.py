@@ -1,4 +1,4 @@
-"""The ontology that comes with RTASK: loaded into new stores, renewed in old ones."""
+"""The bundled ontology: loaded into new stores, upgraded in old ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where ontologies lie: ``owl:imports`` is resolved here, never on the network.
+"""Catalogue of local ontology files, which resolves ``owl:imports`` without the network.
 
 Looked at in this order: the places named by the caller, the folder of the importing file, the
 ontologies that come with RTASK. A place is a folder, an OASIS ``catalog-v001.xml`` or a
@@ -31,7 +31,7 @@ _EXTENSIONS = {ext for form in FORMATS for ext in form.extensions} | {"owl", "xm
 
 
 def loadable_files(folder: Path) -> list[Path]:
-    """Return the files below a folder that a loader reads, sorted; hidden ones are left out."""
+    """Return the loadable files below a folder, sorted, without hidden ones."""
     found = []
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
@@ -43,7 +43,7 @@ def loadable_files(folder: Path) -> list[Path]:
 
 
 class OntologyCatalogue:
-    """Finds the file of an ontology.
+    """Finds the local file of an ontology.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class OntologyCatalogue:
         self._read: dict[Path, dict[str, list[Path]]] = {}
 
     def find(self, iri: str, beside: Path | None = None) -> Path | None:
-        """Return the file of an ontology, ``None`` if no place has it.
+        """Return the file of an ontology, or ``None``.
 
         Parameters
         ----------
@@ -77,7 +77,7 @@ class OntologyCatalogue:
         return None
 
     def searched(self, beside: Path | None = None) -> list[Path]:
-        """Return every place that is looked at, in order."""
+        """Return the places that are searched, in order."""
         places = list(self._places)
         if beside is not None:
             places.append(beside.parent)
@@ -95,7 +95,7 @@ class OntologyCatalogue:
 
 
 def _scan(folder: Path) -> dict[str, list[Path]]:
-    """Read the folder's catalogue, or else what its files say of themselves.
+    """Read the folder's catalogue, or else the headers of its files.
 
     A folder may hold anything, such as a home folder with archives of many gigabytes: of each file
     no more than its beginning is unpacked.
@@ -113,7 +113,7 @@ def _scan(folder: Path) -> dict[str, list[Path]]:
 
 
 def _choose(found: list[Path], iri: str, beside: Path | None) -> Path:
-    """Return the file that is meant; the same name in several syntaxes is one ontology."""
+    """Choose among files of equal name, which are one ontology in several syntaxes."""
     alike = [path for path in found if beside is not None and path.suffix == beside.suffix]
     chosen = (alike or found)[0]
     for other in found:
@@ -137,7 +137,7 @@ def _read_toml(path: Path) -> dict[str, list[Path]]:
 
 
 def _read_oasis(path: Path) -> dict[str, list[Path]]:
-    """Read ``uri`` entries of an OASIS XML catalogue; addresses on the network are left out."""
+    """Read ``uri`` entries of an OASIS XML catalogue, without network addresses."""
     with path.open("rb") as stream:
         check_xml(stream, str(path))
     entries = {}

@@ -1,4 +1,4 @@
-"""Graphs out: dumps in the formats of RDF, and the bytes that a graph was loaded from."""
+"""Export of graphs in RDF formats, and of the documents that they were loaded from."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _statements(kb: GraphCore, graphs: list[GraphName], with_names: bool) -> Ite
 
 
 def _with_owl_types(quad: Quad) -> Quad:
-    """Give cardinalities back the datatype that OWL asks for; the store keeps integers only."""
+    """Restore the datatype that OWL requires of cardinalities; the store keeps plain integers."""
     if quad.predicate not in _CARDINALITIES or not isinstance(quad.object, Literal):
         return quad
     value = Literal(quad.object.value, datatype=_NON_NEGATIVE)
@@ -119,7 +119,7 @@ def _write(quads: Iterable[Quad], out: IO[bytes], rdf: RdfFormat) -> int:
 
 
 def original(kb: GraphCore, graph: NamedNode | str, target: Path | str) -> int:
-    """Write the bytes that a graph was loaded from; return how many.
+    """Write the original document of a graph; return its length in bytes.
 
     Raises
     ------

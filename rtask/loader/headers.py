@@ -1,4 +1,4 @@
-"""What a document says about itself as an ontology: its IRI, its version, its imports."""
+"""Ontology headers of documents: IRI, version and imports."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _STANDARDS = (
 
 @dataclass(frozen=True)
 class Header:
-    """The ontology that a document holds.
+    """Header of the ontology in a document.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class Header:
 
 @dataclass
 class Terms:
-    """Properties and classes that documents use, and terms that they say something about."""
+    """Terms that documents use, and terms that they describe."""
 
     used: set[NamedNode] = field(default_factory=set)
     described: set[object] = field(default_factory=set)
 
     def read(self, quads: Iterable[Quad]) -> None:
-        """Take note of some statements."""
+        """Collect the terms of statements."""
         for quad in quads:
             self.used.add(quad.predicate)
             self.described.add(quad.subject)
@@ -67,7 +67,7 @@ class Terms:
                 self.used.add(quad.object)
 
     def undeclared(self, kb: GraphCore) -> list[str]:
-        """Return what is used and nothing is known of, sorted; the standards' own terms aside."""
+        """Return used terms that nothing describes, sorted, except those of the W3C standards."""
         return sorted(
             term.value
             for term in self.used - self.described
@@ -76,7 +76,7 @@ class Terms:
 
 
 def header_of(quads: Iterable[Quad]) -> Header:
-    """Return the header found among statements.
+    """Return the ontology header among statements.
 
     Where several ontologies are named, the one that imports or has a version is meant, else the
     first.

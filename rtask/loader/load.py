@@ -1,4 +1,4 @@
-"""Loading: one document, one graph, one commit.
+"""Load documents, each as one commit.
 
 A document that cannot be read or contradicts what is there changes nothing.
 """
@@ -41,7 +41,7 @@ _UNLIMITED = 1 << 62
 
 @dataclass(frozen=True)
 class FileReport:
-    """What came of one document.
+    """Result of loading one document.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class FileReport:
 
 @dataclass
 class LoadReport:
-    """What came of a load.
+    """Result of a load.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def load(
 
 @dataclass(frozen=True)
 class Item:
-    """One document, understood.
+    """A document with its header and target graph.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ class _Loader:
         self._done: set[Path] = set()
 
     def documents(self, source: Path | str | bytes | IO[bytes]) -> list[Document]:
-        """Return the documents that a source means; ontologies before data."""
+        """Return the documents of a source, ontologies before data."""
         if isinstance(source, str) and ":" in source and not Path(source).exists():
             found = self.catalogue.find(source)
             if found is None:
@@ -223,7 +223,7 @@ class _Loader:
         return "looked at " + ", ".join(map(str, self.catalogue.searched(beside)))
 
     def load(self, document: Document) -> None:
-        """Load one document, what it imports first."""
+        """Load one document after its imports."""
         if document.path is not None:
             if document.path.resolve() in self._done:
                 return
@@ -319,7 +319,7 @@ class _Loader:
         return header.iri or self.kb.graphs.imported(document.stem)
 
     def _is_unchanged(self, item: Item) -> bool:
-        """Whether an ontology's graph was loaded from these very bytes.
+        """Whether an ontology's graph was loaded from exactly these bytes.
 
         Its blank nodes would get new names and double its class expressions.
         """
@@ -354,7 +354,7 @@ class _Loader:
         return load_bulk(self.kb, prepared, item.graph, request, replace=replace)
 
     def _request(self, item: Item) -> Request:
-        """Return who loads, and what the graph will be."""
+        """Return the request of the commit that stores a document."""
         is_ontology = item.header.iri is not None
         kinds: dict[GraphName, str] = {item.graph: "OntologyGraph"} if is_ontology else {}
         sources = {}
@@ -377,7 +377,7 @@ class _Loader:
         return item.document.size <= _KEPT_SOURCE_BYTES and isinstance(item.graph, NamedNode)
 
     def _prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
-        """Yield statements with their graph; blank nodes of data become IRIs.
+        """Yield statements with their graphs; blank nodes of data become IRIs.
 
         So they can be withdrawn one by one and mean the same in every copy.
         """
@@ -402,7 +402,7 @@ class _Loader:
 
 
 class _DryRun(Exception):
-    """Leaves the transaction without a commit."""
+    """Raised to leave a transaction without a commit."""
 
 
 def _for_imports(options: Options) -> Options:

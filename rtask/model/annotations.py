@@ -1,4 +1,4 @@
-"""What is said about a single statement: confidence, until when it holds (RDF 1.2 reifiers)."""
+"""Annotations of single statements, such as confidence and validity (RDF 1.2 reifiers)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ REIFIES = NamedNode(ontology.PREFIXES["rdf"] + "reifies")
 
 @dataclass(frozen=True)
 class Annotation:
-    """One thing that somebody said about one statement.
+    """One agent's annotation of a statement.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Annotation:
 
 
 def read_annotations(instance: Model, name: str) -> list[Annotation]:
-    """Return what is said about the statements of a field, by value and reifier."""
+    """Return the annotations of a field's statements, by value and reifier."""
     state = instance.__state__
     about = _field(instance, name)
     if state.session is None or state.new:
@@ -85,7 +85,7 @@ def _field(instance: Model, name: str) -> Field:
 
 @dataclass(frozen=True)
 class Note:
-    """Something to be said about a statement at the next flush."""
+    """An annotation to be written at the next flush."""
 
     instance: Model
     field: Field

@@ -1,4 +1,4 @@
-"""Python values to literals and back, by datatype."""
+"""Conversion between Python values and literals, by datatype."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ _ENCODERS: dict[type, Callable[[object, str], Literal]] = {
 
 
 def decode(term: Term) -> object:
-    """Return the Python value of a literal; a term that is none, or ill-typed, as it is.
+    """Return the Python value of a literal; return other and ill-typed terms unchanged.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Queries over objects to SPARQL: always one query.
+"""Compile object queries to SPARQL, each to one query.
 
 The class and the conditions stand once, in a sub-select in front; each branch of the union
 then fetches the statements of one kind of object (SPARQL 1.1 Query, 12 and 18.2). The text of a
@@ -64,7 +64,7 @@ Bound = dict[tuple[str, ...], str]
 
 
 def _group(plan: Plan, names: Names) -> tuple[list[str], Bound]:
-    """Return the patterns that say which roots are meant, and the variables of single values.
+    """Return the patterns that select the roots, and the variables of single values.
 
     A path on which nothing can have two values has one variable, whatever binds it first.
     """
@@ -140,7 +140,7 @@ def fetch_filter(model: type[Model], more: Sequence[Field] = ()) -> str:
 
 
 def object_text(plan: Plan) -> str:
-    """Return the one query for objects with what is prefetched."""
+    """Return the query for objects and what is prefetched with them."""
     return _compiled(plan, "objects", lambda: _object_text(plan))
 
 
@@ -171,7 +171,7 @@ def _start(path: Sequence[Field], inferred: bool) -> str:
 
 
 def _derived(start: str, own: str, bind: str, following: Iterable[Field]) -> list[str]:
-    """Return branches for inverses, which nobody derives without inference."""
+    """Return branches for inverse properties, which are not derived without inference."""
     return [
         f"{{ {start}?o {short(step.inverse)} {own} BIND({short(step.iri)} AS ?p){bind} }}"
         for step in following

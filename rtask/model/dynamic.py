@@ -1,4 +1,4 @@
-"""Classes for any loaded ontology, made when they are asked for."""
+"""Python classes for any loaded ontology, created at run time."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Vocabulary:
 
 
 def load_model(kb: GraphCore, name: str | NamedNode) -> Vocabulary:
-    """Return classes for an ontology that is loaded, with what it imports.
+    """Return classes for a loaded ontology and its imports.
 
     Classes that the built-in vocabulary has are taken from there, so an ontology that extends it
     fits in.

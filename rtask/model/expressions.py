@@ -1,4 +1,4 @@
-"""What a query asks for: paths along fields, conditions on them, orders."""
+"""Expressions of object queries: paths along fields, conditions, orders and aggregates."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 
 class Condition:
-    """Something that holds of an object or not; combine with ``&``, ``|`` and ``~``."""
+    """A condition on an object; combine with ``&``, ``|`` and ``~``."""
 
     def __and__(self, other: Condition) -> Condition:
         return And((self, other))
@@ -54,7 +54,7 @@ class Condition:
 
 
 class Path(Generic[T]):
-    """A way along fields, from the class that a query asks for.
+    """A path along fields, from the class of the query.
 
     Made by naming a field on a class: ``RTASK.GraspConfiguration.grasp_of.mass``.
 
@@ -138,7 +138,7 @@ def root(path: Path[Any]) -> type[Model]:
 
 @dataclass(frozen=True, eq=False)
 class Compare(Condition):
-    """A value stands in a relation to a constant."""
+    """Comparison of a value with a constant."""
 
     path: Path[Any]
     operator: str
@@ -147,7 +147,7 @@ class Compare(Condition):
 
 @dataclass(frozen=True, eq=False)
 class In(Condition):
-    """A value is one of several."""
+    """Membership of a value in a list."""
 
     path: Path[Any]
     values: tuple[object, ...]
@@ -155,7 +155,7 @@ class In(Condition):
 
 @dataclass(frozen=True, eq=False)
 class Text(Condition):
-    """A SPARQL string function holds of a value."""
+    """A SPARQL string function applied to a value."""
 
     path: Path[Any]
     function: str
@@ -165,28 +165,28 @@ class Text(Condition):
 
 @dataclass(frozen=True, eq=False)
 class Missing(Condition):
-    """There is no value."""
+    """Absence of a value."""
 
     path: Path[Any]
 
 
 @dataclass(frozen=True, eq=False)
 class Not(Condition):
-    """The condition does not hold."""
+    """Negation of a condition."""
 
     condition: Condition
 
 
 @dataclass(frozen=True, eq=False)
 class And(Condition):
-    """All hold; values along one path are the same value."""
+    """Conjunction; equal paths refer to the same value."""
 
     conditions: tuple[Condition, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Or(Condition):
-    """At least one holds."""
+    """Disjunction of conditions."""
 
     conditions: tuple[Condition, ...]
 
@@ -200,14 +200,14 @@ class Raw(Condition):
 
 @dataclass(frozen=True, eq=False)
 class After(Condition):
-    """The object's IRI sorts behind a text."""
+    """Condition that the object's IRI sorts after a text."""
 
     name: str
 
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What to sort by."""
+    """A sort key."""
 
     path: Path[Any]
     descending: bool = False
@@ -215,7 +215,7 @@ class Order:
 
 @dataclass(frozen=True, eq=False)
 class Aggregate:
-    """One number about each group."""
+    """A number computed for each group."""
 
     function: str
     path: Path[Any] | None
@@ -227,20 +227,20 @@ def count(path: Path[Any] | None = None) -> Aggregate:
 
 
 def avg(path: Path[Any]) -> Aggregate:
-    """Take the mean of the values along a path."""
+    """Average the values along a path."""
     return Aggregate("AVG", path)
 
 
 def total(path: Path[Any]) -> Aggregate:
-    """Add up the values along a path."""
+    """Sum the values along a path."""
     return Aggregate("SUM", path)
 
 
 def minimum(path: Path[Any]) -> Aggregate:
-    """Take the least value along a path."""
+    """Return the minimum of the values along a path."""
     return Aggregate("MIN", path)
 
 
 def maximum(path: Path[Any]) -> Aggregate:
-    """Take the greatest value along a path."""
+    """Return the maximum of the values along a path."""
     return Aggregate("MAX", path)

@@ -27,7 +27,7 @@ M = TypeVar("M", bound=Model)
 
 
 class Field:
-    """A property of a class.
+    """Descriptor of a property of a class.
 
     Parameters
     ----------
@@ -87,13 +87,13 @@ class Field:
         return registry.find(self.value) or registry.find(_THING) or Model
 
     def describe(self) -> str:
-        """Return the field as messages name it, with its unit."""
+        """Return the field's name in messages, with its unit."""
         return f"{self.owner.__name__}.{self.name}" + (f" ({self.unit})" if self.unit else "")
 
     # Checking
 
     def item(self, value: object, subject: Model | None = None) -> Item:
-        """Return what is stored for a value.
+        """Return the item to store for a value.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class Field:
     # Reading and changing
 
     def items(self, instance: Model) -> list[Item]:
-        """Return the values as the program sees them: those of the graph, and its own changes."""
+        """Return the values of the graph with the unwritten changes applied."""
         state = instance.__state__
         pending = state.pending.get(self.iri)
         if pending is not None and pending.replace:
@@ -198,7 +198,7 @@ class Field:
         self._adopt(instance, [item])
 
     def discard(self, instance: Model, value: object) -> None:
-        """Take one value away."""
+        """Remove one value."""
         item = self.item(value, instance)
         if self.inverse is not None:
             self._couple(instance, item, add=False)
@@ -206,7 +206,7 @@ class Field:
             self.note(instance, item, add=False)
 
     def _adopt(self, instance: Model, items: Iterable[Item]) -> None:
-        """Let new objects follow the one that now points to them into its session."""
+        """Add new objects to the session of the object that now refers to them."""
         session = instance.__state__.session
         for item in items:
             if session is not None and isinstance(item, Model) and item.__state__.session is None:
@@ -228,7 +228,7 @@ class Field:
         self.note(instance, other, add=add)
 
     def _leave(self, other: Model, back: Field, instance: Model) -> None:
-        """Take ``other`` out of this field of the object that it pointed to until now."""
+        """Remove ``other`` from this field of the object that it referred to before."""
         state = other.__state__
         if back.iri not in state.pending and not state.knows(back.iri):
             return
@@ -259,7 +259,7 @@ class Field:
 
 
 def key(item: Item) -> object:
-    """Return what makes two items the same value."""
+    """Return the key by which two items are equal."""
     if isinstance(item, Model):
         return item.__state__.iri or id(item)
     return item.value if isinstance(item, NamedNode) else item
@@ -350,7 +350,7 @@ class Links(Field, Generic[M]):
 
 
 class Values(Collection[T]):
-    """The values of a field on one instance; changing it changes the instance."""
+    """Mutable view of a field's values on one instance."""
 
     def __init__(self, instance: Model, field: Field) -> None:
         self._instance = instance
@@ -373,11 +373,11 @@ class Values(Collection[T]):
         return wanted in map(key, self._field.items(self._instance))
 
     def add(self, value: T | NamedNode) -> None:
-        """Add a value; nothing changes if it is there."""
+        """Add a value if absent."""
         self._field.add(self._instance, value)
 
     def discard(self, value: T | NamedNode) -> None:
-        """Take a value away; nothing changes if it is not there."""
+        """Remove a value if present."""
         self._field.discard(self._instance, value)
 
     def update(self, values: Iterable[T | NamedNode]) -> None:
@@ -386,7 +386,7 @@ class Values(Collection[T]):
             self.add(value)
 
     def clear(self) -> None:
-        """Take all values away."""
+        """Remove all values."""
         self._field.put(self._instance, ())
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""From changed objects to the statements of one transaction."""
+"""Write the changed objects of a session in one transaction."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FIRST, _REST, _NIL = (NamedNode(ontology.PREFIXES["rdf"] + n) for n in ("first"
 
 
 class Flush:
-    """The changes of a session, about to be written.
+    """Changes of a session that are about to be written.
 
     Only the agent's own statements are withdrawn; what others state stays.
     """
@@ -45,7 +45,7 @@ class Flush:
         return bool(self._new or self._dirty or self._deleted)
 
     def check_required(self) -> None:
-        """Refuse new objects that lack what their shapes ask for.
+        """Refuse new objects that lack values required by their shapes.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class Flush:
                     writer.change(instance, field, pending)
 
     def settle(self) -> None:
-        """Make written objects known ones, to be read again when they are looked at."""
+        """Mark written objects as known, to be read again on access."""
         for instance in (*self._new, *self._dirty, *self._deleted):
             state = instance.__state__
             for pending in state.pending.values():
@@ -100,7 +100,7 @@ class Flush:
 
 
 class _Writer:
-    """Writes changes of one agent into one transaction."""
+    """Writes the changes of one agent in one transaction."""
 
     def __init__(self, session: Session, tx: Transaction) -> None:
         self._session = session
@@ -110,14 +110,14 @@ class _Writer:
         self._inferred = session.inferred
 
     def withdraw(self, subject: NamedNode) -> None:
-        """Take back every own statement from and to an object."""
+        """Withdraw all own statements from and to an object."""
         own = self._kb.match(subject, graph=self._home)
         own += self._kb.match(value=subject, graph=self._home)
         for quad in own:
             self._tx.remove(quad.subject, quad.predicate, quad.object, named(self._home))
 
     def change(self, instance: Model, field: Field, pending: Pending) -> None:
-        """Write what changed about one field of one object."""
+        """Write the changes of one field of one object."""
         subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
         added = [stored(term(item)) for item in pending.added]
         quads = self._kb.match(subject, predicate)
@@ -142,7 +142,7 @@ class _Writer:
                 self._tx.add(subject, predicate, value, named(self._home))
 
     def replace_list(self, instance: Model, field: Field, pending: Pending) -> None:
-        """Write a list anew; its cells get IRIs, so that nothing depends on blank nodes."""
+        """Replace a list; its cells get IRIs instead of blank nodes."""
         subject, predicate = NamedNode(instance.iri), NamedNode(field.iri)
         quads = self._kb.match(subject, predicate)
         self._check_version(instance, field, {quad.object for quad in quads})

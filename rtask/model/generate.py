@@ -1,4 +1,4 @@
-"""Python source for the classes of an ontology: typed, so that a checker knows every field."""
+"""Generate typed Python source for the classes of an ontology."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def generate(schema: Schema, origin: str = _ORIGIN, parent: Registry | None = No
 
 
 class OntologySource(Protocol):
-    """An ontology read from somewhere: its name, its IRI or an empty text, its statements."""
+    """An ontology: its name, its IRI or an empty text, and its statements."""
 
     @property
     def name(self) -> str: ...
@@ -164,7 +164,7 @@ class _Writer:
         return self._parent.find(iri) if self._parent is not None else None
 
     def _class(self, iri: str) -> str:
-        """Return what names a class in the module."""
+        """Return the name of a class in the module."""
         known = self._known(iri)
         return f"RTASK.{known.__name__}" if known else self._schema.classes[iri].name
 
@@ -187,7 +187,7 @@ class _Writer:
         return _quoted(iri)
 
     def model(self, spec: ClassSpec) -> str:
-        """Return one class."""
+        """Return the source of one class."""
         bases = ", ".join(map(self._class, spec.parents)) or "Model"
         lines = [f"class {spec.name}({bases}):", self._docstring(spec), ""]
         lines.append(f"    __iri__: ClassVar[str] = {self.iri(spec.iri)}")

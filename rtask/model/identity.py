@@ -1,4 +1,4 @@
-"""One object for each IRI, as long as somebody holds it, and never one that is out of date."""
+"""Identity map: one object for each IRI while it is in use, never an outdated one."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ class IdentityMap:
         return self._known.get(name)
 
     def add(self, name: str, instance: Model) -> None:
-        """Take an object in."""
+        """Add an object."""
         self._known[name] = instance
 
     def drop(self, name: str) -> None:
-        """Let an object go."""
+        """Remove an object."""
         self._known.pop(name, None)
 
     def hear(self, change: Change) -> None:
-        """Note whom a commit concerns; runs in the writer's thread."""
+        """Mark the objects that a commit touches as stale; runs in the writer's thread."""
         quads = (*change.added, *change.removed, *change.inferred_added, *change.inferred_removed)
         names = {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
         with self._lock:
             self._stale |= names
 
     def _expire(self) -> None:
-        """Forget what was read about objects that changed since, unless they have changes."""
+        """Expire objects that others changed, unless they have unwritten changes."""
         with self._lock:
             stale, self._stale = self._stale, set()
         for name in stale:

@@ -1,4 +1,4 @@
-"""Python classes bound to OWL classes, and what one instance knows and has changed."""
+"""Base class of objects, its metaclass, and the state of one instance."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Registry:
     def most_specific(
         self, types: frozenset[str], asked: type[Model], others: Iterable[Registry] = ()
     ) -> type[Model]:
-        """Return the class that says most about a thing of these types.
+        """Return the most specific class for a thing of these types.
 
         A thing of several unrelated classes gets a class that inherits from them all.
 
@@ -89,7 +89,7 @@ class Registry:
 
 
 def generation() -> int:
-    """Return a number that rises with each new class: what is kept by class is stale then."""
+    """Return a number that rises with each new class, for caches keyed by class."""
     return len(_born)
 
 
@@ -130,7 +130,7 @@ Item: TypeAlias = "Term | Model"
 
 @dataclass
 class Pending:
-    """What a program changed about one field and has not been written yet."""
+    """Unwritten changes of one field."""
 
     added: list[Item] = field(default_factory=list)
     removed: list[Item] = field(default_factory=list)
@@ -148,7 +148,7 @@ EVERYTHING: Container[str] = _Everything()
 
 @dataclass(slots=True)
 class State:
-    """What is known about one instance.
+    """State of one instance: what was read and what was changed.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ class State:
 
     @property
     def is_read(self) -> bool:
-        """Whether the graph was asked about it."""
+        """Whether anything about the instance was read."""
         return bool(self.loaded) or self.asked is EVERYTHING or bool(self.asked)
 
     def knows(self, predicate: str) -> bool:
@@ -194,14 +194,14 @@ class State:
         return predicate in self.loaded or predicate in self.asked
 
     def note(self, asked: Container[str]) -> None:
-        """Remember what was asked for, besides what was before."""
+        """Record what was read, in addition to earlier reads."""
         if isinstance(self.asked, frozenset) and isinstance(asked, frozenset):
             self.asked = self.asked | asked if self.asked else asked
         else:
             self.asked = EVERYTHING
 
     def forget(self) -> None:
-        """Forget what was read; changes stay."""
+        """Discard what was read, but keep changes."""
         self.loaded, self.lists = {}, {}
         self.asked = frozenset()
         self.origin = None
@@ -220,7 +220,7 @@ class ModelType(type):
 
 
 def rank(model: type) -> tuple[int, str]:
-    """Return what sorts classes: those with more above them first."""
+    """Return a sort key that puts classes with more ancestors first."""
     return (-len(model.__mro__), str(getattr(model, "__iri__", "")))
 
 
@@ -258,7 +258,7 @@ class Model(metaclass=ModelType):
             cls.__registry__.models[cls.__iri__] = cls
 
     def annotations(self, name: str) -> list[Annotation]:
-        """Return what is said about each statement of a field, such as its confidence."""
+        """Return the annotations of each statement of a field, such as its confidence."""
         from rtask.model.annotations import read_annotations
 
         return read_annotations(self, name)
@@ -275,7 +275,7 @@ class Model(metaclass=ModelType):
 
 
 def make_class(name: str, bases: tuple[type[Model], ...], body: dict[str, Any]) -> type[Model]:
-    """Return a class made at run time."""
+    """Create a class at run time."""
     return cast(type[Model], ModelType(name, bases, body))
 
 

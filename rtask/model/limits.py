@@ -1,4 +1,4 @@
-"""What values must satisfy beyond their type."""
+"""Constraints on values beyond their type."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Limits"]
 
 @dataclass(frozen=True)
 class Limits:
-    """What values must satisfy, taken from SHACL shapes and closed lists.
+    """Constraints on values, taken from SHACL shapes and closed lists.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Limits:
     one_of: tuple[str, ...] = ()
 
     def complaint(self, value: object) -> str | None:
-        """Return what was expected, if the value does not satisfy it."""
+        """Return what was expected, if the value violates a constraint."""
         if isinstance(value, int | float) and not isinstance(value, bool):
             if self.least is not None and value < self.least:
                 return f"{self.least} or more"

@@ -68,7 +68,7 @@ class Ordered(Field, Generic[T]):
         return list(state.lists[self.iri])
 
     def python(self, instance: Model, items: Iterable[Item]) -> list[Any]:
-        """Return members as a program gets them: objects where the IRI is one's, else values."""
+        """Return members as Python objects and values."""
         items = list(items)
         session = instance.__state__.session
         names = [item.value for item in items if isinstance(item, NamedNode)]
@@ -84,7 +84,7 @@ class Ordered(Field, Generic[T]):
         ]
 
     def root(self) -> type[Model]:
-        """Return the class of which everything is."""
+        """Return the class of all things."""
         from rtask.model.plan import THING
 
         return self.owner.__registry__.find(THING) or Model

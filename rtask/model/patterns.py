@@ -1,4 +1,4 @@
-"""Conditions to SPARQL patterns, with a mark where each constant goes.
+"""Compile conditions to SPARQL patterns with a mark in place of each constant.
 
 The text depends on the shape of a condition only, so it can be kept and used again with other
 constants (:mod:`rtask.model.compile`).
@@ -36,7 +36,7 @@ MARK = "\0"
 
 
 def shape(condition: Condition, constants: list[Term]) -> Hashable:
-    """Return what the text of a condition depends on, and collect its constants in order."""
+    """Return a cache key for the text of a condition, and collect its constants in order."""
     match condition:
         case And(parts) | Or(parts):
             return type(condition), *(shape(part, constants) for part in parts)
@@ -74,7 +74,7 @@ def _compared(along: tuple[Field, ...], operator: str, value: object) -> Term:
 
 
 def _is_exact(operator: str, constant: Term) -> bool:
-    """Whether equal means the same term; numbers and times are equal by value."""
+    """Whether equality means the same term; numbers and times are compared by value."""
     if operator != "=":
         return False
     return not isinstance(constant, Literal) or isinstance(decode(constant), str)

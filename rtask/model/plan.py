@@ -1,4 +1,4 @@
-"""What a query asks for, before it is text, and which properties come with an object."""
+"""Query plans: the parts of an object query before it is compiled."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PREFIXED = re.compile(rf"\b({'|'.join(ontology.PREFIXES)}):")
 
 @dataclass(frozen=True)
 class Plan:
-    """What a query asks for, before it is text.
+    """Parts of an object query before it is compiled.
 
     Parameters
     ----------
@@ -46,14 +46,14 @@ class Plan:
     inferred: bool = True
 
     def following(self, path: Sequence[Field]) -> list[Field]:
-        """Return the steps that some prefetched path takes behind this one."""
+        """Return the next steps of the prefetched paths that begin with this one."""
         longer = [p for p in self.prefetch if p[: len(path)] == tuple(path) != p]
         return list(dict.fromkeys(p[len(path)] for p in longer))
 
 
 @lru_cache(maxsize=4096)
 def short(iri: str) -> str:
-    """Return an IRI for a query, with a prefix of the ontology where one fits.
+    """Return an IRI as written in a query, shortened by a prefix where possible.
 
     >>> short(ontology.NS + "mass"), short("urn:mug")
     ('rt:mass', '<urn:mug>')
@@ -65,13 +65,13 @@ def short(iri: str) -> str:
 
 
 def finished(text: str) -> str:
-    """Return a query with the prefixes that it uses."""
+    """Return a query with declarations of the prefixes that it uses."""
     used = set(_PREFIXED.findall(text))
     return prologue({name: iri for name, iri in ontology.PREFIXES.items() if name in used}) + text
 
 
 def eager(model: type[Model], more: Sequence[Field] = ()) -> frozenset[str]:
-    """Return the properties that come with every object of a class or its subclasses.
+    """Return the properties that are read with every object of a class or its subclasses.
 
     What only other objects state (an inverse) may be unbounded, and links that anything may have
     are rarely wanted: both come when asked for.

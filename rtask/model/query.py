@@ -1,4 +1,4 @@
-"""The query builder: immutable, one SPARQL query, objects or plain values as the answer."""
+"""Immutable builder of object queries; each runs as one SPARQL query."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ M = TypeVar("M", bound=Model)
 
 
 class Query(Generic[M]):
-    """A question about the objects of a class; made by :meth:`Session.query`.
+    """A query for objects of a class; created by :meth:`Session.query`.
 
     Every method that narrows it returns a new query. Nothing is asked before an answer is
     taken, and then once.
@@ -81,15 +81,15 @@ class Query(Generic[M]):
         return self._with(orders=orders)
 
     def limit(self, number: int) -> Query[M]:
-        """Take at most so many objects."""
+        """Return at most this many objects."""
         return self._with(limit=_count(number))
 
     def offset(self, number: int) -> Query[M]:
-        """Leave out so many objects at the start."""
+        """Skip this many objects."""
         return self._with(offset=_count(number))
 
     def prefetch(self, *paths: Path[Any]) -> Query[M]:
-        """Bring the objects at the end of these paths along, in the same query."""
+        """Read the objects at the end of these paths in the same query."""
         steps = [check_root(self._plan, path) for path in paths]
         for path, along in zip(paths, steps, strict=True):
             if not along[-1].is_link:
@@ -103,7 +103,7 @@ class Query(Generic[M]):
         return compiled.object_text(self._plan)
 
     def explain(self) -> str:
-        """Return the one query, what each step leaves, and what comes along; for people.
+        """Describe the query for people: its text, the effect of each step and what is prefetched.
 
         Each ``where`` is counted, with those before it: where nothing is left, the reason stands.
         """
@@ -205,7 +205,7 @@ class Query(Generic[M]):
         return [tuple(_plain(row[f"value{at}"]) for at in range(len(paths))) for row in rows]
 
     def group_by(self, *paths: Path[Any]) -> Groups:
-        """Gather the objects by the values along paths."""
+        """Group the objects by the values along paths."""
         for path in paths:
             check_root(self._plan, path)
         return Groups(self, paths)
@@ -219,7 +219,7 @@ class Query(Generic[M]):
 
 
 class Groups:
-    """Objects gathered by some of their values."""
+    """Objects grouped by some of their values."""
 
     def __init__(self, query: Query[Any], paths: tuple[Path[Any], ...]) -> None:
         self._query = query
@@ -238,7 +238,7 @@ class Groups:
 
 
 class _Assembly:
-    """Rows of statements put together into objects."""
+    """Assembles objects from rows of statements."""
 
     def __init__(self, session: Session, plan: Plan, rows: Solutions) -> None:
         self._session = session
@@ -282,7 +282,7 @@ class _Assembly:
         return {name: make(name, asked, facts.get(name, {}), fetched, origin) for name in names}
 
     def _follow(self, roots: list[Model], origin: str | None) -> None:
-        """Make the prefetched objects, breadth first; each is kept alive by what points to it."""
+        """Create the prefetched objects, breadth first; each is kept alive by a reference to it."""
         level: dict[tuple[Field, ...], list[Model]] = {(): roots}
         while level:
             below: dict[tuple[Field, ...], list[Model]] = {}

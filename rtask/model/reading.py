@@ -1,4 +1,4 @@
-"""From statements to objects: what a session reads, and when it refuses to."""
+"""Read statements and turn them into objects."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WHOLE = 500
 
 
 class Reader:
-    """Reads for one session."""
+    """Reads objects for one session."""
 
     def __init__(self, session: Session, lazy: Lazy) -> None:
         self._session = session
@@ -60,7 +60,7 @@ class Reader:
         return made
 
     def _everything(self, name: str) -> tuple[Facts | None, Container[str]]:
-        """Return all statements about a thing: a look-up in the store, unless they are many."""
+        """Return all statements about a thing from the store, unless there are too many."""
         session = self._session
         session.check_open()
         if not session.inferred:
@@ -75,7 +75,7 @@ class Reader:
         return (facts, EVERYTHING) if count <= _WHOLE else (None, ())
 
     def _facts(self, names: Iterable[str], model: type[Model]) -> dict[str, Facts]:
-        """Read what comes along with objects of a class; property IRI to values, for each IRI."""
+        """Read the eager properties of objects: property IRI to values, for each IRI."""
         subjects = " ".join(str(NamedNode(name)) for name in names)
         pattern = f"VALUES ?s {{ {subjects} }} ?s ?p ?o FILTER(?p IN ({fetch_filter(model)}))"
         return self._gather(names, pattern)
@@ -93,7 +93,7 @@ class Reader:
     # Objects
 
     def reference(self, name: str, model: type[Model], source: Model) -> Model:
-        """Return the object of an IRI, not necessarily read yet."""
+        """Return the object of an IRI, which may not have been read yet."""
         known = self._session.identities.find(name)
         return known or self._blank(model, name, source.__state__.origin)
 
@@ -167,7 +167,7 @@ class Reader:
         return self._classes[key]
 
     def _own_first(self, name: str, predicate: str, values: Sequence[Term]) -> list[Term]:
-        """Return values with the agent's own first: of a single field that is the one shown."""
+        """Return values with the agent's own first; a single-valued field shows the first."""
         session = self._session
         own = session.kb.match(NamedNode(name), NamedNode(predicate), None, session.home)
         mine = {quad.object for quad in own}
@@ -217,7 +217,7 @@ class Reader:
         warnings.warn(message, stacklevel=6)
 
     def members(self, instance: Model, field: Field, head: Term) -> tuple[Term, ...]:
-        """Return the members of an RDF list; of one that is broken, those before the break."""
+        """Return the members of an RDF list, up to the break if it is broken."""
         self._refuse_loops(instance, field)
         cells = self._cells(str(instance.__state__.iri), field)
         found, seen = list[Term](), set[Term]()

@@ -1,4 +1,4 @@
-"""What an ontology and its shapes say about classes and properties, ready to become Python."""
+"""Schema of an ontology: its classes and properties with the constraints of its shapes."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Schema:
 
 
 class _Graph:
-    """Look-ups in a set of triples."""
+    """Index of a set of triples."""
 
     def __init__(self, triples: Triples) -> None:
         self._by: dict[tuple[Subject, str], list[Term]] = defaultdict(list)
@@ -151,12 +151,12 @@ def read_schema(
 
 
 def _public(iris: set[str]) -> set[str]:
-    """Return what is not marked as an aid, such as the reified relations of CORA."""
+    """Return the terms that are not auxiliary, as the reified relations of CORA are."""
     return {iri for iri in iris if not _local(iri).startswith("_")}
 
 
 def _hierarchy(graph: _Graph, iris: set[str]) -> dict[str, list[str]]:
-    """Return direct superclasses, without cycles and without what follows from others."""
+    """Return direct superclasses, without cycles and redundant ones."""
     above: dict[str, set[str]] = {iri: set() for iri in iris}
 
     def ancestors(iri: str) -> set[str]:

@@ -1,4 +1,4 @@
-"""The unit of work: one object for each IRI, and one transaction for all changes."""
+"""Sessions: units of work with one object for each IRI and one transaction for all changes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ M = TypeVar("M", bound=Model)
 
 
 class Session:
-    """Objects of one knowledge base as one agent sees and changes them.
+    """Unit of work of one agent on the objects of a knowledge base.
 
     As a context manager it writes all changes as one transaction when the block ends, and none
     if the block fails. A session belongs to one thread.
@@ -108,7 +108,7 @@ class Session:
             self.close()
 
     def close(self) -> None:
-        """Forget everything that was not written; objects can no longer be read or changed."""
+        """Discard unwritten changes; objects can no longer be read or changed."""
         if not self._closed:
             self._stop()
             self._closed = True
@@ -120,7 +120,7 @@ class Session:
         return Query(self, Plan(model, inferred=self.inferred))
 
     def get(self, model: type[M], name: str | NamedNode) -> M:
-        """Return the object of an IRI; asked twice, the same object.
+        """Return the object of an IRI; the same object for repeated calls.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class Session:
         return self.kb.query(text, inferred=self.inferred) is True
 
     def stated_by(self, instance: Model, name: str) -> list[tuple[object, str]]:
-        """Return who states what: each value of a field with the graph that holds it."""
+        """Return each value of a field with the graphs that state it."""
         field = type(instance).__fields__[name]
         quads = self.kb.match(NamedNode(instance.iri), NamedNode(field.iri))
         values = field.python(instance, [quad.object for quad in quads])
@@ -180,7 +180,7 @@ class Session:
     # Changing
 
     def add(self, instance: Model) -> None:
-        """Take a new object in, with all new objects that it points to."""
+        """Add a new object, with all new objects that it refers to."""
         self.check_open()
         state = instance.__state__
         if state.session is self:
@@ -221,7 +221,7 @@ class Session:
             self._deleted[instance] = None
 
     def annotate(self, instance: Model, name: str, value: object = None, **notes: object) -> None:
-        """Say something about one statement, such as ``confidence=0.8``.
+        """Annotate one statement, for instance with ``confidence=0.8``.
 
         Parameters
         ----------
@@ -293,11 +293,11 @@ class Session:
         return self.kb.access(self.agent).home()
 
     def refresh(self, instance: Model) -> None:
-        """Forget what was read about an object; unwritten changes stay."""
+        """Discard what was read about an object; unwritten changes stay."""
         instance.__state__.forget()
 
     def check_open(self) -> None:
-        """Refuse to go on after :meth:`close`."""
+        """Raise if the session is closed."""
         if self._closed:
             raise ClosedError("the session is closed; open another with kb.session()")
 

@@ -1,1 +1,1 @@
-"""RDF terms, namespaces, times and file formats."""
+"""RDF terms, namespaces, identifiers, documents and file formats."""

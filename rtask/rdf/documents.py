@@ -1,4 +1,4 @@
-"""Documents: files, bytes, standard input; unpacked while they are read."""
+"""Documents from files, bytes or standard input, decompressed while they are read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PACKINGS = (".gz", ".zst", ".zip")
 
 @dataclass(frozen=True)
 class Document:
-    """Something that can be read from its start, more than once.
+    """A document that can be read repeatedly from its start.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Document:
     data
         The bytes, where there is no file.
     on_read
-        Told how many bytes of it, packed as it lies there, have been read.
+        Called with the number of stored bytes read so far.
     max_unpacked
         Reading beyond so many bytes, unpacked, is an error.
     """
@@ -68,12 +68,12 @@ class Document:
 
     @property
     def stem(self) -> str:
-        """The file's name without packing and extension; ``data`` where there is no file."""
+        """The file's name without compression suffix and extension; ``data`` without a file."""
         return Path(self._unpacked_name).stem if self.path else "data"
 
     @property
     def extension(self) -> str:
-        """The extension, in lower case and without dot, behind any packing."""
+        """The extension before any compression suffix, in lower case and without dot."""
         return Path(self._unpacked_name).suffix.lower().lstrip(".") if self.path else ""
 
     @property
@@ -83,11 +83,11 @@ class Document:
 
     @property
     def size(self) -> int:
-        """Length in bytes as it lies there."""
+        """Stored length in bytes, compressed or not."""
         return self.path.stat().st_size if self.path else len(self.data)
 
     def open(self) -> IO[bytes]:
-        """Open the document for reading, unpacked, behind its byte order mark.
+        """Open the document for reading, decompressed and without its byte order mark.
 
         Raises
         ------
@@ -130,12 +130,12 @@ class Document:
         return archive.open(members[0])
 
     def sha256(self) -> str:
-        """Return the digest of the bytes as they lie there, 64 hexadecimal digits."""
+        """Return the SHA-256 digest of the stored bytes, 64 hexadecimal digits."""
         with self.path.open("rb") if self.path else io.BytesIO(self.data) as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
 
     def head(self) -> bytes:
-        """Return the first 4096 bytes, unpacked."""
+        """Return the first 4096 bytes, decompressed."""
         with self.open() as stream:
             return stream.read(_HEAD)
 
@@ -157,7 +157,7 @@ class Document:
 
 
 class _Limited(io.RawIOBase):
-    """Counts what is unpacked, so that a small file cannot fill the memory."""
+    """Limits the decompressed size, so that a small file cannot fill the memory."""
 
     def __init__(self, stream: IO[bytes], packed: IO[bytes], document: Document) -> None:
         self._stream = stream

@@ -1,4 +1,4 @@
-"""Serialisations: which one a document is written in, and its statements."""
+"""Serialisation formats: detect the format of a document and read its statements."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def statements(document: Document, form: Format, base: str | None = None) -> Ite
 
 
 def _readable(document: Document, form: Format) -> IO[bytes]:
-    """Return the document as something that the store's parser survives."""
+    """Return the document in a form that is safe for the store's parser."""
     if form.owl:
         return io.BytesIO(_owl_to_rdf_xml(document.text(), form.owl, document.name))
     if form.rdf == RdfFormat.RDF_XML:
@@ -218,7 +218,7 @@ def _owl_error(message: str, text: str, name: str) -> ParseError:
 
 
 def explain(error: Exception, document: Document, form: Format) -> ParseError:
-    """Return a parser's error with file, line and column."""
+    """Return a parser's error as one that names file, line and column."""
     line = getattr(error, "lineno", None)
     column = getattr(error, "offset", None)
     if line is None:
@@ -233,7 +233,7 @@ def explain(error: Exception, document: Document, form: Format) -> ParseError:
 
 
 def _locate(message: str, document: Document) -> tuple[int, int] | tuple[None, None]:
-    """Return where the text is that a message quotes, for parsers that do not say where.
+    """Return the position of the text that an error quotes, for parsers that report none.
 
     The first place; RDF/XML (and a prefix or IRI that is wrong is mostly wrong at once).
     """

@@ -1,4 +1,4 @@
-"""What the store's parsers cannot be trusted with is refused before they see it.
+"""Checks of documents that are dangerous for the store's parsers.
 
 They recurse on JSON-LD and on triple terms, expand XML entities without bound, and leave out,
 without a word, what a JSON-LD document says about an IRI that is none.
@@ -47,7 +47,7 @@ def check_json_depth(data: bytes, name: str) -> None:
 
 
 def check_json_iris(data: bytes, name: str) -> None:
-    """Refuse JSON-LD that names something by a text with characters no IRI may have (RFC 3987).
+    """Refuse JSON-LD identifiers with characters that no IRI may contain (RFC 3987).
 
     Looked at are values of ``@id``, of its aliases and of terms declared ``"@type": "@id"``.
 
@@ -165,7 +165,7 @@ def _check_depth(tokens: Iterator[bytes], openers: bytes, closers: bytes, name: 
 
 
 def check_xml(stream: IO[bytes], name: str) -> None:
-    """Read XML once for its form: line and column of errors, depth, entities.
+    """Check that XML is well-formed, not too deep and without dangerous entities.
 
     Raises
     ------

@@ -77,7 +77,7 @@ def local_name(iri: NamedNode | str) -> str:
 
 
 def values(iris: Iterable[NamedNode | str]) -> str:
-    """Return IRIs as the rows of a ``VALUES`` clause, sorted, so that equal sets read alike.
+    """Return IRIs as the rows of a ``VALUES`` clause, sorted so that equal sets give equal text.
 
     >>> values(["urn:b", "urn:a"])
     '<urn:a> <urn:b>'

@@ -1,4 +1,4 @@
-"""RDF terms: the store's own types, Python values in and out, and the form the store keeps.
+"""RDF terms: the store's types, conversion from and to Python values, and the stored form.
 
 The knowledge base speaks in pyoxigraph's terms. The store normalises literals when it takes them
 (``"01"^^xsd:integer`` becomes ``1``, every derived integer type ``xsd:integer``), so a delta, the
@@ -113,7 +113,7 @@ def object_term(value: Value) -> Term:
 
 
 def python_value(term: Term | None) -> object:
-    """Return a JSON-able Python value: IRIs and blank nodes as text, numbers and booleans native.
+    """Return a JSON-able Python value: IRIs and blank nodes as text, others natively.
 
     >>> python_value(literal(3)), python_value(iri("urn:mug")), python_value(None)
     (3, 'urn:mug', None)
@@ -141,7 +141,7 @@ def _literal_value(text: str, datatype: str) -> object:
 
 
 def is_ground(term: object) -> bool:
-    """Whether a term holds no blank node, also inside triple terms."""
+    """Whether a term contains no blank node, also inside triple terms."""
     if isinstance(term, BlankNode):
         return False
     if isinstance(term, Triple):
@@ -214,7 +214,7 @@ def prologue(prefixes: Mapping[str, str] | Iterable[tuple[str, str]]) -> str:
 
 
 def moment(value: dt.datetime | str | float | None) -> dt.datetime:
-    """Return a moment in UTC; text is ISO 8601, a number seconds since 1970, nothing long ago.
+    """Return a time in UTC from ISO 8601 text or seconds since 1970; ``LONG_AGO`` from nothing.
 
     >>> moment("2026-01-02T03:04:05Z").isoformat()
     '2026-01-02T03:04:05+00:00'

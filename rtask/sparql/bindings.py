@@ -15,7 +15,7 @@ Bindings: TypeAlias = Mapping[str, "Value | Sequence[Value]"]
 
 
 def bind(text: str, bindings: Bindings) -> str:
-    """Fix variables of a query: one ``VALUES`` for each at the start of its WHERE.
+    """Bind variables of a query by ``VALUES`` clauses at the start of its WHERE.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How much work a SPARQL text gives the store's planner, counted before the store sees it.
+"""Complexity limits of SPARQL texts, checked before the store's planner sees them.
 
 The planner is recursive and tries orders of joins: a hundred patterns take half a second, a
 thousand minutes, twenty thousand end the process. So texts are measured by their tokens; what is
@@ -30,7 +30,7 @@ _CLAUSES = {"BIND", "MINUS", "EXISTS", "SELECT"}
 
 
 def limit(name: str, value: int, allowed: int) -> None:
-    """Raise if a value is beyond what is allowed."""
+    """Raise if a value exceeds its limit."""
     if value > allowed:
         raise TooLargeError(
             f"too complex: {name} {value}, allowed {allowed}",

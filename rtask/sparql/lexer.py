@@ -1,4 +1,4 @@
-"""SPARQL text into tokens, without a parser (SPARQL 1.1 Query Language, 19.8).
+"""Lexical analysis of SPARQL texts within limits, without a parser.
 
 The store's own parser cannot be asked what it read, and very deep nesting ends the process that
 parses it. So the knowledge base reads tokens itself: linear in the text, no recursion.

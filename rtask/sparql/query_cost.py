@@ -1,4 +1,4 @@
-"""Which queries are quick, judged by their text alone.
+"""Estimate from its text whether a query is quick.
 
 Quick queries have readers of their own, so that a robot's look-up does not wait behind somebody's
 report. The judgement is a guess about how much of the store is read before the first solution, not

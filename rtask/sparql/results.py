@@ -1,4 +1,4 @@
-"""Answers of queries, read to the end: they may travel between threads.
+"""Results of queries, complete in memory and independent of the store.
 
 A live result of the store must be consumed in the thread that made it; elsewhere it ends the
 process. So nothing live leaves the knowledge base.
@@ -141,7 +141,7 @@ class Triples(Sequence[Triple]):
 
 
 def read_answer(kind: str, data: bytes) -> Solutions | bool | Triples:
-    """Return an answer that was written as SPARQL results in JSON, or as N-Triples."""
+    """Parse an answer in SPARQL results JSON or N-Triples."""
     if kind == "triples":
         quads = parse(data, format=RdfFormat.N_TRIPLES)
         return Triples(tuple(quad.triple for quad in quads))

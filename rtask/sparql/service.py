@@ -55,7 +55,7 @@ Search = Callable[..., Sequence[Hit]]
 
 
 def without_services(text: str) -> str:
-    """Return a query or pattern in which nothing calls out.
+    """Return a query or pattern without calls to other servers.
 
     >>> without_services("ASK { SERVICE SILENT <urn:x> { ?s ?p ?o } }")
     'ASK { {} }'
@@ -89,14 +89,14 @@ def without_services(text: str) -> str:
 
 @dataclass(frozen=True)
 class _Block:
-    """What a block asks for; values are tokens."""
+    """Request of a text service block, as tokens."""
 
     subject: Token
     given: dict[str, Token]
 
 
 def with_found_texts(text: str, search: Search) -> str:
-    """Return a query in which each text service is replaced by what it finds.
+    """Return a query with each text service replaced by its hits.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def _refusal(text: str, tokens: list[Token], message: str) -> QuerySyntaxError:
 
 
 def _string(token: Token) -> str:
-    """Return what a string token says."""
+    """Return the value of a string token."""
     mark = next(mark for mark in _STRING_MARKS if token.text.startswith(mark))
     inner = token.text[len(mark) : -len(mark)]
     pairs = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}

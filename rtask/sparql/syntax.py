@@ -1,4 +1,4 @@
-"""Is this SPARQL text well formed? Asked of the store's own parser, without evaluating it."""
+"""Syntax check of SPARQL texts with the store's own parser, without evaluation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _empty_store() -> Store:
 def syntax_error(
     error: Exception, what: str, text: str, skipped_lines: int = 0
 ) -> QuerySyntaxError:
-    """Return the store's complaint with line and column.
+    """Return the store's syntax error with line and column.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Quad templates of an update: parsed by the store's TriG parser, filled by solutions.
+"""Quad templates of updates: parsed by the store's TriG parser, instantiated by solutions.
 
 A variable becomes the IRI ``urn:rtask-var:NAME`` for the parser; lists, ``[ ]`` and annotations
 come out as quads (SPARQL 1.1 Update, 3.1.3).
@@ -58,7 +58,7 @@ def _as_trig(update: Update, block: Block) -> Iterator[str]:
 
 
 def _text(tokens: Sequence[Token]) -> str:
-    """Write tokens with a space where there was one, since ``- 1`` is no number."""
+    """Join tokens with the spaces between them, since ``- 1`` is not a number."""
     pieces: list[str] = []
     for before, token in itertools.pairwise([None, *tokens]):
         assert token is not None
@@ -77,7 +77,7 @@ def _token_text(kind: str, text: str) -> str:
 
 
 def resolve(name: str, prologue: str, base: str | None = None) -> NamedNode:
-    """Return the IRI that a token means under a prologue.
+    """Return the IRI of a token under a prologue.
 
     >>> resolve("x:cup", "PREFIX x: <urn:>")
     <NamedNode value=urn:cup>

@@ -1,4 +1,4 @@
-"""The outline of a SPARQL update: its operations, their targets, the spans of their blocks.
+"""Outline of a SPARQL update: its operations, their targets and the spans of their blocks.
 
 Recursive descent over the update grammar only (SPARQL 1.1 Update, 3). It need not refuse what the
 store's parser refuses, since that one has read the text before.

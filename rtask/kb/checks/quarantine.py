@@ -1,4 +1,4 @@
-"""Statements that contradict the rest: kept aside with the reason, until the cause is gone.
+"""Quarantine: statements set aside because they contradict the rest, each with its reason.
 
 The graph ``{base}graph/quarantine`` holds each statement as it was said, and beside it an
 ``rdf:Statement`` that names the graph it was meant for, the reason, and the commit that brought
@@ -35,7 +35,7 @@ _ROUNDS = 20
 
 @dataclass(frozen=True)
 class Quarantined:
-    """A statement that is kept aside.
+    """A statement in quarantine.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Quarantined:
 def set_aside(
     change: Overlay, inference: Inference, graphs: Graphs, seq: int
 ) -> tuple[Overlay, Staged, int]:
-    """Move what clashes from a pending change into the quarantine graph.
+    """Move contradictory statements from a pending change into the quarantine graph.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def set_aside(
 
 
 def _blamed(change: Overlay, clashes: Sequence[Any], inference: Inference) -> dict[Quad, str]:
-    """Return the added statements behind contradictions, with the first reason of each."""
+    """Return the added statements that cause contradictions, each with its first reason."""
     added: dict[TripleKey, list[Quad]] = {}
     for quad in change.added:
         if inference.is_input(quad.graph_name):
@@ -113,7 +113,7 @@ def _record(graphs: Graphs, node: NamedNode, quad: Quad, reason: str, seq: int) 
 
 
 def statements(store: GraphStore, graphs: Graphs) -> list[Quarantined]:
-    """Return what is kept aside, in the order of the commits."""
+    """Return the statements in quarantine, in the order of their commits."""
     here = graphs.quarantine
     found = []
     for quad in store.quads_for_pattern(None, RDF_TYPE, _STATEMENT, here):
@@ -135,7 +135,7 @@ def _number(node: NamedNode) -> tuple[int, ...]:
 def reinstate(
     overlay: Overlay, graphs: Graphs, nodes: Iterable[str] | None, drop: bool, access: Access
 ) -> None:
-    """Put statements back into their graphs, or with ``drop`` forget them, in a pending change.
+    """Return statements to their graphs in a pending change, or delete them with ``drop``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How much a knowledge base holds."""
+"""Counts of statements, graphs and commits in a knowledge base."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _COUNT_BY_GRAPH = "SELECT ?g (COUNT(*) AS ?n) { GRAPH ?g { ?s ?p ?o } } GROUP BY
 
 
 def collect(kb: Reading) -> dict[str, Any]:
-    """Count.
+    """Return the counts of a knowledge base.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""SHACL on write: the nodes that a change touches have the shape that they should.
+"""SHACL validation of the nodes that a commit touches, or of all data.
 
 Only shapes whose targets the touched nodes are, and only the statements that those shapes look at,
 are handed to the validator; so the cost follows the change and not the store.
@@ -66,7 +66,7 @@ class Violation:
 
 
 def policy(validate: bool | str) -> str:
-    """Return what is done about violations: ``off``, ``warn`` or ``refuse``.
+    """Return how violations are handled: ``off``, ``warn`` or ``refuse``.
 
     >>> policy(True), policy("warn")
     ('refuse', 'warn')
@@ -79,7 +79,7 @@ def policy(validate: bool | str) -> str:
 
 @dataclass(frozen=True)
 class Shape:
-    """One node shape: whom it concerns, and all statements that define it."""
+    """A node shape: its targets, and all statements that define it."""
 
     targets: frozenset[tuple[str, Term]]
     definition: tuple[TripleKey, ...]
@@ -87,7 +87,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Shapes:
-    """The node shapes of some files.
+    """Node shapes, indexed by their targets.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Shapes:
     objects_of: frozenset[NamedNode]
 
     def of(self, roles: set[tuple[str, Term]]) -> list[TripleKey]:
-        """Return the definitions of the shapes that concern nodes in these roles."""
+        """Return the definitions of the shapes that target nodes in these roles."""
         chosen = (shape for shape in self.shapes if not shape.targets.isdisjoint(roles))
         return list(dict.fromkeys(line for shape in chosen for line in shape.definition))
 
@@ -113,7 +113,7 @@ class Shapes:
 
 @lru_cache(maxsize=8)
 def read_shapes(files: tuple[Path, ...]) -> Shapes:
-    """Read shapes and find out what each concerns."""
+    """Read shapes from files and index them by target."""
     about: dict[Term, list[TripleKey]] = {}
     for path in files:
         for quad in parse(path=path, rename_blank_nodes=True):
@@ -133,7 +133,7 @@ def read_shapes(files: tuple[Path, ...]) -> Shapes:
 
 
 def _definition(node: Term, about: dict[Term, list[TripleKey]]) -> Iterator[TripleKey]:
-    """Yield the statements on a shape and on everything it refers to."""
+    """Yield the statements about a shape and about everything it refers to."""
     waiting, seen = [node], {node}
     while waiting:
         for line in about.get(waiting.pop(), ()):
@@ -158,7 +158,7 @@ def _links(about: dict[Term, list[TripleKey]]) -> Iterator[NamedNode]:
 
 
 class Validator:
-    """Holds changes of one knowledge base against the shapes that come with the ontology.
+    """Checks changes of one knowledge base against the shapes that come with the ontology.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class Validator:
         self._refuse = refuse
 
     def check(self, change: Overlay, derived: Overlay) -> tuple[Violation, ...]:
-        """Validate what a change touches, as it would be after it.
+        """Validate the nodes that a pending change touches, as they would be after it.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Validator:
 
 
 def refuse(found: Iterable[Violation]) -> None:
-    """Raise if there is a result of severity Violation."""
+    """Raise if any result has severity Violation."""
     bad = [one for one in found if one.severity == "Violation"]
     if not bad:
         return
@@ -253,7 +253,7 @@ def run(
 
 
 class _View:
-    """Statements as they would be after a change: of all graphs, or of one."""
+    """View of the statements after a pending change, in all graphs or in one."""
 
     def __init__(self, change: Overlay, graph: GraphName | None) -> None:
         self._change = change
@@ -291,7 +291,7 @@ class _View:
         yield from (key for key in self._by_object.get(node, ()) if key[1] in links)
 
     def touched(self, links: frozenset[NamedNode]) -> list[Subject]:
-        """Return the nodes whose shape the change may concern, within a bound."""
+        """Return the nodes that the change may make invalid, up to a bound."""
         changed = [*self._change.added, *self._change.removed]
         nodes: dict[Any, None] = {}
         for quad in changed:
@@ -313,7 +313,7 @@ class _View:
         return list(nodes)
 
     def roles(self, node: Subject, objects_of: Iterable[NamedNode]) -> set[tuple[str, Term]]:
-        """Return the targets that a node belongs to."""
+        """Return the shape targets that a node matches."""
         roles: set[tuple[str, Term]] = {("targetNode", node)}
         for _, predicate, value in self.about(node):
             roles.add(("targetSubjectsOf", predicate))
@@ -336,7 +336,7 @@ class _View:
         return found
 
     def around(self, focus: Iterable[Subject], objects_of: Iterable[NamedNode]) -> set[TripleKey]:
-        """Return the statements that shapes of these nodes look at, with classes of values."""
+        """Return the statements that shapes of these nodes examine, with the classes of values."""
         kept = {key for node in focus for key in self.pointing_at(node, objects_of)}
         edge: set[Any] = set(focus)
         done: set[Any] = set()

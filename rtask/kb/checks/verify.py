@@ -1,4 +1,4 @@
-"""Is everything as it should be? Derived data against a recount, blobs against their digests."""
+"""Consistency check: compare derived data with a recount, and blobs with their digests."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ _DAY_S = 86_400.0
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as it should be.
+    """An inconsistency that the check found.
 
     Parameters
     ----------
     severity
-        ``error``, or ``note`` for what costs room only.
+        ``error``, or ``note`` for what only wastes space.
     part
         One of :data:`PARTS`.
     detail
-        What was found.
+        Description of the inconsistency.
     """
 
     severity: str
@@ -51,15 +51,15 @@ def verify(
     repair: bool = False,
     parts: Collection[str] = PARTS,
 ) -> list[Finding]:
-    """Compare what is derived with what it is derived from.
+    """Compare derived data with their sources.
 
     Parameters
     ----------
     repair
-        Put right what follows from the graph: union, catalogue, closure, index. Lost bytes stay
-        lost.
+        Rebuild what follows from the graph: union, catalogue, closure, index. Lost bytes cannot be
+        restored.
     parts
-        Only these.
+        Parts to check.
     """
     findings: list[Finding] = []
     if "journal" in parts:

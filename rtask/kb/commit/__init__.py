@@ -1,1 +1,1 @@
-"""Writing: transactions, rights, exact deltas, conclusions and commits."""
+"""Writing: transactions, access rights, exact deltas, inference and commits."""

@@ -1,4 +1,4 @@
-"""Who may write which graph. Decided on the exact delta, before anything is stored."""
+"""Access rights: which caller may write which graph, decided on the exact delta of a commit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 @dataclass(frozen=True)
 class Access:
-    """One caller's rights.
+    """Rights of one caller.
 
     Parameters
     ----------

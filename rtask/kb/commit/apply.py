@@ -1,4 +1,4 @@
-"""One commit into the store, wholly or not at all.
+"""Apply one commit to the store atomically.
 
 The store offers no transaction object, but ``extend`` and a whole ``update`` request are atomic:
 readers and a killed process see all of it or nothing.
@@ -23,7 +23,7 @@ _PARTS = (("s", "subject"), ("p", "predicate"), ("o", "object"), ("g", "graph_na
 
 @dataclass(frozen=True)
 class Writes:
-    """Everything that one commit changes in the store."""
+    """All changes that one commit makes to the store."""
 
     removed: Sequence[Quad] = ()
     added: Sequence[Quad] = ()
@@ -35,7 +35,7 @@ class Writes:
         object.__setattr__(self, "graphs_of_added", frozenset(q.graph_name for q in self.added))
 
     def only_adds(self) -> bool:
-        """Whether ``extend`` can do it alone; it creates the graphs of its quads."""
+        """Whether ``extend`` suffices; it creates the graphs of its quads."""
         return (
             not self.removed
             and not self.dropped
@@ -56,7 +56,7 @@ def apply(store: GraphStore, writes: Writes) -> None:
 
 
 def as_update(writes: Writes) -> tuple[list[str], Functions]:
-    """Return the change as update operations, with the functions that they call.
+    """Return the change as update operations, with the custom functions that they call.
 
     Statements with blank nodes go through functions that return the terms: as text, INSERT DATA
     would rename them and DELETE DATA could not name them.

@@ -1,4 +1,4 @@
-"""Statements beyond the size of a commit, e.g. of a large file.
+"""Bulk loads: more statements than a commit may hold, e.g. of a large file.
 
 They go into the store in one atomic step between two checkpoints; a commit for what follows from
 them comes right after. A mark in the folder says that such a step is under way, so that an open
@@ -32,7 +32,7 @@ _MARK = "loading.json"
 
 @dataclass(frozen=True)
 class TripleText:
-    """A document that the store reads by itself: triples without blank nodes.
+    """A document that the store parses itself: triples without blank nodes.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def bulk_add(
     graph: GraphName,
     request: Request,
 ) -> int:
-    """Add statements; return how many the inferred graph then holds more.
+    """Add statements; return how many the inferred graph gained.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _add_quads(
 
 
 def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -> Commit:
-    """Derive everything anew; one commit of the difference.
+    """Recompute the inferred graph and commit the difference.
 
     What is missing beyond the size of a commit goes into the store right away. That is as good as
     atomic: until the commit, the catalogue says that the inferred graph is behind.
@@ -148,7 +148,7 @@ def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -
 
 
 def _with_copies(quads: Iterable[Quad], merged: bool) -> Iterator[Quad]:
-    """Yield each statement, and its copy for the union; the store keeps one of equal ones."""
+    """Yield each statement and its copy for the union; the store ignores duplicates."""
     for quad in quads:
         yield quad
         if merged:
@@ -156,7 +156,7 @@ def _with_copies(quads: Iterable[Quad], merged: bool) -> Iterator[Quad]:
 
 
 def complete(writer: Writer, files: Files, inference: Inference | None, access: Access) -> bool:
-    """Finish what a crash interrupted; whether there was anything."""
+    """Complete a bulk load that a crash interrupted; return whether there was one."""
     mark = _mark_file(files)
     if mark is None or not mark.exists():
         return False

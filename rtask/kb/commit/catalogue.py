@@ -1,4 +1,4 @@
-"""What the knowledge base records about its own commits.
+"""Catalogue of graphs and commits, kept in the meta and provenance graphs.
 
 One ``rt:WriteActivity`` for each commit (PROV-O), and in the catalogue of graphs each graph's
 class, owner, last commit and number of triples; written in the same commit as the change itself.
@@ -49,7 +49,7 @@ _ACTIVITY_TYPES = (iri(_RT + "WriteActivity"), iri(_PROV + "Activity"))
 
 @dataclass(frozen=True)
 class CommitRecord:
-    """What a commit says about itself.
+    """Record of one commit.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class CommitRecord:
 
 @dataclass(frozen=True)
 class GraphFacts:
-    """What is known of a commit's graphs beyond its statements.
+    """Properties of a commit's graphs that its statements do not tell.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class _Entry:
 
 @dataclass
 class Catalogue:
-    """The catalogue of graphs, mirrored in memory so that a commit need not read it."""
+    """The catalogue, mirrored in memory so that a commit need not read it."""
 
     store: GraphStore
     graphs: Graphs
@@ -112,7 +112,7 @@ class Catalogue:
         self.refresh()
 
     def refresh(self) -> None:
-        """Read the catalogue anew."""
+        """Read the catalogue from the store again."""
         self._entries.clear()
         for quad in self.store.quads_for_pattern(None, None, None, self.graphs.meta):
             graph = quad.subject
@@ -173,7 +173,7 @@ class Catalogue:
         commit: CommitRecord,
         facts: GraphFacts,
     ) -> Overlay:
-        """Return what the meta and provenance graphs gain and lose with a commit.
+        """Return the change that a commit makes to the meta and provenance graphs.
 
         Parameters
         ----------
@@ -296,7 +296,7 @@ class Catalogue:
             notes.removed[Quad(inferred, _COMMIT_NUMBER, literal(known), self.graphs.meta)] = None
 
     def apply(self, notes: Overlay) -> None:
-        """Take over what was recorded, after it has been stored."""
+        """Update the mirror after the record has been stored."""
         for quad in notes.removed:
             if quad.graph_name == self.graphs.meta and quad.predicate == _COMMIT_NUMBER:
                 assert isinstance(quad.subject, NamedNode)

@@ -1,4 +1,4 @@
-"""From a pending change to a stored commit: rights, conclusions, records, journal, store.
+"""Turn a pending change into a stored commit: rights, inference, records, journal, store.
 
 Everything is decided before anything is stored, and stored in one atomic step.
 """
@@ -41,7 +41,7 @@ MAX_QUADS = 200_000
 
 @dataclass(frozen=True)
 class Commit:
-    """What a write did.
+    """Result of a write.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Request:
-    """Who writes, and under which conditions.
+    """Author and conditions of a commit.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Committer:
     quarantines: bool = False
 
     def commit(self, change: Overlay, request: Request) -> Change:
-        """Store a change wholly, with what follows from it, or raise and store nothing."""
+        """Store a change with its consequences, or raise and store nothing."""
         if self.interrupted:
             raise StoreError("a write was interrupted; open the knowledge base again")
         if self.store.is_stuck:
@@ -266,7 +266,7 @@ class Committer:
     def _closure_state(
         self, change: Overlay, staged: Staged | None, request: Request
     ) -> bool | None:
-        """Whether the inferred graph fits after this commit; ``None`` if this does not matter."""
+        """Whether the inferred graph is current after this commit; ``None`` if irrelevant."""
         if staged is not None or (request.trusted and self.inference is not None):
             return True
         touched = change.touched_graphs() | request.recount

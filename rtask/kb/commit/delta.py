@@ -1,4 +1,4 @@
-"""The exact change that a SPARQL update makes, before anything is stored.
+"""Compute the exact change of a SPARQL update before anything is stored.
 
 Templates are filled with the solutions of each WHERE; what earlier operations of the request
 changed is seen by later ones through a dry run, an update that is made to fail (SPARQL 1.1
@@ -41,7 +41,7 @@ _UNBOUND = NamedNode(f"urn:rtask-dry:{_SECRET}:unbound")
 
 @dataclass(frozen=True)
 class UpdateDataset:
-    """What an update reads when its own text says nothing.
+    """Dataset of an update whose own text names none.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def evaluate_update(
     total: NetChange,
     whole: NetChange,
 ) -> None:
-    """Carry out an update on a store of one's own, operation by operation.
+    """Execute an update on a private store, operation by operation.
 
     Parameters
     ----------
@@ -174,14 +174,14 @@ def _checked(text: str, dataset: UpdateDataset) -> Update:
 
 
 class _Meter:
-    """Counts what templates make, before it is kept."""
+    """Counts the statements that templates produce, before they are kept."""
 
     def __init__(self, limits: UpdateLimits | None = None) -> None:
         self._limits = limits
         self._statements = self._bytes = 0
 
     def solutions(self, rows: Iterable[Any]) -> Iterator[Any]:
-        """Yield the solutions of one WHERE as long as there are not too many."""
+        """Yield the solutions of a WHERE clause, up to the limit."""
         limits = self._limits
         for number, row in enumerate(rows):
             if limits is not None and number >= limits.solutions:
@@ -189,7 +189,7 @@ class _Meter:
             yield row
 
     def quads(self, quads: Iterable[Quad]) -> Iterator[Quad]:
-        """Yield statements as long as they are not too many or too long."""
+        """Yield statements, up to the limits of number and length."""
         limits = self._limits
         if limits is None:
             yield from quads
@@ -412,7 +412,7 @@ class _Runner:
             self.overlay.clear(graph, drop)
 
     def _targets(self, operation: Operation) -> list[GraphName]:
-        """Return the graphs that CLEAR or DROP means; ALL and NAMED = all the caller may write."""
+        """Return the graphs of CLEAR or DROP; of ALL and NAMED, those that the caller may write."""
         target = operation.target
         assert target is not None
         if target.scope in ("GRAPH", "DEFAULT"):
@@ -471,7 +471,7 @@ class _Runner:
 def _scope(
     default: Sequence[NamedNode] | None, named: Sequence[NamedNode] | None
 ) -> tuple[str, str]:
-    """Return the WITH or USING text for a dataset."""
+    """Return the WITH or USING clause of a dataset."""
     if default is None:
         return "", ""
     if named is None and len(default) == 1:

@@ -1,4 +1,4 @@
-"""Statements that hold until a moment: withdrawn within a second after it, as a commit."""
+"""Expiry: withdraw statements within a second of the end of their validity, as a commit."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAX_EXPIRED = 10_000
 
 
 class Expiry:
-    """Watches the moments in one knowledge base; a thread where there are any.
+    """Withdraws the expired statements of one knowledge base, in a thread if there are any.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ class Expiry:
         self._closed = False
 
     def start(self) -> None:
-        """Find the moments that are in the store."""
+        """Read the expiry times in the store."""
         self._note(list(self._store.quads_for_pattern(None, VALID_UNTIL, None, None)))
 
     def announce(self, change: Change) -> None:
-        """Note the moments that a commit states."""
+        """Take note of the expiry times in a commit."""
         self._note([quad for quad in change.added if quad.predicate == VALID_UNTIL])
 
     def _note(self, quads: list[Quad]) -> None:
@@ -90,7 +90,7 @@ class Expiry:
                 _log.exception("what has expired could not be withdrawn")
 
     def expire(self) -> int:
-        """Withdraw what has expired, in one commit; return how many statements."""
+        """Withdraw expired statements in one commit; return how many."""
         now = dt.datetime.now(dt.UTC)
         overlay = self._writer.begin()
         try:
@@ -128,7 +128,7 @@ class Expiry:
         return count
 
     def close(self) -> None:
-        """End the thread; a commit that is being made is finished."""
+        """Stop the thread after its current commit."""
         with self._changed:
             self._closed = True
             self._changed.notify()

@@ -1,4 +1,4 @@
-"""The reasoner beside the store: what follows from a change, found before the change is stored."""
+"""Inference: derive the consequences of a change before it is stored."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Staged(Protocol):
     contradictions: list[Any]
 
     def apply(self) -> None:
-        """Make it visible, after the store's commit."""
+        """Make the derivation visible, after the store's commit."""
 
     def discard(self) -> None:
-        """Forget it."""
+        """Discard the derivation."""
 
 
 class Inference:
@@ -58,7 +58,7 @@ class Inference:
         self._closure: Any = None
 
     def closure(self) -> Any:
-        """Return the closure of what the store asserts."""
+        """Return the closure of the asserted statements."""
         if self._closure is None:
             self._closure = self._build()
         return self._closure
@@ -86,15 +86,15 @@ class Inference:
         return closure
 
     def forget(self) -> None:
-        """Build the closure anew when it is needed next."""
+        """Discard the closure; it is rebuilt when it is next needed."""
         self._closure = None
 
     def is_input(self, graph: GraphName) -> bool:
-        """Whether conclusions are drawn from a graph."""
+        """Whether the reasoner reads a graph."""
         return self._graphs.is_input(graph)
 
     def stage(self, change: Overlay) -> tuple[Overlay, Staged]:
-        """Return what the inferred graph gains and loses with a change.
+        """Return the statements that a change adds to and removes from the inferred graph.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Inference:
         return derived, staged
 
     def try_stage(self, change: Overlay) -> tuple[Overlay, Staged | None, list[Any]]:
-        """As `stage`; without a staged closure but with contradictions where there are some."""
+        """Like :meth:`stage`, but return contradictions instead of raising."""
         closure = self.closure()
         gained, lost = input_change(change, self._graphs.is_input)
         staged = _stage(closure, gained, lost)
@@ -124,7 +124,7 @@ class Inference:
         return derived, staged, []
 
     def inconsistent(self, contradictions: Sequence[Any]) -> InconsistentError:
-        """Return the error that says what clashes."""
+        """Return the error that lists the contradictions."""
         message = contradictions[0].message
         more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
         hint = ""
@@ -136,7 +136,7 @@ class Inference:
         )
 
     def _describe(self, contradiction: Any) -> dict[str, Any]:
-        """Return a contradiction as JSON-able values; graphs say whose statements it meets."""
+        """Return a contradiction as JSON-able values, with the graphs of its statements."""
         culprits: list[TripleKey] = [*contradiction.culprits()]
         return {
             "rule": contradiction.rule,
@@ -157,7 +157,7 @@ class Inference:
         return sorted(name.value for name in names if isinstance(name, NamedNode))
 
     def difference(self) -> tuple[Iterator[Quad], list[Quad]]:
-        """Build the closure anew; return what the inferred graph lacks, and holds too much."""
+        """Rebuild the closure; return what the inferred graph lacks and what it has in excess."""
         self.forget()
         closure, graph = self.closure(), self._graphs.inferred
         found = self._store.quads_for_pattern(None, None, None, graph)

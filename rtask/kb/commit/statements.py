@@ -1,4 +1,4 @@
-"""What is said about single statements: confidence, validity, source (RDF 1.2, reifiers).
+"""Annotations of single statements: confidence, validity and source (RDF 1.2 reifiers).
 
 A reifier is an IRI that names a statement of one graph: ``<r> rdf:reifies <<( s p o )>>``, with
 ``rt:confidence``, ``rt:validUntil``, ``prov:wasDerivedFrom`` and, once it is withdrawn,
@@ -58,7 +58,7 @@ _STAMP = NamedNode("http://www.w3.org/2001/XMLSchema#dateTimeStamp")
 
 @dataclass(frozen=True)
 class Annotation:
-    """What one graph says about a statement.
+    """Annotations of a statement in one graph.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Annotation:
 
 
 def stamp(value: dt.datetime | str) -> Literal:
-    """Return a moment as the ontology wants it; a time zone is needed."""
+    """Return a time as a literal of the ontology; it must have a time zone."""
     text = moment(value).isoformat().replace("+00:00", "Z")
     kept = stored(Literal(text, datatype=_STAMP))
     assert isinstance(kept, Literal)
@@ -93,7 +93,7 @@ def notes(
     valid_until: dt.datetime | str | None = None,
     source: NamedNode | str | None = None,
 ) -> dict[NamedNode, Term]:
-    """Return what is to be said, by property.
+    """Return the annotations to write, by property.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def notes(
 
 
 def reifier_of(base: str, quad: Quad) -> NamedNode:
-    """Return the IRI that stands for a statement of a graph; always the same one."""
+    """Return the IRI of a statement's reifier; always the same for a statement of a graph."""
     key = f"{written(_triple(quad))} {quad.graph_name}"
     return NamedNode(f"{base}statement/{hashlib.sha256(key.encode()).hexdigest()[:32]}")
 
@@ -123,12 +123,12 @@ def _triple(quad: Quad) -> Triple:
 
 
 def reification(reifier: NamedNode, quad: Quad) -> Quad:
-    """Return the quad that ties a reifier to its statement."""
+    """Return the quad that links a reifier to its statement."""
     return Quad(reifier, REIFIES, _triple(quad), quad.graph_name)
 
 
 def reifiers(store: GraphStore, key: TripleKey, graph: GraphName | None = None) -> Iterator[Quad]:
-    """Yield the quads that name a statement."""
+    """Yield the reification quads of a statement."""
     yield from store.quads_for_pattern(None, REIFIES, Triple(*key), graph)
 
 
@@ -161,7 +161,7 @@ def _number(term: Term | None) -> float | None:
 
 
 def when(term: Term | None) -> dt.datetime | None:
-    """Return the moment of a literal; ``None`` if it is none."""
+    """Return the time of a literal; ``None`` if it is not a time."""
     if not isinstance(term, Literal):
         return None
     try:

@@ -1,4 +1,4 @@
-"""A transaction: several changes that become one commit, or nothing.
+"""Transactions: several changes that become one commit, or none.
 
 The writer's lock is held from entering to leaving the block: what is read inside cannot change
 before the commit. Do slow work before.
@@ -37,7 +37,7 @@ __all__ = ["Transaction"]
 
 
 class Transaction:
-    """One commit in the making; made by :meth:`KnowledgeBase.transaction`.
+    """A pending commit; created by :meth:`KnowledgeBase.transaction`.
 
     Examples
     --------
@@ -59,14 +59,14 @@ class Transaction:
 
     @property
     def commit(self) -> Commit:
-        """What was stored; known once the block has been left."""
+        """The stored commit, available after the ``with`` block."""
         if self._commit is None:
             raise UsageError("the transaction has not been committed")
         return self._commit
 
     @property
     def home(self) -> GraphName:
-        """The graph of statements that name none."""
+        """The graph of statements added without a graph."""
         return self._request.access.home()
 
     def __enter__(self) -> Self:
@@ -110,14 +110,14 @@ class Transaction:
         value
             A term, or a Python value that becomes a literal.
         graph
-            Where; the caller's own graph if it is not given.
+            Target graph; the caller's own graph if not given.
         confidence
-            In [0, 1]; said about the statement, as ``valid_until`` and ``source``, on its reifier.
-            Saying it again replaces what was said.
+            In [0, 1]; an annotation on the statement's reifier, like ``valid_until`` and
+            ``source``. It replaces an earlier one.
         valid_until
-            The statement is withdrawn then.
+            When the statement is to be withdrawn.
         source
-            IRI of what it was derived from.
+            IRI of what the statement was derived from.
         """
         quad = self._quad(subject, predicate, value, graph)
         self._pending().add(quad)
@@ -160,7 +160,7 @@ class Transaction:
         return stored_quad(Quad(subject_term(subject), iri(predicate), object_term(value), where))
 
     def add_quads(self, quads: Iterable[Quad], graph: NamedNode | str | None = None) -> None:
-        """Assert many statements; those of the default graph go to ``graph`` or the own one."""
+        """Assert many statements; those of the default graph go to ``graph`` or :attr:`home`."""
         pending = self._pending()
         where = self.home if graph is None else iri(graph)
         for quad in quads:

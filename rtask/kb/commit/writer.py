@@ -1,4 +1,4 @@
-"""One writer at a time: the lock, the commit, its durability, and telling others.
+"""Serialised writing: the lock, the commit, its durability and its announcement.
 
 The lock is released before the journal is forced to disk, so that commits of several threads
 share one fsync (early lock release, Johnson et al. 2010, "Aether"); a commit is acknowledged and
@@ -30,9 +30,9 @@ class Writer:
     Parameters
     ----------
     committer
-        Decides and stores.
+        Checks and stores changes.
     checkpoints
-        Of a folder; ``None`` in memory.
+        Checkpoints of the folder; ``None`` in memory.
     """
 
     def __init__(self, committer: Committer, checkpoints: Checkpoints | None = None) -> None:
@@ -60,7 +60,7 @@ class Writer:
         return Overlay(self.committer.store)
 
     def cancel(self) -> None:
-        """Drop the change and release the lock."""
+        """Discard the change and release the lock."""
         self._inside = False
         self._lock.release()
 
@@ -84,14 +84,14 @@ class Writer:
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Keep writers out, e.g. for a checkpoint."""
+        """Exclude writers, e.g. during a checkpoint."""
         with self._lock:
             if self._inside:
                 raise UsageError("not inside a transaction")
             yield
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call ``listener`` after each commit; return a function that ends it."""
+        """Call ``listener`` after each commit; return a function that stops this."""
         self._listeners.append(listener)
 
         def stop() -> None:

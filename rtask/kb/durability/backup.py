@@ -1,4 +1,4 @@
-"""Backup and restore: a folder that can be opened by itself, made while others read and write."""
+"""Backup to a folder that can be opened by itself, while others read and write; restore."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FILE = "backup.json"
 
 
 def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
-    """Copy an open knowledge base; writers wait a moment, readers do not.
+    """Copy an open knowledge base; writers wait briefly, readers do not.
 
     The copy is opened and counted before it counts as complete.
 
@@ -105,7 +105,7 @@ def _count(folder: Path) -> int:
 
 
 def check(source: Path) -> dict[str, Any]:
-    """Return the record of a backup whose store, journal and blobs are whole.
+    """Return the record of a backup after checking that its store, journal and blobs are complete.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def check(source: Path) -> dict[str, Any]:
 
 
 def restore(source: Path, target: Path) -> dict[str, Any]:
-    """Make a knowledge base from a backup; it gets a new epoch and knows where it comes from.
+    """Create a knowledge base from a backup, with a new epoch and a record of its origin.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Byte strings that the graph names by their digest: images, clouds, meshes.
+"""Blob store: byte strings that the graph names by digest, such as images, clouds and meshes.
 
 A blob is durable before any statement may name it: temporary file, hash while writing, fsync,
 rename, fsync of the folder.
@@ -31,7 +31,7 @@ _CHUNK = 1 << 20
 
 
 def digest_of(term: NamedNode | str) -> str | None:
-    """Return the digest that a blob's IRI names, or ``None`` if it names no blob.
+    """Return the digest in a blob's IRI, or ``None`` for another IRI.
 
     >>> digest_of("urn:sha256:" + "0" * 64) == "0" * 64, digest_of("urn:mug")
     (True, None)
@@ -42,7 +42,7 @@ def digest_of(term: NamedNode | str) -> str | None:
 
 @dataclass(frozen=True)
 class Blob:
-    """One stored byte string.
+    """A stored byte string.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Blob:
 
     @property
     def iri(self) -> NamedNode:
-        """The name of the blob in the graph."""
+        """IRI of the blob in the graph."""
         return NamedNode(PREFIX + self.sha256)
 
     def statements(self) -> list[TripleKey]:
@@ -75,7 +75,7 @@ class Blob:
 
 
 class BlobStore:
-    """Content-addressed files below one folder; in memory where there is no folder."""
+    """Content-addressed files below one folder, or in memory."""
 
     def __init__(self, folder: Path | None, writable: bool = True) -> None:
         self._folder = folder
@@ -87,7 +87,7 @@ class BlobStore:
     def put(
         self, data: bytes | Path | BinaryIO, media_type: str = "application/octet-stream"
     ) -> Blob:
-        """Store bytes, the content of a file, or a stream; known bytes are stored once.
+        """Store bytes, the content of a file or a stream; equal content is stored once.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class BlobStore:
         return self._folder / digest[:2] / digest[2:4] / digest
 
     def has(self, name: NamedNode | str) -> bool:
-        """Whether the bytes of this IRI are here."""
+        """Whether the bytes of this IRI are stored."""
         digest = digest_of(name)
         if digest is None:
             return False
@@ -186,7 +186,7 @@ class BlobStore:
             yield file.name
 
     def discard(self, digest: str, older_than_s: float) -> bool:
-        """Delete a blob that was put long enough ago; whether it was."""
+        """Delete a blob if it was stored long enough ago; return whether it was deleted."""
         if self._folder is None:
             return older_than_s <= 0 and self._memory.pop(digest, None) is not None
         file = self._place(digest)
@@ -196,7 +196,7 @@ class BlobStore:
         return True
 
     def is_sound(self, digest: str) -> bool:
-        """Whether the bytes still have the digest that they are filed under."""
+        """Whether the stored bytes still match their digest."""
         found = hashlib.sha256()
         with self.open(PREFIX + digest) as file:
             for chunk in iter(lambda: file.read(_CHUNK), b""):
@@ -205,7 +205,7 @@ class BlobStore:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable."""
+    """Make the directory entries of a folder durable."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""A knowledge base on disk: its files, opened and closed in order.
+"""Files of a knowledge base, opened and closed in order.
 
 ::
 
@@ -30,7 +30,7 @@ __all__ = ["Files", "find", "make", "open_for_reading", "open_for_writing", "ope
 
 @dataclass
 class Files:
-    """What an open knowledge base holds on to.
+    """Open files of a knowledge base.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Files:
     last_seq: int = 0
 
     def close(self, seq: int) -> None:
-        """Make everything durable, then let the files go."""
+        """Make everything durable and release the files."""
         try:
             if self.checkpoints is not None and self.store.is_open and not self.store.is_stuck:
                 self.checkpoints.make(seq, clean=True)
@@ -56,7 +56,7 @@ class Files:
             self.abandon()
 
     def abandon(self) -> None:
-        """Let the files go as they are."""
+        """Release the files as they are."""
         if isinstance(self.journal, JournalFile):
             self.journal.close()
         self.store.close()
@@ -65,7 +65,7 @@ class Files:
 
 
 def find(folder: Path, mode: str) -> Settings | None:
-    """Return the settings of a knowledge base, ``None`` where one may be made.
+    """Return the settings of a knowledge base, or ``None`` where one may be created.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def _is_kept(path: Path) -> bool:
 
 
 def make(folder: Path, settings: Settings) -> None:
-    """Make a folder that holds nothing but its settings."""
+    """Create a folder that contains only its settings."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         settings.save(folder)
@@ -98,12 +98,12 @@ def make(folder: Path, settings: Settings) -> None:
 
 
 def open_in_memory(settings: Settings) -> Files:
-    """Open a knowledge base that ends with the process."""
+    """Open a knowledge base in memory."""
     return Files(settings, GraphStore(Store()), BlobStore(None), NoJournal())
 
 
 def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
-    """Open a folder, replaying the journal if it was not closed in order."""
+    """Open a folder for writing; replay the journal if it was not closed properly."""
     lock = _lock(folder, shared=False)
     journal = JournalFile(folder / "journal", durable)
     try:
@@ -119,7 +119,7 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
 
 
 def open_for_reading(folder: Path, settings: Settings) -> Files:
-    """Open a folder beside other readers."""
+    """Open a folder for reading, together with other readers."""
     lock = _lock(folder, shared=True)
     try:
         require_clean(folder)

@@ -1,4 +1,4 @@
-"""The journal: every commit as text, on disk before it is acknowledged.
+"""Journal: every commit as text, on disk before it is acknowledged.
 
 A record is a JSON line, then ``D`` and ``A`` lines, one N-Quads statement each, with the store's
 own blank node labels. Segments are named after the first commit they hold. Derived copies (the
@@ -37,7 +37,7 @@ _KEPT_S = 30 * 86_400
 
 @dataclass(frozen=True)
 class Record:
-    """One commit, read back.
+    """A commit read from the journal.
 
     Parameters
     ----------
@@ -73,33 +73,33 @@ class Record:
 
 
 class Journal(Protocol):
-    """Where commits are recorded before they are stored."""
+    """Interface of journals."""
 
     def append(self, record: CommitRecord, change: Overlay) -> None:
-        """Write one commit's record; not durable yet."""
+        """Write the record of a commit, not yet durably."""
 
     def withdraw(self) -> None:
-        """Take the last record back, after storing it failed."""
+        """Remove the last record, after storing its commit failed."""
 
     def sync(self, seq: int) -> None:
-        """Return once the record of this commit survives a power cut."""
+        """Wait until the record of this commit is durable."""
 
 
 class NoJournal:
-    """The journal of a store in memory."""
+    """Journal of a store in memory, which records nothing."""
 
     def append(self, record: CommitRecord, change: Overlay) -> None:
         """Nothing to record."""
 
     def withdraw(self) -> None:
-        """Nothing to take back."""
+        """Nothing to remove."""
 
     def sync(self, seq: int) -> None:
         """Nothing to wait for."""
 
 
 class JournalFile:
-    """The journal of a folder.
+    """Journal of a folder, in segments.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class JournalFile:
         self.written_bytes = 0
 
     def append(self, record: CommitRecord, change: Overlay) -> None:
-        """Write one commit's record; not durable yet.
+        """Write the record of a commit, not yet durably.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class JournalFile:
         self._written = seq
 
     def withdraw(self) -> None:
-        """Take the last record back; its number will be used again."""
+        """Remove the last record; its number will be used again."""
         with self._syncing:
             os.ftruncate(self._handle, self._before)
             self._size = self._before
@@ -158,7 +158,7 @@ class JournalFile:
             self._synced = min(self._synced, self._written)
 
     def sync(self, seq: int) -> None:
-        """Return once this commit's record survives a power cut; threads share one fsync."""
+        """Wait until the record of this commit is durable; threads share one fsync."""
         if not self._durable:
             return
         with self._syncing:
@@ -194,7 +194,7 @@ class JournalFile:
         self._handle = -1
 
     def close(self) -> None:
-        """Make everything durable and let the file go."""
+        """Make everything durable and close the file."""
         with self._syncing:
             self._close_segment()
 
@@ -220,7 +220,7 @@ class JournalFile:
                     yield record
 
     def cut_torn_end(self) -> None:
-        """Remove what a crash left of a record that was never written to its end."""
+        """Remove an incomplete record that a crash left at the end."""
         for path in self.segments()[-1:]:
             ends = [end for _, end in read_segment(path, torn_end=True)]
             end = ends[-1] if ends else 0
@@ -230,7 +230,7 @@ class JournalFile:
                     os.fsync(file.fileno())
 
     def prune(self, checkpoint: int) -> None:
-        """Forget old segments: beyond 30 days or 1 GiB, never after the last checkpoint."""
+        """Delete segments beyond 30 days or 1 GiB, but none since the last checkpoint."""
         segments = self.segments()
         total = sum(path.stat().st_size for path in segments)
         for path, following in itertools.pairwise(segments):
@@ -259,7 +259,7 @@ def _encode(record: CommitRecord, change: Overlay) -> bytes:
 
 
 def encode(header: dict[str, Any], body: bytes) -> bytes:
-    """Return a record as it is written."""
+    """Return the bytes of a record."""
     whole = {**header, "bytes": len(body), "crc32": zlib.crc32(body)}
     return json.dumps(whole, ensure_ascii=False).encode() + b"\n" + body
 

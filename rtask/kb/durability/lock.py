@@ -1,4 +1,4 @@
-"""One process writes a folder; the lock says who, since when, and what to do instead."""
+"""Lock of a folder: one process writes it, and others learn which one."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class FolderLock:
             self._write({})
 
     def publish(self, **facts: Any) -> None:
-        """Tell others more about this process, e.g. the ``url`` it serves."""
+        """Add facts about this process for others, e.g. the ``url`` it serves."""
         self._write({**self._read(), **facts})
 
     def _write(self, facts: dict[str, Any]) -> None:
@@ -70,7 +70,7 @@ class FolderLock:
         return found
 
     def release(self) -> None:
-        """Let others have the folder."""
+        """Release the lock."""
         if self._handle < 0:
             return
         if not self._shared:
@@ -80,7 +80,7 @@ class FolderLock:
 
 
 def _is_running(holder: dict[str, Any]) -> bool:
-    """Whether the process that a lock file names is still there, as far as can be told."""
+    """Whether the process named in a lock file is still running, as far as can be told."""
     if not holder:
         return False
     if holder.get("host") != socket.gethostname():

@@ -1,4 +1,4 @@
-"""Checkpoints, and what is done after an unclean end.
+"""Checkpoints, and recovery after an unclean shutdown.
 
 After a checkpoint the store needs no journal before it. Replaying is idempotent: of all records
 that touch a statement the last decides.
@@ -35,7 +35,7 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Up to where the store is durable by itself.
+    """The commit up to which the store is durable by itself.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _checksum(record: dict[str, Any]) -> int:
 
 
 class Checkpoints:
-    """Makes checkpoints of one open knowledge base when they are due."""
+    """Writes checkpoints of one open knowledge base when they are due."""
 
     def __init__(
         self, folder: Path, store: GraphStore, journal: JournalFile, durable: bool
@@ -112,7 +112,7 @@ class Checkpoints:
         return self._journal
 
     def make(self, seq: int, clean: bool = False) -> None:
-        """Make the store durable and say so."""
+        """Make the store durable and record it."""
         self._journal.sync(seq)
         self._store.flush()
         if clean:
@@ -132,7 +132,7 @@ class Checkpoints:
 
 
 def boot_id() -> str:
-    """Return which start of the machine this is; empty where the system does not say."""
+    """Return the identifier of this boot of the machine; empty where the system has none."""
     try:
         return _BOOT_ID.read_text("ascii").strip()
     except OSError:
@@ -140,7 +140,7 @@ def boot_id() -> str:
 
 
 def require_clean(folder: Path) -> None:
-    """Raise unless the folder was closed in order, so that it can be read as it is."""
+    """Raise unless the folder was closed properly and can be read as it is."""
     checkpoint = Checkpoint.load(folder)
     if checkpoint is not None and checkpoint.clean:
         if checkpoint.journal is not None:
@@ -154,7 +154,7 @@ def require_clean(folder: Path) -> None:
 def recover(
     folder: Path, store: GraphStore, journal: JournalFile, settings: Settings
 ) -> tuple[Settings, int]:
-    """Bring the store up to the end of the journal after an unclean end.
+    """Replay the journal into the store after an unclean shutdown.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def _checkpoint_lost(folder: Path, store: GraphStore, journal: JournalFile) -> C
 
 
 def replay(store: GraphStore, record: Record, merged: bool) -> None:
-    """Apply a record to a store that may hold it already."""
+    """Apply a record to a store that may contain it already."""
     removed = [quad for quad in record.removed() if quad in store]
     added = [quad for quad in record.added() if quad not in store]
     union = union_change(store, removed, added) if merged else Overlay(store)

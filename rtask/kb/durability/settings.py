@@ -1,4 +1,4 @@
-"""``kb.json``: what a knowledge base is, fixed when it is made."""
+"""Settings of a knowledge base (``kb.json``), fixed when it is created."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Settings:
     def new(
         cls, base: str | None = None, plain: bool = False, union: str | None = None
     ) -> Settings:
-        """Make the settings of a new knowledge base."""
+        """Return the settings of a new knowledge base."""
         store_id = secrets.token_hex(6)
         if base is None:
             base = f"{ontology.BASE}{store_id}/"
@@ -70,12 +70,12 @@ class Settings:
 
     @property
     def is_view(self) -> bool:
-        """Whether queries compute the union."""
+        """Whether queries compute the union of the graphs."""
         return self.union == "view" and not self.plain
 
     @property
     def is_merged(self) -> bool:
-        """Whether the union is kept."""
+        """Whether the union of the graphs is stored."""
         return self.union == "merged" and not self.plain
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The change feed: commits in their order, to everybody who asked for them.
+"""Change feed: announce commits to subscribers in order.
 
 A commit is announced after it is stored and durable. Subscribers that were away catch up from the
 journal; those of a store in memory from the commits that are still remembered.
@@ -29,7 +29,7 @@ _Mask = tuple[bool, bool, bool, bool]
 
 
 class Feed:
-    """Tells subscribers of commits; one for each open knowledge base.
+    """Announces commits to the subscribers of one knowledge base.
 
     Parameters
     ----------
@@ -69,13 +69,13 @@ class Feed:
         return self._announced
 
     def position(self, seq: int) -> str:
-        """Return what :meth:`subscribe` takes as ``since``."""
+        """Return a position that :meth:`subscribe` takes as ``since``."""
         return f"{self.epoch}:{seq}"
 
     # Announcing
 
     def announce(self, change: Change) -> None:
-        """Tell everybody; called with each commit, in order."""
+        """Announce a commit; called with each one, in order."""
         seq = change.commit.seq
         with self._lock:
             before, self._announced = self._announced, seq
@@ -100,7 +100,7 @@ class Feed:
             self._oldest = gone.commit.seq + 1
 
     def _interested(self, change: Change) -> list[_Subscriber]:
-        """Return who asked for a pattern that some statement fits: a look-up for each mask."""
+        """Return the subscribers to some statement, by one look-up for each pattern mask."""
         found: dict[int, _Subscriber] = {}
         for mask, by_key in self._by_pattern.items():
             if not any(mask):
@@ -169,7 +169,7 @@ class Feed:
                     del self._by_pattern[mask]
 
     def _after(self, since: int | str) -> int:
-        """Return the commit's number of ``since``."""
+        """Return the commit number in ``since``."""
         epoch, colon, number = str(since).rpartition(":")
         if not number.isdigit():
             raise UsageError(f"since={since!r}: expected a commit's number or epoch:number")
@@ -183,7 +183,7 @@ class Feed:
         return int(number)
 
     def require_kept(self, after: int) -> None:
-        """Raise unless every commit after this number is still known."""
+        """Raise unless every commit after this number is still kept."""
         oldest = self._oldest_kept()
         if after > self._announced:
             raise UsageError(f"there is no commit {after}; the last one is {self._announced}")
@@ -256,7 +256,7 @@ class Feed:
 
 
 class _Subscriber:
-    """A filter and the queue behind it."""
+    """A subscriber's filter and queue."""
 
     queue: Subscription[Change]
 

@@ -1,4 +1,4 @@
-"""Who wrote or withdrew what, and when: read from the journal."""
+"""History of statements, read from the journal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["HistoryEntry", "Period", "history", "matcher"]
 
 @dataclass(frozen=True)
 class HistoryEntry:
-    """What one commit did to the statements that were asked for.
+    """Effect of one commit on the statements in question.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class HistoryEntry:
 
 @dataclass(frozen=True)
 class Period:
-    """Which commits are asked for.
+    """Range of commits, by number, time and author.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Period:
     agent: str | None = None
 
     def holds(self, time: object, agent: object) -> bool:
-        """Whether a commit of this time and writer is meant."""
+        """Whether a commit of this time and author is in the range."""
         if self.agent is not None and agent != self.agent:
             return False
         if self.start is None and self.end is None:
@@ -109,7 +109,7 @@ def _entries(feed: Feed, journal: object, period: Period) -> Iterator[HistoryEnt
 def matcher(
     subject: object, predicate: object, value: object, graph: GraphName | None, kept: set[GraphName]
 ) -> Callable[[Quad], bool]:
-    """Return a test for a pattern; ``None`` fits everything but the graphs in ``kept``."""
+    """Return a predicate for a pattern; ``None`` matches everything but the graphs in ``kept``."""
 
     def fits(quad: Quad) -> bool:
         return (

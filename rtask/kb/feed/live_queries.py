@@ -93,7 +93,7 @@ def _place_after(mark: str, place: int) -> int:
 
 
 class _LiveQuery:
-    """One query, its rows, and who follows them."""
+    """A query, its present rows and their subscribers."""
 
     subscription: Subscription[RowChange]
 
@@ -123,7 +123,7 @@ class LiveQueries:
         self._closed = False
 
     def announce(self, change: Change) -> None:
-        """Note which queries a commit concerns."""
+        """Mark the queries that a commit may affect."""
         if not self._queries:
             return
         parts = (change.added, change.removed, change.inferred_added, change.inferred_removed)
@@ -140,7 +140,7 @@ class LiveQueries:
         on_ready: Callable[[], None] | None = None,
         size: int = QUEUE,
     ) -> Subscription[RowChange]:
-        """Follow a query; its rows of now are the first change.
+        """Subscribe to a query; its present rows are the first change.
 
         Raises
         ------

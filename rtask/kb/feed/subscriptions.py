@@ -1,4 +1,4 @@
-"""Subscriptions: the queue between the commits and somebody who follows them.
+"""Subscriptions: queues between commits and their subscribers.
 
 The writer never waits: a subscriber that is too slow is told so and ends, and may resume from the
 last commit it saw.
@@ -28,7 +28,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Filter:
-    """Which statements of a commit are meant; ``None`` fits everything.
+    """Selection of statements; ``None`` matches everything.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Filter:
 
     @property
     def is_open(self) -> bool:
-        """Whether every commit fits."""
+        """Whether every statement matches."""
         return self.key == (None, None, None, None) and self.cls is None
 
     @property
@@ -56,7 +56,7 @@ class Filter:
         return (self.subject, self.predicate, self.value, self.graph)
 
     def fits(self, quad: Quad, is_instance: Callable[[Subject, NamedNode], bool]) -> bool:
-        """Whether a statement is meant."""
+        """Whether a statement matches."""
         return (
             (self.subject is None or quad.subject == self.subject)
             and (self.predicate is None or quad.predicate == self.predicate)
@@ -68,7 +68,7 @@ class Filter:
     def applied(
         self, change: Change, is_instance: Callable[[Subject, NamedNode], bool]
     ) -> Change | None:
-        """Return what is meant of a commit, ``None`` if nothing is."""
+        """Return the matching part of a commit, or ``None``."""
         if self.is_open and self.inferred:
             return change
 
@@ -87,7 +87,7 @@ class Filter:
 
 
 class Subscription(Generic[_T]):
-    """Things that arrive one after another; iterate, or :meth:`get`, or :meth:`drain`.
+    """Queue of changes: iterate, or call :meth:`get` or :meth:`drain`.
 
     Works from threads (``for change in subscription``) and from an event loop
     (``async for change in subscription``). Iterating ends when it is closed from either side.
@@ -125,11 +125,11 @@ class Subscription(Generic[_T]):
 
     @property
     def closed(self) -> bool:
-        """Whether nothing more comes."""
+        """Whether the subscription has ended."""
         return self._closed
 
     def put(self, item: _T, seq: int, resume: str) -> None:
-        """Add something; called by the feed, never waits."""
+        """Add a change without waiting; called by the feed."""
         with self._changed:
             if self._closed or self._error is not None:
                 return
@@ -145,7 +145,7 @@ class Subscription(Generic[_T]):
         self._tell()
 
     def fail(self, error: RtaskError) -> None:
-        """End with an error, after what waits has been read."""
+        """End with an error once the waiting changes have been read."""
         with self._changed:
             if self._error is None:
                 self._error = error
@@ -159,7 +159,7 @@ class Subscription(Generic[_T]):
                 ready()
 
     def get(self, timeout_s: float | None = None) -> _T | None:
-        """Return the next thing, ``None`` if none comes in time; zero does not wait.
+        """Return the next change, or ``None`` at the timeout; zero does not wait.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Subscription(Generic[_T]):
         raise error
 
     def drain(self, limit: int = 1_000) -> list[_T]:
-        """Return what has come, at most ``limit``, without waiting; errors as in :meth:`get`."""
+        """Return at most ``limit`` waiting changes without waiting; errors as in :meth:`get`."""
         items: list[_T] = []
         while len(items) < limit:
             if items and not self._has_more():
@@ -218,7 +218,7 @@ class Subscription(Generic[_T]):
         return not self._closed and (self._past is not None or bool(self._waiting))
 
     def close(self) -> None:
-        """End it; from any thread."""
+        """End the subscription, from any thread."""
         with self._changed:
             self._closed = True
             self._waiting.clear()

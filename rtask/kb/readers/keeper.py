@@ -1,4 +1,4 @@
-"""The keeper and its readers as the knowledge base's own process sees them.
+"""Handles of the keeper and its readers in the knowledge base's own process.
 
 Everything to the keeper goes through one thread: the dump, the commits and the orders to fork
 keep their order, so a reader forked after a commit has it.
@@ -56,7 +56,7 @@ class ReaderGone(Exception):
 
 
 class CommitFrame:
-    """A commit on its way to the replicas; made into bytes once, when it is first sent."""
+    """A commit for the replicas, encoded once when it is first sent."""
 
     __slots__ = ("_data", "_writes", "weight")
 
@@ -91,7 +91,7 @@ def _quads(quads: Any) -> list[Quad]:
 
 
 class ReaderProcess:
-    """One reader: asked by one query at a time.
+    """Handle of a reader process, which evaluates one query at a time.
 
     Parameters
     ----------
@@ -122,16 +122,16 @@ class ReaderProcess:
 
     @property
     def pid(self) -> int:
-        """The process, once it has said hello."""
+        """Process identifier, known after :meth:`say_hello`."""
         return self._pid
 
     def add(self, frame: CommitFrame) -> None:
-        """Put a commit in front of the next query."""
+        """Queue a commit to be sent before the next query."""
         self._frames.append(frame)
         self.waiting_bytes += frame.weight
 
     def say_hello(self, timeout_s: float | None) -> None:
-        """Wait until the process is there.
+        """Wait until the process is ready.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class ReaderProcess:
             raise ReaderGone from error
 
     def measured(self, rss: int) -> None:
-        """Note how large the process is after a query."""
+        """Record the size of the process after a query."""
         self.grown_bytes = rss - self._rss
 
     def kill(self) -> None:
@@ -198,7 +198,7 @@ class ReaderProcess:
                     os.kill(self._pid, signal.SIGKILL)
 
     def close(self) -> None:
-        """Kill the process and let its descriptors go; nobody may be reading its answer."""
+        """Kill the process and close its descriptors; no thread may be reading its answer."""
         self.kill()
         with self._lock:
             if self._closed:
@@ -232,7 +232,7 @@ class _DumpSink:
 
 
 class KeeperProcess:
-    """The process that forks readers.
+    """Handle of the process that forks readers.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ class KeeperProcess:
         )
 
     def start(self) -> None:
-        """Begin to copy the store; commits must reach :meth:`add` from here on."""
+        """Start copying the store; from now on every commit must be passed to :meth:`add`."""
         self._sender.start()
         self._receiver.start()
 
@@ -293,7 +293,7 @@ class KeeperProcess:
             self._changed.notify()
 
     def fork(self, snapshot: Path | None = None, snapshot_seq: int | None = None) -> ReaderProcess:
-        """Order a reader; it has every commit that was added before."""
+        """Request a reader that has every commit added before."""
         with self._changed:
             if self.failed:
                 raise ReaderGone
@@ -388,7 +388,7 @@ class KeeperProcess:
             self.close()
 
     def _fail(self) -> None:
-        """Note that nothing can be had from the keeper any more."""
+        """Mark the keeper as failed."""
         with self._changed:
             self.failed = True
             unsent = [item for item in self._outbox if isinstance(item, ReaderProcess)]
@@ -402,7 +402,7 @@ class KeeperProcess:
         self.ready.set()
 
     def retire(self) -> None:
-        """End as soon as the running queries have ended; their readers are its children."""
+        """End once the running queries have ended; their readers are its children."""
         self.retired = True
         if not self.readers:
             self.close()

@@ -1,4 +1,4 @@
-"""The readers of one knowledge base: who answers a query, for how long, and what if it fails.
+"""Pool of reader processes: which one evaluates a query, for how long, and failure handling.
 
 Two kinds of readers: those forked from a replica in memory, which follow each commit, and those
 that open a snapshot, for stores too large for a replica or while it is being built.
@@ -49,7 +49,7 @@ _KILLED = (None, -signal.SIGKILL, -signal.SIGTERM)
 
 @dataclass(frozen=True)
 class _Asked:
-    """A message to a reader, and what errors say about it."""
+    """A message to a reader, and its description in errors."""
 
     payload: bytes
     text: str
@@ -102,7 +102,7 @@ class Readers:
 
     @property
     def possible(self) -> bool:
-        """Whether there can be readers on this system."""
+        """Whether this system supports reader processes."""
         return self._possible
 
     # Commits
@@ -114,7 +114,7 @@ class Readers:
             replica.add(CommitFrame(writes))
 
     def invalidate(self) -> None:
-        """The store changed outside of a commit; the next query builds the replica anew."""
+        """Discard the replica after a change outside of a commit; the next query builds another."""
         with self._changed:
             replica, self._replica = self._replica, None
             self._size = -1
@@ -134,7 +134,7 @@ class Readers:
         on_start: Callable[[ReaderStream], None] | None = None,
         quick: bool | None = None,
     ) -> ReaderStream:
-        """Return the answer once its first piece is there.
+        """Return the answer when its first piece has arrived.
 
         Parameters
         ----------
@@ -279,7 +279,7 @@ class Readers:
     def _enter(
         self, heavy: bool, at: float | None, timeout_s: float | None, update: bool = False
     ) -> Callable[[], None]:
-        """Wait for a place; return what gives it back."""
+        """Wait for a place; return a function that releases it."""
         with self._changed:
             if not self._is_room(heavy, update) and self._waiting >= self.limits.queue:
                 raise BusyError(f"{self._waiting} queries wait already; try again later")
@@ -313,7 +313,7 @@ class Readers:
             self._changed.notify_all()
 
     def _done(self, reader: ReaderProcess, reusable: bool) -> None:
-        """A query has ended; its reader takes the next or goes."""
+        """Reuse or discard the reader of a query that has ended."""
         with self._changed:
             self._answered += 1
             keep = (
@@ -335,7 +335,7 @@ class Readers:
             self._replace(reader)
 
     def _replace(self, reader: ReaderProcess) -> None:
-        """Order a reader for the next query, so that it need not wait for the fork."""
+        """Fork a reader in advance, so that the next query need not wait for it."""
         with self._changed, contextlib.suppress(ReaderGone):
             current = self._replica is reader.keeper and not self._closed
             if current and not self._idle:
@@ -350,7 +350,7 @@ class Readers:
     # Processes
 
     def _reader(self, at: float | None, updates: bool = False) -> ReaderProcess:
-        """Return a reader that has every commit stored until now."""
+        """Return a reader that has every commit stored so far."""
         replica = self._ready_replica(at, wait=updates)
         if updates:
             if replica is None:
@@ -432,7 +432,7 @@ class Readers:
         return replica
 
     def start(self, wait: bool = True, updates: bool = False) -> None:
-        """Start what the first query would start.
+        """Start the processes that the first query would start.
 
         Parameters
         ----------
@@ -450,7 +450,7 @@ class Readers:
             self._idle.append(reader)
 
     def stats(self) -> dict[str, Any]:
-        """Return the kind of readers, how many are there and at work, and what they did."""
+        """Return the kind, number and state of the readers, and counts of their queries."""
         with self._changed:
             keepers = [k for k in (self._replica, self._opener) if k is not None and not k.failed]
             kind = "none"

@@ -1,4 +1,4 @@
-"""Answers as they come out of a reader: pieces of bytes, one after another.
+"""Streamed answers of readers, and their deadlines.
 
 Nothing is read ahead, so a slow client stops the reader and memory stays flat.
 """
@@ -35,7 +35,7 @@ _READ_AHEAD = 8 << 10
 
 
 class Stream(Iterator[bytes]):
-    """The answer of a query, in pieces; made by :meth:`KnowledgeBase.stream`.
+    """Answer of a query in pieces of bytes; created by :meth:`KnowledgeBase.stream`.
 
     Read it from one thread at a time; :meth:`close` may be called from any.
 
@@ -60,7 +60,7 @@ class Stream(Iterator[bytes]):
         return self
 
     def close(self) -> None:
-        """Stop; a reader that is still at work is killed."""
+        """Stop reading; a reader that is still working is killed."""
 
     def extend(self, timeout_s: float) -> bool:
         """Move the end of the time for this answer to so many seconds from now.
@@ -72,7 +72,7 @@ class Stream(Iterator[bytes]):
         return True
 
     def read(self) -> bytes:
-        """Return everything that is left."""
+        """Return the rest of the answer."""
         return b"".join(self)
 
     def __enter__(self) -> Stream:
@@ -141,7 +141,7 @@ class ReaderStream(Stream):
         return self._done is None
 
     def hold(self, release: Callable[[], None]) -> None:
-        """Call this when the query has ended."""
+        """Register a function to call when the query has ended."""
         with self._reading:
             if self._done is not None:
                 self._release = release
@@ -270,12 +270,12 @@ class ReaderStream(Stream):
             release()
 
     def abandon(self) -> None:
-        """Give the reader back as useless."""
+        """Return the reader as unusable."""
         with self._reading:
             self._finish(False)
 
     def close(self) -> None:
-        """Stop; a reader that is still at work is killed at once. From any thread."""
+        """Stop reading, from any thread; a reader that is still working is killed at once."""
         if self._done is None:
             return
         self.closed = True
@@ -296,7 +296,7 @@ def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:
 
 
 class Deadlines:
-    """Kills the readers of queries whose time is over; one thread for all."""
+    """Kills the readers of queries that reach their deadline, in one thread for all."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()

@@ -1,4 +1,4 @@
-"""The same interface over a SPARQL 1.1 server, so that storage can leave the machine.
+"""Remote knowledge base: the interface of :class:`rtask.graph.Graph` over a SPARQL 1.1 server.
 
 Queries, updates, transactions and loads go over SPARQL 1.1 Protocol. Rights, reasoning and
 provenance are the server's. What needs the embedded store raises :class:`UnsupportedError`.
@@ -239,7 +239,7 @@ class RemoteKnowledgeBase:
 
 
 class RemoteTransaction:
-    """Changes collected here and sent as one update."""
+    """Changes that are collected and sent as one update."""
 
     def __init__(self, kb: RemoteKnowledgeBase) -> None:
         self._kb = kb
@@ -252,7 +252,7 @@ class RemoteTransaction:
         value: Value,
         graph: NamedNode | str | None = None,
     ) -> None:
-        """Assert a statement; without a graph, where the server puts it."""
+        """Assert a statement; without a graph, the server chooses it."""
         self._data("INSERT", subject, predicate, value, graph)
 
     def remove(
@@ -280,7 +280,7 @@ class RemoteTransaction:
         self._operations.append(text.replace("INSERT", verb, 1))
 
     def update(self, text: str) -> None:
-        """Add an update; it sees what the operations before it changed."""
+        """Add an update, which sees the changes before it."""
         check_update(read_update(text))
         self._operations.append(text)
 

@@ -1,4 +1,4 @@
-"""Requests to a SPARQL server: what is tried again, what an answer means.
+"""HTTP requests to a SPARQL server: retries, errors and answers.
 
 A read is tried again when the server or the way to it fails. An update is sent again only where
 the answer proves that it did not run.

@@ -1,4 +1,4 @@
-"""The side index: what SPARQL cannot find fast, words and places, in ``index.sqlite``.
+"""Side index in ``index.sqlite`` for words and places, which SPARQL cannot find fast.
 
 It follows the commits and remembers up to which; it is made when it is first asked. Losing the file
 loses nothing, everything in it follows from the graph.
@@ -33,20 +33,20 @@ _MAX_WAITING = 20_000
 
 
 class Table(Protocol):
-    """One kind of thing that the index finds."""
+    """A table of the side index."""
 
     @property
     def predicates(self) -> frozenset[NamedNode]:
-        """Statements with these concern it."""
+        """Predicates of the statements that the table indexes."""
 
     def create(self, db: sqlite3.Connection) -> None:
-        """Make what is missing."""
+        """Create missing tables."""
 
     def fill(self, db: sqlite3.Connection, quads: Iterator[Quad]) -> None:
-        """Index everything anew."""
+        """Rebuild the table."""
 
     def change(self, db: sqlite3.Connection, removed: list[Quad], added: list[Quad]) -> None:
-        """Index what a commit changed."""
+        """Update the table after a commit."""
 
 
 class SideIndex:
@@ -84,7 +84,7 @@ class SideIndex:
         return frozenset().union(*(table.predicates for table in self._tables))
 
     def announce(self, change: Change) -> None:
-        """Note what a commit changed; it is indexed before the next question."""
+        """Take note of a commit; it is indexed before the next search."""
         if self._db is None:
             return
         wanted = self._predicates
@@ -96,7 +96,7 @@ class SideIndex:
             self._waiting.clear()
 
     def invalidate(self) -> None:
-        """The graph changed outside of a commit: everything is indexed anew when asked next."""
+        """Mark the index as outdated; the next search rebuilds it."""
         with self._lock:
             self._stale = True
             if self._db is None and self._path is not None:
@@ -105,7 +105,7 @@ class SideIndex:
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[sqlite3.Connection]:
-        """Give the index with everything that has been announced.
+        """Yield the database with every announced commit indexed.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class SideIndex:
                 raise StoreError(f"the index cannot be used: {error}") from error
 
     def rebuild(self) -> None:
-        """Index everything anew now."""
+        """Rebuild the index now."""
         self._stale = True
         with self.reading():
             pass
@@ -174,7 +174,7 @@ class SideIndex:
         return db
 
     def _replay(self, db: sqlite3.Connection, after: int, upto: int) -> bool:
-        """Index what was committed while nobody asked; whether it is still known."""
+        """Index the commits since the last search; return whether they are still kept."""
         if after == upto:
             return True
         wanted = self._predicates
@@ -249,7 +249,7 @@ class SideIndex:
         db.executemany("INSERT OR REPLACE INTO facts VALUES (?, ?)", facts.items())
 
     def close(self) -> None:
-        """Index what is left and let the file go."""
+        """Index the remaining commits and close the file."""
         import sqlite3
 
         with self._lock:

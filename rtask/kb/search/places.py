@@ -1,4 +1,4 @@
-"""Places in a robot's frames: what is near a point (SQLite R*Tree, Beckmann et al. 1990)."""
+"""Spatial index of poses in their frames (SQLite R*Tree, Beckmann et al. 1990)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Place:
 
 
 class PlaceTable:
-    """The coordinates of everything that has a frame; a planar pose has z = 0.
+    """Table of the coordinates of poses; a planar pose has z = 0.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class PlaceTable:
         self._store = store
 
     def create(self, db: sqlite3.Connection) -> None:
-        """Make what is missing."""
+        """Create missing tables."""
         db.execute("CREATE TABLE IF NOT EXISTS frames(id INTEGER PRIMARY KEY, iri TEXT UNIQUE)")
         db.execute(
             "CREATE TABLE IF NOT EXISTS poses(id INTEGER PRIMARY KEY, iri TEXT UNIQUE, "
@@ -69,7 +69,7 @@ class PlaceTable:
         )
 
     def fill(self, db: sqlite3.Connection, quads: Iterator[Quad]) -> None:
-        """Index everything anew."""
+        """Rebuild the table."""
         db.execute("DELETE FROM places")
         db.execute("DELETE FROM poses")
         for quad in quads:
@@ -77,7 +77,7 @@ class PlaceTable:
                 self._put(db, quad.subject)
 
     def change(self, db: sqlite3.Connection, removed: list[Quad], added: list[Quad]) -> None:
-        """Index what a commit changed: the poses that it touched, as they are now."""
+        """Update the poses that a commit touched."""
         for subject in {quad.subject for quad in (*removed, *added)}:
             if isinstance(subject, NamedNode):
                 self._put(db, subject)

@@ -38,7 +38,7 @@ _TEXT_TYPES = {
 
 @dataclass(frozen=True)
 class TextHit:
-    """Something whose text fits.
+    """A search hit: a text and what it describes.
 
     Parameters
     ----------
@@ -77,18 +77,18 @@ def words_of(text: str) -> str:
 
 
 class TextTable:
-    """The words of the indexed statements."""
+    """Table of the words in the indexed statements."""
 
     def __init__(self, properties: tuple[str, ...] = PROPERTIES) -> None:
         self._predicates = frozenset(NamedNode(name) for name in properties)
 
     @property
     def predicates(self) -> frozenset[NamedNode]:
-        """Properties whose texts are found."""
+        """Properties whose texts are indexed."""
         return self._predicates
 
     def create(self, db: sqlite3.Connection) -> None:
-        """Make what is missing."""
+        """Create missing tables."""
         db.execute(
             "CREATE TABLE IF NOT EXISTS texts(id INTEGER PRIMARY KEY, subject TEXT, "
             "predicate TEXT, text TEXT, language TEXT, graph TEXT, "
@@ -100,7 +100,7 @@ class TextTable:
         )
 
     def fill(self, db: sqlite3.Connection, quads: Iterator[Quad]) -> None:
-        """Index everything anew."""
+        """Rebuild the table."""
         db.execute("DELETE FROM texts")
         rows = (row for row in map(_row, quads) if row is not None)
         db.executemany(
@@ -111,7 +111,7 @@ class TextTable:
         db.execute("INSERT INTO words(words) VALUES ('rebuild')")
 
     def change(self, db: sqlite3.Connection, removed: list[Quad], added: list[Quad]) -> None:
-        """Index what a commit changed."""
+        """Update the table after a commit."""
         for row in filter(None, map(_row, removed)):
             known = db.execute(
                 "SELECT id FROM texts WHERE subject = ? AND predicate = ? AND text = ? "
@@ -136,7 +136,7 @@ class TextTable:
     def search(
         self, db: sqlite3.Connection, text: str, language: str | None = None
     ) -> Iterator[TextHit]:
-        """Yield what fits, best first; a statement in several graphs comes several times."""
+        """Yield hits, best first; a statement in several graphs comes several times."""
         clause, given = "", [words_of(text)]
         if language is not None:
             clause = "AND (language = ? OR language LIKE ? || '-%')"

@@ -25,7 +25,7 @@ _PAUSE_S = 0.05
 
 
 class GraphStore:
-    """The quads of a knowledge base.
+    """Quad store of a knowledge base.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class GraphStore:
 
     @property
     def raw(self) -> Store:
-        """The store itself; do not keep it.
+        """The underlying store; do not keep a reference.
 
         Raises
         ------
@@ -67,11 +67,11 @@ class GraphStore:
 
     @property
     def is_open(self) -> bool:
-        """Whether it can still be used."""
+        """Whether the store is open."""
         return self._store is not None
 
     def reopen(self) -> None:
-        """Start the store again; after a full disk it refuses every write until then.
+        """Reopen the store, which after a full disk refuses every write until then.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class GraphStore:
                 time.sleep(_PAUSE_S)
 
     def close(self) -> None:
-        """Let the files go."""
+        """Release the files."""
         self._store = None
 
     def __contains__(self, quad: Quad) -> bool:
@@ -126,7 +126,7 @@ class GraphStore:
         value: Term | None,
         graph: GraphName | None = None,
     ) -> Iterator[Quad]:
-        """Yield the quads that fit; consume them in this thread.
+        """Yield the quads that match; consume them in this thread.
 
         Read to its end, the iterator lets the store go.
         """
@@ -206,7 +206,7 @@ def _is_named(term: Subject | Term | None) -> bool:
 def _fitting(
     found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
 ) -> Iterator[Quad]:
-    """Leave out what does not fit.
+    """Yield only the quads that match.
 
     On disk the store reads past a term whose last byte is 255: the pattern of the number 255 yields
     256 to 510, too. So it is with dates, short texts and short names of blank nodes. Terms that are

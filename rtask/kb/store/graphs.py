@@ -1,4 +1,4 @@
-"""The named graphs of a knowledge base: their IRIs, kinds and owners.
+"""Named graphs of a knowledge base: IRIs, kinds and owners.
 
 Code never spells a graph's IRI; it asks :class:`Graphs`.
 """
@@ -43,27 +43,27 @@ class Graphs:
 
     @property
     def inferred(self) -> NamedNode:
-        """What the reasoner derived; no other writer."""
+        """Graph of derived statements; only the reasoner writes it."""
         return self._named("inferred")
 
     @property
     def shared(self) -> NamedNode:
-        """What is taught for everybody; where nameless writers write."""
+        """Graph shared by all; callers without a name write here."""
         return self._named("shared")
 
     @property
     def meta(self) -> NamedNode:
-        """Catalogue of graphs; written by commits only."""
+        """Graph that catalogues the graphs; written by commits only."""
         return self._named("meta")
 
     @property
     def provenance(self) -> NamedNode:
-        """One activity for each commit; written by commits only."""
+        """Graph with one activity for each commit; written by commits only."""
         return self._named("provenance")
 
     @property
     def quarantine(self) -> NamedNode:
-        """Statements that contradict the rest; written by commits only, outside of the union."""
+        """Graph of contradictory statements, outside of the union; written by commits only."""
         return self._named(_QUARANTINE)
 
     @staticmethod
@@ -72,20 +72,20 @@ class Graphs:
         return isinstance(graph, NamedNode) and graph.value.endswith("/graph/" + _QUARANTINE)
 
     def agent(self, name: str) -> NamedNode:
-        """Return the graph that one robot or person writes."""
+        """Return the graph of a robot or person."""
         if not name:
             raise UsageError("an agent needs a name")
         return self._named("agent/" + quote(name, safe=""))
 
     def imported(self, name: str) -> NamedNode:
-        """Return the graph of data taken over from elsewhere."""
+        """Return the graph of imported data."""
         return self._named("import/" + quote(name, safe=""))
 
     def _named(self, path: str) -> NamedNode:
         return iri(f"{self.base}graph/{path}")
 
     def agent_iri(self, name: str, role: str = "robot") -> NamedNode:
-        """Return the individual that stands for an agent.
+        """Return the IRI of an agent.
 
         Teachers are ``{base}person/<name>``. Everybody else is ``{base}robot/<name>``: callers of
         a server without tokens and the program that owns the store write in a robot's name.
@@ -94,7 +94,7 @@ class Graphs:
         return iri(f"{self.base}{folder}/{quote(name, safe='')}")
 
     def owner(self, graph: GraphName) -> str | None:
-        """Return the name of the agent whose graph this is, if it is an agent's."""
+        """Return the name of the agent that owns a graph, or ``None``."""
         path = self._path(graph)
         return unquote(path[len("agent/") :]) if path.startswith("agent/") else None
 
@@ -128,7 +128,7 @@ class Graphs:
         return self.kind(graph) in _KEPT_BY_COMMITS
 
     def is_input(self, graph: GraphName) -> bool:
-        """Whether the reasoner draws conclusions from this graph.
+        """Whether the reasoner reads this graph.
 
         The commits' own records are left out: they grow with every write and state nothing about
         the world.

@@ -1,4 +1,4 @@
-"""A pending change on top of a store: what a transaction has added and removed so far."""
+"""Overlay of a store: the quads that a transaction has added and removed so far."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Overlay"]
 
 @dataclass
 class Overlay:
-    """Quads and graphs that differ from the store.
+    """Pending quads and graphs on top of a store.
 
     ``removed`` holds quads of the store, ``added`` quads that it lacks; adding what was removed
     cancels out, so both stay exact. Dictionaries keep the order of the changes.
@@ -28,21 +28,21 @@ class Overlay:
     dropped: dict[GraphName, None] = field(default_factory=dict)
 
     def is_empty(self) -> bool:
-        """Whether nothing differs."""
+        """Whether there are no changes."""
         return not (self.removed or self.added or self.created or self.dropped)
 
     def __contains__(self, quad: Quad) -> bool:
         return quad in self.added or (quad in self.store and quad not in self.removed)
 
     def remove(self, quad: Quad) -> None:
-        """Take a quad away, if it is there."""
+        """Remove a quad if present."""
         if quad in self.added:
             del self.added[quad]
         elif quad in self.store:
             self.removed[quad] = None
 
     def add(self, quad: Quad) -> None:
-        """Put a quad in, if it is not there; its graph comes into being."""
+        """Add a quad if absent, and create its graph."""
         if quad in self.removed:
             del self.removed[quad]
         elif quad not in self.store:
@@ -56,7 +56,7 @@ class Overlay:
         return self.store.contains_named_graph(graph) and graph not in self.dropped
 
     def create(self, graph: GraphName) -> None:
-        """Make a graph exist."""
+        """Create a graph if absent."""
         if self.has_graph(graph):
             return
         if graph in self.dropped:
@@ -65,7 +65,7 @@ class Overlay:
             self.created[graph] = None
 
     def clear(self, graph: GraphName, drop: bool) -> None:
-        """Take away all quads of a graph, and with ``drop`` the graph itself."""
+        """Remove all quads of a graph, and with ``drop`` the graph itself."""
         for quad in list(self.quads(graph)):
             self.remove(quad)
         if not drop or isinstance(graph, DefaultGraph):
@@ -76,19 +76,19 @@ class Overlay:
             self.dropped[graph] = None
 
     def quads(self, graph: GraphName) -> Iterator[Quad]:
-        """Yield the quads of one graph as they would be."""
+        """Yield the quads of a graph with the changes applied."""
         for quad in self.store.quads_for_pattern(None, None, None, graph):
             if quad not in self.removed:
                 yield quad
         yield from [quad for quad in self.added if quad.graph_name == graph]
 
     def named_graphs(self) -> list[GraphName]:
-        """Return the named graphs as they would be."""
+        """Return the named graphs with the changes applied."""
         kept = [g for g in self.store.named_graphs() if g not in self.dropped]
         return [*kept, *self.created]
 
     def touched_graphs(self) -> set[GraphName]:
-        """Return every graph that the change concerns."""
+        """Return every graph that changes."""
         graphs: set[GraphName] = {*self.created, *self.dropped}
         graphs.update(quad.graph_name for quad in self.removed)
         graphs.update(quad.graph_name for quad in self.added)

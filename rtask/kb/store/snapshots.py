@@ -1,4 +1,4 @@
-"""Frozen copies of a store on disk, for readers that do not follow the commits.
+"""Snapshots of a store on disk, for readers that do not follow commits.
 
 A copy is made of hard links, so it costs next to nothing until the store rewrites its files. It
 is removed with its last reader; what a crash left is removed at the next start.
@@ -20,7 +20,7 @@ __all__ = ["Snapshot", "Snapshots"]
 
 @dataclass
 class Snapshot:
-    """A folder that holds at least the commits up to ``seq``."""
+    """Folder with a copy of the store that has at least the commits up to ``seq``."""
 
     path: Path
     seq: int
@@ -28,7 +28,7 @@ class Snapshot:
 
 
 class Snapshots:
-    """The snapshots of one open folder.
+    """Snapshots of one open folder.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Snapshots:
             shutil.rmtree(self._home, ignore_errors=True)
 
     def take(self, at_least: int) -> Snapshot:
-        """Return a snapshot with these commits, for one more reader; queries share it.
+        """Return a snapshot that has these commits, for one more reader; queries share it.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class Snapshots:
         return snapshot
 
     def release(self, snapshot: Snapshot) -> None:
-        """A reader has gone; the folder goes with the last one."""
+        """Release a reader's snapshot; the folder is deleted with the last one."""
         with self._lock:
             snapshot.users -= 1
             if snapshot.users > 0:
@@ -98,7 +98,7 @@ class Snapshots:
                 shutil.rmtree(snapshot.path, ignore_errors=True)
 
     def close(self) -> None:
-        """Remove everything; the readers have gone."""
+        """Delete all snapshots; no reader may be left."""
         with self._lock:
             self._kept.clear()
             if not self.frozen:

@@ -24,7 +24,7 @@ def union_change(
     added: Iterable[Quad],
     fresh: Collection[GraphName] = (),
 ) -> Overlay:
-    """Return what changes in the default graph when these quads of named graphs change.
+    """Return the change of the default graph when these quads of named graphs change.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def union_change(
 def input_change(
     overlay: Overlay, is_input: Callable[[GraphName], bool]
 ) -> tuple[list[TripleKey], list[TripleKey]]:
-    """Return the triples that the asserted graphs together gain and lose.
+    """Return the triples that the union of the asserted graphs gains and loses.
 
     A triple asserted in two graphs is lost only when the last lets go.
     """
@@ -67,7 +67,7 @@ def input_change(
 
 
 def is_joined(graph: GraphName) -> bool:
-    """Whether the union holds what this graph holds."""
+    """Whether a graph is part of the union."""
     return not isinstance(graph, DefaultGraph) and not Graphs.is_quarantine(graph)
 
 
