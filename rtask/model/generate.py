@@ -34,7 +34,6 @@ import datetime
 
 import ontology
 from rtask.model.fields import Link, Links, Many, One
-from rtask.rdf.terms import NamedNode
 {extends}from rtask.model.instance import Identity, Model, Registry
 from rtask.model.limits import Limits
 {lists}from rtask.rdf.terms import NamedNode

@@ -44,7 +44,7 @@ class Document:
     path: Path | None = None
     data: bytes = b""
     on_read: Callable[[int], None] | None = field(default=None, compare=False, repr=False)
-    max_unpacked: int = MAX_UNPACKED
+    max_unpacked: int = field(default_factory=lambda: MAX_UNPACKED)
 
     @classmethod
     def of(cls, source: Path | str | bytes | IO[bytes]) -> Document:
