@@ -13,15 +13,16 @@ _ROOT = Path(__file__).resolve().parent.parent
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """List the tests that took more than ten seconds and are not marked as slow."""
-    took: dict[str, float] = {}
-    for reports in terminalreporter.stats.values():
-        for report in reports:
-            if isinstance(report, pytest.TestReport) and "slow" not in report.keywords:
-                took[report.nodeid] = took.get(report.nodeid, 0.0) + report.duration
-    slow = {name: seconds for name, seconds in took.items() if seconds > _MAX_QUICK_S}
-    if slow:
+    took = {
+        report.nodeid: report.duration
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        if isinstance(report, pytest.TestReport) and report.when == "call"
+        if report.duration > _MAX_QUICK_S and "slow" not in report.keywords
+    }
+    if took:
         terminalreporter.section("above ten seconds and not marked slow")
-        for name, seconds in sorted(slow.items(), key=lambda item: -item[1]):
+        for name, seconds in sorted(took.items(), key=lambda item: -item[1]):
             terminalreporter.line(f"{seconds:6.1f} s  {name}")
 
 

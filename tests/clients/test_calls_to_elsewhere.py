@@ -49,7 +49,7 @@ class Elsewhere(BaseHTTPRequestHandler):
 
     def _answer(self) -> None:
         if self.path.endswith("/slow"):
-            time.sleep(5)
+            time.sleep(20)
         if self.path.endswith("/away"):
             self.send_response(302)
             self.send_header("Location", "/ok/rows")
@@ -149,7 +149,7 @@ def test_a_slow_service_ends_with_the_query(client: httpx.Client, elsewhere: str
     started = time.monotonic()
     text = f"SELECT * {{ SERVICE <{elsewhere}/ok/slow> {{ ?s ?p ?o }} }}"
     assert ask(client, text, timeout="1").status_code in (502, 504)
-    assert time.monotonic() - started < 4.5
+    assert time.monotonic() - started < 15.0  # before the service would have answered
 
 
 def test_a_variable_service_is_refused(client: httpx.Client) -> None:

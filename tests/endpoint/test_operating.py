@@ -8,7 +8,6 @@ import json
 import os
 import re
 import stat
-import time
 import zlib
 from collections.abc import Iterator
 from contextlib import closing
@@ -237,10 +236,8 @@ def test_a_log_that_nobody_reads_holds_nothing_up() -> None:
     reading, writing = os.pipe()
     with os.fdopen(writing, "w") as stream:
         writer = LineWriter(stream)
-        started = time.monotonic()
-        for number in range(100_000):
+        for number in range(100_000):  # a pipe holds 64 KiB: to wait would be to wait forever
             writer.put({"number": number, "filler": "x" * 100})
-        assert time.monotonic() - started < 10.0
         assert writer.dropped > 0
         os.close(reading)
         writer.close()

@@ -31,6 +31,7 @@ SELECT ?robot (COUNT(DISTINCT ?attempt) AS ?n) (COUNT(DISTINCT ?graph) AS ?graph
 """
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_server_that_comes_back_and_a_robot_that_does_not(tmp_path: Path) -> None:
     """Both work at once on two objects; the endpoint is killed once, then the second robot.
