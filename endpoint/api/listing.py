@@ -30,12 +30,20 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES, PROV
 from rtask.rdf.terms import iri, literal
 
-__all__ = ["ADDRESS", "CONTEXT_ADDRESS", "MOST", "TYPES", "context", "is_listing", "plan_listing"]
+__all__ = [
+    "ADDRESS",
+    "CONTEXT_ADDRESS",
+    "MAX_LIMIT",
+    "TYPES",
+    "context",
+    "is_listing",
+    "plan_listing",
+]
 
 ADDRESS = "/api/"
 CONTEXT_ADDRESS = "/api/context.jsonld"
 TYPES = (JSON_TYPE, JSON_LD, CSV)
-LIMIT, MOST = 50, 1_000
+LIMIT, MAX_LIMIT = 50, 1_000
 _OWN = ("limit", "cursor", "fields", "total", "iri")
 _XSD_TIME = ontology.PREFIXES["xsd"] + "dateTime"
 Item = dict[str, Any]
@@ -156,8 +164,8 @@ def _wanted(collection: Collection, request: Request, single: str) -> _Wanted:
         if name
     ]
     limit = given.get("limit", str(LIMIT))
-    if not limit.isdecimal() or not 1 <= int(limit) <= MOST:
-        raise UsageError(f"limit: expected a whole number from 1 to {MOST}", field="limit")
+    if not limit.isdecimal() or not 1 <= int(limit) <= MAX_LIMIT:
+        raise UsageError(f"limit: expected a whole number from 1 to {MAX_LIMIT}", field="limit")
     after = _after(collection, given["cursor"]) if "cursor" in given else ""
     return _Wanted(
         collection, _members(collection, given.get("fields", "")), tuple(patterns), int(limit),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from endpoint.api.collections import COLLECTIONS, Collection, Kind
-from endpoint.api.listing import ADDRESS, CONTEXT_ADDRESS, LIMIT, MOST, TYPES
+from endpoint.api.listing import ADDRESS, CONTEXT_ADDRESS, LIMIT, MAX_LIMIT, TYPES
 from endpoint.http.messages import JSON_TYPE
 from endpoint.sparql.negotiation import JSON_LD
 
@@ -40,7 +40,7 @@ def resource_paths(
         parameter("iri", "query", "only this one", _IRI),
         parameter("fields", "query", "only these members, parted by commas", {"type": "string"}),
         parameter("limit", "query", "items of a page",
-                  {"type": "integer", "minimum": 1, "maximum": MOST, "default": LIMIT}),
+                  {"type": "integer", "minimum": 1, "maximum": MAX_LIMIT, "default": LIMIT}),
         parameter("cursor", "query", "from `next` of the page before", {"type": "string"}),
         parameter("total", "query", "count them all too", {"enum": ["0", "1"]}),
     ]  # fmt: skip

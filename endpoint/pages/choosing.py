@@ -10,7 +10,7 @@ from rtask.rdf.terms import iri, literal
 
 __all__ = ["by_iri", "by_words", "unnamed", "without"]
 
-_MOST_WORDS = 8
+MAX_WORDS = 8
 _NAMED = "{ ?object rt:name ?said } UNION { ?object a/(rdfs:label|skos:altLabel) ?said }"
 
 
@@ -33,7 +33,7 @@ def by_words(text: str) -> str:
     >>> by_words("Blue  mug").count("CONTAINS"), by_words("")
     (2, '')
     """
-    words = folded(text).split()[:_MOST_WORDS]
+    words = folded(text).split()[:MAX_WORDS]
     return " ".join(
         f"FILTER EXISTS {{ {_NAMED} FILTER(CONTAINS(LCASE(STR(?said)), {literal(word)})) }}"
         for word in words

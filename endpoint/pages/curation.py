@@ -25,8 +25,8 @@ from endpoint.pages.signin import require_form
 from rtask.engine.curation.edit import NOTE
 
 _ADDRESS = "/curation"
-_MOST_FOUND = 24
-_MOST_LISTED = 50
+MAX_FOUND = 24
+MAX_LISTED = 50
 _RECENT_COMMITS = 2_000
 
 
@@ -37,7 +37,7 @@ def merge() -> Model:
     into, words = flask.request.args.get("into", ""), flask.request.args.get("find", "").strip()
     if not into:
         chosen = f"{by_words(words)} {without(thing)}"
-        found = list_objects(_MOST_FOUND, chosen=chosen)
+        found = list_objects(MAX_FOUND, chosen=chosen)
         return {"iri": thing, "object": side(thing), "find": words, "found": found}
     into = known_object("into")
     if into == thing:
@@ -91,7 +91,7 @@ def list_changes() -> list[Model]:
             "taken_back": f"c-{entry.seq:05d}" in back,
         }
         for entry, note in reversed(told)
-    ][:_MOST_LISTED]
+    ][:MAX_LISTED]
 
 
 @blueprint.route("/object/curate", methods=["POST"])

@@ -16,7 +16,7 @@ from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError
 
 _ADDRESS = "/teach"
-_MOST_CANDIDATES = 12
+MAX_CANDIDATES = 12
 
 
 @page(_ADDRESS, "teach.html")
@@ -42,7 +42,7 @@ def _candidates(thing: str, name: str, description: str) -> Model:
         one
         for words in (name, description)
         if words
-        for one in list_objects(_MOST_CANDIDATES, chosen=f"{by_words(words)} {without(thing)}")
+        for one in list_objects(MAX_CANDIDATES, chosen=f"{by_words(words)} {without(thing)}")
     ]
     for one in worded:
         if one["object"] not in seen:
@@ -51,7 +51,7 @@ def _candidates(thing: str, name: str, description: str) -> Model:
     kinds = _engine().classes.find(description) if description else []
     wanted = folded(description)
     return {
-        "candidates": alike[:_MOST_CANDIDATES],
+        "candidates": alike[:MAX_CANDIDATES],
         "suggestions": suggestions,
         "kinds": [kind.label for kind in kinds],
         "is_known_kind": any(wanted in map(folded, kind.names) for kind in kinds),

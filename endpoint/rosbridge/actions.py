@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from endpoint.access.auth import require_scope
-from endpoint.rosbridge.calls import CallQueue
-from endpoint.rosbridge.deadlines import Deadlines
+from endpoint.rosbridge.calls import CallQueue, Deadlines
 from endpoint.rosbridge.messages import JsonObject, encode, failure_text
 from endpoint.rosbridge.providers import Peer, Provider, Providers
+from endpoint.rosbridge.services import Engine
 from rtask.errors import RtaskError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 
@@ -270,3 +270,35 @@ class Actions:
         with self._lock:
             self._goals.pop(key, None)
         goal.end(status, values)
+
+
+def plan_grasps_action(engine: Engine) -> list[Action]:
+    """Return the action `/rtask/plan_grasps`, if the engine can recognise objects."""
+    if "recognise_for_grasp" not in engine.operations:
+        return []
+
+    def plan(args: JsonObject, access: Access, progress: Progress) -> JsonObject:
+        started = time.monotonic()
+        _check_samples(args.get("samples"))
+        request = {name: value for name, value in args.items() if name != "samples"}
+        progress.report(0.05, "sampling", candidates=0, best_quality=0.0)
+        answer = engine.call("recognise_for_grasp", {**request, "propose": True}, access)
+        grasps: list[JsonObject] = answer["grasps"]
+        best = max((float(grasp.get("grasp_quality") or 0.0) for grasp in grasps), default=0.0)
+        progress.report(1.0, "ranking", candidates=len(grasps), best_quality=best)
+        return {
+            "task_id": answer["task_id"],
+            "object": answer["object"],
+            "class": answer["class"],
+            "grasps": grasps,
+            "candidates": len(grasps),
+            "seconds": round(time.monotonic() - started, 6),
+        }
+
+    return [Action("/rtask/plan_grasps", "rtask/PlanGrasps", "read", plan)]
+
+
+def _check_samples(samples: Any) -> None:
+    """Refuse a number of samples that is none."""
+    if samples is not None and (type(samples) is not int or samples < 1):
+        raise UsageError("samples: expected a whole number above 0", field="samples")

@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from endpoint.rosbridge.deadlines import Deadline, Deadlines
+from endpoint.rosbridge.calls import Deadline, Deadlines
 from endpoint.rosbridge.messages import JsonObject
 from endpoint.rosbridge.topics import RESERVED
 from rtask.errors import ForbiddenError, UsageError
 
 DEFAULT_S = 30.0
-MOST_S = 600.0
+MAX_TIMEOUT_S = 600.0
 MAX_PER_SESSION = 100
 
 Done = Callable[[bool, Any], None]
@@ -192,7 +192,7 @@ def timeout_of(message: JsonObject, default_s: float = DEFAULT_S) -> float:
     wanted = message.get("timeout")
     if isinstance(wanted, bool) or not isinstance(wanted, int | float) or not wanted > 0:
         return default_s
-    return min(float(wanted), MOST_S) if math.isfinite(wanted) else MOST_S
+    return min(float(wanted), MAX_TIMEOUT_S) if math.isfinite(wanted) else MAX_TIMEOUT_S
 
 
 def outcome_of(message: JsonObject) -> tuple[bool, Any]:

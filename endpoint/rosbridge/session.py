@@ -11,10 +11,14 @@ from typing import Any, Protocol
 
 from endpoint.access.auth import require_scope
 from endpoint.rosbridge import aliases
-from endpoint.rosbridge.actions import Actions
-from endpoint.rosbridge.calls import RUNNING_PER_SESSION, WAITING_PER_SESSION, CallQueue, Once
-from endpoint.rosbridge.deadlines import Deadlines
-from endpoint.rosbridge.fragments import Fragments
+from endpoint.rosbridge.actions import Actions, plan_grasps_action
+from endpoint.rosbridge.calls import (
+    RUNNING_PER_SESSION,
+    WAITING_PER_SESSION,
+    CallQueue,
+    Deadlines,
+    Once,
+)
 from endpoint.rosbridge.messages import (
     JsonObject,
     arguments,
@@ -26,9 +30,8 @@ from endpoint.rosbridge.messages import (
     text_of,
     with_id,
 )
-from endpoint.rosbridge.packing import Frame, Packing
+from endpoint.rosbridge.packing import Fragments, Frame, Packing
 from endpoint.rosbridge.parameters import Parameters
-from endpoint.rosbridge.planning import plan_grasps_action
 from endpoint.rosbridge.providers import Providers, timeout_of
 from endpoint.rosbridge.rosapi import Graph, rosapi_services
 from endpoint.rosbridge.services import Engine, Service, ServiceTable, engine_services

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from endpoint.rosbridge.deadlines import Deadlines
+from endpoint.rosbridge.calls import Deadlines
 from endpoint.rosbridge.messages import encode
 from rtask.errors import UsageError
 

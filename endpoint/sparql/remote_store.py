@@ -47,6 +47,7 @@ class _Readers:
 
     limits: _Limits
     possible: bool = False
+    evaluate_updates: bool = False
 
 
 @dataclass(frozen=True)
@@ -166,8 +167,9 @@ class RemoteStore:
         base: str | None = None,
         if_version: int | None = None,
         note: str | None = None,
+        limits: object = None,
     ) -> _Passed:
-        """Pass an update on, at most once.
+        """Pass an update on, at most once; the other server sets its own limits.
 
         Raises
         ------

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from endpoint.rosbridge.fragments import Fragments
-from endpoint.rosbridge.packing import Packing, cbor, pieces, png
+from endpoint.rosbridge.packing import Fragments, Packing, cbor, pieces, png
 from endpoint.rosbridge.session import Session
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
