@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from grasp.charts import curve_chart
 from grasp.learning.comparison import Result
 from grasp.learning.metrics import Life, Measure, attempts, bootstrap, difference, first_try, regret
-from grasp.push.figures.drawing import chart
 
 __all__ = ["curves_svg", "table", "text"]
 
@@ -117,5 +117,6 @@ def curves_svg(results: Sequence[Result], window: int = 12) -> str:
             mean, np.ones(width) / width, mode="valid"
         )
     met = np.arange(len(next(iter(curves.values())))) + min(window, len(mean))
-    top = max(float(curve.max()) for curve in curves.values())
-    return chart(met, curves, "Attempts to the first success", "objects met", (1.0, top))
+    # A learner that always succeeds at once still needs an axis.
+    top = max(2.0, *(float(curve.max()) for curve in curves.values()))
+    return curve_chart(met, curves, "Attempts to the first success", "objects met", (1.0, top))

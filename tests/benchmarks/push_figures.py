@@ -7,6 +7,7 @@ import time
 import numpy as np
 from push_settings import CONFIGURATIONS, Drawings, plan, usual
 
+from grasp.charts import curve_chart, heat_map
 from grasp.push import (
     Elimination,
     PushTest,
@@ -18,7 +19,6 @@ from grasp.push import (
     sample_grasps,
     stop_at,
 )
-from grasp.push.figures.drawing import chart, heat_map
 from grasp.push.figures.whiskers import best_grasp_svg, eliminated_svg, whisker_svg
 from grasp.push.parts import BRACKETS, TAPE_DISPENSER, TAPE_DISPENSER_COM, TOLERANCING
 from grasp.push.pose import centred_grasp, pose_map
@@ -59,7 +59,7 @@ def fig_3_11() -> None:
     print("thesis: after 100 always within 5 %; g* settled before 100 for all but one part")
     Drawings.write(
         "fig-3.11",
-        chart(
+        curve_chart(
             np.arange(1, 501),
             curves,
             "Fig. 3.11, stand-ins A to I",
@@ -94,7 +94,7 @@ def fig_3_13() -> None:
     print("thesis: near edge dominates, others cost at most 14 %; thin parts (TD) are sensitive. "
           "Here the centre of mass is the centroid, which moves with all vertices.")  # fmt: skip
     title, axes = "Fig. 3.13, stand-ins", ("deviation of vertices over .02 R", (0.0, 1.0))
-    Drawings.write("fig-3.13", chart(factors, curves, title, *axes, "quality"))
+    Drawings.write("fig-3.13", curve_chart(factors, curves, title, *axes, "quality"))
 
 
 def fig_3_15() -> None:
@@ -142,7 +142,7 @@ def fig_3_15() -> None:
     best = np.maximum.accumulate(ordered[:, 1:3], axis=0)
     title, axes = "Fig. 3.15, stand-ins", ("share of evaluations, eta hat", (0.0, 1.0))
     curves = {"expected": best[:, 0], "worst": best[:, 1]}
-    Drawings.write("fig-3.15", chart(ordered[:, 0], curves, title, *axes, "Q* over full Q*"))
+    Drawings.write("fig-3.15", curve_chart(ordered[:, 0], curves, title, *axes, "Q* over full Q*"))
 
 
 def fig_3_23() -> None:

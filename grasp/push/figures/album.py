@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from grasp.arrays import FloatArray
-from grasp.push.figures.drawing import Canvas, chart, heat_map
+from grasp.charts import curve_chart, heat_map
+from grasp.push.figures.drawing import Canvas
 from grasp.push.figures.whiskers import best_grasp_svg, eliminated_svg, whisker_svg
 from grasp.push.perturb import Tolerance
 from grasp.push.pose import pose_map
@@ -60,7 +61,7 @@ def tolerance_svg(plan: PushPlan, samples: int = 400, seed: int = 0, unit: str =
         curves[f"{name}, lower 95 %*"] = np.array([low[0] for _, low in values])
     title = f"best grasp under looser tolerances, {samples} perturbed parts"
     label = f"standard deviation of vertices, times {base.mean():.3g} {unit}".rstrip()
-    return chart(_FACTORS, curves, title, label, (0.0, 1.0), "quality")
+    return curve_chart(_FACTORS, curves, title, label, (0.0, 1.0), "quality")
 
 
 def pose_svg(plan: PushPlan, samples: int = 60, seed: int = 0, unit: str = "") -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from html import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = ["Canvas", "chart", "heat_map"]
+__all__ = ["Canvas"]
 
 COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#8c564b", "#e377c2", "#17becf",
            "#bcbd22", "#7f7f7f", "#393b79", "#637939")  # fmt: skip
@@ -91,12 +91,6 @@ class Canvas:
         (x, y) = self._px(point)[0]
         self._parts.append(_text(x, y, words, anchor, size, fill))
 
-    def upright(self, words: str) -> None:
-        """Add words that name the vertical axis, beside the left margin."""
-        x, y = 0.3 * self._margin, self._size[1] / 2
-        turned = f'<g transform="rotate(-90 {x:.1f} {y:.1f})">'
-        self._parts.append(turned + _text(x, y, words, "middle", 11) + "</g>")
-
     def key(self, entries: Mapping[str, str], unit: str = "") -> None:
         """Explain colours below the drawing, after a bar of a round length in the data's unit."""
         length = _round_length(0.25 * self._size[0] / float(self._scale[0]))
@@ -142,76 +136,3 @@ def _text(x: float, y: float, words: str, anchor: str, size: int, fill: str = "#
         f'<text x="{x:.1f}" y="{y:.1f}" font-family="sans-serif" font-size="{size}" '
         f'text-anchor="{anchor}" fill="{fill}">{escape(words)}</text>'
     )
-
-
-def chart(
-    x: ArrayLike,
-    curves: Mapping[str, ArrayLike],
-    title: str,
-    x_label: str,
-    y_range: tuple[float, float],
-    y_label: str = "",
-) -> str:
-    """Return curves over a common x as an SVG document."""
-    at = np.asarray(x, dtype=np.float64)
-    low, high = float(at.min()), float(at.max())
-    # The names of the curves stand behind their ends.
-    room = 0.22 * (high - low)
-    canvas = Canvas((low, y_range[0]), (high + room, y_range[1]), 720, 48, 420, title)
-    for k in range(6):
-        level = y_range[0] + (y_range[1] - y_range[0]) * k / 5
-        place = low + (high - low) * k / 5
-        canvas.line([(low, level), (high, level)], "#ddd", 1)
-        canvas.text((low, level), f"{level:.2f} ", "end")
-        canvas.text((place, y_range[0] - 0.06 * (y_range[1] - y_range[0])), f"{place:.3g}")
-    tall = y_range[1] - y_range[0]
-    canvas.text(((low + high) / 2, y_range[0] - 0.12 * tall), x_label)
-    if y_label:
-        canvas.upright(y_label)
-    ends = {name: float(np.asarray(values)[-1]) for name, values in curves.items()}
-    places = _apart(ends, 0.036 * tall, y_range[1])
-    for k, (name, values) in enumerate(curves.items()):
-        colour = COLOURS[k % len(COLOURS)]
-        ys = np.asarray(values, dtype=np.float64)
-        dash = "5,4" if name.endswith("*") else ""
-        canvas.line(np.column_stack([at, ys]), colour, 1.8, dash)
-        beside = high + 0.02 * (high - low)
-        canvas.line([(high, ys[-1]), (beside, places[name])], colour, 0.8)
-        canvas.text((beside, places[name] - 0.01 * tall), name.rstrip("*"), "start", 10)
-    return canvas.svg()
-
-
-def _apart(ends: Mapping[str, float], least: float, most: float) -> dict[str, float]:
-    """Return heights of names near the ends of their curves, no two closer than ``least``.
-
-    >>> {k: round(v, 2) for k, v in _apart({"a": 1.0, "b": 0.99, "c": 0.5}, 0.1, 1.0).items()}
-    {'a': 1.0, 'b': 0.9, 'c': 0.5}
-    """
-    out: dict[str, float] = {}
-    free = most
-    for name, height in sorted(ends.items(), key=lambda item: -item[1]):
-        out[name] = min(height, free)
-        free = out[name] - least
-    return out
-
-
-def heat_map(
-    values: ArrayLike, x: Sequence[float], y: Sequence[float], title: str, labels: tuple[str, str]
-) -> str:
-    """Return a table (len(y), len(x)) of numbers in 0..1 as squares, black = 1 (Fig. 3.23)."""
-    table = np.asarray(values, dtype=np.float64)
-    rows, columns = table.shape
-    canvas = Canvas((-1.2, -1.6), (columns, rows + 0.4), 720, 24, None, title)
-    for r in range(rows):
-        canvas.text((-0.1, r + 0.4), f"{y[r]:.3g}", "end")
-        for c in range(columns):
-            grey = round(255 * (1 - float(np.clip(table[r, c], 0, 1))))
-            square = [(c, r), (c + 0.96, r), (c + 0.96, r + 0.96), (c, r + 0.96)]
-            canvas.polygon(square, "#bbb", f"rgb({grey},{grey},{grey})", 0.5)
-            ink = "#fff" if grey < 128 else "#222"
-            canvas.text((c + 0.48, r + 0.4), f"{table[r, c]:.2f}", "middle", 10, ink)
-    for c in range(columns):
-        canvas.text((c + 0.48, -0.4), f"{x[c]:.3g}")
-    canvas.text((columns / 2, -1.1), labels[0])
-    canvas.text((-1.1, rows + 0.15), labels[1], "start")
-    return canvas.svg()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import pickle
+import re
+from collections import Counter
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -119,8 +122,12 @@ def test_a_comparison_as_text_json_and_curves(results: dict[str, Result]) -> Non
     assert any("3.18" in line for line in lines)  # measured earlier
     assert lines[-1].startswith("first tries that held")
     svg = curves_svg(chosen)
-    assert svg.count("<polyline") >= 2
-    assert "default, good and graph" in svg
+    assert ElementTree.fromstring(svg).tag.endswith("svg")
+    # A line of the chart and its sample in the legend for each of both learners.
+    lines_drawn = re.findall(r"stroke: (#[0-9a-f]{6}); stroke-width: 1.5", svg)
+    assert sorted(Counter(lines_drawn).values()) == [2, 2]
+    assert "TEXPLORE</text>" in svg
+    assert "default, good and graph</text>" in svg
 
 
 def test_contenders_cross_to_other_processes() -> None:
