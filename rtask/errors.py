@@ -45,6 +45,7 @@ details with :attr:`RtaskError.status` and :attr:`RtaskError.slug`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 __all__ = [
@@ -83,7 +84,22 @@ __all__ = [
     "UsageError",
     "ValidationError",
     "VersionConflictError",
+    "nearest",
 ]
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return the words ``; did you mean 'x'?`` when a known name is near, else nothing.
+
+    Examples
+    --------
+    >>> nearest("grippr_id", ["gripper_id", "task"])
+    "; did you mean 'gripper_id'?"
+    """
+    import difflib
+
+    found = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"; did you mean {found[0]!r}?" if found else ""
 
 
 class RtaskError(Exception):

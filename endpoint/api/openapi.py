@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from pydantic import BaseModel
+
 from endpoint.api.openapi_page import page
 from endpoint.api.openapi_resources import resource_paths
-from endpoint.api.openapi_schema import answer_schema, request_schema
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
-from endpoint.rosbridge.services import Engine
+from endpoint.rosbridge.services import Engine, Operation
 from rtask import __version__
-from rtask.engine.operations.answers import ANSWERS
+from rtask.wire.message import kind_of
+from rtask.wire.openapi import components
 
 JsonObject = dict[str, Any]
 
@@ -62,9 +64,13 @@ def plan_openapi(engine: Engine, request: Request) -> Plan:
 
 def document(engine: Engine) -> JsonObject:
     """Return the whole description."""
-    schemas: JsonObject = {"Problem": _PROBLEM}
+    declared: dict[str, type[BaseModel]] = {}
+    for name, operation in engine.operations.items():
+        declared[_request_name(name)] = operation.request
+        declared[operation.answer.__name__] = operation.answer
+    schemas = {"Problem": _PROBLEM, **components(declared)}
     paths = {
-        f"/engine/{name}": {"post": _operation(name, operation, schemas)}
+        f"/engine/{name}": {"post": _operation(name, operation)}
         for name, operation in engine.operations.items()
     }
     return {
@@ -115,16 +121,19 @@ _IDEMPOTENCY_KEY: JsonObject = {
 }
 
 
-def _operation(name: str, operation: Any, schemas: JsonObject) -> JsonObject:
-    title = "".join(part.title() for part in name.split("_")) + "Request"
-    wanted = request_schema(getattr(operation, "fields", ()))
-    if name == "insert_object":
-        entry = wanted["properties"]["objects"]["items"]
-        schemas["NewObject"] = entry
-        wanted["properties"]["objects"]["items"] = {"$ref": "#/components/schemas/NewObject"}
-        # One object's fields may stand at top level.
-        wanted = {"anyOf": [wanted, {"$ref": "#/components/schemas/NewObject"}]}
-    schemas[title] = wanted
+def _request_name(operation: str) -> str:
+    return "".join(part.title() for part in operation.split("_")) + "Request"
+
+
+def _operation(name: str, operation: Operation) -> JsonObject:
+    wanted: JsonObject = {"$ref": f"#/components/schemas/{_request_name(name)}"}
+    entries = operation.request.entries
+    if entries:
+        entry = kind_of(operation.request.model_fields[entries]).message
+        assert entry is not None
+        # The fields of one entry may stand at top level.
+        wanted = {"anyOf": [wanted, {"$ref": f"#/components/schemas/{entry.__name__}"}]}
+    answer = {"$ref": f"#/components/schemas/{operation.answer.__name__}"}
     described: JsonObject = {
         "operationId": name,
         "summary": operation.summary,
@@ -132,12 +141,12 @@ def _operation(name: str, operation: Any, schemas: JsonObject) -> JsonObject:
         "tags": ["engine"],
         "requestBody": {
             "required": True,
-            "content": {JSON_TYPE: {"schema": {"$ref": f"#/components/schemas/{title}"}}},
+            "content": {JSON_TYPE: {"schema": wanted}},
         },
         "responses": {
             "200": {
                 "description": "done",
-                "content": {JSON_TYPE: {"schema": _answer(name, schemas)}},
+                "content": {JSON_TYPE: {"schema": answer}},
             },
             **_problems(_OPERATION_PROBLEMS),
         },
@@ -145,11 +154,6 @@ def _operation(name: str, operation: Any, schemas: JsonObject) -> JsonObject:
     if operation.scope == "write" or name in ("teach_object", "curate_object"):
         described["parameters"] = [_IDEMPOTENCY_KEY]
     return described
-
-
-def _answer(name: str, schemas: JsonObject) -> JsonObject:
-    declared = ANSWERS.get(name)
-    return {"type": "object"} if declared is None else answer_schema(declared, schemas)
 
 
 def _problems(statuses: tuple[int, ...]) -> JsonObject:

@@ -17,13 +17,7 @@ from endpoint.rosbridge.parameters import Parameters
 from endpoint.rosbridge.providers import Peer, Providers
 from endpoint.rosbridge.services import Engine, Service, ServiceTable
 from endpoint.rosbridge.topics import Topics
-from endpoint.rosbridge.typedefs import (
-    full_text,
-    message_typedefs,
-    request_typedefs,
-    response_typedefs,
-)
-from rtask.engine.operations.answers import ANSWERS
+from endpoint.rosbridge.typedefs import full_text, message_typedefs, typedefs_of
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.commit.access import Access
 
@@ -187,14 +181,14 @@ def _types(graph: Graph) -> dict[str, Answer]:
         operation = graph.engine.operations.get(operation_of(wanted))
         if operation is None:
             return {"typedefs": [_empty(f"{wanted}Request")]}
-        return {"typedefs": request_typedefs(wanted, getattr(operation, "fields", ()))}
+        return {"typedefs": typedefs_of(f"{wanted}Request", operation.request)}
 
     def response_details(args: JsonObject) -> JsonObject:
         wanted = _text(args, "type")
-        declared = ANSWERS.get(operation_of(wanted))
-        if declared is None:
+        operation = graph.engine.operations.get(operation_of(wanted))
+        if operation is None:
             return {"typedefs": [_empty(f"{wanted}Response")]}
-        return {"typedefs": response_typedefs(wanted, declared)}
+        return {"typedefs": typedefs_of(f"{wanted}Response", operation.answer)}
 
     return {
         "message_details": message_details,

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.commit.access import Access
+from rtask.wire.message import Answer, Message
 
 Handler = Callable[[JsonObject, Access], JsonObject]
 
@@ -25,6 +26,14 @@ class Operation(Protocol):
     @property
     def summary(self) -> str:
         """One line for lists."""
+
+    @property
+    def request(self) -> type[Message]:
+        """Declaration of its request."""
+
+    @property
+    def answer(self) -> type[Answer]:
+        """Declaration of its answer."""
 
 
 class Engine(Protocol):
@@ -146,7 +155,7 @@ def engine_services(engine: Engine) -> list[Service]:
             ros_type(name),
             operation.scope,
             handler(name),
-            parameters=tuple(field.name for field in getattr(operation, "fields", ())),
+            parameters=tuple(operation.request.model_fields),
         )
         for name, operation in engine.operations.items()
     ]

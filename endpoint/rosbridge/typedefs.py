@@ -1,31 +1,14 @@
-"""ROS type descriptions, from the fields that the engine reads and the types of its answers."""
+"""ROS type descriptions as rosapi gives them, of declared messages and of the server's topics."""
 
 from __future__ import annotations
 
-import types
-import typing
-from collections.abc import Iterable
-from typing import Any, NotRequired
+from collections.abc import Sequence
+
+from pydantic import BaseModel
 
 from endpoint.rosbridge.messages import JsonObject
+from rtask.wire.ros import LIST, SCALAR, ros_types
 
-SCALAR, LIST = -1, 0
-
-# Kind of a field -> ROS type and length of the array.
-_ROS = {
-    "string": ("string", SCALAR),
-    "number": ("float64", SCALAR),
-    "integer": ("int64", SCALAR),
-    "boolean": ("bool", SCALAR),
-    "bytes": ("string", SCALAR),
-    "grasp": ("string", SCALAR),
-    "time": ("time", SCALAR),
-    "pose": ("geometry_msgs/Pose", SCALAR),
-    "points": ("geometry_msgs/Point", LIST),
-    "strings": ("string", LIST),
-}
-_PYTHON = {str: "string", float: "float64", int: "int64", bool: "bool"}
-_TEXT = "string"  # of what has no type of its own: JSON
 _KNOWN: dict[str, tuple[tuple[str, str, int], ...]] = {
     "geometry_msgs/Pose": (
         ("position", "geometry_msgs/Point", SCALAR),
@@ -41,31 +24,15 @@ _KNOWN: dict[str, tuple[tuple[str, str, int], ...]] = {
 }  # fmt: skip
 
 
-def request_typedefs(type_: str, fields: Iterable[Any]) -> list[JsonObject]:
-    """Return the descriptions of a request and of all types in it, the request first.
+def typedefs_of(type_: str, model: type[BaseModel]) -> list[JsonObject]:
+    """Return the descriptions of a message and of all types in it, the message first.
 
     Parameters
     ----------
     type_
-        ROS name of the service's type, ``rtask/SearchObject``.
-    fields
-        Of the operation, :class:`rtask.engine.operations.messages.Field`.
+        ROS name of the message, ``rtask/SearchObjectRequest``.
     """
-    found: dict[str, JsonObject] = {}
-    _add(f"{type_}Request", fields, found)
-    return _with_held(found)
-
-
-def response_typedefs(type_: str, declared: Any) -> list[JsonObject]:
-    """Return the descriptions of an answer and of all types in it, the answer first.
-
-    Parameters
-    ----------
-    declared
-        Typed dictionary of :mod:`rtask.engine.operations.answers`.
-    """
-    found: dict[str, JsonObject] = {}
-    _add_answer(f"{type_}Response", declared, found)
+    found = {name: _typedef(name, members) for name, members in ros_types(type_, model).items()}
     return _with_held(found)
 
 
@@ -91,7 +58,7 @@ def _with_held(found: dict[str, JsonObject]) -> list[JsonObject]:
     while todo:
         for of in todo.pop()["fieldtypes"]:
             if of in _KNOWN and of not in found:
-                found[of] = _typedef(of, list(_KNOWN[of]))
+                found[of] = _typedef(of, _KNOWN[of])
                 todo.append(found[of])
     return list(found.values())
 
@@ -108,47 +75,7 @@ def full_text(typedef: JsonObject) -> str:
     return "\n".join(f"{of}{'[]' if length == LIST else ''} {name}" for of, name, length in rows)
 
 
-def _add(type_: str, fields: Iterable[Any], found: dict[str, JsonObject]) -> None:
-    members: list[tuple[str, str, int]] = []
-    found[type_] = {}  # its place is before the types that it holds
-    for field in fields:
-        if field.kind in ("record", "records"):
-            of = f"{type_}{''.join(part.capitalize() for part in field.name.split('_'))}"
-            _add(of, field.fields, found)
-            members.append((field.name, of, LIST if field.kind == "records" else SCALAR))
-        else:
-            members.append((field.name, *_ROS[field.kind]))
-    found[type_] = _typedef(type_, members)
-
-
-def _add_answer(type_: str, declared: Any, found: dict[str, JsonObject]) -> None:
-    members: list[tuple[str, str, int]] = []
-    found[type_] = {}
-    for name, hint in typing.get_type_hints(declared, include_extras=True).items():
-        of, length = _plain(hint)
-        if typing.is_typeddict(of):
-            held = f"rtask/{of.__name__}"
-            if held not in found:
-                _add_answer(held, of, found)
-            members.append((name, held, length))
-        else:
-            members.append((name, _PYTHON.get(of, _TEXT), length))
-    found[type_] = _typedef(type_, members)
-
-
-def _plain(hint: Any) -> tuple[Any, int]:
-    """Return the type that a declared one is or lists, and the length of the array."""
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin is NotRequired:
-        return _plain(arguments[0])
-    if origin in (types.UnionType, typing.Union):
-        return _plain(next(one for one in arguments if one is not type(None)))
-    if origin is list:
-        return _plain(arguments[0])[0], LIST
-    return hint, SCALAR
-
-
-def _typedef(type_: str, members: list[tuple[str, str, int]]) -> JsonObject:
+def _typedef(type_: str, members: Sequence[tuple[str, str, int]]) -> JsonObject:
     return {
         "type": type_,
         "fieldnames": [name for name, _, _ in members],

@@ -22,7 +22,7 @@ from rtask.errors import UsageError
 
 if TYPE_CHECKING:
     from rtask.client import Client
-    from rtask.engine.operations.answers import ResolvedRequest
+    from rtask.client.calls import ResolvedRequest
 
 __all__ = ["ask", "feedback"]
 

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import base64
 import uuid
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Unpack, cast
+from typing import TYPE_CHECKING, Any
 
+from rtask.client.calls import Calls
 from rtask.client.outbox import Outbox
 from rtask.client.patience import TEMPORARY
 from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
 
 if TYPE_CHECKING:
-    from rtask.client import requests
     from rtask.client.following import FollowedChange
-    from rtask.engine.operations import answers
 
 __all__ = ["Client"]
 
 _TOLD = ("insert_object", "report_outcome")
 
 
-class Client(ABC):
+class Client(Calls):
     """A connection to the shared graph; made by :func:`rtask.connect`.
 
     What the robot tells carries an id, so telling it twice stores it once. With an outbox it is
@@ -102,53 +101,10 @@ class Client(ABC):
 
     # Operations
 
-    def register_robot(self, **request: Unpack[requests.RegisterRobot]) -> answers.RegisteredRobot:
-        """Introduce this robot; the same message again changes nothing."""
-        return cast("answers.RegisteredRobot", self.call("register_robot", **request))
-
-    def recognise_for_grasp(
-        self, **request: Unpack[requests.RecogniseForGrasp]
-    ) -> answers.Recognition:
-        """Ask which object this is and which grasps to try, in order."""
-        return cast("answers.Recognition", self.call("recognise_for_grasp", **request))
-
-    def recall_grasps(self, **request: Unpack[requests.RecallGrasps]) -> answers.RecalledGrasps:
-        """Ask for the known grasps of a known object, the surest first."""
-        return cast("answers.RecalledGrasps", self.call("recall_grasps", **request))
-
-    def plan_in_space(self, **request: Unpack[requests.PlanInSpace]) -> answers.PlannedGrasps:
-        """Ask for grasps in space of a known object to be planned and stored."""
-        return cast("answers.PlannedGrasps", self.call("plan_in_space", **request))
-
-    def search_object(self, **request: Unpack[requests.SearchObject]) -> answers.SimilarObjects:
-        """Ask which known objects look like this one."""
-        return cast("answers.SimilarObjects", self.call("search_object", **request))
-
-    def resolve_request(
-        self, **request: Unpack[requests.ResolveRequest]
-    ) -> answers.ResolvedRequest:
-        """Ask which of the seen objects serves a wish, and how it is taken."""
-        return cast("answers.ResolvedRequest", self.call("resolve_request", **request))
-
-    def insert_object(self, **request: Unpack[requests.InsertObject]) -> answers.Inserted:
-        """Tell what was seen, and what came of grasping it."""
-        return cast("answers.Inserted", self.call("insert_object", **request))
-
-    def report_outcome(self, **request: Unpack[requests.ReportOutcome]) -> answers.ReportedOutcome:
-        """Tell what came of a grasp on a known object."""
-        return cast("answers.ReportedOutcome", self.call("report_outcome", **request))
-
-    def give_feedback(self, **request: Unpack[requests.GiveFeedback]) -> answers.Feedback:
-        """Pass on what a person thinks of what a robot reported."""
-        return cast("answers.Feedback", self.call("give_feedback", **request))
-
-    def teach_object(self, **request: Unpack[requests.TeachObject]) -> answers.Taught:
-        """Pass on what a person wants: search by words, teach, confirm, reject."""
-        return cast("answers.Taught", self.call("teach_object", **request))
-
-    def curate_object(self, **request: Unpack[requests.CurateObject]) -> answers.Curated:
-        """Merge two objects, split one, forget one, or take that back."""
-        return cast("answers.Curated", self.call("curate_object", **request))
+    def _operate(self, operation: str, given: dict[str, Any]) -> Any:
+        args = {name: value for name, value in given.items() if value is not None}
+        args.pop("self", None)
+        return self.call(operation, **args)
 
     def call(
         self, operation: str, /, timeout_s: float | None = None, **args: Any

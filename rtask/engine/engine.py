@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from rtask.engine.context import Context
 from rtask.engine.curation.merging import followed
 from rtask.engine.memory.statistics import rebuild
-from rtask.engine.operations.messages import nearest, read
 from rtask.engine.operations.table import OPERATIONS, Operation
 from rtask.engine.perception.growth import rebuild_models
 from rtask.engine.policy import Policy
-from rtask.errors import UnknownTermError, UnsupportedError
+from rtask.errors import UnknownTermError, UnsupportedError, nearest
 from rtask.extras import naming_extras
 from rtask.kb.commit.access import Access
+from rtask.wire.message import plain, read
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
@@ -143,7 +143,7 @@ class Engine:
         access = access or Access()
         self.context.require(access, operation.scope)
         with naming_extras(operation.name):
-            request = read(operation.fields, operation.prepare(dict(args or {})))
+            request = plain(read(operation.request, dict(args or {})))
             request = followed(self.kb, request)
             return operation.handler(self.context, request, access)
 

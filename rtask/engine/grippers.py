@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from grasp.spatial.gripper import ParallelGripper
-from rtask.engine.operations.messages import nearest
-from rtask.errors import UnknownTermError
+from rtask.errors import UnknownTermError, nearest
 from rtask.rdf.namespaces import PREFIXES, RT, local_name
 from rtask.rdf.terms import NamedNode
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
 
 __all__ = ["GripperCatalogue", "KnownGripper"]
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -108,16 +110,21 @@ def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
         if not isinstance(part, NamedNode) or not isinstance(robot, NamedNode):
             continue
         kind = local_name(str(given.get("kind", "Hand")))
-        gripper = ParallelGripper(
-            name=str(given["name"]),
-            gripper_type=str(given["type"]),
-            min_opening=float(str(given.get("low", 0.0))),
-            max_opening=float(str(given["high"])),
-            symmetric=kind != "Hand",
-            finger_width=float(str(given.get("jaw", ParallelGripper.finger_width))),
-            finger_length=float(str(given.get("finger", ParallelGripper.finger_length))),
-            max_payload=float(str(given.get("payload", ParallelGripper.max_payload))),
-        )
+        try:
+            gripper = ParallelGripper(
+                name=str(given["name"]),
+                gripper_type=str(given["type"]),
+                min_opening=float(str(given.get("low", 0.0))),
+                max_opening=float(str(given["high"])),
+                symmetric=kind != "Hand",
+                finger_width=float(str(given.get("jaw", ParallelGripper.finger_width))),
+                finger_length=float(str(given.get("finger", ParallelGripper.finger_length))),
+                max_payload=float(str(given.get("payload", ParallelGripper.max_payload))),
+            )
+        except ValueError as error:
+            # One robot's mistake must not keep the others from grasping.
+            log.warning("%s is left out: %s", part.value, error)
+            continue
         known = KnownGripper(
             part, robot, str(given["robot_name"]), gripper, kind,
             camera if isinstance(camera, NamedNode) else None,

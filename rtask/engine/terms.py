@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import ontology
-from rtask.engine.operations.messages import nearest
-from rtask.errors import UnknownTermError
+from rtask.errors import UnknownTermError, nearest
 from rtask.rdf.namespaces import PREFIXES, RDFS, RT, local_name
 from rtask.rdf.terms import NamedNode
 

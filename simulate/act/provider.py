@@ -12,13 +12,21 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from rtask.client.remote import addresses
-from rtask.engine.operations.messages import Field, nearest, read
-from rtask.errors import AuthenticationError, RemoteUnavailableError, RtaskError, UsageError
+from rtask.errors import (
+    AuthenticationError,
+    RemoteUnavailableError,
+    RtaskError,
+    UsageError,
+    nearest,
+)
+from rtask.wire.message import Message, read
+from rtask.wire.types import Number, Unit, Whole
 from simulate.act.service import ActService
 from simulate.act.trials import Trial, place_test, reach_test, reasons
 from simulate.act.workspace import map_workspace
@@ -34,15 +42,25 @@ _AGAIN_S = 1.0
 _OPEN_S = 10.0
 _MAX_TRIALS = 1_000
 
-_TRIALS = (
-    Field("n", "integer", "random goals", default=10, low=1, high=_MAX_TRIALS),
-    Field("seed", "integer", "of the goals", default=0, low=0),
-)
-_MAP = (
-    Field("step", "number", "size of a cell, m", default=0.03, low=0.002, high=0.2),
-    Field("angles", "integer", "closing directions", default=8, low=1, high=72),
-    Field("height", "number", "of the tool, m, base frame; 3 cm over the table when left out"),
-)
+
+class Trials(Message):
+    """Random goals to try."""
+
+    n: Annotated[Whole, Ge(1), Le(_MAX_TRIALS)] = 10
+    """random goals"""
+    seed: Annotated[Whole, Ge(0)] = 0
+    """of the goals"""
+
+
+class WorkspaceMap(Message):
+    """Cells to try."""
+
+    step: Annotated[Number, Unit("m"), Ge(0.002), Le(0.2)] = 0.03
+    """size of a cell"""
+    angles: Annotated[Whole, Ge(1), Le(72)] = 8
+    """closing directions"""
+    height: Annotated[Number, Unit("m")] | None = None
+    """of the tool, base frame; 3 cm over the table when left out"""
 
 
 def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
@@ -50,8 +68,8 @@ def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
 
     def trials(run: Callable[[ActService, int, int], list[Trial]]) -> Method:
         def method(message: dict[str, Any]) -> dict[str, Any]:
-            asked = read(_TRIALS, message)
-            done = run(service, asked["n"], asked["seed"])
+            asked = read(Trials, message)
+            done = run(service, asked.n, asked.seed)
             return {
                 "n": len(done),
                 "reached": sum(trial.reached for trial in done),
@@ -62,10 +80,10 @@ def methods_of(service: ActService) -> dict[str, tuple[str, Method]]:
         return method
 
     def workspace(message: dict[str, Any]) -> dict[str, Any]:
-        asked = read(_MAP, message)
-        heights = () if asked["height"] is None else (asked["height"],)
+        asked = read(WorkspaceMap, message)
+        heights = () if asked.height is None else (asked.height,)
         space = service.cell.executor.space
-        found = map_workspace(space, step=asked["step"], heights=heights, angles=asked["angles"])
+        found = map_workspace(space, step=asked.step, heights=heights, angles=asked.angles)
         return {
             "x": found.x.tolist(),
             "y": found.y.tolist(),

@@ -4,42 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from annotated_types import Ge, Le
 
-from rtask.engine.operations.messages import Field, nearest, read
-from rtask.errors import UsageError
+from rtask.errors import UsageError, nearest
+from rtask.wire.message import Message, read
+from rtask.wire.types import Number, Pose, Text, Unit, Whole
 from simulate.robots import Arm, RobotDescription
 
-__all__ = ["ACTIONS", "ACT_FIELDS", "PLANNERS", "ActRequest"]
+__all__ = ["ACTIONS", "PLANNERS", "ActMessage", "ActRequest"]
 
-ACTIONS = ("reach", "grasp", "place", "pick_place", "home")
-PLANNERS = ("rrt_connect",)
 
-ACT_FIELDS = (
-    Field("robot_name", "string", "which robot; empty = the one that is asked"),
-    Field("action_type", "string", "what to do", default="reach", choices=ACTIONS),
-    Field("arm_name", "string", "arm; auto = the one on the goal's side, else the other",
-          default="auto"),
-    Field("plan_name", "string", "planner", default="rrt_connect", choices=PLANNERS),
-    Field("end_eff_name", "string", "hand, instead of the arm"),
-    Field("attempts_max_in", "integer", "planning attempts; 0 = 5", default=5, low=0, high=100),
-    Field("planing_time_in", "number", "limit over all attempts, s; 0 = 5", default=5.0, low=0.0,
-          high=600.0),
-    Field("tolerance_min_in", "number", "tolerance of the tool's position, m; 0 = .0025",
-          default=0.0025, low=0.0, high=0.05),
-    Field("angle_resolution_in", "number",
-          "step by which theta is turned, to either side, until it can be reached, rad; "
-          "0 = theta only", default=0.2618, low=0.0, high=1.5708),
-    Field("grasp_depth_in", "number", "tool below the goal, m; 0 = as the object's height tells",
-          default=0.0, low=0.0, high=0.2),
-    Field("distance_error_allowed", "number",
-          "largest error of the tool that counts as reached, m; 0 = .01", default=0.01, low=0.0,
-          high=0.5),
-    Field("goal_pose", "pose", "centre of mass of the object, base frame; of the orientation "
-          "only the yaw counts: the closing direction"),
-)  # fmt: skip
+class ActMessage(Message):
+    """What the act service is asked, as it comes over the wire."""
+
+    robot_name: Text | None = None
+    """which robot; empty = the one that is asked"""
+    action_type: Literal["reach", "grasp", "place", "pick_place", "home"] = "reach"
+    """what to do"""
+    arm_name: Text = "auto"
+    """arm; auto = the one on the goal's side, else the other"""
+    plan_name: Literal["rrt_connect"] = "rrt_connect"
+    """planner"""
+    end_eff_name: Text | None = None
+    """hand, instead of the arm"""
+    attempts_max_in: Annotated[Whole, Ge(0), Le(100)] = 5
+    """planning attempts; 0 = 5"""
+    planing_time_in: Annotated[Number, Unit("s"), Ge(0), Le(600)] = 5.0
+    """limit over all attempts; 0 = 5 s"""
+    tolerance_min_in: Annotated[Number, Unit("m"), Ge(0), Le(0.05)] = 0.0025
+    """tolerance of the tool's position; 0 = 2.5 mm"""
+    angle_resolution_in: Annotated[Number, Unit("rad"), Ge(0), Le(1.5708)] = 0.2618
+    """step by which theta is turned, to either side, until it can be reached; 0 = theta only"""
+    grasp_depth_in: Annotated[Number, Unit("m"), Ge(0), Le(0.2)] = 0.0
+    """tool below the goal; 0 = as the object's height tells"""
+    distance_error_allowed: Annotated[Number, Unit("m"), Ge(0), Le(0.5)] = 0.01
+    """largest error of the tool that counts as reached; 0 = 1 cm"""
+    goal_pose: Pose | None = None
+    """centre of mass of the object, base frame; of the orientation only the yaw counts: the
+    closing direction"""
+
+
+ACTIONS = get_args(ActMessage.model_fields["action_type"].annotation)
+PLANNERS = get_args(ActMessage.model_fields["plan_name"].annotation)
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ class ActRequest:
         Parameters
         ----------
         message
-            Fields of :data:`ACT_FIELDS`; a number 0 stands for the default where 0 makes no sense,
+            Fields of :class:`ActMessage`; a number 0 stands for the default where 0 makes no sense,
             as typed ROS clients send every field.
         robot
             Who is asked.
@@ -96,29 +105,28 @@ class ActRequest:
         given = dict(message)
         if given.get("action_type") == "home":
             given.pop("goal_pose", None)  # means nothing, and typed clients send zeros
-        fields = read(ACT_FIELDS, given)
-        default = {field.name: field.default for field in ACT_FIELDS}
+        fields, default = read(ActMessage, given), ActMessage()
         known = [robot.name, *([name] if name else [])]
-        if fields["robot_name"] and fields["robot_name"] not in known:
-            asked = fields["robot_name"]
+        if fields.robot_name and fields.robot_name not in known:
+            asked = fields.robot_name
             hint = nearest(asked, known) or f"; this is {' or '.join(known)}"
             raise UsageError(f"robot_name: unknown robot {asked!r}{hint}", field="robot_name")
-        arm = _arm_name(robot, fields["arm_name"], fields["end_eff_name"])
-        pose = fields["goal_pose"]
+        arm = _arm_name(robot, fields.arm_name, fields.end_eff_name)
+        pose = fields.goal_pose
         if pose is None:
-            if fields["action_type"] != "home":
+            if fields.action_type != "home":
                 raise UsageError("goal_pose is missing: where to go", field="goal_pose")
             pose = np.eye(4)
         x, y, z = (float(v) for v in pose[:3, 3])
         return cls(
-            action=fields["action_type"],
+            action=fields.action_type,
             arm=arm,
-            attempts=fields["attempts_max_in"] or default["attempts_max_in"],
-            planning_s=fields["planing_time_in"] or default["planing_time_in"],
-            tolerance=fields["tolerance_min_in"] or default["tolerance_min_in"],
-            angle_step=fields["angle_resolution_in"],
-            depth=fields["grasp_depth_in"],
-            error_allowed=fields["distance_error_allowed"] or default["distance_error_allowed"],
+            attempts=fields.attempts_max_in or default.attempts_max_in,
+            planning_s=fields.planing_time_in or default.planing_time_in,
+            tolerance=fields.tolerance_min_in or default.tolerance_min_in,
+            angle_step=fields.angle_resolution_in,
+            depth=fields.grasp_depth_in,
+            error_allowed=fields.distance_error_allowed or default.distance_error_allowed,
             position=(x, y, z),
             theta=float(np.arctan2(pose[1, 0], pose[0, 0])),
         )

@@ -69,7 +69,7 @@ class ActService:
         Parameters
         ----------
         message
-            Fields of :data:`~simulate.act.request.ACT_FIELDS`.
+            Fields of :class:`~simulate.act.request.ActMessage`.
 
         Returns
         -------

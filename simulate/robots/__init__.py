@@ -6,8 +6,7 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rtask.engine.operations.messages import nearest
-from rtask.errors import RobotError
+from rtask.errors import RobotError, nearest
 from simulate.robots.description import (
     Arm,
     CameraMount,

@@ -71,10 +71,37 @@ def test_requests_that_the_server_takes_fit_the_description_and_so_do_its_answer
     schema_of(described, "RegisteredRobot").validate(answer.json())
     refused = client_of_module.post("/engine/register_robot", json={"nme": 1})
     schema_of(described, "Problem").validate(refused.json())
-    numbers = [{**ROBOT["end_effectors"][0], "max_opening": "0.08", "jaw_width": None}]  # type: ignore[dict-item]
-    loose = {**ROBOT, "end_effectors": numbers}
-    schema_of(described, "RegisterRobotRequest").validate(loose)
+    hand = {**ROBOT["end_effectors"][0], "jaw_width": None}  # type: ignore[dict-item]
+    absent = {**ROBOT, "end_effectors": [hand]}
+    schema_of(described, "RegisterRobotRequest").validate(absent)
+    assert client_of_module.post("/engine/register_robot", json=absent).status_code == 200
+
+
+def test_the_description_shows_one_form_and_the_server_takes_printed_numbers_too(
+    described: dict[str, Any], client_of_module: httpx.Client
+) -> None:
+    hand = described["components"]["schemas"]["EndEffector"]["properties"]["max_opening"]
+    assert hand["type"] == "number"
+    assert hand["minimum"] == 0.001
+    assert hand["x-unit"] == "m"
+    printed = [{**ROBOT["end_effectors"][0], "max_opening": "0.08"}]  # type: ignore[dict-item]
+    loose = {**ROBOT, "end_effectors": printed, "simulated": "false"}
     assert client_of_module.post("/engine/register_robot", json=loose).status_code == 200
+
+
+def test_no_enumeration_mixes_types_and_every_schema_is_named(described: dict[str, Any]) -> None:
+    def enumerations(schema: Any) -> Any:
+        if isinstance(schema, dict):
+            if "enum" in schema:
+                yield schema["enum"]
+            for one in schema.values():
+                yield from enumerations(one)
+        elif isinstance(schema, list):
+            for one in schema:
+                yield from enumerations(one)
+
+    for values in enumerations(described):
+        assert {type(value) for value in values} == {str}, values
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 
 from endpoint.rosbridge.session import Bridge, Session
+from rtask.engine.operations.search import SearchObject, SimilarObjects
 from rtask.errors import DataError
 from rtask.kb.commit.access import Access
+from rtask.wire.message import Answer, Message
 
 SIMILAR = [
     {"class": "1", "X": 0.5, "Y": 2.5, "Z": 1.5, "rad": 0.314, "label": "coke can"},
@@ -27,6 +29,8 @@ class StandInOperation:
 
     scope: str
     summary: str = "for tests"
+    request: type[Message] = Message
+    answer: type[Answer] = Answer
 
 
 class StandInEngine:
@@ -34,7 +38,7 @@ class StandInEngine:
 
     def __init__(self) -> None:
         self.operations = {
-            "search_object": StandInOperation("read"),
+            "search_object": StandInOperation("read", request=SearchObject, answer=SimilarObjects),
             "insert_object": StandInOperation("write"),
             "wait": StandInOperation("read"),
             "fail": StandInOperation("read"),

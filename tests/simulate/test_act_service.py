@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from rtask.errors import RobotError, UsageError
-from simulate.act.request import ACT_FIELDS, ActRequest
+from rtask.wire.ros import ros_types
+from simulate.act.request import ActMessage, ActRequest
 from simulate.act.service import ActService, theta_offsets
 from simulate.act.trials import place_test, random_goal, reach_test, write_csv
 from simulate.act.workspace import map_workspace
@@ -56,7 +57,7 @@ def goal(cell, dx=0.0, dy=-0.10, height=0.035, yaw=0.0):
 
 
 def test_the_request_has_the_fields_of_the_thesis_and_no_other():
-    assert tuple(field.name for field in ACT_FIELDS) == THESIS
+    assert tuple(ActMessage.model_fields) == THESIS
 
 
 def test_what_is_left_out_has_the_documented_defaults():
@@ -68,10 +69,9 @@ def test_what_is_left_out_has_the_documented_defaults():
 
 
 def test_zeros_and_empty_texts_of_a_typed_client_are_the_defaults():
-    typed = {
-        field.name: {"string": "", "integer": 0, "number": 0.0}.get(field.kind)
-        for field in ACT_FIELDS
-    }
+    zero = {"string": "", "int64": 0, "float64": 0.0}
+    (members,) = ros_types("rtask/ActRequest", ActMessage).values()
+    typed = {member.name: zero.get(member.type) for member in members}
     read = ActRequest.read({**typed, "goal_pose": pose(0.15, -0.1, 0.3)}, NAO)
     assert (read.action, read.attempts, read.planning_s, read.tolerance) == (
         "reach", 5, 5.0, 0.0025,

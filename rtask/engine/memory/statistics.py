@@ -17,12 +17,14 @@ from rtask.engine.names import tail
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PREFIXES, PROV, RT, reason
 from rtask.rdf.terms import NamedNode, object_term, python_value
+from rtask.wire.message import Answer
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.commit import Commit
 
 __all__ = [
+    "GraspStatistics",
     "Pending",
     "count",
     "judged",
@@ -34,6 +36,15 @@ __all__ = [
     "summary",
     "totalled",
 ]
+
+
+class GraspStatistics(Answer):
+    """How often a grasp held, over all robots."""
+
+    attempts: int
+    successes: int
+    mean: float
+    lower_95: float
 
 
 def lower_95(successes: int, attempts: int) -> float:

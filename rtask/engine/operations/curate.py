@@ -6,36 +6,56 @@ merge the same objects, or each into the other, the second one hears what the fi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import MaxLen
+from pydantic import Field
 
 from rtask.engine.curation.merging import merge_objects, present_name
 from rtask.engine.curation.splitting import forget_object, forget_views, split_object
 from rtask.engine.curation.undoing import undo
-from rtask.engine.operations.messages import Field, nearest
-from rtask.errors import ForbiddenError, UnknownTermError, UsageError
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, literal
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Text, Texts
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
     from rtask.kb.commit.commit import Commit
 
-__all__ = ["CURATE_OBJECT", "author_of", "curate_object", "object_meant"]
+__all__ = ["CurateObject", "Curated", "author_of", "curate_object", "object_meant"]
 
-CURATE_OBJECT = (
-    Field("operation", "string", "what the person wants", required=True,
-          choices=("merge", "split", "forget", "undo")),
-    Field("object", "string", "IRI of the object, or its name"),
-    Field("into", "string", "merge: IRI or name of the object that it turned out to be"),
-    Field("views", "strings", "split: IRIs of the views that show another object; "
-          "forget: only these views", default=[], high=1000),
-    Field("name", "string", "split: what people call the new object"),
-    Field("purge", "boolean", "forget: with all that was tried on it, and the bytes at once",
-          default=False),
-    Field("commit", "string", "undo: the commit to take back, as answered"),
-    Field("operator", "string", "who says so"),
-)  # fmt: skip
+
+class CurateObject(Message):
+    """What a person puts right about objects."""
+
+    operation: Literal["merge", "split", "forget", "undo"]
+    """what the person wants"""
+    object: Text | None = None
+    """IRI of the object, or its name"""
+    into: Text | None = None
+    """merge: IRI or name of the object that it turned out to be"""
+    views: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
+    """split: IRIs of the views that show another object; forget: only these views"""
+    name: Text | None = None
+    """split: what people call the new object"""
+    purge: Flag = False
+    """forget: with all that was tried on it, and the bytes at once"""
+    commit: Text | None = None
+    """undo: the commit to take back, as answered"""
+    operator: Text | None = None
+    """who says so"""
+
+
+class Curated(Answer):
+    """The object that there is now, and the commit that undo takes back."""
+
+    object: str
+    commit: str
+    added: int
+    removed: int
 
 
 def curate_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:

@@ -10,35 +10,74 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
-from rtask.engine.memory.statistics import Pending, count, judged_counts, totalled
+from rtask.engine.memory.statistics import GraspStatistics, Pending, count, judged_counts, totalled
 from rtask.engine.memory.verdicts import Judged, Verdict, find_attempt, label_of
 from rtask.engine.names import tail
-from rtask.engine.operations.messages import Field, nearest
 from rtask.engine.records.attempts import state_verdict
 from rtask.engine.triples import Triples
-from rtask.errors import ForbiddenError, UnknownTermError, UsageError
+from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import GraphName
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Iri, Text
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
 
-__all__ = ["GIVE_FEEDBACK", "give_feedback"]
+__all__ = ["Feedback", "GiveFeedback", "GivenVerdict", "give_feedback"]
 
-GIVE_FEEDBACK = (
-    Field("verdict", "string", "what the person thinks of the report", required=True,
-          choices=("confirm", "refuse", "correct")),
-    Field("task_id", "string", "of the attempt that is judged"),
-    Field("object", "string", "IRI of the object whose last attempt is meant"),
-    Field("grasp", "string", "IRI of the grasp whose last attempt is meant"),
-    Field("held", "boolean", "whether it held; to correct"),
-    Field("reason", "string", "code of why it ended so, in the person's opinion"),
-    Field("operator", "string", "who says so; with a token, the token's person"),
-    Field("comment", "string", "in the person's words"),
-)  # fmt: skip
+
+class GiveFeedback(Message):
+    """What a person thinks of what a robot reported."""
+
+    verdict: Literal["confirm", "refuse", "correct"]
+    """what the person thinks of the report"""
+    task_id: Text | None = None
+    """of the attempt that is judged"""
+    object: Iri | None = None
+    """IRI of the object whose last attempt is meant"""
+    grasp: Iri | None = None
+    """IRI of the grasp whose last attempt is meant"""
+    held: Flag | None = None
+    """whether it held; to correct"""
+    reason: Text | None = None
+    """code of why it ended so, in the person's opinion"""
+    operator: Text | None = None
+    """who says so; with a token, the token's person"""
+    comment: Text | None = None
+    """in the person's words"""
+
+
+class GivenVerdict(Answer):
+    """What one person said about an attempt."""
+
+    by: str
+    held: bool
+    reason: str
+    comment: str
+    time: str
+
+
+class Feedback(Answer):
+    """Everything that was said about an attempt, and what counts."""
+
+    stored: int
+    commit: str
+    attempt: str
+    grasp: str
+    decided: bool
+    reason: str
+    held: bool | None
+    disputed: bool
+    held_votes: int
+    lost_votes: int
+    verdicts: list[GivenVerdict]
+    text: str
+    statistics: GraspStatistics
+    confidence: float | None
 
 
 @dataclass(frozen=True)

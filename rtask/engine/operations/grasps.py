@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Le
 
 from grasp.messages import spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate
@@ -11,24 +13,109 @@ from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.memory.confidence import Confidence, posterior, stored_confidences
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
-from rtask.engine.memory.statistics import lower_95, summary
-from rtask.engine.operations.messages import Field
+from rtask.engine.memory.statistics import GraspStatistics, lower_95, summary
 from rtask.engine.records.objects import frame_id_of, known_object
 from rtask.engine.remembered import Remembered
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Json, Text, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["RECALL_GRASPS", "as_messages", "recall_grasps", "recalled"]
+__all__ = [
+    "GraspConfidence",
+    "GraspFields",
+    "GraspMessage",
+    "RecallGrasps",
+    "RecalledGrasp",
+    "RecalledGrasps",
+    "as_messages",
+    "known_object",
+    "recall_grasps",
+    "recalled",
+]
 
-RECALL_GRASPS = (
-    Field("object", "string", "IRI, objectId or name of the object", required=True),
-    Field("gripper_id", "string", "only grasps of this gripper's type"),
-    Field("max_grasps", "integer", "length of the answer's list", default=10, low=1, high=50),
-    Field("in_space", "boolean", "grasps from any direction, not only those from above",
-          default=True),
-)  # fmt: skip
+
+class RecallGrasps(Message):
+    """A question about a known object."""
+
+    object: Text
+    """IRI, objectId or name of the object"""
+    gripper_id: Text | None = None
+    """only grasps of this gripper's type"""
+    max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
+    """length of the answer's list"""
+    in_space: Flag = True
+    """grasps from any direction, not only those from above"""
+
+
+class GraspConfidence(Answer):
+    """How sure a grasp is over all robots: a Beta distribution, and the prior it began with."""
+
+    mean: float
+    alpha: float
+    beta: float
+    prior: float | None
+    evaluation: str
+    updated: str
+    policy: str
+    note: str
+
+
+class GraspFields(Answer):
+    """The members of moveit_msgs/Grasp but for its id."""
+
+    pre_grasp_posture: Json
+    """trajectory_msgs/JointTrajectory"""
+    grasp_posture: Json
+    """trajectory_msgs/JointTrajectory"""
+    grasp_pose: Json
+    """geometry_msgs/PoseStamped"""
+    grasp_quality: float
+    pre_grasp_approach: Json
+    """moveit_msgs/GripperTranslation"""
+    post_grasp_retreat: Json
+    """moveit_msgs/GripperTranslation"""
+    post_place_retreat: Json
+    """moveit_msgs/GripperTranslation"""
+    max_contact_force: float
+    allowed_touch_objects: list[str]
+
+
+class _Named(Answer):
+    """The id of a grasp, which comes before its other members."""
+
+    id: str
+
+
+class GraspMessage(GraspFields, _Named):
+    """A moveit_msgs/Grasp."""
+
+
+class RecalledGrasp(GraspMessage):
+    """One known grasp as moveit_msgs/Grasp, in the frame of its object."""
+
+    kind: str
+    """planar or spatial"""
+    gripper_type: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    width: float | None
+    opening: float | None
+    statistics: GraspStatistics
+    confidence: GraspConfidence
+
+
+class RecalledGrasps(Answer):
+    """The known grasps of an object, the surest first."""
+
+    object: str
+    class_iri: str
+    label: str
+    grasps: list[RecalledGrasp]
 
 
 def recall_grasps(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:

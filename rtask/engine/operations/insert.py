@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import MaxLen, MinLen
 from numpy.typing import NDArray
 
 from rtask.engine.curation.naming import described_class, short_id_of
@@ -19,16 +20,15 @@ from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import Pending
 from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
-from rtask.engine.operations.messages import Field
 from rtask.engine.perception.growth import grow, old_models, state_model
 from rtask.engine.records.objects import (
-    NewObject,
+    ObjectRecord,
     Sight,
     state_object,
     state_view,
 )
 from rtask.engine.records.prepared import (
-    ITEM,
+    NewObject,
     Prepared,
     Repeated,
     prepare,
@@ -46,26 +46,49 @@ from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
+from rtask.wire.message import Answer, Message, named
 
 if TYPE_CHECKING:
     from features.modelling import ObjectModel
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["INSERT_OBJECT", "insert_object", "wrapped"]
+__all__ = ["InsertObject", "Inserted", "InsertedObject", "insert_object"]
 
 log = logging.getLogger(__name__)
 
 _UNKNOWN_GRIPPER = "unknown"
 
-INSERT_OBJECT = (
-    Field("objects", "records", "what was seen", required=True, low=1, high=32, fields=ITEM),
-)
+
+class InsertObject(Message):
+    """A list of things that were seen, or the fields of one of them."""
+
+    entries = "objects"
+    objects: Annotated[list[NewObject], MinLen(1), MaxLen(32)]
+    """what was seen"""
 
 
-def wrapped(args: dict[str, Any]) -> dict[str, Any]:
-    """Return the request with one object's fields at top level moved into a list."""
-    return args if "objects" in args or not args else {"objects": [args]}
+class InsertedObject(Answer):
+    """What became of one entry."""
+
+    object: str
+    class_: str = named("class")
+    class_iri: str
+    label: str
+    grasp: str
+    view: str
+    new: bool
+    features: int
+    commit: str
+
+
+class Inserted(Answer):
+    """What was stored."""
+
+    stored: int
+    """number of entries that were not stored before"""
+    commit: str
+    objects: list[InsertedObject]
 
 
 def insert_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
@@ -240,7 +263,7 @@ class _Writer:
         function = one.item["function"]
         state_object(
             context, self.triples,
-            NewObject(
+            ObjectRecord(
                 iri=thing,
                 object_id=f"{slug(self.author.agent or 'shared')}/{tail(thing)}",
                 name=name,

@@ -3,42 +3,72 @@
 from __future__ import annotations
 
 import datetime as dt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from rtask.engine.memory.statistics import Pending, over_all_robots, totalled
-from rtask.engine.operations.messages import Field, read
-from rtask.engine.records.received import OUTCOME, Outcome, received
+from annotated_types import Ge
+
+from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_robots, totalled
+from rtask.engine.records.received import Outcome, OutcomeReport, received
 from rtask.engine.records.record import Entry, earlier, record
 from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
+from rtask.wire.message import Answer, Message, plain, read
+from rtask.wire.types import Flag, Grasp, Iri, Number, Stamp, Text, Unit
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["REPORT_OUTCOME", "report_outcome"]
+__all__ = ["ReportOutcome", "ReportedOutcome", "report_outcome"]
 
 _FLAT = ("success", "reason", "lifted_m", "slip", "duration_s", "confirmed_by", "operator")
 
-REPORT_OUTCOME = (
-    Field("task_id", "string", "of the decision; the same id stores once"),
-    Field("object", "string", "IRI of the object; default: the one of the decision"),
-    Field("grasp", "grasp", "its id, or the whole grasp as received"),
-    Field("grasp_pose", "grasp", "geometry_msgs/PoseStamped of a grasp that was never offered"),
-    Field("gripper_id", "string", "name or IRI of the end effector"),
-    Field("task", "string", "what it was for: pick, place, push", default="pick"),
-    Field("outcome", "record", "what came of it", fields=OUTCOME),
-    Field("success", "boolean", "whether it held, when there is no outcome"),
-    Field("reason", "string", "why it ended as it did, when there is no outcome"),
-    Field("lifted_m", "number", "height reached, m, when there is no outcome"),
-    Field("slip", "number", "slip in the hand, m, when there is no outcome"),
-    Field("duration_s", "number", "of the attempt, s, when there is no outcome", low=0.0),
-    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
-    Field("operator", "string", "the person, when a person says so"),
-    Field("stamp", "time", "when the attempt ended; default: now"),
-)
+
+class ReportOutcome(Message):
+    """What came of a grasp on a known object."""
+
+    task_id: Text | None = None
+    """of the decision; the same id stores once"""
+    object: Iri | None = None
+    """IRI of the object; default: the one of the decision"""
+    grasp: Grasp | None = None
+    """its id, or the whole grasp as received"""
+    grasp_pose: Grasp | None = None
+    """geometry_msgs/PoseStamped of a grasp that was never offered"""
+    gripper_id: Text | None = None
+    """name or IRI of the end effector"""
+    task: Text = "pick"
+    """what it was for: pick, place, push"""
+    outcome: OutcomeReport | None = None
+    """what came of it"""
+    success: Flag | None = None
+    """whether it held, when there is no outcome"""
+    reason: Text | None = None
+    """why it ended as it did, when there is no outcome"""
+    lifted_m: Annotated[Number, Unit("m")] | None = None
+    """height reached, when there is no outcome"""
+    slip: Annotated[Number, Unit("m")] | None = None
+    """slip in the hand, when there is no outcome"""
+    duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
+    """of the attempt, when there is no outcome"""
+    confirmed_by: Literal["physics", "human"] | None = None
+    """who says so"""
+    operator: Text | None = None
+    """the person, when a person says so"""
+    stamp: Stamp | None = None
+    """when the attempt ended; default: now"""
+
+
+class ReportedOutcome(Answer):
+    """What was stored of an attempt, and how often its grasp held over all robots."""
+
+    stored: int
+    """0 when the task's outcome was stored before"""
+    commit: str
+    statistics: GraspStatistics
+    grasp: str
 
 
 def report_outcome(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
@@ -91,7 +121,7 @@ def _fields(request: dict[str, Any]) -> dict[str, Any]:
     if request["outcome"] is not None:
         outcome: dict[str, Any] = request["outcome"]
         return outcome
-    return read(OUTCOME, {name: request[name] for name in _FLAT})
+    return plain(read(OutcomeReport, {name: request[name] for name in _FLAT}))
 
 
 def _grasp(request: dict[str, Any]) -> Any:

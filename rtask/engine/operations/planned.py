@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import tilt
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
-from rtask.engine.operations.grasps import as_messages
-from rtask.engine.operations.messages import Field
+from rtask.engine.operations.grasps import RecalledGrasp, as_messages
 from rtask.engine.perception.placement import MAX_TILT
 from rtask.engine.records.attempts import find_grasp, state_grasp
 from rtask.engine.records.objects import state_frame
@@ -24,6 +24,8 @@ from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import NamedNode, iri, object_term, python_value
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Number, Probability, Text, Unit, Whole
 
 if TYPE_CHECKING:
     from grasp.spatial.candidate import GraspCandidate
@@ -31,8 +33,9 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
 
 __all__ = [
-    "PLAN_IN_SPACE",
+    "PlanInSpace",
     "PlannedGrasp",
+    "PlannedGrasps",
     "PlannedSpatialGrasp",
     "as_planned",
     "plan_in_space",
@@ -42,24 +45,45 @@ __all__ = [
 
 _PLANNER = "planner"
 _UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
-_TRIES, _MOST_SAMPLES = 1500, 1000
+_TRIES = 1500
 
-PLAN_IN_SPACE = (
-    Field("object", "string", "IRI, objectId or name of the object", required=True),
-    Field("gripper_id", "string", "name or IRI of the end effector; default: the robot's only one"),
-    Field("mass", "number", "of the object, kg, whose weight must be held; default: as stored",
-          low=0.001, high=1000.0),
-    Field("friction", "number", "between pads and object", low=0.01, high=2.0),
-    Field("position_std", "number", "of the object's position, m", default=0.004, low=0.0,
-          high=0.1),
-    Field("rotation_std", "number", "of its rotation, rad", default=0.1, low=0.0, high=1.0),
-    Field("samples", "integer", "perturbed poses of each grasp", default=100, low=1,
-          high=_MOST_SAMPLES),
-    Field("min_confidence", "number", "c_G: grasps below it are not stored", default=0.3,
-          low=0.0, high=1.0),
-    Field("max_grasps", "integer", "how many are stored at most", default=10, low=1, high=50),
-    Field("seed", "integer", "of the draws", default=0, low=0),
-)  # fmt: skip
+
+class PlanInSpace(Message):
+    """Grasps in space of a known object are to be planned."""
+
+    object: Text
+    """IRI, objectId or name of the object"""
+    gripper_id: Text | None = None
+    """name or IRI of the end effector; default: the robot's only one"""
+    mass: Annotated[Number, Unit("kg"), Ge(0.001), Le(1000)] | None = None
+    """of the object, whose weight must be held; default: as stored"""
+    friction: Annotated[Number, Ge(0.01), Le(2)] | None = None
+    """between pads and object"""
+    position_std: Annotated[Number, Unit("m"), Ge(0), Le(0.1)] = 0.004
+    """of the object's position"""
+    rotation_std: Annotated[Number, Unit("rad"), Ge(0), Le(1)] = 0.1
+    """of its rotation"""
+    samples: Annotated[Whole, Ge(1), Le(1000)] = 100
+    """perturbed poses of each grasp"""
+    min_confidence: Probability = 0.3
+    """c_G: grasps below it are not stored"""
+    max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
+    """how many are stored at most"""
+    seed: Annotated[Whole, Ge(0)] = 0
+    """of the draws"""
+
+
+class PlannedGrasps(Answer):
+    """The grasps that were planned, best first, or why there is none."""
+
+    object: str
+    shape: str
+    reason: str
+    commit: str
+    tried: dict[str, int]
+    grasps: list[RecalledGrasp]
+
+
 Planned = TypeVar("Planned")
 
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le, MaxLen
 from numpy.typing import NDArray
+from pydantic import Field
 
 from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate
@@ -22,26 +24,33 @@ from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.choice import Scene, choose, options
 from rtask.engine.memory.question import question_for
 from rtask.engine.memory.recall import recall
-from rtask.engine.memory.statistics import summary
+from rtask.engine.memory.statistics import GraspStatistics, summary
 from rtask.engine.memory.thresholds import Assessment, Thresholds, asked, decide, grasps_above
 from rtask.engine.observation import Observation
-from rtask.engine.operations.messages import Field
-from rtask.engine.operations.search import match_message, similar_objects
+from rtask.engine.operations.grasps import GraspFields, GraspMessage
+from rtask.engine.operations.search import SimilarObject, match_message, similar_objects
 from rtask.engine.perception.identity import recognise, settle
-from rtask.engine.perception.observation import observe_once
+from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate, pose_fields
-from rtask.engine.records.prepared import SIGHT
 from rtask.engine.remembered import KnownObject, Memory
 from rtask.engine.terms import find_task
 from rtask.errors import UnknownTermError
+from rtask.wire.message import Answer, Message, named
+from rtask.wire.types import Flag, Iri, Json, Points, Probability, Text, Texts, Whole
 
 if TYPE_CHECKING:
-    from features.recognition.recogniser import Recognition
+    from features.recognition.recogniser import Recognition as Matches
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["RECOGNISE_FOR_GRASP", "Clock", "recognise_for_grasp"]
+__all__ = [
+    "Clock",
+    "OfferedGrasp",
+    "RecogniseForGrasp",
+    "Recognition",
+    "recognise_for_grasp",
+]
 
 _MOST_CANDIDATES = 50
 _MOST_MATCHES = 10
@@ -49,36 +58,90 @@ _STEPS = (
     "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s", "choice_s",
 )  # fmt: skip
 
-_DECISION = (
-    Field("decide", "boolean", "answer with a grasp or with the confidence that was too low",
-          default=False),
-    Field("min_identity", "number", "c_I, that it is this object; asks to decide",
-          low=0.0, high=1.0),
-    Field("min_pose", "number", "c_T, that it is where it seems; asks to decide",
-          low=0.0, high=1.0),
-    Field("min_grasp", "number", "c_G, that the grasp will hold; asks to decide",
-          low=0.0, high=1.0),
-)  # fmt: skip
 
-RECOGNISE_FOR_GRASP = (
-    Field("task", "string", "what it is for: pick, place, push", default="pick"),
-    Field("gripper_id", "string", "name or IRI of the end effector", required=True),
-    *SIGHT,
-    Field("object", "string", "IRI of the object, when the robot followed it and knows"),
-    Field("min_confidence", "number", "for the object to count as recognised", low=0.0, high=1.0),
-    Field("max_grasps", "integer", "length of the answer's list", default=10, low=1, high=50),
-    Field("propose", "boolean", "propose grasps where none is known", default=False),
-    Field(
-        "in_space",
-        "boolean",
-        "offer known grasps from any direction too, for arms that can",
-        default=False,
-    ),
-    Field("exclude", "strings", "ids of grasps not to offer again", default=[], high=1000),
-    Field("seed", "integer", "of the choice", default=0, low=0),
-    Field("neighbours", "points", "points of what stands around, m, frame_id"),
-    *_DECISION,
-)
+class _Wanted(Message):
+    """What a look is for; these fields come before those of the look."""
+
+    task: Text = "pick"
+    """what it is for: pick, place, push"""
+    gripper_id: Text
+    """name or IRI of the end effector"""
+
+
+class RecogniseForGrasp(Look, _Wanted):
+    """A question: which object is this, and how is it grasped?"""
+
+    object: Iri | None = None
+    """IRI of the object, when the robot followed it and knows"""
+    min_confidence: Probability | None = None
+    """for the object to count as recognised"""
+    max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
+    """length of the answer's list"""
+    propose: Flag = False
+    """propose grasps where none is known"""
+    in_space: Flag = False
+    """offer known grasps from any direction too, for arms that can"""
+    exclude: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
+    """ids of grasps not to offer again"""
+    seed: Annotated[Whole, Ge(0)] = 0
+    """of the choice"""
+    neighbours: Points | None = None
+    """points of what stands around, frame_id"""
+    decide: Flag = False
+    """answer with a grasp or with the confidence that was too low"""
+    min_identity: Probability | None = None
+    """c_I, that it is this object; asks to decide"""
+    min_pose: Probability | None = None
+    """c_T, that it is where it seems; asks to decide"""
+    min_grasp: Probability | None = None
+    """c_G, that the grasp will hold; asks to decide"""
+
+
+class OfferedGrasp(GraspMessage):
+    """One grasp to try: a moveit_msgs/Grasp, and why it has its place in the order."""
+
+    kind: str
+    """planar or spatial"""
+    source: str
+    """memory or candidate"""
+    x: float
+    y: float
+    z: float
+    theta: float
+    width: float
+    opening: float
+    mean: float
+    interval90: list[float]
+    alpha: float
+    beta: float
+    statistics: GraspStatistics
+    explanation: Json
+    in_object: Json
+
+
+class _Recognised(Answer):
+    """The object; these members come before those of the grasp to try first."""
+
+    task_response: str
+    """grasp, candidate, no_grasp or unknown"""
+    task_id: str
+    object: str
+    class_: str = named("class")
+    class_iri: str
+    label: str
+    confidence: float
+    statistics: GraspStatistics
+
+
+class Recognition(GraspFields, _Recognised):
+    """The object and its grasps; `decision` is null unless one was asked for."""
+
+    grasps: list[OfferedGrasp]
+    shape: Json | None
+    recognition: Json
+    similar_objects: list[SimilarObject]
+    decision: Json | None
+    times: Json
 
 
 class Clock:
@@ -110,7 +173,7 @@ class Situation:
     """What is known when the choice is made."""
 
     observation: Observation
-    recognition: Recognition
+    recognition: Matches
     memory: Memory
     known: KnownObject | None
     placement: Placement | None
@@ -163,7 +226,7 @@ def recognise_for_grasp(
     return answer
 
 
-def _known(tracked: str | None, recognition: Recognition, memory: Memory) -> KnownObject | None:
+def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownObject | None:
     """Return the object in question: the one the robot followed, else the one recognised."""
     if tracked:
         known = memory.objects.get(tracked)

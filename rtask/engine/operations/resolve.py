@@ -11,7 +11,10 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Le, MaxLen
+from pydantic import Field
 
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.capability import Bounds, Verdict, can_hold
@@ -19,12 +22,13 @@ from rtask.engine.memory.confidence import posterior
 from rtask.engine.memory.meaning import Meaning, Sense, meaning
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
-from rtask.engine.operations.grasps import recalled
-from rtask.engine.operations.messages import Field
+from rtask.engine.operations.grasps import RecalledGrasp, recalled
 from rtask.engine.remembered import KnownObject, Memory, Remembered
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
 from rtask.rdf.terms import NamedNode, Value, iri
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Json, Number, Text, Texts, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -32,23 +36,74 @@ if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
     from rtask.sparql.results import Row
 
-__all__ = ["RESOLVE_REQUEST", "resolve_request"]
+__all__ = ["OfferedObject", "Reason", "ResolveRequest", "ResolvedRequest", "resolve_request"]
 
 _MOST_FOUND = 200
 _MOST_ELSEWHERE = 3
 _MOST_SEEN = 100
 
-RESOLVE_REQUEST = (
-    Field("wanted", "string", "words, or the IRI of a class or function", required=True),
-    Field("gripper_id", "string", "name or IRI of the end effector that is to hold it"),
-    Field("objects", "strings", "IRIs of the objects seen now; an empty list: none",
-          high=_MOST_SEEN),
-    Field("seen_within_s", "number", "without objects: how fresh a look counts, s",
-          default=600.0, low=0.0),
-    Field("exclude", "strings", "IRIs of objects not to offer again", default=[], high=1000),
-    Field("max_grasps", "integer", "length of the list of grasps", default=10, low=1, high=50),
-    Field("prove", "boolean", "ask the reasoner for proofs", default=True),
-)  # fmt: skip
+
+class ResolveRequest(Message):
+    """A wish: which of the objects that are seen serves it?"""
+
+    wanted: Text
+    """words, or the IRI of a class or function"""
+    gripper_id: Text | None = None
+    """name or IRI of the end effector that is to hold it"""
+    objects: Annotated[Texts, MaxLen(_MOST_SEEN)] | None = None
+    """IRIs of the objects seen now; an empty list: none"""
+    seen_within_s: Annotated[Number, Unit("s"), Ge(0)] = 600.0
+    """without objects: how fresh a look counts"""
+    exclude: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
+    """IRIs of objects not to offer again"""
+    max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
+    """length of the list of grasps"""
+    prove: Flag = True
+    """ask the reasoner for proofs"""
+
+
+class OfferedObject(Answer):
+    """A seen object that serves a request; lengths in m, masses in kg."""
+
+    object: str
+    class_iri: str
+    label: str
+    capability: str
+    text: str
+    width: float | None
+    mass: float | None
+    mass_bound: float | None
+    chance: float | None
+    seen: str
+
+
+class Reason(Answer):
+    """Why a request is not met, or not by this object."""
+
+    code: str
+    text: str
+    object: str
+    label: str
+    value: float | None
+    limit: float | None
+    seen: str
+    seen_by: str
+    place: Json | None
+
+
+class ResolvedRequest(Answer):
+    """One object that serves a request and its grasps, or why there is none."""
+
+    task_response: str
+    object: str
+    class_iri: str
+    label: str
+    grasps: list[RecalledGrasp]
+    objects: list[OfferedObject]
+    reasons: list[Reason]
+    understood: Json
+    explanation: Json
+    suggestions: list[str]
 
 
 @dataclass(frozen=True)

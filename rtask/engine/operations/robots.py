@@ -2,61 +2,112 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote
 
+from annotated_types import Ge, MaxLen, MinLen
+from pydantic import Field
+
+from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.names import slug
-from rtask.engine.operations.messages import Field
 from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UsageError
 from rtask.rdf.namespaces import CORA, RT
 from rtask.rdf.terms import NamedNode, Quad, object_term, stored_quad
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Flag, Number, Text, Texts, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["REGISTER_ROBOT", "register_robot"]
+__all__ = [
+    "Camera",
+    "EndEffector",
+    "RegisterRobot",
+    "RegisteredRobot",
+    "register_robot",
+]
 
-_KINDS = ("Hand", "ParallelJawGripper")
 
-_END_EFFECTOR = (
-    Field("name", "string", "name, unique on the robot", required=True),
-    Field("gripper_type", "string", "grasps carry over between grippers of one type",
-          required=True),
-    Field("kind", "string", "class of end effector", default="Hand", choices=_KINDS),
-    Field("min_opening", "number", "smallest width that it can hold, m", default=0.0, low=0.0),
-    Field("max_opening", "number", "largest width that it can hold, m", required=True, low=1e-3),
-    Field("jaw_width", "number", "width of a jaw face, m", low=1e-4),
-    Field("finger_length", "number", "reach of the fingers, m", low=1e-4),
-    Field("max_force", "number", "largest closing force, N", low=0.0),
-    Field("max_payload", "number", "largest mass that it can lift, kg", required=True, low=1e-6),
-    Field("parent_link", "string", "link that a grasp pose refers to"),
-    Field("planning_group", "string", "MoveIt group of its arm"),
-)  # fmt: skip
+class EndEffector(Message):
+    """One gripper of a robot."""
 
-_CAMERA = (
-    Field("name", "string", "name, unique on the robot", required=True),
-    Field("frame_id", "string", "optical frame, as in tf", required=True),
-    Field("width", "integer", "image width, px", low=1),
-    Field("height", "integer", "image height, px", low=1),
-    Field("fx", "number", "focal length, px", low=1e-6),
-    Field("fy", "number", "focal length, px", low=1e-6),
-    Field("cx", "number", "principal point, px"),
-    Field("cy", "number", "principal point, px"),
-    Field("min_range", "number", "nearest depth, m", low=0.0),
-    Field("max_range", "number", "farthest depth, m", low=0.0),
-)
+    name: Text
+    """name, unique on the robot"""
+    gripper_type: Text
+    """grasps carry over between grippers of one type"""
+    kind: Literal["Hand", "ParallelJawGripper"] = "Hand"
+    """class of end effector"""
+    min_opening: Annotated[Number, Unit("m"), Ge(0)] = 0.0
+    """smallest width that it can hold"""
+    max_opening: Annotated[Number, Unit("m"), Ge(1e-3)]
+    """largest width that it can hold"""
+    jaw_width: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
+    """width of a jaw face"""
+    finger_length: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
+    """reach of the fingers"""
+    max_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
+    """largest closing force"""
+    max_payload: Annotated[Number, Unit("kg"), Ge(1e-6)]
+    """largest mass that it can lift"""
+    parent_link: Text | None = None
+    """link that a grasp pose refers to"""
+    planning_group: Text | None = None
+    """MoveIt group of its arm"""
 
-REGISTER_ROBOT = (
-    Field("name", "string", "the robot's name; with a token, the token's agent", required=True),
-    Field("model", "string", "make and version, e.g. nao-h25-v5", required=True),
-    Field("simulated", "boolean", "whether it lives in a simulator", default=False),
-    Field("end_effectors", "records", "its grippers", required=True, low=1, high=16,
-          fields=_END_EFFECTOR),
-    Field("cameras", "records", "its cameras", default=[], high=16, fields=_CAMERA),
-    Field("frames", "strings", "names of its frames, the base frame first", default=[], high=200),
-)  # fmt: skip
+
+class Camera(Message):
+    """One camera of a robot."""
+
+    name: Text
+    """name, unique on the robot"""
+    frame_id: Text
+    """optical frame, as in tf"""
+    width: Annotated[Whole, Unit("px"), Ge(1)] | None = None
+    """image width"""
+    height: Annotated[Whole, Unit("px"), Ge(1)] | None = None
+    """image height"""
+    fx: Annotated[Number, Unit("px"), Ge(1e-6)] | None = None
+    """focal length"""
+    fy: Annotated[Number, Unit("px"), Ge(1e-6)] | None = None
+    """focal length"""
+    cx: Annotated[Number, Unit("px")] | None = None
+    """principal point"""
+    cy: Annotated[Number, Unit("px")] | None = None
+    """principal point"""
+    min_range: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    """nearest depth"""
+    max_range: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    """farthest depth"""
+
+
+class RegisterRobot(Message):
+    """What a robot says about itself."""
+
+    name: Text
+    """the robot's name; with a token, the token's agent"""
+    model: Text
+    """make and version, e.g. nao-h25-v5"""
+    simulated: Flag = False
+    """whether it lives in a simulator"""
+    end_effectors: Annotated[list[EndEffector], MinLen(1), MaxLen(16)]
+    """its grippers"""
+    cameras: Annotated[list[Camera], MaxLen(16)] = Field(default_factory=list)
+    """its cameras"""
+    frames: Annotated[Texts, MaxLen(200)] = Field(default_factory=list)
+    """names of its frames, the base frame first"""
+
+
+class RegisteredRobot(Answer):
+    """What was stored of a robot."""
+
+    robot: str
+    """IRI of the robot"""
+    graph: str
+    """IRI of its own named graph"""
+    commit: str
+    """empty when nothing changed"""
 
 
 def register_robot(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
@@ -74,6 +125,8 @@ def register_robot(context: Context, request: dict[str, Any], access: Access) ->
         )
     if not _is_fit(name):
         raise UsageError(f"name: {name!r}; letters, digits, '.', '_' and '-' are wanted")
+    for k, effector in enumerate(request["end_effectors"]):
+        _check(effector, f"end_effectors[{k}]")
     with context.writing:
         author = context.author(access, name)
         graph = context.kb.graphs.agent(name)
@@ -95,6 +148,23 @@ def register_robot(context: Context, request: dict[str, Any], access: Access) ->
         "graph": graph.value,
         "commit": context.commit_id(tx.commit) if changed else "",
     }
+
+
+def _check(effector: dict[str, Any], path: str) -> None:
+    """Refuse a gripper whose measures contradict each other."""
+    given = {
+        "finger_width": effector["jaw_width"],
+        "finger_length": effector["finger_length"],
+        "max_payload": effector["max_payload"],
+    }
+    try:
+        ParallelGripper(
+            effector["name"], effector["gripper_type"],
+            effector["min_opening"], effector["max_opening"],
+            **{name: value for name, value in given.items() if value is not None},
+        )  # fmt: skip
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}", field=path) from error
 
 
 def _is_fit(name: str) -> bool:

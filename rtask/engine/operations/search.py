@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Le
 
 from rtask.engine.memory.question import Question, question_for
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import lower_95
 from rtask.engine.observation import Observation
 from rtask.engine.perception.identity import recognise, settle
-from rtask.engine.perception.observation import observe_once
+from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import place
 from rtask.engine.remembered import Memory, Remembered
 from rtask.engine.stored import view_features
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
+from rtask.wire.message import Answer, named
+from rtask.wire.types import Probability, Text, Whole
 
 if TYPE_CHECKING:
     from features.recognition.recogniser import Match, Recognition
@@ -23,7 +27,48 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["best_grasp", "look_alikes", "match_message", "search_object", "similar_objects"]
+__all__ = [
+    "SearchObject",
+    "SimilarObject",
+    "SimilarObjects",
+    "best_grasp",
+    "match_message",
+    "search_object",
+    "similar_objects",
+]
+
+
+class SearchObject(Look):
+    """A question: what looks like this?"""
+
+    class_description: Text | None = None
+    """only objects of the kinds that these words mean"""
+    max_results: Annotated[Whole, Ge(1), Le(50)] = 10
+    """length of the answer's list"""
+    min_confidence: Probability | None = None
+    """least confidence of an entry"""
+
+
+class SimilarObject(Answer):
+    """A known object that looks alike; position and yaw of its best grasp, m and rad, or nulls."""
+
+    class_: str = named("class")
+    class_iri: str
+    object: str
+    label: str
+    confidence: float
+    X: float | None
+    Y: float | None
+    Z: float | None
+    rad: float | None
+    grasp: str | None
+
+
+class SimilarObjects(Answer):
+    """Known objects that look alike, best first; or kinds that were perhaps meant."""
+
+    similar_objects: list[SimilarObject]
+    suggestions: list[str]
 
 
 def search_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.engine.operations.curate import CURATE_OBJECT, curate_object
-from rtask.engine.operations.feedback import GIVE_FEEDBACK, give_feedback
-from rtask.engine.operations.grasps import RECALL_GRASPS, recall_grasps
-from rtask.engine.operations.insert import INSERT_OBJECT, insert_object, wrapped
-from rtask.engine.operations.messages import Field
-from rtask.engine.operations.outcome import REPORT_OUTCOME, report_outcome
-from rtask.engine.operations.planned import PLAN_IN_SPACE, plan_in_space
-from rtask.engine.operations.recognise import RECOGNISE_FOR_GRASP, recognise_for_grasp
-from rtask.engine.operations.resolve import RESOLVE_REQUEST, resolve_request
-from rtask.engine.operations.robots import REGISTER_ROBOT, register_robot
-from rtask.engine.operations.search import search_object
-from rtask.engine.operations.teach import SEARCH_OBJECT, TEACH_OBJECT, teach_object
+from rtask.engine.operations.curate import Curated, CurateObject, curate_object
+from rtask.engine.operations.feedback import Feedback, GiveFeedback, give_feedback
+from rtask.engine.operations.grasps import RecalledGrasps, RecallGrasps, recall_grasps
+from rtask.engine.operations.insert import Inserted, InsertObject, insert_object
+from rtask.engine.operations.outcome import ReportedOutcome, ReportOutcome, report_outcome
+from rtask.engine.operations.planned import PlanInSpace, PlannedGrasps, plan_in_space
+from rtask.engine.operations.recognise import RecogniseForGrasp, Recognition, recognise_for_grasp
+from rtask.engine.operations.resolve import ResolvedRequest, ResolveRequest, resolve_request
+from rtask.engine.operations.robots import RegisteredRobot, RegisterRobot, register_robot
+from rtask.engine.operations.search import SearchObject, SimilarObjects, search_object
+from rtask.engine.operations.teach import Taught, TeachObject, teach_object
+from rtask.wire.message import Answer, Message
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -42,18 +42,16 @@ class Operation:
         One line.
     handler
         Takes the context, the checked request and the caller's rights.
-    fields
-        Of the request.
-    prepare
-        Brings other accepted spellings of a request into its proper form.
+    request, answer
+        Their declarations.
     """
 
     name: str
     scope: str
     summary: str
     handler: Handler
-    fields: tuple[Field, ...]
-    prepare: Callable[[dict[str, Any]], dict[str, Any]] = lambda args: args
+    request: type[Message]
+    answer: type[Answer]
 
 
 OPERATIONS: Mapping[str, Operation] = {
@@ -61,47 +59,47 @@ OPERATIONS: Mapping[str, Operation] = {
     for operation in (
         Operation(
             "register_robot", "write", "introduce a robot: grippers, cameras, frames",
-            register_robot, REGISTER_ROBOT,
+            register_robot, RegisterRobot, RegisteredRobot,
         ),
         Operation(
             "recognise_for_grasp", "read", "name an object and the grasps to try, in order",
-            recognise_for_grasp, RECOGNISE_FOR_GRASP,
+            recognise_for_grasp, RecogniseForGrasp, Recognition,
         ),
         Operation(
             "recall_grasps", "read", "list the known grasps of a known object",
-            recall_grasps, RECALL_GRASPS,
+            recall_grasps, RecallGrasps, RecalledGrasps,
         ),
         Operation(
             "plan_in_space", "write", "plan grasps in space of a known object and store them",
-            plan_in_space, PLAN_IN_SPACE,
+            plan_in_space, PlanInSpace, PlannedGrasps,
         ),
         Operation(
             "search_object", "read", "list known objects that look like this one",
-            search_object, SEARCH_OBJECT,
+            search_object, SearchObject, SimilarObjects,
         ),
         Operation(
             "resolve_request", "read", "choose a seen object that serves a request, and its grasps",
-            resolve_request, RESOLVE_REQUEST,
+            resolve_request, ResolveRequest, ResolvedRequest,
         ),
         Operation(
             "insert_object", "write", "store what was seen and what came of grasping it",
-            insert_object, INSERT_OBJECT, wrapped,
+            insert_object, InsertObject, Inserted,
         ),
         Operation(
             "report_outcome", "write", "store what came of a grasp on a known object",
-            report_outcome, REPORT_OUTCOME,
+            report_outcome, ReportOutcome, ReportedOutcome,
         ),
         Operation(
             "give_feedback", "teach", "confirm, correct or refuse what a robot reported",
-            give_feedback, GIVE_FEEDBACK,
+            give_feedback, GiveFeedback, Feedback,
         ),
         Operation(
             "teach_object", "read", "search by words, name an object, confirm or reject a grasp",
-            teach_object, TEACH_OBJECT,
+            teach_object, TeachObject, Taught,
         ),
         Operation(
             "curate_object", "teach", "merge two objects, split one, forget one, take it back",
-            curate_object, CURATE_OBJECT,
+            curate_object, CurateObject, Curated,
         ),
     )
 }  # fmt: skip

@@ -2,46 +2,67 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field
 
 from rtask.engine.curation.naming import name_object
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
+from rtask.engine.memory.statistics import GraspStatistics
 from rtask.engine.operations.curate import author_of, object_meant
 from rtask.engine.operations.feedback import give_feedback
-from rtask.engine.operations.insert import insert_object
-from rtask.engine.operations.messages import Field, read
-from rtask.engine.operations.search import look_alikes, search_object
-from rtask.engine.records.prepared import ITEM, SIGHT
+from rtask.engine.operations.insert import InsertedObject, InsertObject, insert_object
+from rtask.engine.operations.search import SearchObject, SimilarObject, look_alikes, search_object
+from rtask.engine.perception.observation import Look, OptionalLook
+from rtask.engine.records.prepared import NewObject
+from rtask.errors import UsageError
+from rtask.wire.message import Answer, Message, plain, read
+from rtask.wire.types import Iri, Text
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["SEARCH_OBJECT", "TEACH_OBJECT", "teach_object"]
+__all__ = ["Taught", "TeachObject", "teach_object"]
 
-SEARCH_OBJECT = (
-    *SIGHT,
-    Field("class_description", "string", "only objects of the kinds that these words mean"),
-    Field("max_results", "integer", "length of the answer's list", default=10, low=1, high=50),
-    Field("min_confidence", "number", "least confidence of an entry", low=0.0, high=1.0),
-)
 
-_SAID = ("class_description", "name", "task_id")
-_OPTIONAL_SIGHT = tuple(Field(f.name, f.kind, f.summary, aliases=f.aliases) for f in SIGHT)
+class _Wish(Message):
+    """What a person wants; these fields come before those of the look."""
 
-TEACH_OBJECT = (
-    Field("operation", "string", "what the person wants", required=True,
-          choices=("search", "teach", "confirm", "reject")),
-    Field("class_description", "string", "what the person called it"),
-    *_OPTIONAL_SIGHT,
-    Field("name", "string", "what the person calls this one object"),
-    Field("task_id", "string", "of the attempt that is judged; of what is taught, stored once"),
-    Field("object", "string", "IRI of the object, in place of data; or whose last attempt counts"),
-    Field("grasp", "string", "IRI of the grasp whose last attempt is meant"),
-    Field("operator", "string", "who says so"),
-    Field("comment", "string", "in the person's words"),
-)  # fmt: skip
+    operation: Literal["search", "teach", "confirm", "reject"]
+    """what the person wants"""
+    class_description: Text | None = None
+    """what the person called it"""
+
+
+class TeachObject(OptionalLook, _Wish):
+    """What a person wants to look up or to say about an object or a grasp."""
+
+    name: Text | None = None
+    """what the person calls this one object"""
+    task_id: Text | None = None
+    """of the attempt that is judged; of what is taught, stored once"""
+    object: Text | None = None
+    """IRI of the object, in place of data; or whose last attempt counts"""
+    grasp: Iri | None = None
+    """IRI of the grasp whose last attempt is meant"""
+    operator: Text | None = None
+    """who says so"""
+    comment: Text | None = None
+    """in the person's words"""
+
+
+class Taught(Answer):
+    """What was found or stored; only where something was to be stored, what was."""
+
+    similar_objects: list[SimilarObject]
+    suggestions: list[str]
+    stored: int = 0
+    commit: str = ""
+    objects: list[InsertedObject] = Field(default_factory=list)
+    grasp: str = ""
+    statistics: GraspStatistics | None = None
 
 
 def teach_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
@@ -60,24 +81,18 @@ def _search(context: Context, request: dict[str, Any], access: Access) -> dict[s
         thing = object_meant(context, request["object"], "object")
         return look_alikes(context, thing, request["class_description"])
     _wanted(request, "class_description", "data")
-    names = [field.name for field in SEARCH_OBJECT]
-    # The values were read already; reading bytes and poses again leaves them as they are.
-    return search_object(
-        context,
-        {**{name: request.get(name) for name in names}, "max_results": 10},
-        access,
-    )
+    asked = {name: request.get(name) for name in SearchObject.model_fields}
+    return search_object(context, plain(read(SearchObject, asked)), access)
 
 
 def _teach(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
     if request["data"] is None and request["object"]:
         return _name(context, request, access)
     _wanted(request, "class_description", "data")
-    item: dict[str, Any] = {field.name: field.default for field in ITEM}
-    for field in (*SIGHT, *(f for f in ITEM if f.name in _SAID)):
-        item[field.name] = request.get(field.name)
+    names = (*Look.model_fields, "class_description", "name", "task_id")
+    item = read(NewObject, {name: request[name] for name in names})
     author = context.author(access, request["operator"], "teacher")
-    stored = insert_object(context, {"objects": [item]}, author)
+    stored = insert_object(context, plain(InsertObject(objects=[item])), author)
     return {"similar_objects": [], "suggestions": [], **stored}
 
 
@@ -127,4 +142,5 @@ def _judge(context: Context, request: dict[str, Any], access: Access, held: bool
 def _wanted(request: dict[str, Any], *names: str) -> None:
     for name in names:
         if request[name] is None:
-            read((Field(name, "string", f"{request['operation']} needs it", required=True),), {})
+            said = f"{name} is missing: {request['operation']} needs it"
+            raise UsageError(said, field=name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,37 @@ from rtask.engine.perception.placement import classify_shape
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
+from rtask.wire.message import Also, Message
+from rtask.wire.types import Cloud, Image, Number, Pose, Stamp, Text, Unit
 
 if TYPE_CHECKING:
     from features.tabletop import TabletopShape
 
-__all__ = ["observe", "observe_once"]
+__all__ = ["Look", "OptionalLook", "observe", "observe_once"]
+
+
+class OptionalLook(Message):
+    """One look at one object, where the object may be named instead."""
+
+    data: Annotated[Cloud, Also("new_point_cloud")] | None = None
+    """base64 of one object's compressed cloud"""
+    image: Image | None = None
+    """base64 PNG or JPEG of the object"""
+    sensor_pose: Pose | None = None
+    """pose of the camera in frame_id; default: identity"""
+    frame_id: Text | None = None
+    """frame of the robot with z up, e.g. base_footprint"""
+    support_height: Annotated[Number, Unit("m")] | None = None
+    """height of the table in frame_id; default: lowest point"""
+    stamp: Stamp | None = None
+    """when the cloud was taken"""
+
+
+class Look(OptionalLook):
+    """One look at one object."""
+
+    data: Annotated[Cloud, Also("new_point_cloud")]
+    """base64 of one object's compressed cloud"""
 
 
 def observe_once(context: Context, request: dict[str, Any], where: str = "") -> Observation:

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from rtask.engine.names import tail
 from rtask.engine.observation import Observation
-from rtask.engine.operations.messages import nearest
 from rtask.engine.perception.images import encode_crop
 from rtask.engine.perception.placement import Placement
 from rtask.engine.triples import Triples, stamp
-from rtask.errors import UnknownTermError
+from rtask.errors import UnknownTermError, nearest
 from rtask.rdf.namespaces import PREFIXES, PROV, RDF, RT, SOSA
 from rtask.rdf.terms import NamedNode, iri, literal, object_term, python_value
 
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from rtask.engine.context import Context
 
 __all__ = [
-    "NewObject",
+    "ObjectRecord",
     "Sight",
     "body_frame",
     "frame_id_of",
@@ -45,7 +44,7 @@ MAX_MATCHES = 3
 
 
 @dataclass(frozen=True)
-class NewObject:
+class ObjectRecord:
     """What is known about an object that enters the graph.
 
     Parameters
@@ -133,7 +132,7 @@ def state_frame(context: Context, triples: Triples, thing: NamedNode) -> None:
 
 
 def state_object(
-    context: Context, triples: Triples, new: NewObject, observation: Observation
+    context: Context, triples: Triples, new: ObjectRecord, observation: Observation
 ) -> None:
     """State a new object: identity, kind, size, frame, symmetry."""
     shape = observation.shape

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,56 +12,68 @@ from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.question import question_for
 from rtask.engine.memory.recall import recall
 from rtask.engine.observation import Observation
-from rtask.engine.operations.messages import Field, read
 from rtask.engine.perception.growth import Growth, grow
 from rtask.engine.perception.identity import is_plausible, recognise, settle
-from rtask.engine.perception.observation import observe_once
+from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.objects import viewpoint_of
-from rtask.engine.records.received import OUTCOME, Outcome, Received, received
+from rtask.engine.records.received import Outcome, OutcomeReport, Received, received
 from rtask.engine.records.record import Earlier, earlier
 from rtask.engine.remembered import KnownObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.terms import NamedNode, iri
+from rtask.wire.message import plain, read
+from rtask.wire.types import Flag, Grasp, Iri, Number, Text
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["ITEM", "SIGHT", "Prepared", "Repeated", "classes_named", "prepare", "stored_before"]
+__all__ = ["NewObject", "Prepared", "Repeated", "classes_named", "prepare", "stored_before"]
 
 _MOST_MATCHES = 5
 _PLACE = ("X", "Y", "Z", "rad")
 
-SIGHT = (
-    Field("data", "bytes", "base64 of one object's compressed cloud", required=True,
-          aliases=("new_point_cloud",)),
-    Field("image", "bytes", "base64 PNG or JPEG of the object"),
-    Field("sensor_pose", "pose", "pose of the camera in frame_id; default: identity"),
-    Field("frame_id", "string", "frame of the robot with z up, e.g. base_footprint"),
-    Field("support_height", "number", "height of the table in frame_id, m; default: lowest point"),
-    Field("stamp", "time", "when the cloud was taken"),
-)  # fmt: skip
 
-ITEM = (
-    *SIGHT,
-    Field("object", "string", "IRI of the object, when the robot followed it and knows"),
-    Field("name", "string", "what people call this one object"),
-    Field("class_description", "string", "what kind of thing it is, in words"),
-    Field("function", "string", "what it is for: write, contain liquid, ..."),
-    Field("gripper_id", "string", "name or IRI of the end effector that tried"),
-    Field("task", "string", "what it was for: pick, place, push", default="pick"),
-    Field("grasp", "grasp", "the grasp that was tried, as received"),
-    *(Field(name, "number", "grasp in the frame of the cloud, m and rad") for name in _PLACE),
-    Field("success", "boolean", "whether the grasp held, when no outcome is given", default=True),
-    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
-    Field("operator", "string", "the person, when a person says so"),
-    Field("outcome", "record", "what came of it", fields=OUTCOME),
-    Field("task_id", "string", "from recognise_for_grasp, or any id: the same id stores once"),
-    Field("merge", "boolean", "add the view to a recognised object", default=True),
-)
+class NewObject(Look):
+    """An object that was seen, and what came of grasping it."""
+
+    object: Iri | None = None
+    """IRI of the object, when the robot followed it and knows"""
+    name: Text | None = None
+    """what people call this one object"""
+    class_description: Text | None = None
+    """what kind of thing it is, in words"""
+    function: Text | None = None
+    """what it is for: write, contain liquid, ..."""
+    gripper_id: Text | None = None
+    """name or IRI of the end effector that tried"""
+    task: Text = "pick"
+    """what it was for: pick, place, push"""
+    grasp: Grasp | None = None
+    """the grasp that was tried, as received"""
+    X: Number | None = None
+    """grasp in the frame of the cloud, m and rad"""
+    Y: Number | None = None
+    """grasp in the frame of the cloud, m and rad"""
+    Z: Number | None = None
+    """grasp in the frame of the cloud, m and rad"""
+    rad: Number | None = None
+    """grasp in the frame of the cloud, m and rad"""
+    success: Flag = True
+    """whether the grasp held, when no outcome is given"""
+    confirmed_by: Literal["physics", "human"] | None = None
+    """who says so"""
+    operator: Text | None = None
+    """the person, when a person says so"""
+    outcome: OutcomeReport | None = None
+    """what came of it"""
+    task_id: Text | None = None
+    """from recognise_for_grasp, or any id: the same id stores once"""
+    merge: Flag = True
+    """add the view to a recognised object"""
 
 
 @dataclass(frozen=True)
@@ -216,7 +228,7 @@ def _outcome(
             return None
         # As in the thesis, the operator has validated what is inserted (Gatto 2016, 3.2.4).
         said = {"success": item["success"], "confirmed_by": item["confirmed_by"] or "human"}
-        fields = read(OUTCOME, {**said, "operator": item["operator"]})
+        fields = plain(read(OutcomeReport, {**said, "operator": item["operator"]}))
     elif grasp is None:
         raise UsageError(f"{where}grasp is missing: an outcome is one of a grasp")
     return Outcome.of(fields, context.reasons, where + "outcome")

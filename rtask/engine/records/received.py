@@ -5,24 +5,27 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, MaxLen
 from numpy.typing import NDArray
+from pydantic import Field
 
 from grasp.arrays import FloatArray
 from grasp.messages import matrix_from_message, planar_from_message
 from grasp.spatial.frames import closing_yaw, matrix_from_pose, pose_from_matrix
-from rtask.engine.operations.messages import Field, read
 from rtask.engine.perception.placement import Placement
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
+from rtask.wire.message import Message, read
+from rtask.wire.types import Flag, Image, Number, Text, Unit, Whole
 
 if TYPE_CHECKING:
     from rtask.engine.decisions import Decision
 
-__all__ = ["CANDIDATE", "OUTCOME", "TIMES", "Outcome", "Received", "in_object", "received"]
+__all__ = ["CANDIDATE", "TIMES", "Outcome", "OutcomeReport", "Received", "in_object", "received"]
 
 log = logging.getLogger(__name__)
 
@@ -47,36 +50,92 @@ TIMES = {
 }
 """Durations of a message, s, and the properties that keep them."""
 
-OUTCOME = (
-    Field("success", "boolean", "whether the object was held", required=True),
-    Field("placed", "boolean", "whether it arrived where it was to go"),
-    Field("reason", "string", "why it ended as it did: ok, missed, slip_lift, ..."),
-    Field("lifted_m", "number", "height reached, m"),
-    Field("slip", "number", "way that the object slipped in the hand, m"),
-    Field("duration_s", "number", "of the attempt, s", low=0.0),
-    Field("links_touching", "integer", "hand links in contact at the end of the hold", low=0),
-    Field("contact_force", "number", "force at the jaws, N", low=0.0),
-    Field("jaw_gap", "number", "opening after closing, m", low=0.0),
-    Field("hold_s", "number", "time held, s", low=0.0),
-    Field("place_offset", "number", "distance from where it was to be put, m", low=0.0),
-    Field("approach_tilt", "number", "angle of the approach to the vertical, rad"),
-    Field("preset", "string", "physics: faithful, fast, or real",
-          choices=("faithful", "fast", "real")),
-    Field("seed", "integer", "of the simulation", low=0),
-    Field("attempt_number", "integer", "counted from 1 for each object and episode", low=1),
-    Field("candidate_count", "integer", "grasps that there were to choose from", low=1),
-    Field("candidate_rank", "integer", "place of the one taken", low=1),
-    Field("confirmed_by", "string", "who says so", choices=("physics", "human")),
-    Field("operator", "string", "the person, when a person says so"),
-    Field("comment", "string", "words of the person or the robot"),
-    Field("times", "record", "durations of the steps, s", default={},
-          fields=tuple(Field(name, "number", f"duration of {name[:-2]}, s") for name in TIMES)),
-    Field("images", "records", "pictures of the attempt", default=[], high=32, fields=(
-        Field("phase", "string", "pre_grasp, closed, lifted, placed, ...", required=True),
-        Field("data", "bytes", "base64 PNG or JPEG", required=True),
-    )),
-)  # fmt: skip
-"""Fields of an outcome."""
+
+class StepTimes(Message):
+    """Durations of the steps of an attempt."""
+
+    segmentation_s: Annotated[Number, Unit("s")] | None = None
+    """duration of segmentation"""
+    transfer_s: Annotated[Number, Unit("s")] | None = None
+    """duration of transfer"""
+    decode_s: Annotated[Number, Unit("s")] | None = None
+    """duration of decode"""
+    extraction_s: Annotated[Number, Unit("s")] | None = None
+    """duration of extraction"""
+    matching_s: Annotated[Number, Unit("s")] | None = None
+    """duration of matching"""
+    query_s: Annotated[Number, Unit("s")] | None = None
+    """duration of query"""
+    pose_s: Annotated[Number, Unit("s")] | None = None
+    """duration of pose"""
+    generation_s: Annotated[Number, Unit("s")] | None = None
+    """duration of generation"""
+    choice_s: Annotated[Number, Unit("s")] | None = None
+    """duration of choice"""
+    planning_s: Annotated[Number, Unit("s")] | None = None
+    """duration of planning"""
+    execution_s: Annotated[Number, Unit("s")] | None = None
+    """duration of execution"""
+    total_s: Annotated[Number, Unit("s")] | None = None
+    """duration of total"""
+
+
+class Picture(Message):
+    """A picture of an attempt."""
+
+    phase: Text
+    """pre_grasp, closed, lifted, placed, ..."""
+    data: Image
+    """base64 PNG or JPEG"""
+
+
+class OutcomeReport(Message):
+    """What came of an attempt."""
+
+    success: Flag
+    """whether the object was held"""
+    placed: Flag | None = None
+    """whether it arrived where it was to go"""
+    reason: Text | None = None
+    """why it ended as it did: ok, missed, slip_lift, ..."""
+    lifted_m: Annotated[Number, Unit("m")] | None = None
+    """height reached"""
+    slip: Annotated[Number, Unit("m")] | None = None
+    """distance that the object slipped in the hand"""
+    duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
+    """of the attempt"""
+    links_touching: Annotated[Whole, Ge(0)] | None = None
+    """hand links in contact at the end of the hold"""
+    contact_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
+    """force at the jaws"""
+    jaw_gap: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    """opening after closing"""
+    hold_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
+    """time held"""
+    place_offset: Annotated[Number, Unit("m"), Ge(0)] | None = None
+    """distance from where it was to be put"""
+    approach_tilt: Annotated[Number, Unit("rad")] | None = None
+    """angle of the approach to the vertical"""
+    preset: Literal["faithful", "fast", "real"] | None = None
+    """physics: faithful, fast, or real"""
+    seed: Annotated[Whole, Ge(0)] | None = None
+    """of the simulation"""
+    attempt_number: Annotated[Whole, Ge(1)] | None = None
+    """counted from 1 for each object and episode"""
+    candidate_count: Annotated[Whole, Ge(1)] | None = None
+    """grasps that there were to choose from"""
+    candidate_rank: Annotated[Whole, Ge(1)] | None = None
+    """place of the one taken"""
+    confirmed_by: Literal["physics", "human"] | None = None
+    """who says so"""
+    operator: Text | None = None
+    """the person, when a person says so"""
+    comment: Text | None = None
+    """words of the person or the robot"""
+    times: StepTimes | None = None
+    """durations of the steps"""
+    images: Annotated[list[Picture], MaxLen(32)] = Field(default_factory=list)
+    """pictures of the attempt"""
 
 
 @dataclass(frozen=True)
@@ -143,13 +202,35 @@ class Received:
         return replace(self, in_object=(x, y, z, theta))
 
 
-_NUMBER = ("x", "y", "z", "theta", "width", "opening", "grasp_quality", "alpha", "beta")
-_GRASP = tuple(Field(name, "number", name) for name in _NUMBER)
-_TURN = ("qx", "qy", "qz", "qw")
-_IN_OBJECT = (
-    *(Field(n, "number", n, required=True) for n in ("x", "y", "z", "theta")),
-    *(Field(n, "number", n) for n in _TURN),
-)
+class _Numbers(Message):
+    """Numbers of a grasp that came back, m and rad."""
+
+    x: Number | None = None
+    y: Number | None = None
+    z: Number | None = None
+    theta: Number | None = None
+    width: Number | None = None
+    opening: Number | None = None
+    grasp_quality: Number | None = None
+    alpha: Number | None = None
+    beta: Number | None = None
+
+
+class _InObject(Message):
+    """A grasp in the frame of its object, m and rad; a quaternion where it is one in space."""
+
+    x: Number
+    """abscissa"""
+    y: Number
+    """ordinate"""
+    z: Number
+    """height"""
+    theta: Number
+    """closing direction about z"""
+    qx: Number | None = None
+    qy: Number | None = None
+    qz: Number | None = None
+    qw: Number | None = None
 
 
 def received(value: str | Mapping[str, Any], path: str) -> Received:
@@ -164,25 +245,25 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
     known = iri(name) if name and not name.startswith(CANDIDATE) else None
     if isinstance(value, str):
         return Received(name, known)
-    numbers = read(_GRASP, {k: value.get(k) for k in _NUMBER}, path + ".")
-    in_frame, in_space = None, _pose_in_space(value, path)
-    if in_space is None and all(numbers[k] is not None for k in ("x", "y", "z", "theta")):
-        in_frame = (numbers["x"], numbers["y"], numbers["z"], numbers["theta"])
-    elif in_space is None and "grasp_pose" in value:
+    given = read(_Numbers, {k: value.get(k) for k in _Numbers.model_fields}, path + ".")
+    width, opening, quality = given.width, given.opening, given.grasp_quality
+    in_frame, in_space = _planar(given), _pose_in_space(value, path)
+    if in_space is not None:
+        in_frame = None
+    elif in_frame is None and "grasp_pose" in value:
         try:
             planar = planar_from_message(dict(value))
         except ValueError as error:
             raise UsageError(f"{path}: {error}", field=path) from error
         in_frame = (planar.x, planar.y, planar.z, planar.theta)
-        numbers.update(width=planar.width, opening=planar.opening, grasp_quality=planar.quality)
+        width, opening, quality = planar.width, planar.opening, planar.quality
     at_object, turn = None, None
     if value.get("in_object") is not None:
-        at = read(_IN_OBJECT, value["in_object"], path + ".in_object.")
-        at_object = (at["x"], at["y"], at["z"], at["theta"])
+        at = read(_InObject, value["in_object"], path + ".in_object.")
+        at_object = (at.x, at.y, at.z, at.theta)
         turn = _turn(at, path)
     if not name and in_frame is None and at_object is None and in_space is None:
         raise UsageError(f"{path}: neither an id nor a pose", field=path)
-    alpha, beta = numbers["alpha"], numbers["beta"]
     return Received(
         id=name,
         iri=known,
@@ -190,11 +271,18 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
         in_frame=in_frame,
         turn=turn,
         frame_from_gripper=in_space,
-        width=numbers["width"],
-        opening=numbers["opening"],
-        quality=numbers["grasp_quality"],
-        belief=None if alpha is None or beta is None else (alpha, beta),
+        width=width,
+        opening=opening,
+        quality=quality,
+        belief=None if given.alpha is None or given.beta is None else (given.alpha, given.beta),
     )
+
+
+def _planar(given: _Numbers) -> tuple[float, float, float, float] | None:
+    x, y, z, theta = given.x, given.y, given.z, given.theta
+    if x is None or y is None or z is None or theta is None:
+        return None
+    return x, y, z, theta
 
 
 def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] | None:
@@ -207,8 +295,8 @@ def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] |
         raise UsageError(f"{path}.grasp_pose: {error}", field=f"{path}.grasp_pose") from error
 
 
-def _turn(at: Mapping[str, Any], path: str) -> Quaternion | None:
-    given = [at[name] for name in _TURN]
+def _turn(at: _InObject, path: str) -> Quaternion | None:
+    given = [at.qx, at.qy, at.qz, at.qw]
     if all(one is None for one in given):
         return None
     try:

@@ -205,5 +205,5 @@ def _times(entry: Entry) -> Mapping[str, float]:
     decided: dict[str, Any] = {}
     if entry.decision is not None:
         decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
-    told = {k: v for k, v in entry.outcome.fields.get("times", {}).items() if v is not None}
+    told = {k: v for k, v in (entry.outcome.fields.get("times") or {}).items() if v is not None}
     return {**decided, **told}

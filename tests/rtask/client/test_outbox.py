@@ -112,7 +112,7 @@ def test_every_told_item_carries_an_id_of_its_own(tmp_path):
 def test_questions_need_no_outbox(tmp_path):
     client = Flaky(tmp_path / "outbox.jsonl", [AWAY])
     with pytest.raises(RemoteUnavailableError, match=r"^nobody there$"):
-        client.recognise_for_grasp(data="x")
+        client.recognise_for_grasp(data="x", gripper_id="hand")
     assert client.deliver() == 0
 
 

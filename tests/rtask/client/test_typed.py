@@ -1,61 +1,75 @@
-"""The types that programs see are those that the engine reads and gives."""
+"""The methods that programs see are those that the operations declare."""
 
 from __future__ import annotations
 
 import inspect
-import typing
+from pathlib import Path
 
 import pytest
 
-from rtask.client import requests
+import rtask.client.calls
 from rtask.client.base import Client
 from rtask.client.patience import Patience
-from rtask.client.requests import REQUESTS
-from rtask.engine.operations.answers import ANSWERS
+from rtask.engine.client_calls import source
 from rtask.engine.operations.table import OPERATIONS
 
 
-def names_of(fields):
-    return {name for field in fields for name in (field.name, *field.aliases)}
-
-
-def required_of(typed):
-    hints = typing.get_type_hints(typed, include_extras=True)
-    return {name for name, hint in hints.items() if typing.get_origin(hint) is typing.Required}
+def test_the_file_is_what_the_declarations_make():
+    made = Path(rtask.client.calls.__file__).read_text(encoding="utf-8")
+    assert made == source(), "python -m rtask.engine.client_calls > rtask/client/calls.py"
 
 
 @pytest.mark.parametrize("name", sorted(OPERATIONS))
-def test_a_request_type_has_the_fields_of_its_operation(name):
-    fields = OPERATIONS[name].fields
-    typed = REQUESTS[name]
-    hints = typing.get_type_hints(typed)
-    if name == "insert_object":
-        (objects,) = fields
-        assert set(hints) == {"objects"} | names_of(objects.fields)
-        assert set(typing.get_type_hints(requests.NewObject)) == names_of(objects.fields)
-        return
-    assert set(hints) == names_of(fields)
-    needed = {field.name for field in fields if field.required and not field.aliases}
-    assert required_of(typed) == needed
+def test_an_operation_is_a_method_with_its_fields_as_keywords(name):
+    operation = OPERATIONS[name]
+    signature = inspect.signature(getattr(Client, name))
+    assert signature.return_annotation == operation.answer.__name__
+    accepted = [parameter for parameter in signature.parameters if parameter != "self"]
+    assert set(operation.request.wire_names) <= set(accepted)
+    assert {signature.parameters[one].kind for one in accepted} == {inspect.Parameter.KEYWORD_ONLY}
 
 
-def test_the_types_of_records_have_the_fields_of_the_records():
-    register = {field.name: field for field in OPERATIONS["register_robot"].fields}
-    outcome = {field.name: field for field in OPERATIONS["report_outcome"].fields}["outcome"]
-    for typed, field in (
-        (requests.EndEffector, register["end_effectors"]),
-        (requests.Camera, register["cameras"]),
-        (requests.Outcome, outcome),
-    ):
-        assert set(typing.get_type_hints(typed)) == names_of(field.fields)
-        assert required_of(typed) == {one.name for one in field.fields if one.required}
+class Recorder(Client):
+    """A client that remembers what it would send."""
+
+    def __init__(self):
+        super().__init__()
+        self.sent = []
+
+    def _call(self, operation, args, timeout_s=None):
+        self.sent.append((operation, args))
+        return {}
+
+    def query(self, sparql):
+        raise NotImplementedError
+
+    ask = update = follow = query
+
+    def close(self):
+        pass
 
 
-def test_every_operation_is_a_method_with_types():
-    for name in OPERATIONS:
-        method = getattr(Client, name)
-        assert REQUESTS[name].__name__ in str(inspect.signature(method))
-        assert ANSWERS[name].__name__ in str(inspect.signature(method).return_annotation)
+def test_only_what_is_given_is_sent():
+    client = Recorder()
+    client.recall_grasps(object="urn:cup", in_space=False)
+    client.teach_object(operation="search", class_description="a cup")
+    client.resolve_request(wanted="a cup", objects=[])
+    assert client.sent == [
+        ("recall_grasps", {"object": "urn:cup", "in_space": False}),
+        ("teach_object", {"operation": "search", "class_description": "a cup"}),
+        ("resolve_request", {"wanted": "a cup", "objects": []}),
+    ]
+
+
+def test_one_object_may_be_told_without_a_list():
+    client = Recorder()
+    client.insert_object(data=b"RTKC", name="cup", task_id="t-1")
+    assert client.sent == [("insert_object", {"data": "UlRLQw==", "name": "cup", "task_id": "t-1"})]
+
+
+def test_a_misspelt_field_is_refused_before_it_is_sent():
+    with pytest.raises(TypeError, match="objct"):
+        Recorder().recall_grasps(objct="urn:cup")
 
 
 def test_patience_ends_at_its_deadline():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rtask.engine import Policy
 from rtask.engine.operations.table import OPERATIONS
+from rtask.wire.message import kind_of
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 
@@ -17,17 +18,19 @@ def sections(text):
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
-def names(fields):
-    for field in fields:
-        yield field.name
-        yield from names(field.fields)
+def names(message):
+    for name, field in message.model_fields.items():
+        yield name
+        part = kind_of(field).message
+        if part is not None:
+            yield from names(part)
 
 
 def test_every_operation_has_a_section_that_names_every_field():
     described = sections((DOCS / "engine.md").read_text(encoding="utf-8"))
     for operation in OPERATIONS.values():
         text = described[operation.name]
-        missing = [name for name in names(operation.fields) if f"`{name}`" not in text]
+        missing = [name for name in names(operation.request) if f"`{name}`" not in text]
         if operation.name == "report_outcome":  # its outcome is described with insert_object
             text += described["insert_object"]
             missing = [name for name in missing if f"`{name}`" not in text]

@@ -98,12 +98,11 @@ def test_a_view_given_to_another_object_is_found_under_that(bench, kb, engine):
 
 
 def test_an_index_ahead_of_the_graph_names_no_object(bench, kb, engine):
-    from rtask.engine.operations.messages import read
-    from rtask.engine.perception.observation import observe
-    from rtask.engine.records.prepared import SIGHT
+    from rtask.engine.perception.observation import Look, observe
+    from rtask.wire.message import plain, read
 
     robot = fill(bench, engine)
-    features = observe(read(SIGHT, bench.sight(bench.PEN))).features
+    features = observe(plain(read(Look, bench.sight(bench.PEN)))).features
     engine.index.add("urn:view", "urn:object:gone", "urn:class", features)
     answer = robot.recognise(bench.sight(bench.PEN))
     assert answer["object"] == ""
@@ -153,3 +152,33 @@ def test_clients_without_names_write_for_the_robot_that_they_register(bench, kb,
         f"<{NS}commitNumber> {kb.seq} }}"
     )
     assert [row.value("who") for row in writers] == ["https://example.org/kb/robot/nao-1"]
+
+
+@pytest.mark.parametrize(
+    "measures",
+    [
+        {"min_opening": 5.0},
+        {"finger_length": 0.001},
+    ],
+)
+def test_a_gripper_whose_measures_contradict_each_other_is_refused(bench, engine, measures):
+    hand = {"name": "odd", "gripper_type": "odd", "max_opening": 0.08, "max_payload": 1.0}
+    with pytest.raises(UsageError, match=r"end_effectors\[0\]: gripper 'odd'"):
+        engine.call(
+            "register_robot",
+            {"name": "odd-1", "model": "odd", "end_effectors": [{**hand, **measures}]},
+        )
+
+
+def test_a_stored_gripper_that_cannot_be_leaves_the_others_usable(bench, kb, engine):
+    robot = bench.Robot("nao-1", engine)
+    robot.register()
+    odd = NamedNode("urn:odd-hand")
+    with kb.transaction() as tx:
+        tx.add(NamedNode("urn:odd"), NS + "hasEndEffector", odd)
+        tx.add(NamedNode("urn:odd"), NS + "name", "odd-1")
+        for name, value in {
+            "name": "odd", "gripperType": "odd", "minOpening": 5.0, "maxOpening": 0.08,
+        }.items():  # fmt: skip
+            tx.add(odd, NS + name, value)
+    assert robot.recognise(bench.sight(bench.PEN))["task_response"] == "candidate"

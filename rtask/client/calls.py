@@ -1,0 +1,1039 @@
+"""The operations of the engine as methods; made by ``python -m rtask.engine.client_calls``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NotRequired, Required, TypedDict
+
+__all__ = [
+    "Calls",
+    "Camera",
+    "Curated",
+    "EndEffector",
+    "Feedback",
+    "GivenVerdict",
+    "GraspConfidence",
+    "GraspStatistics",
+    "Inserted",
+    "InsertedObject",
+    "NewObject",
+    "OfferedGrasp",
+    "OfferedObject",
+    "OutcomeReport",
+    "Picture",
+    "PlannedGrasps",
+    "Reason",
+    "RecalledGrasp",
+    "RecalledGrasps",
+    "Recognition",
+    "RegisteredRobot",
+    "ReportedOutcome",
+    "ResolvedRequest",
+    "SimilarObject",
+    "SimilarObjects",
+    "StepTimes",
+    "Taught",
+]
+
+Bytes = str | bytes
+"""Base64 text, or the bytes themselves."""
+
+
+class EndEffector(TypedDict, total=False):
+    """One gripper of a robot."""
+
+    name: Required[str]
+    """name, unique on the robot"""
+    gripper_type: Required[str]
+    """grasps carry over between grippers of one type"""
+    kind: Literal["Hand", "ParallelJawGripper"]
+    """class of end effector; default: Hand"""
+    min_opening: float
+    """smallest width that it can hold (m); default: 0.0"""
+    max_opening: Required[float]
+    """largest width that it can hold (m)"""
+    jaw_width: float
+    """width of a jaw face (m)"""
+    finger_length: float
+    """reach of the fingers (m)"""
+    max_force: float
+    """largest closing force (N)"""
+    max_payload: Required[float]
+    """largest mass that it can lift (kg)"""
+    parent_link: str
+    """link that a grasp pose refers to"""
+    planning_group: str
+    """MoveIt group of its arm"""
+
+
+class Camera(TypedDict, total=False):
+    """One camera of a robot."""
+
+    name: Required[str]
+    """name, unique on the robot"""
+    frame_id: Required[str]
+    """optical frame, as in tf"""
+    width: int
+    """image width (px)"""
+    height: int
+    """image height (px)"""
+    fx: float
+    """focal length (px)"""
+    fy: float
+    """focal length (px)"""
+    cx: float
+    """principal point (px)"""
+    cy: float
+    """principal point (px)"""
+    min_range: float
+    """nearest depth (m)"""
+    max_range: float
+    """farthest depth (m)"""
+
+
+class StepTimes(TypedDict, total=False):
+    """Durations of the steps of an attempt."""
+
+    segmentation_s: float
+    """duration of segmentation (s)"""
+    transfer_s: float
+    """duration of transfer (s)"""
+    decode_s: float
+    """duration of decode (s)"""
+    extraction_s: float
+    """duration of extraction (s)"""
+    matching_s: float
+    """duration of matching (s)"""
+    query_s: float
+    """duration of query (s)"""
+    pose_s: float
+    """duration of pose (s)"""
+    generation_s: float
+    """duration of generation (s)"""
+    choice_s: float
+    """duration of choice (s)"""
+    planning_s: float
+    """duration of planning (s)"""
+    execution_s: float
+    """duration of execution (s)"""
+    total_s: float
+    """duration of total (s)"""
+
+
+class Picture(TypedDict, total=False):
+    """A picture of an attempt."""
+
+    phase: Required[str]
+    """pre_grasp, closed, lifted, placed, ..."""
+    data: Required[Bytes]
+    """base64 PNG or JPEG"""
+
+
+class OutcomeReport(TypedDict, total=False):
+    """What came of an attempt."""
+
+    success: Required[bool]
+    """whether the object was held"""
+    placed: bool
+    """whether it arrived where it was to go"""
+    reason: str
+    """why it ended as it did: ok, missed, slip_lift, ..."""
+    lifted_m: float
+    """height reached (m)"""
+    slip: float
+    """distance that the object slipped in the hand (m)"""
+    duration_s: float
+    """of the attempt (s)"""
+    links_touching: int
+    """hand links in contact at the end of the hold"""
+    contact_force: float
+    """force at the jaws (N)"""
+    jaw_gap: float
+    """opening after closing (m)"""
+    hold_s: float
+    """time held (s)"""
+    place_offset: float
+    """distance from where it was to be put (m)"""
+    approach_tilt: float
+    """angle of the approach to the vertical (rad)"""
+    preset: Literal["faithful", "fast", "real"]
+    """physics: faithful, fast, or real"""
+    seed: int
+    """of the simulation"""
+    attempt_number: int
+    """counted from 1 for each object and episode"""
+    candidate_count: int
+    """grasps that there were to choose from"""
+    candidate_rank: int
+    """place of the one taken"""
+    confirmed_by: Literal["physics", "human"]
+    """who says so"""
+    operator: str
+    """the person, when a person says so"""
+    comment: str
+    """words of the person or the robot"""
+    times: StepTimes | Mapping[str, Any]
+    """durations of the steps"""
+    images: Sequence[Picture | Mapping[str, Any]]
+    """pictures of the attempt"""
+
+
+class NewObject(TypedDict, total=False):
+    """An object that was seen, and what came of grasping it."""
+
+    data: Bytes
+    """base64 of one object's compressed cloud"""
+    new_point_cloud: Bytes
+    image: Bytes
+    """base64 PNG or JPEG of the object"""
+    sensor_pose: Mapping[str, Any]
+    """pose of the camera in frame_id; default: identity"""
+    frame_id: str
+    """frame of the robot with z up, e.g. base_footprint"""
+    support_height: float
+    """height of the table in frame_id; default: lowest point (m)"""
+    stamp: float | Mapping[str, int]
+    """when the cloud was taken (s)"""
+    object: str
+    """IRI of the object, when the robot followed it and knows"""
+    name: str
+    """what people call this one object"""
+    class_description: str
+    """what kind of thing it is, in words"""
+    function: str
+    """what it is for: write, contain liquid, ..."""
+    gripper_id: str
+    """name or IRI of the end effector that tried"""
+    task: str
+    """what it was for: pick, place, push; default: pick"""
+    grasp: str | Mapping[str, Any]
+    """the grasp that was tried, as received"""
+    X: float
+    """grasp in the frame of the cloud, m and rad"""
+    Y: float
+    """grasp in the frame of the cloud, m and rad"""
+    Z: float
+    """grasp in the frame of the cloud, m and rad"""
+    rad: float
+    """grasp in the frame of the cloud, m and rad"""
+    success: bool
+    """whether the grasp held, when no outcome is given; default: True"""
+    confirmed_by: Literal["physics", "human"]
+    """who says so"""
+    operator: str
+    """the person, when a person says so"""
+    outcome: OutcomeReport | Mapping[str, Any]
+    """what came of it"""
+    task_id: str
+    """from recognise_for_grasp, or any id: the same id stores once"""
+    merge: bool
+    """add the view to a recognised object; default: True"""
+
+
+class RegisteredRobot(TypedDict):
+    """What was stored of a robot."""
+
+    robot: str
+    graph: str
+    commit: str
+
+
+class GraspStatistics(TypedDict):
+    """How often a grasp held, over all robots."""
+
+    attempts: int
+    successes: int
+    mean: float
+    lower_95: float
+
+
+class OfferedGrasp(TypedDict):
+    """One grasp to try: a moveit_msgs/Grasp, and why it has its place in the order."""
+
+    id: str
+    pre_grasp_posture: dict[str, Any]
+    grasp_posture: dict[str, Any]
+    grasp_pose: dict[str, Any]
+    grasp_quality: float
+    pre_grasp_approach: dict[str, Any]
+    post_grasp_retreat: dict[str, Any]
+    post_place_retreat: dict[str, Any]
+    max_contact_force: float
+    allowed_touch_objects: list[str]
+    kind: str
+    source: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    width: float
+    opening: float
+    mean: float
+    interval90: list[float]
+    alpha: float
+    beta: float
+    statistics: GraspStatistics
+    explanation: dict[str, Any]
+    in_object: dict[str, Any]
+
+
+SimilarObject = TypedDict(
+    "SimilarObject",
+    {
+        "class": str,
+        "class_iri": str,
+        "object": str,
+        "label": str,
+        "confidence": float,
+        "X": float | None,
+        "Y": float | None,
+        "Z": float | None,
+        "rad": float | None,
+        "grasp": str | None,
+    },
+)
+"""A known object that looks alike; position and yaw of its best grasp, m and rad, or nulls."""
+
+
+Recognition = TypedDict(
+    "Recognition",
+    {
+        "task_response": str,
+        "task_id": str,
+        "object": str,
+        "class": str,
+        "class_iri": str,
+        "label": str,
+        "confidence": float,
+        "statistics": GraspStatistics,
+        "pre_grasp_posture": dict[str, Any],
+        "grasp_posture": dict[str, Any],
+        "grasp_pose": dict[str, Any],
+        "grasp_quality": float,
+        "pre_grasp_approach": dict[str, Any],
+        "post_grasp_retreat": dict[str, Any],
+        "post_place_retreat": dict[str, Any],
+        "max_contact_force": float,
+        "allowed_touch_objects": list[str],
+        "grasps": list[OfferedGrasp],
+        "shape": dict[str, Any] | None,
+        "recognition": dict[str, Any],
+        "similar_objects": list[SimilarObject],
+        "decision": dict[str, Any] | None,
+        "times": dict[str, Any],
+    },
+)
+"""The object and its grasps; `decision` is null unless one was asked for."""
+
+
+class GraspConfidence(TypedDict):
+    """How sure a grasp is over all robots: a Beta distribution, and the prior it began with."""
+
+    mean: float
+    alpha: float
+    beta: float
+    prior: float | None
+    evaluation: str
+    updated: str
+    policy: str
+    note: str
+
+
+class RecalledGrasp(TypedDict):
+    """One known grasp as moveit_msgs/Grasp, in the frame of its object."""
+
+    id: str
+    pre_grasp_posture: dict[str, Any]
+    grasp_posture: dict[str, Any]
+    grasp_pose: dict[str, Any]
+    grasp_quality: float
+    pre_grasp_approach: dict[str, Any]
+    post_grasp_retreat: dict[str, Any]
+    post_place_retreat: dict[str, Any]
+    max_contact_force: float
+    allowed_touch_objects: list[str]
+    kind: str
+    gripper_type: str
+    x: float
+    y: float
+    z: float
+    theta: float
+    width: float | None
+    opening: float | None
+    statistics: GraspStatistics
+    confidence: GraspConfidence
+
+
+class RecalledGrasps(TypedDict):
+    """The known grasps of an object, the surest first."""
+
+    object: str
+    class_iri: str
+    label: str
+    grasps: list[RecalledGrasp]
+
+
+class PlannedGrasps(TypedDict):
+    """The grasps that were planned, best first, or why there is none."""
+
+    object: str
+    shape: str
+    reason: str
+    commit: str
+    tried: dict[str, int]
+    grasps: list[RecalledGrasp]
+
+
+class SimilarObjects(TypedDict):
+    """Known objects that look alike, best first; or kinds that were perhaps meant."""
+
+    similar_objects: list[SimilarObject]
+    suggestions: list[str]
+
+
+class OfferedObject(TypedDict):
+    """A seen object that serves a request; lengths in m, masses in kg."""
+
+    object: str
+    class_iri: str
+    label: str
+    capability: str
+    text: str
+    width: float | None
+    mass: float | None
+    mass_bound: float | None
+    chance: float | None
+    seen: str
+
+
+class Reason(TypedDict):
+    """Why a request is not met, or not by this object."""
+
+    code: str
+    text: str
+    object: str
+    label: str
+    value: float | None
+    limit: float | None
+    seen: str
+    seen_by: str
+    place: dict[str, Any] | None
+
+
+class ResolvedRequest(TypedDict):
+    """One object that serves a request and its grasps, or why there is none."""
+
+    task_response: str
+    object: str
+    class_iri: str
+    label: str
+    grasps: list[RecalledGrasp]
+    objects: list[OfferedObject]
+    reasons: list[Reason]
+    understood: dict[str, Any]
+    explanation: dict[str, Any]
+    suggestions: list[str]
+
+
+InsertedObject = TypedDict(
+    "InsertedObject",
+    {
+        "object": str,
+        "class": str,
+        "class_iri": str,
+        "label": str,
+        "grasp": str,
+        "view": str,
+        "new": bool,
+        "features": int,
+        "commit": str,
+    },
+)
+"""What became of one entry."""
+
+
+class Inserted(TypedDict):
+    """What was stored."""
+
+    stored: int
+    commit: str
+    objects: list[InsertedObject]
+
+
+class ReportedOutcome(TypedDict):
+    """What was stored of an attempt, and how often its grasp held over all robots."""
+
+    stored: int
+    commit: str
+    statistics: GraspStatistics
+    grasp: str
+
+
+class GivenVerdict(TypedDict):
+    """What one person said about an attempt."""
+
+    by: str
+    held: bool
+    reason: str
+    comment: str
+    time: str
+
+
+class Feedback(TypedDict):
+    """Everything that was said about an attempt, and what counts."""
+
+    stored: int
+    commit: str
+    attempt: str
+    grasp: str
+    decided: bool
+    reason: str
+    held: bool | None
+    disputed: bool
+    held_votes: int
+    lost_votes: int
+    verdicts: list[GivenVerdict]
+    text: str
+    statistics: GraspStatistics
+    confidence: float | None
+
+
+class Taught(TypedDict):
+    """What was found or stored; only where something was to be stored, what was."""
+
+    similar_objects: list[SimilarObject]
+    suggestions: list[str]
+    stored: NotRequired[int]
+    commit: NotRequired[str]
+    objects: NotRequired[list[InsertedObject]]
+    grasp: NotRequired[str]
+    statistics: NotRequired[GraspStatistics | None]
+
+
+class Curated(TypedDict):
+    """The object that there is now, and the commit that undo takes back."""
+
+    object: str
+    commit: str
+    added: int
+    removed: int
+
+
+class Calls(ABC):
+    """One method for each operation; what is left out, or None, is not sent."""
+
+    @abstractmethod
+    def _operate(self, operation: str, given: dict[str, Any]) -> Any:
+        """Carry out an operation with the local variables of its method."""
+
+    def register_robot(
+        self,
+        *,
+        name: str,
+        model: str,
+        simulated: bool | None = None,
+        end_effectors: Sequence[EndEffector | Mapping[str, Any]],
+        cameras: Sequence[Camera | Mapping[str, Any]] | None = None,
+        frames: Sequence[str] | None = None,
+    ) -> RegisteredRobot:
+        """Introduce a robot: grippers, cameras, frames.
+
+        Parameters
+        ----------
+        name
+            the robot's name; with a token, the token's agent
+        model
+            make and version, e.g. nao-h25-v5
+        simulated
+            whether it lives in a simulator; default: False
+        end_effectors
+            its grippers
+        cameras
+            its cameras
+        frames
+            names of its frames, the base frame first
+        """
+        answer: RegisteredRobot = self._operate("register_robot", locals())
+        return answer
+
+    def recognise_for_grasp(
+        self,
+        *,
+        task: str | None = None,
+        gripper_id: str,
+        data: Bytes | None = None,
+        new_point_cloud: Bytes | None = None,
+        image: Bytes | None = None,
+        sensor_pose: Mapping[str, Any] | None = None,
+        frame_id: str | None = None,
+        support_height: float | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+        object: str | None = None,
+        min_confidence: float | None = None,
+        max_grasps: int | None = None,
+        propose: bool | None = None,
+        in_space: bool | None = None,
+        exclude: Sequence[str] | None = None,
+        seed: int | None = None,
+        neighbours: Sequence[Sequence[float]] | None = None,
+        decide: bool | None = None,
+        min_identity: float | None = None,
+        min_pose: float | None = None,
+        min_grasp: float | None = None,
+    ) -> Recognition:
+        """Name an object and the grasps to try, in order.
+
+        Parameters
+        ----------
+        task
+            what it is for: pick, place, push; default: pick
+        gripper_id
+            name or IRI of the end effector
+        data, new_point_cloud
+            base64 of one object's compressed cloud
+        image
+            base64 PNG or JPEG of the object
+        sensor_pose
+            pose of the camera in frame_id; default: identity
+        frame_id
+            frame of the robot with z up, e.g. base_footprint
+        support_height
+            height of the table in frame_id; default: lowest point (m)
+        stamp
+            when the cloud was taken (s)
+        object
+            IRI of the object, when the robot followed it and knows
+        min_confidence
+            for the object to count as recognised
+        max_grasps
+            length of the answer's list; default: 10
+        propose
+            propose grasps where none is known; default: False
+        in_space
+            offer known grasps from any direction too, for arms that can; default: False
+        exclude
+            ids of grasps not to offer again
+        seed
+            of the choice; default: 0
+        neighbours
+            points of what stands around, frame_id
+        decide
+            answer with a grasp or with the confidence that was too low; default: False
+        min_identity
+            c_I, that it is this object; asks to decide
+        min_pose
+            c_T, that it is where it seems; asks to decide
+        min_grasp
+            c_G, that the grasp will hold; asks to decide
+        """
+        answer: Recognition = self._operate("recognise_for_grasp", locals())
+        return answer
+
+    def recall_grasps(
+        self,
+        *,
+        object: str,
+        gripper_id: str | None = None,
+        max_grasps: int | None = None,
+        in_space: bool | None = None,
+    ) -> RecalledGrasps:
+        """List the known grasps of a known object.
+
+        Parameters
+        ----------
+        object
+            IRI, objectId or name of the object
+        gripper_id
+            only grasps of this gripper's type
+        max_grasps
+            length of the answer's list; default: 10
+        in_space
+            grasps from any direction, not only those from above; default: True
+        """
+        answer: RecalledGrasps = self._operate("recall_grasps", locals())
+        return answer
+
+    def plan_in_space(
+        self,
+        *,
+        object: str,
+        gripper_id: str | None = None,
+        mass: float | None = None,
+        friction: float | None = None,
+        position_std: float | None = None,
+        rotation_std: float | None = None,
+        samples: int | None = None,
+        min_confidence: float | None = None,
+        max_grasps: int | None = None,
+        seed: int | None = None,
+    ) -> PlannedGrasps:
+        """Plan grasps in space of a known object and store them.
+
+        Parameters
+        ----------
+        object
+            IRI, objectId or name of the object
+        gripper_id
+            name or IRI of the end effector; default: the robot's only one
+        mass
+            of the object, whose weight must be held; default: as stored (kg)
+        friction
+            between pads and object
+        position_std
+            of the object's position (m); default: 0.004
+        rotation_std
+            of its rotation (rad); default: 0.1
+        samples
+            perturbed poses of each grasp; default: 100
+        min_confidence
+            c_G: grasps below it are not stored; default: 0.3
+        max_grasps
+            how many are stored at most; default: 10
+        seed
+            of the draws; default: 0
+        """
+        answer: PlannedGrasps = self._operate("plan_in_space", locals())
+        return answer
+
+    def search_object(
+        self,
+        *,
+        data: Bytes | None = None,
+        new_point_cloud: Bytes | None = None,
+        image: Bytes | None = None,
+        sensor_pose: Mapping[str, Any] | None = None,
+        frame_id: str | None = None,
+        support_height: float | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+        class_description: str | None = None,
+        max_results: int | None = None,
+        min_confidence: float | None = None,
+    ) -> SimilarObjects:
+        """List known objects that look like this one.
+
+        Parameters
+        ----------
+        data, new_point_cloud
+            base64 of one object's compressed cloud
+        image
+            base64 PNG or JPEG of the object
+        sensor_pose
+            pose of the camera in frame_id; default: identity
+        frame_id
+            frame of the robot with z up, e.g. base_footprint
+        support_height
+            height of the table in frame_id; default: lowest point (m)
+        stamp
+            when the cloud was taken (s)
+        class_description
+            only objects of the kinds that these words mean
+        max_results
+            length of the answer's list; default: 10
+        min_confidence
+            least confidence of an entry
+        """
+        answer: SimilarObjects = self._operate("search_object", locals())
+        return answer
+
+    def resolve_request(
+        self,
+        *,
+        wanted: str,
+        gripper_id: str | None = None,
+        objects: Sequence[str] | None = None,
+        seen_within_s: float | None = None,
+        exclude: Sequence[str] | None = None,
+        max_grasps: int | None = None,
+        prove: bool | None = None,
+    ) -> ResolvedRequest:
+        """Choose a seen object that serves a request, and its grasps.
+
+        Parameters
+        ----------
+        wanted
+            words, or the IRI of a class or function
+        gripper_id
+            name or IRI of the end effector that is to hold it
+        objects
+            IRIs of the objects seen now; an empty list: none
+        seen_within_s
+            without objects: how fresh a look counts (s); default: 600.0
+        exclude
+            IRIs of objects not to offer again
+        max_grasps
+            length of the list of grasps; default: 10
+        prove
+            ask the reasoner for proofs; default: True
+        """
+        answer: ResolvedRequest = self._operate("resolve_request", locals())
+        return answer
+
+    def insert_object(
+        self,
+        *,
+        objects: Sequence[NewObject | Mapping[str, Any]] | None = None,
+        data: Bytes | None = None,
+        new_point_cloud: Bytes | None = None,
+        image: Bytes | None = None,
+        sensor_pose: Mapping[str, Any] | None = None,
+        frame_id: str | None = None,
+        support_height: float | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+        object: str | None = None,
+        name: str | None = None,
+        class_description: str | None = None,
+        function: str | None = None,
+        gripper_id: str | None = None,
+        task: str | None = None,
+        grasp: str | Mapping[str, Any] | None = None,
+        X: float | None = None,
+        Y: float | None = None,
+        Z: float | None = None,
+        rad: float | None = None,
+        success: bool | None = None,
+        confirmed_by: Literal["physics", "human"] | None = None,
+        operator: str | None = None,
+        outcome: OutcomeReport | Mapping[str, Any] | None = None,
+        task_id: str | None = None,
+        merge: bool | None = None,
+    ) -> Inserted:
+        """Store what was seen and what came of grasping it.
+
+        Parameters
+        ----------
+        objects
+            what was seen
+        data, new_point_cloud
+            base64 of one object's compressed cloud
+        image
+            base64 PNG or JPEG of the object
+        sensor_pose
+            pose of the camera in frame_id; default: identity
+        frame_id
+            frame of the robot with z up, e.g. base_footprint
+        support_height
+            height of the table in frame_id; default: lowest point (m)
+        stamp
+            when the cloud was taken (s)
+        object
+            IRI of the object, when the robot followed it and knows
+        name
+            what people call this one object
+        class_description
+            what kind of thing it is, in words
+        function
+            what it is for: write, contain liquid, ...
+        gripper_id
+            name or IRI of the end effector that tried
+        task
+            what it was for: pick, place, push; default: pick
+        grasp
+            the grasp that was tried, as received
+        X
+            grasp in the frame of the cloud, m and rad
+        Y
+            grasp in the frame of the cloud, m and rad
+        Z
+            grasp in the frame of the cloud, m and rad
+        rad
+            grasp in the frame of the cloud, m and rad
+        success
+            whether the grasp held, when no outcome is given; default: True
+        confirmed_by
+            who says so
+        operator
+            the person, when a person says so
+        outcome
+            what came of it
+        task_id
+            from recognise_for_grasp, or any id: the same id stores once
+        merge
+            add the view to a recognised object; default: True
+        """
+        answer: Inserted = self._operate("insert_object", locals())
+        return answer
+
+    def report_outcome(
+        self,
+        *,
+        task_id: str | None = None,
+        object: str | None = None,
+        grasp: str | Mapping[str, Any] | None = None,
+        grasp_pose: str | Mapping[str, Any] | None = None,
+        gripper_id: str | None = None,
+        task: str | None = None,
+        outcome: OutcomeReport | Mapping[str, Any] | None = None,
+        success: bool | None = None,
+        reason: str | None = None,
+        lifted_m: float | None = None,
+        slip: float | None = None,
+        duration_s: float | None = None,
+        confirmed_by: Literal["physics", "human"] | None = None,
+        operator: str | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+    ) -> ReportedOutcome:
+        """Store what came of a grasp on a known object.
+
+        Parameters
+        ----------
+        task_id
+            of the decision; the same id stores once
+        object
+            IRI of the object; default: the one of the decision
+        grasp
+            its id, or the whole grasp as received
+        grasp_pose
+            geometry_msgs/PoseStamped of a grasp that was never offered
+        gripper_id
+            name or IRI of the end effector
+        task
+            what it was for: pick, place, push; default: pick
+        outcome
+            what came of it
+        success
+            whether it held, when there is no outcome
+        reason
+            why it ended as it did, when there is no outcome
+        lifted_m
+            height reached, when there is no outcome (m)
+        slip
+            slip in the hand, when there is no outcome (m)
+        duration_s
+            of the attempt, when there is no outcome (s)
+        confirmed_by
+            who says so
+        operator
+            the person, when a person says so
+        stamp
+            when the attempt ended; default: now (s)
+        """
+        answer: ReportedOutcome = self._operate("report_outcome", locals())
+        return answer
+
+    def give_feedback(
+        self,
+        *,
+        verdict: Literal["confirm", "refuse", "correct"],
+        task_id: str | None = None,
+        object: str | None = None,
+        grasp: str | None = None,
+        held: bool | None = None,
+        reason: str | None = None,
+        operator: str | None = None,
+        comment: str | None = None,
+    ) -> Feedback:
+        """Confirm, correct or refuse what a robot reported.
+
+        Parameters
+        ----------
+        verdict
+            what the person thinks of the report
+        task_id
+            of the attempt that is judged
+        object
+            IRI of the object whose last attempt is meant
+        grasp
+            IRI of the grasp whose last attempt is meant
+        held
+            whether it held; to correct
+        reason
+            code of why it ended so, in the person's opinion
+        operator
+            who says so; with a token, the token's person
+        comment
+            in the person's words
+        """
+        answer: Feedback = self._operate("give_feedback", locals())
+        return answer
+
+    def teach_object(
+        self,
+        *,
+        operation: Literal["search", "teach", "confirm", "reject"],
+        class_description: str | None = None,
+        data: Bytes | None = None,
+        new_point_cloud: Bytes | None = None,
+        image: Bytes | None = None,
+        sensor_pose: Mapping[str, Any] | None = None,
+        frame_id: str | None = None,
+        support_height: float | None = None,
+        stamp: float | Mapping[str, int] | None = None,
+        name: str | None = None,
+        task_id: str | None = None,
+        object: str | None = None,
+        grasp: str | None = None,
+        operator: str | None = None,
+        comment: str | None = None,
+    ) -> Taught:
+        """Search by words, name an object, confirm or reject a grasp.
+
+        Parameters
+        ----------
+        operation
+            what the person wants
+        class_description
+            what the person called it
+        data, new_point_cloud
+            base64 of one object's compressed cloud
+        image
+            base64 PNG or JPEG of the object
+        sensor_pose
+            pose of the camera in frame_id; default: identity
+        frame_id
+            frame of the robot with z up, e.g. base_footprint
+        support_height
+            height of the table in frame_id; default: lowest point (m)
+        stamp
+            when the cloud was taken (s)
+        name
+            what the person calls this one object
+        task_id
+            of the attempt that is judged; of what is taught, stored once
+        object
+            IRI of the object, in place of data; or whose last attempt counts
+        grasp
+            IRI of the grasp whose last attempt is meant
+        operator
+            who says so
+        comment
+            in the person's words
+        """
+        answer: Taught = self._operate("teach_object", locals())
+        return answer
+
+    def curate_object(
+        self,
+        *,
+        operation: Literal["merge", "split", "forget", "undo"],
+        object: str | None = None,
+        into: str | None = None,
+        views: Sequence[str] | None = None,
+        name: str | None = None,
+        purge: bool | None = None,
+        commit: str | None = None,
+        operator: str | None = None,
+    ) -> Curated:
+        """Merge two objects, split one, forget one, take it back.
+
+        Parameters
+        ----------
+        operation
+            what the person wants
+        object
+            IRI of the object, or its name
+        into
+            merge: IRI or name of the object that it turned out to be
+        views
+            split: IRIs of the views that show another object; forget: only these views
+        name
+            split: what people call the new object
+        purge
+            forget: with all that was tried on it, and the bytes at once; default: False
+        commit
+            undo: the commit to take back, as answered
+        operator
+            who says so
+        """
+        answer: Curated = self._operate("curate_object", locals())
+        return answer

@@ -1,0 +1,89 @@
+"""JSON Schema (draft 2020-12) of messages, as the components of an OpenAPI 3.1 document.
+
+The schema is the canonical form of a message: one name for each field, numbers as numbers. What is
+accepted besides is said in words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema, models_json_schema
+
+__all__ = ["components"]
+
+JsonObject = dict[str, Any]
+
+_REF = "#/components/schemas/"
+# Bounds on types with a reader of their own keep the names of the Python annotations.
+_BOUNDS = {"ge": "minimum", "le": "maximum", "min_length": "minItems", "max_length": "maxItems"}
+
+
+class _Untitled(GenerateJsonSchema):
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def components(models: Mapping[str, type[BaseModel]]) -> JsonObject:
+    """Return the schemas of messages and of all messages in them, by name.
+
+    Parameters
+    ----------
+    models
+        Messages by the names that they are to have; their parts have the names of their classes.
+
+    Raises
+    ------
+    ValueError
+        Two messages would have one name.
+
+    Examples
+    --------
+    >>> from rtask.wire.message import Message
+    >>> class Cup(Message):
+    ...     '''A cup.'''
+    ...     height: float = 0.1
+    >>> components({"CupRequest": Cup})["CupRequest"]["properties"]
+    {'height': {'default': 0.1, 'type': 'number'}}
+    """
+    wanted = list(dict.fromkeys(models.values()))
+    found = models_json_schema(
+        [(model, "validation") for model in wanted],
+        ref_template=_REF + "{model}",
+        schema_generator=_Untitled,
+    )[1].get("$defs", {})
+    names = {model.__name__: name for name, model in models.items()}
+    if len(names) < len(wanted) or "__" in "".join(found):
+        raise ValueError(f"two messages have one name, among {', '.join(sorted(found))}")
+    described = {names.get(name, name): _schema(schema, names) for name, schema in found.items()}
+    return dict(sorted(described.items()))
+
+
+def _schema(schema: JsonObject, names: Mapping[str, str]) -> JsonObject:
+    """Return a schema without titles and defaults that are null, with units in the words."""
+    clean: JsonObject = {}
+    for key, value in schema.items():
+        if key in ("title", "description") or (key == "default" and value is None):
+            continue
+        if key == "properties":
+            clean[key] = {name: _schema(one, names) for name, one in value.items()}
+        elif key in ("items", "additionalProperties") and isinstance(value, dict):
+            clean[key] = _schema(value, names)
+        elif key == "anyOf":
+            clean[key] = [_schema(one, names) for one in value]
+        elif key == "$ref":
+            name = value.removeprefix(_REF)
+            clean[key] = _REF + names.get(name, name)
+        else:
+            clean[_BOUNDS.get(key, key)] = value
+    if "description" in schema:
+        unit = _unit(clean)
+        clean["description"] = schema["description"] + (f" ({unit})" if unit else "")
+    return clean
+
+
+def _unit(schema: JsonObject) -> str:
+    found = (one["x-unit"] for one in (schema, *schema.get("anyOf", ())) if "x-unit" in one)
+    return next(found, "")

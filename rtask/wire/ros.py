@@ -1,0 +1,78 @@
+"""ROS types of messages, by the rules of ``.msg`` files.
+
+What has no ROS type of its own, such as free JSON and bytes, travels as ``string``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pydantic import BaseModel
+
+from rtask.wire.message import Answer, Kind, kind_of, wire_name
+from rtask.wire.types import Carried
+
+__all__ = ["LIST", "SCALAR", "Member", "ros_types"]
+
+SCALAR, LIST = -1, 0
+
+_PYTHON = {str: "string", float: "float64", int: "int64", bool: "bool"}
+_JSON = "string"
+
+
+class Member(NamedTuple):
+    """One field of a ROS message; ``length`` is :data:`SCALAR` or :data:`LIST`."""
+
+    name: str
+    type: str
+    length: int
+
+
+def ros_types(name: str, model: type[BaseModel]) -> dict[str, list[Member]]:
+    """Return the fields of a message and of all messages in it, by the name of the ROS type.
+
+    Parameters
+    ----------
+    name
+        ROS name of the message itself, which comes first.
+
+    Examples
+    --------
+    >>> from rtask.wire.message import Message
+    >>> class Cup(Message):
+    ...     heights: list[float]
+    >>> ros_types("rtask/Cup", Cup)
+    {'rtask/Cup': [Member(name='heights', type='float64', length=0)]}
+    """
+    found: dict[str, list[Member]] = {}
+    _add(name, model, found)
+    return found
+
+
+def _add(name: str, model: type[BaseModel], found: dict[str, list[Member]]) -> None:
+    members = found[name] = []
+    for own, field in model.model_fields.items():
+        kind = kind_of(field)
+        if kind.message is None:
+            members.append(_member(wire_name(own, field), kind))
+            continue
+        held = _held(name, own, kind.message)
+        if held not in found:
+            _add(held, kind.message, found)
+        members.append(Member(wire_name(own, field), held, LIST if kind.is_list else SCALAR))
+
+
+def _held(name: str, field: str, model: type[BaseModel]) -> str:
+    """Return the ROS name of a part: its class in answers, its path in requests."""
+    if issubclass(model, Answer):
+        return f"rtask/{model.__name__}"
+    return name + "".join(part.capitalize() for part in field.split("_"))
+
+
+def _member(name: str, kind: Kind) -> Member:
+    for one in kind.metadata:
+        if isinstance(one, Carried):
+            return Member(name, one.ros, LIST if one.is_list else SCALAR)
+    is_text = not isinstance(kind.type, type)
+    of = _JSON if is_text else _PYTHON.get(kind.type, _JSON)
+    return Member(name, of, LIST if kind.is_list else SCALAR)

@@ -1,0 +1,213 @@
+"""The methods of a typed client, as Python source made from declarations.
+
+Requests become keyword arguments with a documented meaning each, their parts and the answers
+become typed dictionaries: what a program gets is JSON, and needs no package to be read.
+"""
+
+from __future__ import annotations
+
+import keyword
+import textwrap
+import typing
+from collections.abc import Iterable
+from typing import Literal, Protocol
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from rtask.wire.message import Also, Answer, Kind, Message, kind_of, wire_name
+from rtask.wire.types import Carried, Unit
+
+__all__ = ["Declared", "source_of"]
+
+_WIDTH = 100
+_HEAD = '''"""The operations of the engine as methods; made by ``python -m {maker}``."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NotRequired, Required, TypedDict
+
+__all__ = [
+{names}
+]
+
+Bytes = str | bytes
+"""Base64 text, or the bytes themselves."""
+'''
+_CLASS = '''class Calls(ABC):
+    """One method for each operation; what is left out, or None, is not sent."""
+
+    @abstractmethod
+    def _operate(self, operation: str, given: dict[str, Any]) -> Any:
+        """Carry out an operation with the local variables of its method."""
+'''
+
+
+class Declared(Protocol):
+    """What is needed of an operation."""
+
+    @property
+    def name(self) -> str:
+        """As on the wire."""
+
+    @property
+    def summary(self) -> str:
+        """One line, without a capital or a full stop."""
+
+    @property
+    def request(self) -> type[Message]:
+        """Its request."""
+
+    @property
+    def answer(self) -> type[Answer]:
+        """Its answer."""
+
+
+def source_of(operations: Iterable[Declared], maker: str) -> str:
+    """Return the source of a module with the methods of all operations.
+
+    Parameters
+    ----------
+    maker
+        Module that makes the file, for its first line.
+    """
+    operations = list(operations)
+    held: dict[str, type[BaseModel]] = {}
+    for one in operations:
+        _collect(one.request, held, is_whole=True)
+    for one in operations:
+        _collect(one.answer, held)
+    names = "\n".join(f'    "{name}",' for name in sorted([*held, "Calls"]))
+    parts = [_HEAD.format(maker=maker, names=names)]
+    parts += [_typed_dict(model) for model in held.values()]
+    methods = [_CLASS, *(_method(one) for one in operations)]
+    return "\n\n".join([*parts, "\n".join(methods)])
+
+
+def _collect(
+    model: type[BaseModel], held: dict[str, type[BaseModel]], is_whole: bool = False
+) -> None:
+    """Collect the messages in a message, the inner ones first."""
+    for field in model.model_fields.values():
+        part = kind_of(field).message
+        if part is not None and part.__name__ not in held:
+            _collect(part, held)
+    if not is_whole:
+        held[model.__name__] = model
+
+
+def _type(kind: Kind) -> str:
+    """Return the type of a field as source."""
+    carried = next((one for one in kind.metadata if isinstance(one, Carried)), None)
+    if carried is not None:
+        text = carried.python
+    elif kind.message is not None:
+        text = kind.message.__name__
+        text += " | Mapping[str, Any]" if issubclass(kind.message, Message) else ""
+    elif typing.get_origin(kind.type) is Literal:
+        text = f"Literal[{', '.join(_quoted(one) for one in typing.get_args(kind.type))}]"
+    elif typing.get_origin(kind.type) is dict:
+        key, value = typing.get_args(kind.type)
+        text = f"dict[{key.__name__}, {'Any' if value is typing.Any else value.__name__}]"
+    else:
+        text = kind.type.__name__
+    if kind.is_list and not (carried and carried.is_list):
+        is_answer = kind.message is None or issubclass(kind.message, Answer)
+        text = f"{'list' if is_answer else 'Sequence'}[{text}]"
+    return text
+
+
+def _quoted(text: object) -> str:
+    return f'"{text}"'
+
+
+def _words(field: FieldInfo, model: type[BaseModel]) -> str:
+    """Return what a field means, with its unit and default."""
+    kind = kind_of(field)
+    unit = next((one.symbol for one in kind.metadata if isinstance(one, Unit)), "")
+    words = (field.description or "") + (f" ({unit})" if unit else "")
+    default = field.default
+    if not field.is_required() and isinstance(default, str | int | float):
+        words += f"; default: {default}"
+    return words
+
+
+def _typed_dict(model: type[BaseModel]) -> str:
+    is_request = issubclass(model, Message)
+    fields = [(wire_name(own, field), own, field) for own, field in model.model_fields.items()]
+    if any(keyword.iskeyword(name) for name, _, _ in fields):
+        rows = [f'        "{name}": {_answer_type(field)},' for name, _, field in fields]
+        lines = [
+            f"{model.__name__} = TypedDict(", f'    "{model.__name__}",', "    {", *rows, "    },",
+            ")", *_docstring(model.__doc__ or "", 0),
+        ]  # fmt: skip
+        return "\n".join([*lines, ""])
+    total = ", total=False" if is_request else ""
+    lines = [f"class {model.__name__}(TypedDict{total}):", *_docstring(model.__doc__ or "", 4), ""]
+    for name, own, field in fields:
+        text = _request_type(field, own, model) if is_request else _answer_type(field)
+        lines.append(f"    {name}: {text}")
+        if is_request:
+            lines += _docstring(_words(field, model), 4)
+            lines += [f"    {other}: {_type(kind_of(field))}" for other in _others(field)]
+    return "\n".join([*lines, ""])
+
+
+def _request_type(field: FieldInfo, name: str, model: type[BaseModel]) -> str:
+    text = _type(kind_of(field))
+    return f"Required[{text}]" if field.is_required() and not _others(field) else text
+
+
+def _answer_type(field: FieldInfo) -> str:
+    kind = kind_of(field)
+    text = _type(kind) + (" | None" if kind.is_nullable else "")
+    return text if field.is_required() else f"NotRequired[{text}]"
+
+
+def _others(field: FieldInfo) -> list[str]:
+    return [one.name for one in kind_of(field).metadata if isinstance(one, Also)]
+
+
+def _method(one: Declared) -> str:
+    whole = one.request
+    fields = [(name, field, whole) for name, field in whole.model_fields.items()]
+    if whole.entries:
+        entry = kind_of(whole.model_fields[whole.entries]).message
+        assert entry is not None
+        fields += [(name, field, entry) for name, field in entry.model_fields.items()]
+    parameters, meanings = [], []
+    for name, field, model in fields:
+        text, others = _type(kind_of(field)), _others(field)
+        is_needed = field.is_required() and not others and not whole.entries
+        for known in (name, *others):
+            parameters.append(f"{known}: {text}" + ("" if is_needed else " | None = None"))
+        meanings += [", ".join((name, *others)), *_wrapped(_words(field, model), 4)]
+    lines = [
+        f"    def {one.name}(",
+        *(f"        {row}," for row in ("self", "*", *parameters)),
+        f"    ) -> {one.answer.__name__}:",
+        f'        """{one.summary[0].upper()}{one.summary[1:]}.',
+        "",
+        *(f"        {row}".rstrip() for row in ("Parameters", "----------", *meanings)),
+        '        """',
+        f'        answer: {one.answer.__name__} = self._operate("{one.name}", locals())',
+        "        return answer",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _wrapped(text: str, indent: int) -> list[str]:
+    return [
+        " " * indent + line for line in textwrap.wrap(" ".join(text.split()), _WIDTH - 8 - indent)
+    ]
+
+
+def _docstring(text: str, indent: int) -> list[str]:
+    space = " " * indent
+    lines = textwrap.wrap(" ".join(text.split()), _WIDTH - indent - 6)
+    if len(lines) < 2:
+        return [f'{space}"""{"".join(lines)}"""']
+    return [f'{space}"""{lines[0]}', *(space + line for line in lines[1:]), f'{space}"""']

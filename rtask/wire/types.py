@@ -1,0 +1,329 @@
+"""Types of the fields of messages: numbers, texts, bytes, poses, points.
+
+Each type says three things: how a value is read, what JSON Schema publishes for it, and which ROS
+type it has. The schema shows the canonical form alone; numbers may also come as numeric text and
+flags as ``"true"``, as in the printed messages of Gatto 2016, 3.2.4. A unit belongs to the type:
+``Annotated[Number, Unit("m"), Ge(0)]``.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, PlainValidator
+from pydantic_core import PydanticCustomError, core_schema
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+
+__all__ = [
+    "Array",
+    "ArrayOf",
+    "Bytes",
+    "Carried",
+    "Cloud",
+    "Flag",
+    "Grasp",
+    "Image",
+    "Iri",
+    "Json",
+    "Number",
+    "Points",
+    "Pose",
+    "Probability",
+    "Stamp",
+    "Text",
+    "Texts",
+    "Unit",
+    "Whole",
+]
+
+MAX_POINTS = 500
+_SPACE = re.compile(r"\s+")
+_STANDARD_ALPHABET = str.maketrans("-_", "+/")
+_FLAGS = {"true": True, "false": False, "1": True, "0": False}
+
+Schema = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Carried:
+    """How a value travels.
+
+    Parameters
+    ----------
+    ros
+        ROS type; of one element, where the value is an array.
+    python
+        Type that a program may pass to the client.
+    schema
+        JSON Schema; None = the one of the Python type.
+    is_list
+        Whether ROS carries an array.
+    """
+
+    ros: str
+    python: str
+    schema: Mapping[str, Any] | None = field(default=None, hash=False)
+    is_list: bool = False
+
+    def __get_pydantic_json_schema__(
+        self, core: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Schema:
+        return handler(core) if self.schema is None else dict(self.schema)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Unit of a number, as its symbol: ``m``, ``rad``, ``kg``."""
+
+    symbol: str
+
+    def __get_pydantic_json_schema__(
+        self, core: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Schema:
+        return {**handler(core), "x-unit": self.symbol}
+
+
+def wanted(what: str) -> PydanticCustomError:
+    """Return the error that says what is wanted in place of what came."""
+    return PydanticCustomError("wanted", "{what}", {"what": what})
+
+
+def refused(words: object) -> PydanticCustomError:
+    """Return an error in words of our own."""
+    return PydanticCustomError("refused", "{words}", {"words": str(words)})
+
+
+def _number(value: Any) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise wanted("a finite number")
+    return number
+
+
+def _whole(value: Any) -> int:
+    if type(value) is int:
+        return value
+    number = _number(value)
+    if number != int(number):
+        raise wanted("a whole number")
+    # Through a float, a long numeral would lose its last digits.
+    return int(value) if isinstance(value, str) and value.isdecimal() else int(number)
+
+
+def _flag(value: Any) -> bool:
+    if isinstance(value, bool):
+        return value
+    known = _FLAGS.get(str(value).strip().casefold()) if isinstance(value, str | int) else None
+    if known is None:
+        raise wanted("true or false")
+    return known
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise wanted("a text")
+    return value
+
+
+def _texts(value: Any) -> list[str]:
+    listed = [value] if isinstance(value, str) else value
+    if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
+        raise wanted("a list of texts")
+    return list(listed)
+
+
+def _bytes(value: Any) -> bytes:
+    """Return bytes, or those of base64 text in either alphabet, with or without padding."""
+    if isinstance(value, bytes | bytearray | memoryview):
+        return bytes(value)
+    if not isinstance(value, str):
+        raise wanted("base64 text")
+    try:
+        return binascii.a2b_base64(value, strict_mode=True)
+    except (binascii.Error, ValueError):
+        packed = _SPACE.sub("", value).translate(_STANDARD_ALPHABET).rstrip("=")
+    try:
+        return base64.b64decode(packed + "=" * (-len(packed) % 4), validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise refused(f"not base64: {error}; it begins with {value[:12]!r}") from None
+
+
+def _pose(value: Any) -> NDArray[np.float64]:
+    from grasp.messages import matrix_from_message
+
+    if isinstance(value, np.ndarray) and value.shape == (4, 4):
+        return value
+    try:
+        return np.asarray(matrix_from_message(value), dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise refused(error) from error
+
+
+def _stamp(value: Any) -> float:
+    """Return s since the epoch of a number, or of a stamp of ROS 1 or ROS 2."""
+    if isinstance(value, dict):
+        whole = value.get("sec", value.get("secs", 0))
+        part = value.get("nanosec", value.get("nsecs", 0))
+        return _number(whole) + _number(part) * 1e-9
+    return _number(value)
+
+
+def _grasp(value: Any) -> str | dict[str, Any]:
+    """Take a grasp as it was received, whatever the robot added to it."""
+    if isinstance(value, str):
+        return _text(value)
+    if not isinstance(value, dict):
+        raise wanted("the id of a grasp, or a grasp as received,")
+    return value
+
+
+@dataclass(frozen=True)
+class ArrayOf:
+    """Rows of numbers, read as a float64 array.
+
+    Parameters
+    ----------
+    columns
+        Length of a row; None = one row of any length.
+    unit
+        Of all numbers.
+    max_rows
+        Largest number of rows.
+    form
+        The form in words, for errors: ``[x, y, z]``.
+    """
+
+    columns: int | None = None
+    unit: str = ""
+    max_rows: int | None = None
+    form: str = ""
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self._read)
+
+    def __get_pydantic_json_schema__(
+        self, core: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Schema:
+        items: Schema = {"type": "number"}
+        if self.columns is not None:
+            length = {"minItems": self.columns, "maxItems": self.columns}
+            items = {"type": "array", "items": items, **length}
+        schema: Schema = {"type": "array", "items": items}
+        if self.max_rows is not None:
+            schema["maxItems"] = self.max_rows
+        return {**schema, "x-unit": self.unit} if self.unit else schema
+
+    def _read(self, value: Any) -> NDArray[np.float64]:
+        shape = (-1,) if self.columns is None else (-1, self.columns)
+        try:
+            array = np.array(value, dtype=np.float64).reshape(shape)
+        except (TypeError, ValueError, OverflowError) as error:
+            form = f"a list of {self.form or 'numbers'}" + (f" in {self.unit}" * bool(self.unit))
+            raise wanted(form) from error
+        if not np.isfinite(array).all():
+            raise refused("points must be finite" if self.form else "numbers must be finite")
+        if self.max_rows is not None and len(array) > self.max_rows:
+            raise refused(f"{len(array)} points; at most {self.max_rows}")
+        return array
+
+
+_BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
+_XYZ: Schema = {
+    "type": "object",
+    "properties": {axis: {"type": "number"} for axis in "xyz"},
+    "required": list("xyz"),
+}
+_POSE: Schema = {
+    "type": "object",
+    "properties": {
+        "position": _XYZ,
+        "orientation": {
+            "type": "object",
+            "properties": {axis: {"type": "number"} for axis in "xyzw"},
+            "required": list("xyzw"),
+        },
+    },
+    "required": ["position", "orientation"],
+}
+
+Number = Annotated[float, BeforeValidator(_number)]
+"""A finite number."""
+Whole = Annotated[int, BeforeValidator(_whole)]
+"""A whole number."""
+Flag = Annotated[bool, BeforeValidator(_flag)]
+"""True or false."""
+Probability = Annotated[Number, Ge(0.0), Le(1.0)]
+"""A number from 0 to 1."""
+Text = Annotated[
+    str, BeforeValidator(_text), Carried("string", "str", {"type": "string", "pattern": r"\S"})
+]
+"""A text that is not blank."""
+Iri = Annotated[
+    str, BeforeValidator(_text), Carried("string", "str", {"type": "string", "format": "iri"})
+]
+"""An IRI."""
+Texts = Annotated[
+    list[str], BeforeValidator(_texts), Carried("string", "Sequence[str]", None, True)
+]
+"""A list of texts; a single text is a list of one."""
+Bytes = Annotated[bytes, PlainValidator(_bytes), Carried("string", "Bytes", _BASE64)]
+"""Bytes, base64 in JSON."""
+Cloud = Annotated[
+    bytes,
+    PlainValidator(_bytes),
+    Carried("string", "Bytes", {**_BASE64, "contentMediaType": "application/vnd.rtask.cloud"}),
+]
+"""A point cloud or depth image, as :mod:`features.codec` packs it."""
+Image = Annotated[
+    bytes,
+    PlainValidator(_bytes),
+    Carried("string", "Bytes", {**_BASE64, "contentMediaType": "image/*"}),
+]
+"""A picture, PNG or JPEG."""
+Pose = Annotated[
+    NDArray[np.float64],
+    PlainValidator(_pose),
+    Carried("geometry_msgs/Pose", "Mapping[str, Any]", _POSE),
+]
+"""A geometry_msgs/Pose, read as a transform (4, 4); m and a unit quaternion."""
+Stamp = Annotated[
+    float,
+    PlainValidator(_stamp),
+    Carried("time", "float | Mapping[str, int]", {"type": "number"}),
+    Unit("s"),
+]
+"""A time, s since the epoch; a stamp of ROS 1 or ROS 2 is read as well."""
+Grasp = Annotated[
+    str | dict[str, Any],
+    PlainValidator(_grasp),
+    Carried(
+        "string", "str | Mapping[str, Any]", {"anyOf": [{"type": "string"}, {"type": "object"}]}
+    ),
+]
+"""The id of a grasp, or a grasp as it was received."""
+Array = Annotated[NDArray[np.float64], ArrayOf(), Carried("float64", "Sequence[float]", None, True)]
+"""A list of numbers, read as an array (n,)."""
+Points = Annotated[
+    NDArray[np.float64],
+    ArrayOf(3, "m", MAX_POINTS, "[x, y, z]"),
+    Carried("geometry_msgs/Point", "Sequence[Sequence[float]]", None, True),
+]
+"""At most 500 points, read as an array (n, 3), m."""
+Json = dict[str, Any]
+"""An object of JSON whose members are not declared."""
