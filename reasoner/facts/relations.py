@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Protocol
 
+from reasoner.facts import arrays
 from reasoner.facts.arrays import Column
 from reasoner.terms.dictionary import Fact
 
@@ -40,6 +41,9 @@ class Relation(Protocol):
 
     def discard(self, s: int, o: int) -> bool:
         """Remove a pair; False if it was not there."""
+
+    def column(self) -> Column:
+        """Return all pairs as they are now."""
 
 
 class SetRelation:
@@ -102,6 +106,12 @@ class SetRelation:
         self._size -= 1
         return True
 
+    def column(self) -> Column:
+        """Return all pairs as they are now."""
+        subjects = [s for s, values in self._forward.items() for _ in values]
+        objects = [o for values in self._forward.values() for o in values]
+        return Column.of(subjects, objects)
+
 
 class ArrayRelation:
     """A large immutable column with small sets of what came and went since."""
@@ -127,6 +137,15 @@ class ArrayRelation:
         if self._added.has(s, o):
             return True
         return self._column.has(s, o) and not self._removed.has(s, o)
+
+    def column(self) -> Column:
+        """Return all pairs as they are now."""
+        keys = self._column.keys
+        if len(self._removed):
+            keys = keys[~arrays.is_in(keys, self._removed.column().keys)]
+        if len(self._added):
+            keys = arrays.merge(keys, self._added.column().keys)
+        return self._column if keys is self._column.keys else Column(keys)
 
     def objects(self, s: int) -> Ids:
         """Return the objects of a subject."""
@@ -234,6 +253,12 @@ class Facts:
     def size(self, p: int) -> int:
         """Return the number of facts of a property."""
         return len(self._contents(p) or ())
+
+    def columns(self) -> dict[int, Column]:
+        """Return all facts as columns, by property."""
+        found = dict(self._columns)
+        found.update((p, relation.column()) for p, relation in self._relations.items())
+        return {p: column for p, column in found.items() if len(column)}
 
     def predicates(self) -> tuple[int, ...]:
         """Return the properties that have facts."""

@@ -76,6 +76,10 @@ class Bulk:
         if self._equality:
             self._rewrite()
 
+    def adopt(self, columns: dict[int, Column]) -> None:
+        """Begin with columns of representatives, without deriving."""
+        self.columns = dict(columns)
+
     def run(self, rules: Iterable[Rule], constants: frozenset[int]) -> list[Rule]:
         """Derive all that follows; return the rules that are left to the worklist."""
         plain: list[Rule] = []

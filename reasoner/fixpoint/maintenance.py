@@ -25,7 +25,7 @@ from reasoner.fixpoint.delta import Derivation, TooMuchWorkError
 from reasoner.rules.compile import compile_lists, compile_schema
 from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
-from reasoner.rules.strata import Program
+from reasoner.rules.strata import Program, Stratum
 from reasoner.rules.user_rules import compile_rule
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
@@ -137,8 +137,9 @@ class Maintainer:
             derivation.run(program.strata[0])
             self.grow(draft, derivation)
         for stratum in draft.program.strata[1:]:
-            derivation.evaluate(stratum.rules)
-            derivation.run(stratum)
+            if bulk is None or not self._join_stratum(draft, derivation, stratum):
+                derivation.evaluate(stratum.rules)
+                derivation.run(stratum)
         checks = list(draft.program.checks.rules)
         if bulk is not None:
             checks = bulk.suspects(checks, draft.program)
@@ -177,6 +178,28 @@ class Maintainer:
         derivation.evaluate(left)
         derivation.run(stratum)
         return bulk
+
+    def _join_stratum(self, draft: Draft, derivation: Derivation, stratum: Stratum) -> bool:
+        """Derive a higher stratum by joining columns.
+
+        Returns
+        -------
+        bool
+            False, with nothing changed, where terms are or become equal: what rests on absences is
+            then to be derived fact by fact.
+        """
+        if draft.equality:
+            return False
+        merged = Equality()
+        bulk = Bulk(self.terms, merged, self.settings.max_facts)
+        bulk.adopt(draft.layer.added.columns())
+        left = bulk.run(stratum.rules, draft.program.constants)
+        if merged:
+            return False
+        draft.layer.added = Facts.of(bulk.columns)
+        derivation.evaluate(left)
+        derivation.run(stratum)
+        return True
 
     def grow(self, draft: Draft, derivation: Derivation) -> frozenset[Rule]:
         """Recompile until the schema is quiet, deriving the lowest stratum on the way.

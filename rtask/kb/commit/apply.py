@@ -1,7 +1,10 @@
 """Apply one commit to the store atomically.
 
 The store offers no transaction object, but ``extend`` and a whole ``update`` request are atomic:
-readers and a killed process see all of it or nothing.
+readers and a killed process see all of it or nothing. A large change takes two steps, its additions
+through the store's bulk loader, then what is replaced, which costs a third. The journal holds the
+whole of it durably before, so that the next opening completes it after a kill or a power cut.
+Readers in processes of their own get it as one; only code of this process can look in between.
 """
 
 from __future__ import annotations
@@ -15,7 +18,10 @@ from pyoxigraph import DefaultGraph, NamedNode, Quad
 from rtask.kb.store.graph_store import GraphStore
 from rtask.rdf.terms import GraphName, is_ground, written
 
-__all__ = ["Writes", "apply", "as_update"]
+__all__ = ["LARGE", "Writes", "apply", "as_update"]
+
+LARGE = 10_000
+"""A change with more additions is journalled durably first and then stored in two steps."""
 
 Functions = dict[NamedNode, Callable[..., Any]]
 _PARTS = (("s", "subject"), ("p", "predicate"), ("o", "object"), ("g", "graph_name"))
@@ -45,7 +51,9 @@ class Writes:
 
 def apply(store: GraphStore, writes: Writes) -> None:
     """Change the store in one atomic step."""
-    if writes.only_adds():
+    if len(writes.added) > LARGE:
+        _apply_large(store, writes)
+    elif writes.only_adds():
         store.extend(writes.added)
     else:
         operations, functions = as_update(writes)
@@ -53,6 +61,21 @@ def apply(store: GraphStore, writes: Writes) -> None:
             store.update(" ;\n".join(operations), custom_functions=functions)
     for follower in store.followers:
         follower(writes)
+
+
+def _apply_large(store: GraphStore, writes: Writes) -> None:
+    """Add first; take the additions back if something fails."""
+    operations, functions = as_update(
+        Writes(writes.removed, created=writes.created, dropped=writes.dropped)
+    )
+    try:
+        store.bulk_extend(writes.added)
+        if operations:
+            store.update(" ;\n".join(operations), custom_functions=functions)
+    except BaseException:
+        for quad in writes.added:
+            store.raw.remove(quad)
+        raise
 
 
 def as_update(writes: Writes) -> tuple[list[str], Functions]:

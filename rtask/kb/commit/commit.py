@@ -22,7 +22,7 @@ from rtask.errors import (
 from rtask.kb.checks.quarantine import set_aside
 from rtask.kb.checks.validation import Validator, Violation
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.apply import Writes, apply
+from rtask.kb.commit.apply import LARGE, Writes, apply
 from rtask.kb.commit.catalogue import Catalogue, CommitRecord, GraphFacts
 from rtask.kb.commit.inference import Inference, Staged
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
@@ -249,6 +249,8 @@ class Committer:
         self.journal.append(record, everything)
         self.interrupted = True
         try:
+            if len(writes.added) > LARGE:
+                self.journal.sync(record.seq)
             apply(self.store, writes)
         except Exception as error:
             self.journal.withdraw()

