@@ -29,6 +29,7 @@ def _bare(path: Path, **options: object) -> KnowledgeBase:
     return rtask.open(path, ontologies=False, reason=False, **options)
 
 
+@pytest.mark.slow
 def test_twenty_kills_lose_nothing_acknowledged_and_tear_nothing() -> None:
     """The short form of the stress test; its 200 kills take a minute."""
     done = subprocess.run(
