@@ -20,6 +20,7 @@ from rtask.errors import ForbiddenError, QueryTimeout, RemoteUnavailableError, U
 from rtask.kb.commit.access import Access
 from rtask.kb.readers.streams import WholeStream
 from rtask.kb.remote.knowledge_base import open_remote
+from rtask.kb.remote.transport import Connection
 from rtask.sparql.bindings import bind
 from rtask.sparql.results import Solutions
 from rtask.sparql.syntax import check_query
@@ -84,6 +85,7 @@ class RemoteStore:
 
     def __init__(self, address: str, token: str | None = None, timeout_s: float = 30.0) -> None:
         self._remote = open_remote(address, token, timeout_s)
+        self._connection = Connection(token, timeout_s)
         self.settings = _Settings(secrets.token_hex(4))
         self.readers = _Readers(_Limits())
         self._numbers = itertools.count(1)
@@ -146,7 +148,7 @@ class RemoteStore:
         headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
         until = time.monotonic() + timeout_s
         try:
-            data = self._remote._wire.send(
+            data = self._connection.send(
                 self._remote.query_url, parameters, text, headers, True, timeout_s
             )
         except RemoteUnavailableError:
@@ -214,7 +216,8 @@ class RemoteStore:
         return _Count(self)
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connections."""
+        self._connection.close()
         self._remote.close()
 
     def __enter__(self) -> RemoteStore:
