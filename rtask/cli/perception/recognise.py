@@ -9,8 +9,8 @@ import click
 
 from rtask.cli.connection import open_to_read
 from rtask.cli.options import data_option, exit_if_empty, json_option, print_json
+from rtask.cli.perception.cutting import segmentation_option
 from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
-from rtask.cli.perception.segment import segmentation_option
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
 

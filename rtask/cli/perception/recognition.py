@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rtask.cli.perception.segment import cut
+from rtask.cli.perception.cutting import cut
 
 if TYPE_CHECKING:
     from features.geometry import Frame
