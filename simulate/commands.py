@@ -14,7 +14,7 @@ import click
 from rtask.errors import RobotError
 from simulate.act.commands import act_serve, act_test
 from simulate.fleet.commands import fetch, sharing
-from simulate.study.commands import grasping, learn, table4, table5
+from simulate.study.commands import grasping, judging, learn, table4, table5
 
 __all__ = ["demo", "simulate"]
 
@@ -123,6 +123,7 @@ def simulate(context: click.Context, /, robots: int | None, **options: Any) -> N
 
 simulate.add_command(fetch)
 simulate.add_command(grasping)
+simulate.add_command(judging)
 simulate.add_command(learn)
 simulate.add_command(sharing)
 simulate.add_command(table4)

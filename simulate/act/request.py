@@ -33,7 +33,7 @@ class ActMessage(Message):
     attempts_max_in: Annotated[Whole, Ge(0), Le(100)] = 5
     """planning attempts; 0 = 5"""
     planing_time_in: Annotated[Number, Unit("s"), Ge(0), Le(600)] = 5.0
-    """limit over all attempts; 0 = 5 s"""
+    """limit over all attempts, in time of an idle machine; 0 = 5 s"""
     tolerance_min_in: Annotated[Number, Unit("m"), Ge(0), Le(0.05)] = 0.0025
     """tolerance of the tool's position; 0 = 2.5 mm"""
     angle_resolution_in: Annotated[Number, Unit("rad"), Ge(0), Le(1.5708)] = 0.2618

@@ -243,7 +243,7 @@ class Agent:
         attempt = Attempt(
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
-            record.place_reason, (float(held), float(lost)), self._runs,
+            record.place_reason, (float(held), float(lost)), self._runs, record.evidence,
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts

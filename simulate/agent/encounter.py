@@ -26,6 +26,8 @@ class Attempt:
         held and lost, weighted.
     run
         Number of the physical attempt among all of this robot, from 1; 0 = nothing was moved.
+    evidence
+        What the robot measured and concluded from it.
     """
 
     number: int
@@ -41,6 +43,7 @@ class Attempt:
     place_reason: str = ""
     told: tuple[float, float] = (0.0, 0.0)
     run: int = 0
+    evidence: str = ""
 
 
 @dataclass

@@ -91,10 +91,13 @@ def outcome_message(
     pictures: list[tuple[str, bytes]],
 ) -> dict[str, Any]:
     """Return the outcome message of a physical attempt."""
+    placed = {} if record.judged_placed.answer == "unknown" else {"placed": record.placed}
     return {
         "success": record.held,
-        "placed": record.placed,
+        **placed,
         "reason": record.reason,
+        "comment": record.evidence,
+        "jaw_gap": record.jaw_gap_m,
         "lifted_m": record.lifted_m,
         "slip": record.slip_m,
         "duration_s": record.duration_s,

@@ -1,36 +1,217 @@
-"""Ground truth, used only to score afterwards; nothing here is reachable from the agent."""
+"""Ground truth of the simulation, which scores afterwards and reaches no decision of a robot.
+
+Neither the agent nor the execution of grasps asks where objects truly are: robots judge for
+themselves (:mod:`simulate.grasping.judgement`). Here their judgements meet what happened.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from simulate.agent.encounter import Encounter
+from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.perception import Seen
+from simulate.agent.simulated_body import SimulatedBody
 from simulate.grasping.executor import GraspRequest
+from simulate.grasping.rules import PlannedGrasp
+from simulate.robots.description import Floats
+from simulate.world.robot_body import RobotBody
+from simulate.world.world import PlaceBox, World
 
-if TYPE_CHECKING:
-    from simulate.agent.simulated_body import SimulatedBody
-
-__all__ = ["Judge"]
+__all__ = [
+    "AttemptTruth",
+    "ObjectState",
+    "Scorer",
+    "Truth",
+    "held_reason",
+    "is_placed",
+    "lies_at",
+    "watch_attempts",
+]
 
 _ANGLES = np.deg2rad(np.arange(0, 180, 15))
 _SPARE_M = 0.004  # a hand needs some room to go round an object whose place it knows to 2 mm
 _UPRIGHT_AND_ROUND = frozenset({"can", "ball", "bottle"})
+_NEAR_M = 0.06
+_TARGET_HEIGHT_M = 0.15
+
+LIFTED_M = 0.02
+"""An object that rose by less stands on the table still, or leans."""
+MIN_LINKS = 2
+_PLACED_BELOW_M = 0.09
+_PLACED_WITHIN_M = 0.05
 
 
-class Judge:
-    """Knows which body is which product and which of them the robot can reach at all."""
+@dataclass(frozen=True, eq=False)
+class ObjectState:
+    """True state of an object at one moment.
+
+    Parameters
+    ----------
+    position : (3,) float, m
+        Of its centre of mass.
+    links
+        Links of the hand that touch it.
+    force_n
+        Sum of their normal forces.
+    on_table
+        It touches the table.
+    """
+
+    position: Floats
+    links: int = 0
+    force_n: float = 0.0
+    on_table: bool = False
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether physics still makes sense."""
+        return bool(np.isfinite(self.position).all()) and bool(np.abs(self.position).max() < 10)
+
+
+def held_reason(before: ObjectState, lifted: ObjectState, held: ObjectState) -> str:
+    """Return ``ok`` when an object was lifted and stayed in the hand, else what went wrong.
+
+    Held = the origin rose by more than 2 cm, is still there after the hold, at least two links of
+    the hand touch it, and the table does not.
+
+    Parameters
+    ----------
+    before, lifted, held
+        The object before the lift, after it, and after the hold.
+    """
+    for state, reason in ((lifted, "slip_lift"), (held, "slip_hold")):
+        if not state.is_finite:
+            return "not_judged"
+        risen = state.position[2] - before.position[2]
+        if risen <= LIFTED_M or state.links < MIN_LINKS or state.on_table:
+            return reason
+    return "ok"
+
+
+def is_placed(state: ObjectState, box: PlaceBox) -> bool:
+    """Tell whether an object lies in a box: within its walls, less than 9 cm over the ground."""
+    x, y, z = state.position
+    inside = box.x_range[0] < x < box.x_range[1] and box.y_range[0] < y < box.y_range[1]
+    return bool(inside and box.floor - 0.01 < z < box.floor + _PLACED_BELOW_M)
+
+
+def lies_at(state: ObjectState, wanted: Floats, floor: float) -> bool:
+    """Tell whether an object came to rest within 5 cm of (2,) m, less than 9 cm over the floor."""
+    away = float(np.linalg.norm(state.position[:2] - wanted))
+    return away < _PLACED_WITHIN_M and floor - 0.01 < state.position[2] < floor + _PLACED_BELOW_M
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What truly came of an attempt.
+
+    Parameters
+    ----------
+    held, placed
+        Lifted and kept for 2 s; at rest in the box.
+    reason
+        ``ok`` when held, else ``slip_lift`` or ``slip_hold``; empty when the lift did not begin.
+    lifted_m
+        Rise of the object at the end of the hold, m.
+    pushed_m
+        How far the hand moved the object before it closed, m.
+    """
+
+    held: bool
+    placed: bool
+    reason: str = ""
+    lifted_m: float = 0.0
+    pushed_m: float = 0.0
+
+
+class AttemptTruth:
+    """Watches the object of one attempt; called at the end of each phase.
+
+    Parameters
+    ----------
+    world, robot
+        Where the attempt takes place.
+    plan
+        What is carried out; its target is the object nearest to the grasp.
+    """
+
+    def __init__(self, world: World, robot: RobotBody, plan: PlannedGrasp) -> None:
+        self._world, self._robot, self._plan = world, robot, plan
+        self.target = self._find_target()
+        self._states: dict[str, ObjectState] = {}
+        self._states["start"] = self._state()
+
+    def __call__(self, phase: str) -> None:
+        """Note the state of the object at the end of a phase."""
+        self._states[phase] = self._state()
+
+    @property
+    def truth(self) -> Truth:
+        """What truly came of the attempt so far."""
+        states, start = self._states, self._states["start"]
+        reason = ""
+        if "hold" in states:
+            reason = held_reason(states["close"], states["lift"], states["hold"])
+        box = self._world.box_for(self._robot.arm(self._plan.arm).side, self._plan.request.y)
+        end = states.get("home", start)
+        rise = states.get("hold", start).position[2] - start.position[2]
+        pushed = states.get("approach", start).position - start.position
+        return Truth(
+            held=reason == "ok",
+            placed=box is not None and is_placed(end, box),
+            reason=reason,
+            lifted_m=float(rise),
+            pushed_m=float(np.linalg.norm(pushed)),
+        )
+
+    def _find_target(self) -> int:
+        """Return the object nearest to the grasp; -1 = there is none."""
+        request, best, nearest = self._plan.request, -1, _NEAR_M
+        pose = self._robot.world_from_base
+        wanted = pose[:3, :3] @ [request.x, request.y, request.table_height] + pose[:3, 3]
+        for body in sorted(self._world.objects):
+            there = self._world.object_pose(body)
+            distance = float(np.linalg.norm(there.position[:2] - wanted[:2]))
+            if distance < nearest and abs(there.z - wanted[2]) < _TARGET_HEIGHT_M:
+                best, nearest = body, distance
+        return best
+
+    def _state(self) -> ObjectState:
+        if self.target not in self._world.objects:  # never there, or taken away
+            last = self._states.get("start", ObjectState(np.zeros(3)))
+            return replace(last, links=0, force_n=0.0)
+        touch = self._robot.touch(self._plan.arm, self.target)
+        position = self._world.object_pose(self.target).position
+        return ObjectState(position, touch.links, touch.force_n, self._world.on_table(self.target))
+
+
+def watch_attempts(body: SimulatedBody) -> list[AttemptTruth]:
+    """Watch every attempt that a body makes from now on; return the growing list of truths."""
+    watched: list[AttemptTruth] = []
+
+    def watch(plan: PlannedGrasp) -> Callable[[str], None]:
+        watched.append(AttemptTruth(body.world, body.robot, plan))
+        return watched[-1]
+
+    body.watch = watch
+    return watched
+
+
+class Scorer:
+    """Scores what a robot did: which product each thing was, and what truly came of attempts."""
 
     def __init__(self, body: SimulatedBody) -> None:
         self._body = body
+        self._watched = watch_attempts(body)
         self._products = {laid.body: laid.placement.spec.name for laid in body.laid}
 
     def body_under(self, seen: Seen) -> int:
         """Return the body that most pixels of a segment show; -1 = none of the products."""
-        ids, counts = np.unique(self._body.last_labels[seen.mask], return_counts=True)
+        ids, counts = np.unique(self._body.eyes.labels[seen.mask], return_counts=True)
         best = int(ids[np.argmax(counts)])
         return best if best in self._products else -1
 
@@ -61,6 +242,10 @@ class Judge:
                 return True
         return False
 
+    def truth_of(self, attempt: Attempt) -> Truth | None:
+        """Return what truly came of an attempt; None when nothing was moved."""
+        return self._watched[attempt.run - 1].truth if attempt.run else None
+
     def score(
         self,
         met: Sequence[Encounter],
@@ -69,15 +254,21 @@ class Judge:
     ) -> list[dict[str, Any]]:
         """Return the encounters as JSON data, each with its product.
 
+        Each physical attempt gets ``truth`` beside what the robot judged.
+
         ``right`` is filled in by :mod:`simulate.demo`, which alone knows which product an object
         IRI of the graph stands for.
         """
         scored = []
         for encounter in met:
             body = first_sight.get(encounter.number, -1)
+            summary = encounter.summary()
+            for attempt, data in zip(encounter.attempts, summary["attempts"], strict=True):
+                truth = self.truth_of(attempt)
+                data["truth"] = None if truth is None else asdict(truth)
             scored.append(
                 {
-                    **encounter.summary(),
+                    **summary,
                     "product": self._products.get(body, ""),
                     "in_reach": bool(in_reach.get(body, False)),
                     "right": None,

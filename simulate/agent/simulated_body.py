@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Frame
 from simulate.agent.perception import Ignored
 from simulate.grasping.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
 from simulate.robots import describe
-from simulate.world.camera import Camera, Lighting
+from simulate.robots.description import Floats
+from simulate.world.camera import Lighting
+from simulate.world.eyes import Eyes
 from simulate.world.noise import SensorNoise
 from simulate.world.robot_body import RobotBody
 from simulate.world.scene import Laid, Placement, lay
@@ -84,19 +85,16 @@ class SimulatedBody:
         self.ignored = (behind, *(Ignored(box.x_range, box.y_range) for box in boxes))
         self.laid: list[Laid] = lay(self.world, placements, assets)
         self.lighting = conditions.lighting or Lighting()
-        self._noise = conditions.noise
-        self._noise_rng = np.random.default_rng(np.random.SeedSequence(conditions.noise_seed))
-        self.camera = Camera(self.world.client)
-        self.executor = Executor(self.world, self.robot)
+        self.eyes = Eyes(self.robot, self.lighting, conditions.noise, conditions.noise_seed)
+        self.executor = Executor(self.world, self.robot, self.eyes)
+        self.watch: Callable[[PlannedGrasp], Callable[[str], None]] = lambda plan: _unwatched
+        """Scoring hangs on here: called with each plan, it returns what is called at each phase."""
         self._pictures = conditions.pictures
         self._taken = 0
-        self.last_labels: NDArray[np.int32] = np.zeros((0, 0), np.int32)
 
-    def look(self, side: str) -> tuple[Frame, NDArray[np.float64]]:
+    def look(self, side: str) -> tuple[Frame, Floats]:
         """Turn the head towards a side and take a noisy frame."""
-        base_from_camera = self.robot.look(side)
-        frame, self.last_labels = self.camera.capture(base_from_camera, self.lighting)
-        return self._noise.apply(frame, self._noise_rng), base_from_camera
+        return self.eyes.look(side)
 
     def plan(
         self, request: GraspRequest, obstacles: list[FloatArray], seed: int
@@ -107,27 +105,33 @@ class SimulatedBody:
 
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
         """Carry out a plan, and take a picture of each phase if pictures are wanted."""
-        if self._pictures is None:
-            return self.executor.execute(plan), []
-        taken: list[tuple[str, bytes]] = []
+        watch, taken = self.watch(plan), list[tuple[str, bytes]]()
 
-        def picture(phase: str) -> None:
-            if phase in _PICTURES:
-                side = "left" if plan.request.y > 0 else "right"
-                place = self.world.workplace
-                png = self.camera.snapshot(
-                    self.lighting, _PICTURE_SIZE, side, place.eye, place.target
-                )
-                taken.append((_PICTURES[phase], png))
+        def on_phase(phase: str) -> None:
+            watch(phase)
+            if self._pictures is not None and phase in _PICTURES:
+                taken.append((_PICTURES[phase], self._picture(plan)))
 
-        record = self.executor.execute(plan, on_phase=picture)
+        record = self.executor.execute(plan, on_phase)
         self._taken += 1
-        self._pictures.mkdir(parents=True, exist_ok=True)
-        for number, (phase, png) in enumerate(taken, start=1):
-            name = f"{self._taken:02d}-{number}-{phase}.png"
-            (self._pictures / name).write_bytes(png)
+        if self._pictures is not None:
+            self._pictures.mkdir(parents=True, exist_ok=True)
+            for number, (phase, png) in enumerate(taken, start=1):
+                name = f"{self._taken:02d}-{number}-{phase}.png"
+                (self._pictures / name).write_bytes(png)
         return record, taken
+
+    def _picture(self, plan: PlannedGrasp) -> bytes:
+        side = "left" if plan.request.y > 0 else "right"
+        place = self.world.workplace
+        return self.eyes.camera.snapshot(
+            self.lighting, _PICTURE_SIZE, side, place.eye, place.target
+        )
 
     def close(self) -> None:
         """End the physics."""
         self.world.close()
+
+
+def _unwatched(phase: str) -> None:
+    """Do nothing at the end of a phase."""

@@ -71,6 +71,7 @@ def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         known["tries"] += met["tries"]
         known["held"] |= met["held"]
         known["placed"] |= met["placed"]
+        known["attempts"] = [*known.get("attempts", ()), *met.get("attempts", ())]
         if met.get("right") is False:  # trials of single objects know no identities
             known["right"] = False
     return joined
@@ -87,10 +88,21 @@ def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | 
     return sum(counts) / len(counts) if counts else None
 
 
+def own_judgements(encounters: Sequence[Mapping[str, Any]]) -> tuple[int, int]:
+    """Return how many of the robot's judgements were right, and how many there were.
+
+    Each physical attempt has two: whether the object was held and whether it was placed.
+    """
+    attempts = [a for met in encounters for a in met["attempts"] if a.get("truth")]
+    right = sum(a[what] == a["truth"][what] for a in attempts for what in ("held", "placed"))
+    return right, 2 * len(attempts)
+
+
 def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
     """Return the totals of one robot, as ``rtask demo --json`` prints them."""
     objects = by_product(robot["encounters"])
     reach = [met for met in objects if met["in_reach"]]
+    right, judged = own_judgements(objects)
     return {
         "name": robot["name"],
         "objects": len(objects),
@@ -101,6 +113,8 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
         "false_identities": sum(met["right"] is False for met in objects),
         "held": sum(met["held"] for met in reach),
         "placed": sum(met["placed"] for met in reach),
+        "judgements": judged,
+        "judgements_right": right,
         "from_memory": sum(_first_source(met) == "memory" for met in reach),
         "mean_attempts_to_first_success": mean_attempts(objects, cap),
         "seconds": round(robot["seconds"], 2),

@@ -23,7 +23,7 @@ from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Encounter
 from simulate.agent.frame_topic import FramePublisher
 from simulate.agent.perception import Seen
-from simulate.agent.scoring import Judge
+from simulate.agent.scoring import Scorer
 from simulate.agent.servers import LONG_CALL_S, RetryingServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.processes import RobotJob
@@ -68,11 +68,11 @@ class EventWriter:
 
 def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
     """Connect, register the robot, clear the table and report the result."""
-    judge = Judge(body)
+    scorer = Scorer(body)
     first_sight: dict[int, int] = {}
 
     def on_sight(encounter: Encounter, seen: Seen) -> None:
-        first_sight[encounter.number] = judge.body_under(seen)
+        first_sight[encounter.number] = scorer.body_under(seen)
 
     def waiting(operation: str) -> None:
         tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
@@ -86,7 +86,7 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
     ):
         server = RetryingServer(client, waiting)
         server.register_robot(**body.robot.describe(job.name))
-        in_reach = judge.in_reach()
+        in_reach = scorer.in_reach()
         tell("ready", {"objects": len(body.laid), "in_reach": sum(in_reach.values())})
         if sys.stdin.readline().strip() != "go":
             return
@@ -104,7 +104,7 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
             "name": job.name,
             "seconds": seconds,
             "objects_on_table": len(body.laid),
-            "encounters": judge.score(met, first_sight, in_reach),
+            "encounters": scorer.score(met, first_sight, in_reach),
         },
     )
 

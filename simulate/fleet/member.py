@@ -23,7 +23,7 @@ from rtask.errors import RemoteUnavailableError, RtaskError
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
 from simulate.agent.perception import Seen
-from simulate.agent.scoring import Judge
+from simulate.agent.scoring import Scorer
 from simulate.agent.servers import BlindServer, OutboxServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.robot_process import EventWriter
@@ -106,12 +106,12 @@ class Member:
             self._introduced = True
 
     def _clear(self, body: SimulatedBody, number: int) -> list[dict[str, Any]]:
-        job, judge, first_sight = self.job, Judge(body), {}
+        job, scorer, first_sight = self.job, Scorer(body), {}
 
         def on_sight(encounter: Encounter, seen: Seen) -> None:
-            first_sight[encounter.number] = judge.body_under(seen)
+            first_sight[encounter.number] = scorer.body_under(seen)
 
-        in_reach = judge.in_reach()
+        in_reach = scorer.in_reach()
         choice = int(stream(job.seed, _CHOICE, job.index, number).integers(2**31))
         server: Any = self._server()
         if not job.prior:
@@ -122,7 +122,7 @@ class Member:
         started = time.perf_counter()
         met = agent.clear_table()
         done = {"table": number, "seconds": time.perf_counter() - started}
-        scored = judge.score(met, first_sight, in_reach)
+        scored = scorer.score(met, first_sight, in_reach)
         self.tell("table", {**done, "encounters": scored})
         return scored
 

@@ -14,7 +14,7 @@ from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetcher, RequestServer
 from simulate.agent.messages import pose_message
 from simulate.agent.perception import perceive
-from simulate.agent.scoring import Judge
+from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe
 from simulate.world.camera import Lighting
@@ -113,7 +113,7 @@ def _teach(request: Request, target: Any, assets: Path) -> None:
 
     body = _body(request, _LESSON, assets)
     try:
-        judge = Judge(body)
+        scorer = Scorer(body)
         kinds = {laid.body: laid.placement.spec.kind for laid in body.laid}
         with _connected(request, target, "pupil") as client:
             client.call("register_robot", **body.robot.describe("pupil"))
@@ -121,7 +121,7 @@ def _teach(request: Request, target: Any, assets: Path) -> None:
                 frame, base_from_camera = body.look(side)
                 view = perceive(frame, base_from_camera, body.ignored)
                 for seen in view.objects:
-                    kind = kinds.get(judge.body_under(seen))
+                    kind = kinds.get(scorer.body_under(seen))
                     is_here = (seen.position[1] < 0) == (side == "right")
                     if kind is None or not is_here:
                         continue

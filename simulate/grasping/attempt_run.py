@@ -2,27 +2,38 @@
 
 Phases: pre-grasp, approach, close, lift, hold, transport, place. Whatever goes wrong with the
 grasp is a reason code, never an exception; only a world that has ceased to make sense is one.
+The robot judges by its own senses (:mod:`simulate.grasping.judgement`); where objects truly are is
+read nowhere here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from rtask.errors import RobotError
+from simulate.grasping.judgement import (
+    CLOSED_ON_SOMETHING,
+    MIN_RISE_M,
+    HeightMap,
+    Judgement,
+    judge_held,
+    judge_old_place,
+    judge_placed,
+    new_cells,
+)
 from simulate.grasping.placing import PlacePlan, PlaceSpot, plan_place
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
-from simulate.grasping.success import MIN_LINKS, ObjectState, held_reason, is_placed, lies_at
 from simulate.motion.arm_space import SPEED, ArmSpace
 from simulate.motion.stance import UPRIGHT
 from simulate.motion.trajectory import Trajectory, time_path
 from simulate.robots.description import Floats
-from simulate.world.robot_body import RobotBody
-from simulate.world.world import World
+from simulate.world.eyes import Eyes
+from simulate.world.robot_body import FingerTouch, RobotBody
+from simulate.world.world import PlaceBox, World
 
 __all__ = ["AttemptRun", "Station"]
 
@@ -34,8 +45,9 @@ _CONTACT_CHECK_S = 0.05
 # Shares of the opening: a finger that moves less than this when it closes is stuck, one that is
 # further than that from where it should be did not open.
 _MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
-_NEAR_M = 0.06
-_TARGET_HEIGHT_M = 0.15
+_HIGHEST_M = 0.20
+_BESIDE_M = 0.05
+_MARGIN_M = 0.005
 
 
 class Station(Protocol):
@@ -43,6 +55,7 @@ class Station(Protocol):
 
     world: World
     robot: RobotBody
+    eyes: Eyes
 
     def space_of(self, stance: str) -> ArmSpace:
         """Return the space in which the arms move in a stance."""
@@ -86,10 +99,14 @@ class AttemptRun:
         self._ticks = max(round(_CONTROL_S / self.world.preset.step_s), 1)
         self._started = self._phase_started = self.world.time
         self._times: dict[str, float] = {}
-        self._states: dict[str, ObjectState] = {}
-        self._in_hand: dict[str, Floats] = {}
-        self.target = self._find_target()
-        self._note("start")
+        self._touch: dict[str, FingerTouch] = {}
+        self._tool_height: dict[str, float] = {}
+        self._old_place: HeightMap | None = None
+        self._box_before: HeightMap | None = None
+        self.held, self.placed = Judgement("no"), Judgement("no")
+        """The robot's own judgements of the grasp and of placing."""
+        self.old_place = Judgement()
+        """Whether the object still stands where it was."""
 
     # -- the phases ------------------------------------------------------------------------
 
@@ -128,27 +145,39 @@ class AttemptRun:
 
     def grasp(self) -> str:
         """Grasp, lift and hold; return the reason code, ``ok`` with the object in the hand."""
+        self._look_before()
         self.reason = self.reach()
         if self.reason != "ok":
             return self.reason
         before = self.robot.finger_opening(self.arm)
         self._fingers(0.0, self._hand.close_effort, _CLOSE_S)
-        closed = self._end("close")
-        if closed.links < MIN_LINKS:
-            jammed = before - self.robot.finger_opening(self.arm) < _MOVED_OPENING
+        closed = self._end("close").opening
+        if closed <= CLOSED_ON_SOMETHING or before - closed < _MOVED_OPENING:
+            self.reason = "hardware" if before - closed < _MOVED_OPENING else "missed"
+            self.held = Judgement("no", f"opening {before:.2f} -> {closed:.2f} after closing")
             self.back_off()
-            self.reason = "hardware" if jammed else "missed"
-            if not closed.is_finite:
-                self.reason = "not_judged"
+            self._look_after()
             return self.reason
         self._follow(self.plan.lift)
         self._end("lift")
         self._steps(_HOLD_S)
         self._end("hold")
-        self.reason = held_reason(self._states["close"], self._states["lift"], self._states["hold"])
+        self.reason = self._judge_grasp()
         if self.reason != "ok":
             self.put_back()
+            self._look_after()
         return self.reason
+
+    def _judge_grasp(self) -> str:
+        """Judge by fingers and tool whether something is held; return the reason code."""
+        openings = {phase: touch.opening for phase, touch in self._touch.items()}
+        self.held = judge_held(openings, self._rise_m)
+        if self.held.answer == "unknown":
+            return "not_judged"
+        if self.held.is_yes:
+            return "ok"
+        lost = openings["lift"] > CLOSED_ON_SOMETHING and self._rise_m > MIN_RISE_M
+        return "slip_hold" if lost else "slip_lift"
 
     def place_in_box(self) -> str:
         """Place the held object into the box of its side and go home; return the reason code."""
@@ -160,13 +189,15 @@ class AttemptRun:
         used = self._station.next_spot(box.side)
         request = self.plan.request
         spot = PlaceSpot.in_box(box, used, max(request.height, request.length))
-        return self._place(spot, lambda state: is_placed(state, box), np.array(box.centre))
+        before = self._box_before or self._box_map(box)
+        return self._place(spot, before, lambda: self._box_map(box), np.array(box.centre))
 
     def place_at(self, x: float, y: float) -> str:
         """Place the held object on the table at (x, y) m, base frame, and go home."""
         spot = PlaceSpot.on_table(x, y, self.plan.request.table_height)
-        wanted = np.array([x, y])
-        return self._place(spot, lambda state: lies_at(state, wanted, spot.floor), wanted)
+        return self._place(
+            spot, self._table_map(x, y), lambda: self._table_map(x, y), np.array([x, y])
+        )
 
     def put_back(self) -> None:
         """Lower whatever is still in the hand, back off and go home."""
@@ -184,7 +215,7 @@ class AttemptRun:
         self.error_m = float(np.linalg.norm(tool - wanted))
 
     def _place(
-        self, spot: PlaceSpot, is_there: Callable[[ObjectState], bool], wanted: Floats
+        self, spot: PlaceSpot, before: HeightMap, look: Callable[[], HeightMap], wanted: Floats
     ) -> str:
         start = self.plan.lift.positions[-1]
         way = plan_place(self._station.space_of(self.plan.stance), self.plan, start, spot)
@@ -195,10 +226,16 @@ class AttemptRun:
         kept = self._follow(way.transport, watch=True)
         self._end("transport")
         self._set_down(way)
-        state = self._end("home")
-        if is_there(self._in_base(state)):
+        self._end("home")
+        after = look()
+        self.placed = judge_placed(kept, before, after)
+        self._look_after()
+        if self.placed.is_yes:
             self.place_reason = "ok"
-            self._place_offset = float(np.linalg.norm(self._in_base(state).position[:2] - wanted))
+            arrived = after.centre_of(new_cells(before, after))
+            self._place_offset = float(np.linalg.norm(arrived - wanted))
+        elif self.placed.answer == "unknown":
+            self.place_reason = "not_judged"
         else:
             self.place_reason = "drop_outside" if kept else "slip_transport"
         return self.place_reason
@@ -254,7 +291,7 @@ class AttemptRun:
         return joints
 
     def _follow(self, way: Trajectory, watch: bool = False) -> bool:
-        """Move the arm along way points; return whether it arrived (``watch``: kept contact)."""
+        """Move the arm along way points; return whether it arrived (``watch``: kept hold)."""
         step = self._ticks * self.world.preset.step_s
         touching, since = True, 0.0
         time = 0.0
@@ -265,7 +302,7 @@ class AttemptRun:
             self.world.step(step)
             since += step
             if watch and since >= _CONTACT_CHECK_S:
-                touching, since = touching and self._touch_links() > 0, 0.0
+                touching, since = touching and self._grips, 0.0
         self._steps(_SETTLE_S)
         error = np.abs(self._joints() - way.positions[-1])
         return touching if watch else bool(np.all(error < _TRACKING_RAD))
@@ -277,67 +314,69 @@ class AttemptRun:
         self.robot.move_fingers(self.arm, opening, effort)
         self._steps(seconds)
 
-    # -- what is measured ------------------------------------------------------------------
+    # -- what is sensed --------------------------------------------------------------------
 
-    def _find_target(self) -> int:
-        """Return the object nearest to the grasp, to be judged; -1 = there is none."""
-        request, best, nearest = self.plan.request, -1, _NEAR_M
-        wanted = self._in_world(np.array([request.x, request.y, request.table_height]))
-        for body in sorted(self.world.objects):
-            pose = self.world.object_pose(body)
-            distance = float(np.linalg.norm(pose.position[:2] - wanted[:2]))
-            if distance < nearest and abs(pose.z - wanted[2]) < _TARGET_HEIGHT_M:
-                best, nearest = body, distance
-        return best
+    @property
+    def _side(self) -> str:
+        return "left" if self.plan.request.y > 0 else "right"
 
-    def _is_there(self) -> bool:
-        """Whether the object is still in the world: somebody may have taken it away."""
-        return self.target >= 0 and self.target in self.world.objects
+    @property
+    def _grips(self) -> bool:
+        """Whether the fingers are kept open by something."""
+        return self.robot.finger_opening(self.arm) > CLOSED_ON_SOMETHING
 
-    def _touch_links(self) -> int:
-        return self.robot.touch(self.arm, self.target).links if self._is_there() else 0
+    @property
+    def _rise_m(self) -> float:
+        """Rise of the tool from closing to the latest phase of the lift, m."""
+        heights = [self._tool_height[p] for p in ("close", "lift", "hold") if p in self._times]
+        return heights[-1] - heights[0] if heights else 0.0
 
-    def _state(self) -> ObjectState:
-        if not self._is_there():  # taken away: where it was last, touched by nothing
-            return replace(self._states.get("start", ObjectState(np.zeros(3))), links=0, force_n=0)
-        touch = self.robot.touch(self.arm, self.target)
-        position = self.world.object_pose(self.target).position
-        return ObjectState(position, touch.links, touch.force_n, self.world.on_table(self.target))
+    def _look_before(self) -> None:
+        """Look at the object and into the box while both are in view."""
+        self._old_place = self._footprint_map()
+        box = self.world.box_for(self._hand.side, self.plan.request.y)
+        self._box_before = None if box is None else self._box_map(box)
 
-    def _note(self, phase: str) -> ObjectState:
-        state = self._state()
-        self._states[phase] = state
-        tool = self.robot.tool_pose(self.arm)
-        self._in_hand[phase] = (self._in_base(state).position - tool[:3, 3]) @ tool[:3, :3]
-        return state
+    def _look_after(self) -> None:
+        """Look whether the object still stands where it was."""
+        if self._old_place is not None:
+            self.old_place = judge_old_place(self._old_place, self._footprint_map())
 
-    def _end(self, phase: str) -> ObjectState:
-        """End a phase: measure the state, note the duration, call back."""
+    def _footprint_map(self) -> HeightMap:
+        request = self.plan.request
+        half = max(request.width, request.length) / 2 + _MARGIN_M
+        return self._table_map(request.x, request.y, half)
+
+    def _table_map(self, x: float, y: float, half: float = _BESIDE_M) -> HeightMap:
+        """Look at the square of side ``2 half`` (m) around (x, y) m on the table."""
+        floor = self.plan.request.table_height
+        points = self._station.eyes.points("left" if y > 0 else "right")
+        return HeightMap.of(
+            points, (x - half, x + half), (y - half, y + half), floor, floor + _HIGHEST_M
+        )
+
+    def _box_map(self, box: PlaceBox) -> HeightMap:
+        points = self._station.eyes.box_points(box.side)
+        ceiling = box.floor + _HIGHEST_M
+        return HeightMap.of(points, box.x_range, box.y_range, box.floor, ceiling)
+
+    def _end(self, phase: str) -> FingerTouch:
+        """End a phase: read the fingers, note the duration, call back."""
         self._times[phase] = self.world.time - self._phase_started
         self._phase_started = self.world.time
-        state = self._note(phase)
+        touch = self.robot.finger_touch(self.arm)
+        self._touch[phase] = touch
+        self._tool_height[phase] = float(self.robot.tool_pose(self.arm)[2, 3])
         self._on_phase(phase)
-        return state
-
-    def _in_base(self, state: ObjectState) -> ObjectState:
-        pose = self.robot.world_from_base
-        return replace(state, position=(state.position - pose[:3, 3]) @ pose[:3, :3])
-
-    def _in_world(self, point: Floats) -> Floats:
-        pose = self.robot.world_from_base
-        return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
+        return touch
 
     @property
     def record(self) -> GraspRecord:
         """Record of the attempt so far."""
-        plan, states = self.plan, self._states
-        last = next(states[p] for p in ("hold", "lift", "close", "start") if p in states)
-        hand = [self._in_hand[p] for p in ("close", "hold") if p in self._in_hand]
-        pushed = (
-            np.linalg.norm(states["approach"].position - states["start"].position)
-            if "approach" in states
-            else 0.0
-        )
+        plan, touch = self.plan, self._touch
+        last = next((touch[p] for p in ("hold", "lift", "close") if p in touch), FingerTouch())
+        held = self.held.is_yes
+        closed = touch.get("close", last)
         return GraspRecord(
             grasp=plan,
             arm=plan.arm,
@@ -345,22 +384,23 @@ class AttemptRun:
             preset=self.world.preset.name,
             seed=plan.seed,
             reason=self.reason,
-            held=self.reason == "ok",
-            placed=self.place_reason == "ok",
+            judged_held=self.held,
+            judged_placed=self.placed,
+            old_place=self.old_place,
             place_reason=self.place_reason,
-            pushed_m=float(pushed),
             links_touching=last.links,
             contact_force_n=last.force_n,
-            lifted_m=float(last.position[2] - states["start"].position[2]),
-            slip_m=float(np.linalg.norm(hand[-1] - hand[0])) if len(hand) == 2 else 0.0,
+            jaw_gap_m=closed.opening * self._hand.mouth,
+            lifted_m=self._rise_m if held else 0.0,
+            slip_m=max(closed.opening - last.opening, 0.0) * self._hand.mouth,
             place_offset_m=self._place_offset,
             duration_s=self.world.time - self._started,
             planning_s=plan.planning_s,
             tilt=plan.tilt,
             ik_solutions=plan.ik_solutions,
             times=self._times,
-            links={phase: state.links for phase, state in states.items()},
-            forces={phase: state.force_n for phase, state in states.items()},
+            links={phase: one.links for phase, one in touch.items()},
+            forces={phase: one.force_n for phase, one in touch.items()},
         )
 
 

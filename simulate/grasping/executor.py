@@ -14,6 +14,7 @@ from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import Obstacle
 from simulate.motion.stance import UPRIGHT, standing
 from simulate.robots.description import Floats
+from simulate.world.eyes import Eyes
 from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
@@ -29,16 +30,19 @@ class Executor:
     ----------
     world, robot
         The world and the robot that stands in it.
+    eyes
+        Of the robot; None = a perfect sensor in the standard light.
 
     Notes
     -----
     Planning sees the request, the caller's obstacles, and the furniture that the robot was set up
-    with: the table and its boxes. Poses of objects are read during execution only, to judge.
+    with: the table and its boxes. Execution judges by the robot's fingers and eyes.
     """
 
-    def __init__(self, world: World, robot: RobotBody) -> None:
+    def __init__(self, world: World, robot: RobotBody, eyes: Eyes | None = None) -> None:
         self.world = world
         self.robot = robot
+        self.eyes = eyes or Eyes(robot)
         walls = [
             Obstacle.box("box", centre, size)
             for box in world.place_boxes.values()
@@ -90,6 +94,11 @@ class Executor:
             if not isinstance(leaning, str):
                 return replace(leaning, planning_s=time.process_time() - started)
         return planned
+
+    @property
+    def planning_work(self) -> int:
+        """Number of postures that planning has evaluated so far, in all stances."""
+        return sum(planner.space.work for planner in self._planners.values())
 
     def space_of(self, stance: str) -> ArmSpace:
         """Return the space of the arms in a stance."""

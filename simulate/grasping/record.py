@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from simulate.grasping.judgement import Judgement
 from simulate.grasping.rules import PlannedGrasp
 
 __all__ = ["PHASES", "UNREACHABLE", "GraspRecord", "is_counted", "phase_of"]
-
-_PUSHED_M = 0.015
 
 UNREACHABLE = "unreachable"
 """Outcome of a grasp that the arm cannot get to; says nothing about the grasp."""
@@ -40,23 +39,28 @@ class GraspRecord:
     grasp
         The plan that was carried out.
     reason
-        ``ok`` exactly when the object was held, else the code of the phase that failed.
-    held, placed
-        Lifted and kept for 2 s; arrived in the box.
+        ``ok`` exactly when the object was judged to be held, else the code of the phase that
+        failed.
+    judged_held, judged_placed
+        The robot's own judgements: lifted and kept for 2 s; arrived where it was to go.
+    old_place
+        Whether the object still stands where it was; ``no`` although it was not placed means that
+        it fell over or rolled away.
     place_reason
-        ``ok``, ``slip_transport``, ``place_plan`` or ``drop_outside``; empty when not held.
-    pushed_m
-        How far the hand moved the object before it closed; more than 15 mm is a touch.
-    links_touching, contact_force_n
-        At the last moment at which the hand should have had the object before transport.
+        ``ok``, ``slip_transport``, ``place_plan``, ``drop_outside`` or ``not_judged``; empty when
+        nothing was placed.
+    links_touching, contact_force_n, jaw_gap_m
+        Finger links stopped by something and the force from their motors' effort, at the last
+        moment at which the hand should have had the object before transport; gap of the jaws after
+        closing.
     links, forces
         The same by phase.
     lifted_m
-        Rise of the object at the end of the hold, m.
+        Rise of the tool with the object at the end of the hold, m; 0 when not held.
     slip_m
-        Movement of the object in the hand from the closing to the end of the hold, m.
+        Further closing of the jaws from the grasp to the end of the hold, m.
     place_offset_m
-        From the middle of the box, m; nan when not placed.
+        From the middle of the place to what arrived there, m; nan when not placed.
     duration_s, times
         Simulated seconds, in all and by phase.
     """
@@ -67,12 +71,13 @@ class GraspRecord:
     preset: str
     seed: int
     reason: str
-    held: bool
-    placed: bool
+    judged_held: Judgement
+    judged_placed: Judgement
+    old_place: Judgement
     place_reason: str
-    pushed_m: float
     links_touching: int
     contact_force_n: float
+    jaw_gap_m: float
     lifted_m: float
     slip_m: float
     place_offset_m: float
@@ -85,9 +90,26 @@ class GraspRecord:
     forces: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def touched(self) -> bool:
-        """Whether the hand pushed the object away while it approached."""
-        return self.pushed_m > _PUSHED_M
+    def held(self) -> bool:
+        """Whether the robot is sure that it held the object."""
+        return self.judged_held.is_yes
+
+    @property
+    def placed(self) -> bool:
+        """Whether the robot is sure that it placed the object."""
+        return self.judged_placed.is_yes
+
+    @property
+    def evidence(self) -> str:
+        """Judgements with their measurements, in one line."""
+        judged = {
+            "held": self.judged_held,
+            "placed": self.judged_placed,
+            "still there": self.old_place,
+        }
+        return "; ".join(
+            f"{name}: {one.answer} ({one.evidence})" for name, one in judged.items() if one.evidence
+        )
 
 
 def phase_of(reason: str) -> str:

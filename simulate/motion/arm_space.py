@@ -54,6 +54,12 @@ class ArmSpace:
         }
         self._body = {name: body_obstacles(robot, arm, homes) for name, arm in robot.arms.items()}
 
+    @property
+    def work(self) -> int:
+        """Number of postures evaluated so far; unlike time, the same on every machine."""
+        covers = [spheres.chain for spheres in self._spheres.values()]
+        return sum(chain.evaluations for chain in (*self.chains.values(), *covers))
+
     def spheres(self, arm: str, opening: float) -> ArmSpheres:
         """Return the spheres that cover an arm at an opening of its hand; cached."""
         key = (arm, opening)

@@ -64,8 +64,8 @@ class Chain:
                 fixed_before = np.eye(4)
         tail = fixed_before
         self._origins = np.array([origin[:3, 3] for _, origin in moving])
-        self._turns = np.array([origin[:3, :3] for _, origin in moving])
-        self._turned = [not np.allclose(turn, np.eye(3)) for turn in self._turns]
+        self._rotations = np.array([origin[:3, :3] for _, origin in moving])
+        self._rotates = [not np.allclose(rotation, np.eye(3)) for rotation in self._rotations]
         axes = np.array([joint.axis for joint, _ in moving], dtype=np.float64)
         self._axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
         self._skews = np.array([_skew(axis) for axis in self._axes])
@@ -74,6 +74,8 @@ class Chain:
         self.upper = np.array([joint.upper for joint, _ in moving])
         self.velocity = np.array([joint.velocity for joint, _ in moving])
         self.effort = np.array([joint.effort for joint, _ in moving])
+        self.evaluations = 0
+        """Number of postures whose forward kinematics were computed: the work done so far."""
         self.tool = Tool(tail[:3, :3] @ tool.origin + tail[:3, 3], tail[:3, :3] @ tool.rotation)
 
     @classmethod
@@ -113,6 +115,7 @@ class Chain:
         if q.ndim != 2 or q.shape[1] != self.dof:
             raise ValueError(f"expected joint values of shape (b, {self.dof}) rad, got {q.shape}")
         batch = len(q)
+        self.evaluations += batch
         sin, cos = np.sin(q)[:, :, None, None], 1.0 - np.cos(q)[:, :, None, None]
         spins = np.eye(3) + sin * self._skews + cos * self._squares  # Rodrigues
         rotations = np.empty((batch, self.dof, 3, 3))
@@ -121,8 +124,8 @@ class Chain:
         position = np.zeros((batch, 3))
         for i in range(self.dof):
             position = position + rotation @ self._origins[i]
-            if self._turned[i]:
-                rotation = rotation @ self._turns[i]
+            if self._rotates[i]:
+                rotation = rotation @ self._rotations[i]
             rotation = rotation @ spins[:, i]
             rotations[:, i], positions[:, i] = rotation, position
         return rotations, positions

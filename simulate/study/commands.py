@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 import click
 
-__all__ = ["grasping", "learn", "print_table", "table4", "table5"]
+__all__ = ["grasping", "judging", "learn", "print_table", "table4", "table5"]
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
 _PRESETS = click.Choice(["faithful", "fast"])
@@ -61,6 +61,56 @@ def grasping(
     for what in ("reasons_of_attempts", "reasons_of_objects_not_held", "reasons_not_placed"):
         click.echo(f"{what.replace('_', ' ')}: {json.dumps(summary[what])}")
     click.echo(f"report  {out / 'report.json'}, {out / 'held.png'}")
+
+
+@click.command()
+@click.option("-n", "--trials", default=150, show_default=True, help="Attempts, kinds in turn.")
+@click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
+@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@click.option("--robot", default="nao", show_default=True, help="Which robot.")
+@click.option(
+    "--difficult",
+    default=0.5,
+    show_default=True,
+    type=click.FloatRange(0, 1),
+    help="Share of attempts with slippery or heavy objects and inexact grasps.",
+)
+@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option("--out", default="rtask-judging", show_default=True, type=_FOLDER)
+@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+def judging(
+    trials: int,
+    seed: int,
+    processes: int,
+    robot: str,
+    difficult: float,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how often a robot's own judgement of its grasps agrees with the truth.
+
+    In difficult attempts frictions, masses and errors of the grasp are drawn widely, so that many
+    of them fail.
+    """
+    from simulate.study.judging import (
+        COLUMNS,
+        judging_rows,
+        judging_study,
+        write_judging_report,
+    )
+    from simulate.study.runner import run
+
+    results = run(judging_study(trials, seed, robot, preset, difficult), out, processes, resume)
+    summary = write_judging_report(out, results, seed)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table("Own judgement against the truth", COLUMNS, judging_rows(robot, summary))
+    click.echo(f"attempts that held nothing: {summary['not_held']['hits']}")
+    click.echo(f"report  {out / 'report.json'}")
 
 
 @click.command()

@@ -18,9 +18,8 @@ import rtask
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
 from simulate.agent.perception import Seen
-from simulate.agent.scoring import Judge
+from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
-from simulate.demo.report import by_product
 from simulate.robots import describe
 from simulate.world.camera import Lighting
 from simulate.world.objects import KINDS, product
@@ -51,7 +50,7 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
         body = SimulatedBody([placement], Path(assets), conditions)
         try:
-            met, errors, in_reach = _clear(body, settings, seed, number)
+            met, attempts, errors, in_reach = _clear(body, settings, seed, number)
         finally:
             body.close()
     result = {
@@ -63,7 +62,7 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "yaw": round(placement.yaw, 4),
         "in_reach": in_reach,
         "perceived": errors,
-        **_summary(met),
+        **_summary(attempts, met),
     }
     outcome = "held" if result["held"] else result["reason"]
     return {**result, "says": f"{spec.name}: {outcome}"}
@@ -71,9 +70,9 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 def _clear(
     body: SimulatedBody, settings: Mapping[str, Any], seed: int, number: int
-) -> tuple[list[Encounter], dict[str, float], bool]:
-    """Return the encounters, the errors of perception and whether the object was in reach."""
-    judge = Judge(body)
+) -> tuple[list[Encounter], list[dict[str, Any]], dict[str, float], bool]:
+    """Return encounters, attempts, errors of perception, and whether the object was in reach."""
+    scorer = Scorer(body)
     target = body.laid[0].body
     truth = body.world.object_pose(target)
     spec = body.laid[0].placement.spec
@@ -81,7 +80,7 @@ def _clear(
     ours: set[int] = set()
 
     def on_sight(encounter: Encounter, seen: Seen) -> None:
-        if judge.body_under(seen) != target:
+        if scorer.body_under(seen) != target:
             return
         ours.add(encounter.number)
         if not errors:
@@ -94,45 +93,52 @@ def _clear(
                 height_mm=round(1000 * (seen.shape.height - spec.extent[2]), 2),
             )
 
-    (in_reach,) = judge.in_reach().values()
+    (in_reach,) = scorer.in_reach().values()
     choice = int(stream(seed, _CHOICE, number).integers(2**31))
     config = AgentConfig(max_attempts=int(settings["max_attempts"]), seed=choice)
     with rtask.open(":memory:", reason=False) as kb, rtask.connect(kb, agent="robot") as client:
         client.call("register_robot", **body.robot.describe("robot"))
         agent = Agent(body, cast(Server, client), config, on_sight=on_sight)
         met = [e for e in agent.clear_table() if e.number in ours]
-    return met, errors, in_reach
+    return met, _attempts(met, scorer), errors, in_reach
 
 
-def _summary(met: list[Encounter]) -> dict[str, Any]:
-    """Return the outcome for one object, which may have been lost and found again."""
-    attempts = [
-        {
-            "reason": attempt.reason,
-            "held": attempt.held,
-            "placed": attempt.placed,
-            "place_reason": attempt.place_reason,
-            "physical": attempt.physical,
-        }
-        for encounter in met
-        for attempt in encounter.attempts
-    ]
+def _summary(attempts: list[dict[str, Any]], met: list[Encounter]) -> dict[str, Any]:
+    """Return the true outcome for one object, which may have been lost and found again."""
     physical = [attempt for attempt in attempts if attempt["physical"]]
-    joined = by_product([{**encounter.summary(), "product": "it"} for encounter in met])
-    story = joined[0] if joined else {"held": False, "placed": False, "tries_to_success": None}
+    held = [attempt["held"] for attempt in physical]
     reason = "ok"
-    if not story["held"]:
+    if not any(held):
         reason = str(attempts[-1]["reason"]) if attempts else "gone" if met else "not_seen"
     return {
         "attempts": attempts,
         "tries": len(physical),
-        "held": bool(story["held"]),
-        "held_first": bool(physical) and bool(physical[0]["held"]),
-        "placed": bool(story["placed"]),
+        "held": any(held),
+        "held_first": bool(held) and held[0],
+        "placed": any(attempt["placed"] for attempt in physical),
         "placed_first": _first_place(physical),
-        "tries_to_success": story["tries_to_success"],
+        "tries_to_success": held.index(True) + 1 if any(held) else None,
         "reason": reason,
     }
+
+
+def _attempts(met: list[Encounter], scorer: Scorer) -> list[dict[str, Any]]:
+    """Return the attempts with their true outcomes."""
+    rows = []
+    for attempt in (a for encounter in met for a in encounter.attempts):
+        truth = scorer.truth_of(attempt)
+        rows.append(
+            {
+                "reason": attempt.reason,
+                "held": truth is not None and truth.held,
+                "placed": truth is not None and truth.placed,
+                "judged_held": attempt.held,
+                "judged_placed": attempt.placed,
+                "place_reason": attempt.place_reason,
+                "physical": attempt.physical,
+            }
+        )
+    return rows
 
 
 def _first_place(physical: list[dict[str, Any]]) -> bool | None:

@@ -22,6 +22,7 @@ from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
 from simulate.agent.perception import perceive
+from simulate.agent.scoring import AttemptTruth
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
 from simulate.grasping.record import UNREACHABLE, is_counted
@@ -155,8 +156,12 @@ class _Bench:
         )  # fmt: skip
         plan = body.executor.plan(request, seed=seed)
         if isinstance(plan, PlannedGrasp):
-            record = body.executor.execute(plan, place=False)
-            return {"reason": record.reason, "doubtful": plan.is_doubtful}
+            watch = AttemptTruth(body.world, body.robot, plan)
+            record = body.executor.execute(plan, watch, place=False)
+            return {
+                "reason": watch.truth.reason or record.reason,
+                "doubtful": plan.is_doubtful,
+            }
         judged = plan in ("too_wide", "too_heavy")
         return {"reason": plan if judged else UNREACHABLE, "doubtful": False, "why": plan}
 

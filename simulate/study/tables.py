@@ -13,7 +13,7 @@ import rtask
 from features.codec import encode_frame, to_wire
 from simulate.agent.messages import pose_message
 from simulate.agent.perception import Seen, perceive
-from simulate.agent.scoring import Judge
+from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp
 from simulate.world.camera import Lighting
@@ -54,13 +54,13 @@ def looks_at(
     body = SimulatedBody(arrange(specs, stream(seed, _TABLE, turn)), assets, conditions)
     found = []
     try:
-        judge = Judge(body)
+        scorer = Scorer(body)
         names = {laid.body: laid.placement.spec.name for laid in body.laid}
         for side in ("right", "left"):
             frame, base_from_camera = body.look(side)
             view = perceive(frame, base_from_camera, body.ignored)
             for seen in view.objects:
-                name = names.get(judge.body_under(seen), "")
+                name = names.get(scorer.body_under(seen), "")
                 if name and (seen.position[1] < 0) == (side == "right"):
                     request = {
                         "data": to_wire(encode_frame(seen.crop)),

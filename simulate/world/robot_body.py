@@ -27,7 +27,7 @@ from simulate.robots.description import (
 )
 from simulate.world.world import World
 
-__all__ = ["REST_OPENING", "HandTouch", "RobotBody"]
+__all__ = ["REST_OPENING", "FingerTouch", "HandTouch", "RobotBody"]
 
 _ARM_GAINS = (0.5, 1.0)
 _FINGER_GAINS = (0.3, 1.0)
@@ -39,10 +39,30 @@ REST_OPENING = 0.95
 """Of an idle hand: eight fingers that lean on their limits cost a quarter of the physics."""
 _REST_EFFORT = 0.7
 """Share of the opening effort with which an idle hand stays open."""
+_STOPPED_OPENING = 0.08
 _FINGER_FRICTION = {"lateralFriction": 1.2, "spinningFriction": 0.002, "rollingFriction": 0.0002}
 _FRAME_FROM_OPTICAL = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
+
+
+@dataclass(frozen=True)
+class FingerTouch:
+    """Reading of the fingers of a hand.
+
+    Parameters
+    ----------
+    opening
+        Mean over the fingers, 0 (closed) to 1.
+    links
+        Finger links that something keeps open.
+    force_n
+        Sum of the forces (N) that the motors of these links exert, from their effort.
+    """
+
+    opening: float = 0.0
+    links: int = 0
+    force_n: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -251,8 +271,21 @@ class RobotBody:
         values = [state[0] for state in self._client.getJointStates(self.body, indices)]
         return float(np.mean(values)) / parts.finger_range
 
+    def finger_touch(self, arm: str) -> FingerTouch:
+        """Read positions and efforts of a hand's fingers."""
+        hand = self.arm(arm)
+        states = self._client.getJointStates(
+            self.body, [self.joint_index[name] for name in hand.fingers]
+        )
+        openings = np.array([state[0] for state in states]) / hand.finger_range
+        efforts = np.abs([state[3] for state in states])
+        revolute = self.description.joint(hand.fingers[0]).kind == "revolute"
+        forces = efforts / (hand.finger_length if revolute else 1.0)
+        stopped = openings > _STOPPED_OPENING
+        return FingerTouch(float(openings.mean()), int(stopped.sum()), float(forces[stopped].sum()))
+
     def touch(self, arm: str, body: int) -> HandTouch:
-        """Return the contact of an arm's hand with a body."""
+        """Return the true contact of an arm's hand with a body, for scoring only."""
         links, force = set(), 0.0
         hand = self.hand_links[self.arm(arm).name]
         for contact in self._client.getContactPoints(self.body, body):
@@ -292,6 +325,8 @@ class RobotBody:
             ``base_from_camera``, optical frame (x right, y down, z forward).
         """
         mount = self._camera(camera)
+        if not mount.look:  # fixed: it sees one place only
+            return self.base_from_camera(None, camera)
         if side not in mount.look:
             raise RobotError(f"cannot look {side!r}; known: {', '.join(mount.look)}")
         self.set_head(np.array(mount.look[side]))

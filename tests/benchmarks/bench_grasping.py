@@ -25,6 +25,7 @@ import numpy as np
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import propose_planar
+from simulate.agent.scoring import AttemptTruth
 from simulate.grasping.executor import Executor, GraspRecord, GraspRequest
 from simulate.grasping.workcell import Workcell
 from simulate.motion.collision import Obstacle
@@ -154,17 +155,19 @@ def attempt(
     tried.append(aim)
     tally.planned, tally.arm, tally.stance = True, best.arm, best.stance or "upright"
     started = time.process_time()
-    record = executor.execute(best)
+    watch = AttemptTruth(executor.world, executor.robot, best)
+    record = executor.execute(best, watch)
+    truth = watch.truth
     tally.execute_s += time.process_time() - started
     tally.attempts += 1
     tally.reasons.append(record.reason)
-    tally.held, tally.placed = record.held, record.placed
+    tally.held, tally.placed = truth.held, truth.placed
     tally.place_reason = record.place_reason
     tally.log.append(
         {
             "reason": record.reason, "place": record.place_reason, "tilt": round(record.tilt, 2),
-            "pushed": round(record.pushed_m, 4), "links": dict(record.links),
-            "force": round(record.contact_force_n, 1), "lifted": round(record.lifted_m, 3),
+            "pushed": round(truth.pushed_m, 4), "links": dict(record.links),
+            "force": round(record.contact_force_n, 1), "lifted": round(truth.lifted_m, 3),
             "slip": round(record.slip_m, 4), "height": best.tool_height, "opening": best.opening,
             "offset": round(record.place_offset_m, 3),
             "duration": round(record.duration_s, 1),

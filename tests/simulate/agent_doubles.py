@@ -10,6 +10,7 @@ import numpy as np
 from features.geometry import Frame, Intrinsics
 from features.tabletop import TabletopShape
 from simulate.agent.perception import Seen
+from simulate.grasping.judgement import Judgement
 
 __all__ = ["CAMERA", "Plan", "Record", "seen_at"]
 
@@ -23,6 +24,9 @@ def seen_at(x: float, y: float) -> Seen:
     return Seen(crop, np.ones((12, 16), bool), np.full((30, 3), [x, y, 0.3]), shape, False)
 
 
+_PLACED = Judgement("yes")
+
+
 @dataclass(frozen=True)
 class Record:
     """What :class:`simulate.grasping.executor.GraspRecord` tells the agent."""
@@ -30,6 +34,9 @@ class Record:
     reason: str = "ok"
     held: bool = True
     placed: bool = True
+    judged_placed: Judgement = _PLACED
+    evidence: str = "held: yes (opening 0.50 -> 0.50 -> 0.50)"
+    jaw_gap_m: float = 0.025
     place_reason: str = "ok"
     lifted_m: float = 0.06
     slip_m: float = 0.001

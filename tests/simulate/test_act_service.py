@@ -177,6 +177,19 @@ def test_no_time_to_plan_is_a_reason(service):
     assert service.act(request)["reason"] == "timed_out"
 
 
+def test_the_limit_of_planning_counts_work_and_not_the_clock(service, monkeypatch):
+    request = {"goal_pose": pose(3.0, 0.0, 0.3), "planing_time_in": 0.2, "attempts_max_in": 90}
+    executor = service.cell.executor
+    spent = []
+    for clock in (0.0, 1e6):
+        ticks = iter(range(10**6))
+        monkeypatch.setattr("time.monotonic", lambda ticks=ticks, by=clock: by * next(ticks))
+        before = executor.planning_work
+        assert service.act(request)["reason"] == "timed_out"
+        spent.append(executor.planning_work - before)
+    assert spent[0] == spent[1] > 0.2 * 40_000
+
+
 def test_random_goals_depend_on_seed_and_number_only(service):
     first = random_goal(service, 4, 7, "reach")
     assert first == random_goal(service, 4, 7, "reach")

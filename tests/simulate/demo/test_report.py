@@ -13,6 +13,7 @@ from simulate.demo.report import (
     COLUMNS,
     by_product,
     mean_attempts,
+    own_judgements,
     robot_totals,
     rows,
     write_report,
@@ -68,6 +69,18 @@ def test_attempts_average_over_what_was_tried_in_reach_failures_count_one_more_t
 
 def test_no_object_in_reach_has_no_mean() -> None:
     assert mean_attempts([_met(in_reach=False)], cap=4) is None
+
+
+def test_own_judgements_are_compared_attempt_by_attempt() -> None:
+    truth = {"held": True, "placed": False}
+    met = _met(
+        attempts=[
+            {"held": True, "placed": False, "truth": truth},
+            {"held": False, "placed": True, "truth": truth},
+            {"held": False, "placed": False, "truth": None},
+        ]
+    )
+    assert own_judgements([met]) == (2, 4)
 
 
 def test_totals_separate_right_from_false_identities() -> None:

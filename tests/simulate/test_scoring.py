@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulate.grasping.success import ObjectState, held_reason, is_placed
+from simulate.agent.scoring import ObjectState, held_reason, is_placed
 from simulate.world.world import PlaceBox
 
 START = ObjectState(np.array([0.15, -0.1, 0.30]), links=3, force_n=8.0, on_table=True)

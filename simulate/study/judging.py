@@ -1,0 +1,216 @@
+"""Trials of the robot's own judgement: one attempt at one object, judged and then scored.
+
+In difficult attempts frictions, masses and errors of the grasp are drawn widely, so that many fail.
+What the robot judged is compared with the truth of the simulation afterwards.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simulate.agent.scoring import watch_attempts
+from simulate.agent.simulated_body import Conditions, SimulatedBody
+from simulate.grasping.executor import GraspRequest, PlannedGrasp
+from simulate.robots import describe
+from simulate.study.intervals import share
+from simulate.study.runner import Study
+from simulate.world.camera import Lighting
+from simulate.world.objects import KINDS, Kind, ObjectSpec, product
+from simulate.world.scene import Placement, arrange
+from simulate.world.seeds import mix_seed, stream
+
+__all__ = [
+    "COLUMNS",
+    "judging_rows",
+    "judging_study",
+    "judging_trial",
+    "summarise_judging",
+    "write_judging_report",
+]
+
+COLUMNS = ("robot", "question", "attempts", "true", "right", "false yes", "false no", "unknown")
+_PRODUCT, _PLACE, _LIGHT, _NOISE, _ERROR, _DIFFICULT = range(50, 56)
+_PRODUCTS_OF_A_KIND = 200
+_FRICTION, _MASS_FACTOR = (0.03, 0.8), (1.0, 8.0)
+_POSITION_ERROR, _ANGLE_ERROR_RAD = 0.2, 0.17
+"""Standard deviations; the position error as a share of the width of the open hand."""
+
+Results = Sequence[Mapping[str, Any]]
+
+
+def judging_study(
+    trials: int, seed: int, robot: str = "nao", preset: str = "faithful", difficult: float = 0.5
+) -> Study:
+    """Return the study of the judgements of one robot: kinds in turn, sides after each round.
+
+    Parameters
+    ----------
+    difficult
+        Share of attempts with drawn frictions, masses and errors of the grasp.
+    """
+    return Study(
+        "own judgement against the truth",
+        "simulate.study.judging:judging_trial",
+        {"seed": seed, "robot": robot, "preset": preset, "difficult": difficult},
+        trials,
+    )
+
+
+def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Let a robot try one grasp of one object; return its judgement and the truth."""
+    seed, robot = int(settings["seed"]), str(settings["robot"])
+    side = -1 if (number // len(KINDS)) % 2 == 0 else 1
+    difficult = stream(seed, _DIFFICULT, number).random() < float(settings["difficult"])
+    spec = _product(KINDS[number % len(KINDS)], seed, number, difficult)
+    workplace = describe(robot).workplace
+    (placement,) = arrange([spec], stream(seed, _PLACE, number), [side], workplace=workplace)
+    conditions = Conditions(
+        robot=robot,
+        preset=str(settings["preset"]),
+        lighting=Lighting.sample(stream(seed, _LIGHT, number)),
+        noise_seed=(seed, _NOISE, number),
+    )
+    with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
+        body = SimulatedBody([placement], Path(assets), conditions)
+        try:
+            error = stream(seed, _ERROR, number) if difficult else None
+            result = _attempt(body, placement, error, mix_seed(seed, number))
+        finally:
+            body.close()
+    return {"robot": robot, "product": spec.name, "says": f"{spec.name}: {result['says']}", **{
+        name: value for name, value in result.items() if name != "says"
+    }}  # fmt: skip
+
+
+def _product(kind: Kind, seed: int, number: int, difficult: bool) -> ObjectSpec:
+    """Return a product, with drawn friction and mass if it is to be difficult."""
+    rng = stream(seed, _PRODUCT, number)
+    spec = product(kind, int(rng.integers(_PRODUCTS_OF_A_KIND)))
+    if not difficult:
+        return spec
+    friction = float(np.exp(rng.uniform(*np.log(_FRICTION))))
+    return replace(
+        spec,
+        mass=spec.mass * float(rng.uniform(*_MASS_FACTOR)),
+        friction=replace(spec.friction, lateral=friction),
+    )
+
+
+def _attempt(
+    body: SimulatedBody, placement: Placement, error: np.random.Generator | None, seed: int
+) -> dict[str, Any]:
+    watched = watch_attempts(body)
+    plan = body.executor.plan(_request(body, placement, error), seed=seed)
+    if not isinstance(plan, PlannedGrasp):
+        return {"planned": False, "reason": plan, "says": plan}
+    frames = body.eyes.frames
+    started = time.process_time()
+    record, _ = body.execute(plan)
+    truth = watched[-1].truth
+    return {
+        "planned": True,
+        "reason": record.reason,
+        "place_reason": record.place_reason,
+        "held": record.judged_held.answer,
+        "placed": record.judged_placed.answer,
+        "old_place": record.old_place.answer,
+        "evidence": record.evidence,
+        "truth": asdict(truth),
+        "frames": body.eyes.frames - frames,
+        "cpu_s": round(time.process_time() - started, 3),
+        "says": f"{record.evidence}; truly {truth.reason or record.reason}",
+    }
+
+
+def _request(
+    body: SimulatedBody, placement: Placement, error: np.random.Generator | None
+) -> GraspRequest:
+    """Return a grasp across the narrow side of the object, with errors drawn if wanted."""
+    spec = placement.spec
+    along_x, along_y, height = spec.extent
+    theta = placement.yaw + (np.pi / 2 if along_x > along_y else 0.0)
+    dx = dy = turned = 0.0
+    if error is not None:
+        mouth = min(arm.mouth for arm in body.robot.arms.values())
+        dx, dy = error.normal(0.0, _POSITION_ERROR * mouth, 2)
+        turned = error.normal(0.0, _ANGLE_ERROR_RAD)
+    return GraspRequest(
+        x=placement.x + float(dx),
+        y=placement.y + float(dy),
+        theta=float((theta + turned) % np.pi),
+        width=min(along_x, along_y),
+        length=max(along_x, along_y),
+        height=height,
+        table_height=body.world.table_height,
+        round=spec.kind in ("can", "ball", "bottle"),
+    )
+
+
+def summarise_judging(results: Results) -> dict[str, Any]:
+    """Return the figures as JSON data: how often the judgements agree with the truth."""
+    tried = [r for r in results if r["planned"]]
+    figures = {
+        question: _agreement([(r[question], bool(r["truth"][question])) for r in tried])
+        for question in ("held", "placed")
+    }
+    return {
+        "trials": len(results),
+        "attempts": len(tried),
+        "not_held": share(sum(not r["truth"]["held"] for r in tried), len(tried)),
+        **figures,
+        "frames": float(np.mean([r["frames"] for r in tried])) if tried else None,
+        "reasons": dict(Counter(r["reason"] for r in results)),
+    }
+
+
+def _agreement(pairs: Sequence[tuple[str, bool]]) -> dict[str, Any]:
+    said_yes = sum(answer == "yes" for answer, _ in pairs)
+    false_yes = sum(answer == "yes" and not true for answer, true in pairs)
+    return {
+        "true": sum(true for _, true in pairs),
+        "right": share(sum((answer == "yes") == true for answer, true in pairs), len(pairs)),
+        "false_yes": share(false_yes, said_yes),
+        "false_no": sum(answer == "no" and true for answer, true in pairs),
+        "unknown": sum(answer == "unknown" for answer, _ in pairs),
+    }
+
+
+def judging_rows(robot: str, summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the table of :data:`COLUMNS`."""
+    return [
+        (
+            robot,
+            question,
+            str(summary["attempts"]),
+            str(summary[question]["true"]),
+            _percent(summary[question]["right"]),
+            _percent(summary[question]["false_yes"]),
+            str(summary[question]["false_no"]),
+            str(summary[question]["unknown"]),
+        )
+        for question in ("held", "placed")
+    ]
+
+
+def _percent(part: Mapping[str, Any]) -> str:
+    if not part["n"]:
+        return "-"
+    low, high = part["interval95"]
+    return f"{part['hits']}/{part['n']} [{100 * low:.1f}, {100 * high:.1f}] %"
+
+
+def write_judging_report(folder: Path, results: Results, seed: int) -> dict[str, Any]:
+    """Write ``report.json``; return the figures."""
+    summary = {"seed": seed, **summarise_judging(results)}
+    text = json.dumps({**summary, "results": list(results)}, indent=1)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    return summary

@@ -1,0 +1,48 @@
+"""How the robots' own judgements are compared with the truth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from simulate.study.judging import (
+    COLUMNS,
+    judging_rows,
+    judging_study,
+    judging_trial,
+    summarise_judging,
+)
+
+
+def result(held: str, placed: str, truly_held: bool, truly_placed: bool) -> dict[str, Any]:
+    return {
+        "planned": True, "reason": "ok", "held": held, "placed": placed, "frames": 2,
+        "truth": {"held": truly_held, "placed": truly_placed},
+    }  # fmt: skip
+
+
+def test_unknown_is_neither_a_false_yes_nor_a_false_no():
+    summary = summarise_judging(
+        [
+            result("yes", "yes", True, True),
+            result("yes", "unknown", True, True),
+            result("yes", "yes", False, False),
+            result("no", "no", True, False),
+            {"planned": False, "reason": "ik"},
+        ]
+    )
+    assert (summary["trials"], summary["attempts"]) == (5, 4)
+    assert summary["not_held"]["hits"] == 1
+    held, placed = summary["held"], summary["placed"]
+    assert (held["right"]["hits"], held["false_yes"]["hits"], held["false_no"]) == (2, 1, 1)
+    assert (placed["right"]["hits"], placed["false_yes"]["hits"]) == (2, 1)
+    assert (placed["false_no"], placed["unknown"]) == (0, 1)
+    assert all(len(row) == len(COLUMNS) for row in judging_rows("nao", summary))
+
+
+def test_a_trial_follows_from_its_seed_and_has_judgement_and_truth():
+    study = judging_study(2, seed=3, robot="panda", preset="fast", difficult=0.0)
+    first, again = (judging_trial(study.settings, 0) for _ in range(2))
+    assert (first["held"], first["placed"]) == ("yes", "yes")
+    assert first["truth"]["held"]
+    assert first["truth"]["placed"]
+    assert {**first, "cpu_s": 0.0} == {**again, "cpu_s": 0.0}
