@@ -390,7 +390,7 @@ class AttemptRun:
             place_reason=self.place_reason,
             links_touching=last.links,
             contact_force_n=last.force_n,
-            jaw_gap_m=closed.opening * self._hand.mouth,
+            jaw_gap_m=max(closed.opening, 0.0) * self._hand.mouth,
             lifted_m=self._rise_m if held else 0.0,
             slip_m=max(closed.opening - last.opening, 0.0) * self._hand.mouth,
             place_offset_m=self._place_offset,
