@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -26,12 +26,15 @@ from features.recognition.views.bspline import (
 from features.recognition.views.hog import HOG_SIZE, hog_of_crop
 from features.recognition.views.sift import SiftParams, detect_keypoints
 
-__all__ = ["EXTRACTOR", "ViewFeatures", "describe_frame", "describe_view"]
+__all__ = ["EXTRACTOR", "MAX_SIDE_PX", "ViewFeatures", "describe_frame", "describe_view"]
 
 EXTRACTOR = "rootsift-240/hsv-hog/1"
 """Name of what :func:`describe_view` computes; features of another name cannot be compared."""
 
 _MIN_MASK_PX = 50
+
+MAX_SIDE_PX = 1_280
+"""Of an object's box: keypoints are looked for on 640 px, twice that keeps what they show."""
 _MAX_BYTES = 64 * 2**20
 
 
@@ -191,6 +194,11 @@ def describe_view(
     intrinsics : optional
         Of ``image`` as given (of a crop: with the principal point moved). Needed with ``depth``.
 
+    Notes
+    -----
+    An object of more than :data:`MAX_SIDE_PX` is described at a fraction of its resolution, which
+    bounds time and memory for photographs; places are in pixels of the image as given.
+
     Raises
     ------
     ValueError
@@ -207,14 +215,22 @@ def describe_view(
     mask = np.asarray(mask, dtype=bool)
     if mask.shape != rgb.shape[:2]:
         raise ValueError(f"mask {mask.shape} and image {rgb.shape[:2]} differ in shape")
-    rows, columns = np.nonzero(mask)
-    if len(rows) == 0:
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    if width == 0:
         raise ValueError("the mask is empty: there is no object to describe")
     if depth is not None and (intrinsics is None or depth.shape != mask.shape):
         raise ValueError(f"depth needs intrinsics and the mask's shape, got {depth.shape}")
+    factor = -(-max(width, height) // MAX_SIDE_PX)
+    if factor > 1:
+        small = describe_view(*_reduced(rgb, mask, depth, intrinsics, factor), params)
+        return replace(
+            _enlarged(small, factor),
+            mask_px=np.array([left, top, width, height], np.float32),
+            is_cut=_is_cut(mask),
+        )
 
     grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-    if len(rows) < _MIN_MASK_PX:
+    if np.count_nonzero(mask) < _MIN_MASK_PX:
         keypoints, descriptors = np.empty((0, 4), np.float32), np.empty((0, 128), np.uint8)
     else:
         keypoints, descriptors = detect_keypoints(grey, mask, params)
@@ -225,8 +241,6 @@ def describe_view(
         points3d = _lift(keypoints, inside, intrinsics)
         size_m = _visible_diagonal(points_from_depth(inside, intrinsics)[mask])
         surface = fit_surface(inside, mask)
-    top, left = int(rows.min()), int(columns.min())
-    height, width = int(rows.max()) + 1 - top, int(columns.max()) + 1 - left
     return ViewFeatures(
         keypoints=keypoints,
         descriptors=descriptors,
@@ -235,9 +249,57 @@ def describe_view(
         hog=hog_of_crop(grey, mask),
         mask_px=np.array([left, top, width, height], np.float32),
         size_m=size_m,
-        is_cut=bool(mask[[0, -1]].any() or mask[:, [0, -1]].any()),
+        is_cut=_is_cut(mask),
         contour=fit_contour(mask),
         surface=surface,
+    )
+
+
+def _is_cut(mask: NDArray[np.bool_]) -> bool:
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
+
+
+def _reduced(
+    rgb: UInt8Array,
+    mask: NDArray[np.bool_],
+    depth: FloatArray | None,
+    intrinsics: Intrinsics | None,
+    factor: int,
+) -> tuple[UInt8Array, NDArray[np.bool_], FloatArray | None, Intrinsics | None]:
+    """Return image, mask, depth and camera at a whole fraction of the resolution."""
+    height, width = (-(-side // factor) for side in mask.shape)
+    below, beside = height * factor - mask.shape[0], width * factor - mask.shape[1]
+    whole = cv2.copyMakeBorder(rgb, 0, below, 0, beside, cv2.BORDER_REPLICATE)
+    image = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+    blocks = np.pad(mask, ((0, below), (0, beside))).reshape(height, factor, width, factor)
+    small = np.asarray(blocks.any(axis=(1, 3)))
+    if depth is None or intrinsics is None:
+        return np.asarray(image, dtype=np.uint8), small, None, None
+    # Depth is picked, not averaged: between two surfaces there is none.
+    padded = np.pad(depth, ((0, below), (0, beside)))
+    picked = padded[factor // 2 :: factor, factor // 2 :: factor]
+    camera = Intrinsics(
+        width, height, intrinsics.fx / factor, intrinsics.fy / factor,
+        (intrinsics.cx + 0.5) / factor - 0.5, (intrinsics.cy + 0.5) / factor - 0.5,
+    )  # fmt: skip
+    return np.asarray(image, dtype=np.uint8), small, picked, camera
+
+
+def _enlarged(view: ViewFeatures, factor: int) -> ViewFeatures:
+    """Return a view's features in pixels of the image before it was reduced."""
+
+    def up(places: NDArray[np.float32]) -> NDArray[np.float32]:
+        return ((places + 0.5) * factor - 0.5).astype(np.float32)
+
+    keypoints = view.keypoints.copy()
+    keypoints[:, :2] = up(keypoints[:, :2])
+    keypoints[:, 2] *= factor
+    contour, surface = view.contour, view.surface
+    return replace(
+        view,
+        keypoints=keypoints,
+        contour=None if contour is None else ContourSpline(up(contour.control_points)),
+        surface=None if surface is None else replace(surface, box=up(surface.box)),
     )
 
 
