@@ -23,7 +23,7 @@ from endpoint.sparql.request import QueryRequest, UpdateRequest
 from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.commit.commit import Commit
-from rtask.kb.commit.delta import UpdateLimits
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.service import without_services

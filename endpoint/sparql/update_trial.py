@@ -11,7 +11,7 @@ from __future__ import annotations
 from endpoint.http.messages import RefusedError
 from endpoint.sparql.request import UpdateRequest
 from rtask.errors import QueryTimeout, RtaskError
-from rtask.kb.commit.delta import UpdateLimits
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.updating import needs_reader
 from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.results import Solutions

@@ -9,8 +9,9 @@ from pyoxigraph import Quad
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import TripleText, bulk_add
 from rtask.kb.commit.commit import Commit, Request
-from rtask.kb.commit.delta import UpdateDataset, UpdateLimits, run_update
+from rtask.kb.commit.delta import UpdateDataset, run_update
 from rtask.kb.commit.transaction import Transaction
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.updating import UpdateOrder, commit_update, needs_reader
 from rtask.kb.searching import Searching
 from rtask.rdf.terms import GraphName, NamedNode, iri

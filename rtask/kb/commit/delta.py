@@ -5,23 +5,25 @@ changed is seen by later ones through a dry run, an update that is made to fail 
 Update, 3 and 4). Rights and conclusions are decided on the result.
 
 A reader process, whose copy of the store may be changed, needs no dry runs: it applies each
-operation before the next (:func:`evaluate_update`), within :class:`UpdateLimits`.
+operation before the next (:func:`evaluate_update`), within
+:class:`~rtask.kb.commit.update_limits.UpdateLimits`.
 """
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad
 
-from rtask.errors import DataError, ForbiddenError, QuerySyntaxError, QueryTooExpensive
+from rtask.errors import DataError, ForbiddenError, QuerySyntaxError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.apply import Functions, Writes, as_update
+from rtask.kb.commit.update_limits import Meter, UpdateLimits
 from rtask.kb.store.graph_store import GraphStore
-from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.overlay import NetChange, Overlay, apply_change
 from rtask.kb.store.union import union_change
 from rtask.rdf.terms import DEFAULT, GraphName, Term, stored_quad
 from rtask.sparql import templates
@@ -29,12 +31,11 @@ from rtask.sparql.service import without_services
 from rtask.sparql.syntax import check_update, syntax_error
 from rtask.sparql.update_outline import Operation, Target, Update, read_update
 
-__all__ = ["NetChange", "UpdateDataset", "UpdateLimits", "evaluate_update", "run_update"]
+__all__ = ["UpdateDataset", "evaluate_update", "run_update"]
 
 _ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
 # no text can call these, since nobody can guess their names
 _SECRET = secrets.token_hex(8)
-_QUAD_BYTES = 100  # of a statement without its literal, roughly
 _RECORD = NamedNode(f"urn:rtask-dry:{_SECRET}:record")
 _UNBOUND = NamedNode(f"urn:rtask-dry:{_SECRET}:unbound")
 
@@ -55,60 +56,6 @@ class UpdateDataset:
     using: tuple[NamedNode, ...] = ()
     using_named: tuple[NamedNode, ...] = ()
     base: str | None = None
-
-
-@dataclass(frozen=True)
-class UpdateLimits:
-    """Bounds of one update request; all its operations together.
-
-    Parameters
-    ----------
-    seconds
-        Time until the change must be known.
-    memory_bytes
-        Memory beyond the copy of the store.
-    literal_bytes
-        Length of one literal that a template makes, in UTF-8 at most four times as much.
-    statements, delta_bytes
-        Size of the change, counted as templates are filled.
-    solutions
-        Solutions of one WHERE.
-    """
-
-    seconds: float
-    memory_bytes: int = 512 << 20
-    literal_bytes: int = 1 << 20
-    statements: int = 200_000
-    delta_bytes: int = 64 << 20
-    solutions: int = 1_000_000
-
-
-@dataclass
-class NetChange:
-    """Sum of several changes made one after the other: what was added and removed again cancels.
-
-    Dictionaries keep the order of the changes.
-    """
-
-    removed: dict[Quad, None] = field(default_factory=dict)
-    added: dict[Quad, None] = field(default_factory=dict)
-    created: dict[GraphName, None] = field(default_factory=dict)
-    dropped: dict[GraphName, None] = field(default_factory=dict)
-
-    def join(self, change: Overlay) -> None:
-        """Add a change that was made after all the others."""
-        _cancel(change.removed, self.added, self.removed)
-        _cancel(change.added, self.removed, self.added)
-        _cancel(change.dropped, self.created, self.dropped)
-        _cancel(change.created, self.dropped, self.created)
-
-
-def _cancel(items: Mapping[Any, None], opposite: dict[Any, None], kept: dict[Any, None]) -> None:
-    for item in items:
-        if item in opposite:
-            del opposite[item]
-        else:
-            kept[item] = None
 
 
 def evaluate_update(
@@ -139,7 +86,7 @@ def evaluate_update(
         As :func:`run_update`.
     """
     update = _checked(text, dataset)
-    meter = _Meter(limits)
+    meter = Meter(limits)
     for operation in update.operations:
         overlay = Overlay(store)
         _Runner(overlay, update, access, dataset, meter).run(operation)
@@ -152,75 +99,11 @@ def evaluate_update(
             apply_change(store, change)
 
 
-def apply_change(store: GraphStore, change: Overlay | NetChange) -> None:
-    """Change a private copy of the store in place."""
-    raw = store.raw
-    for quad in change.removed:
-        raw.remove(quad)
-    raw.extend(change.added)
-    for graph in change.created:
-        if isinstance(graph, (NamedNode, BlankNode)):
-            raw.add_graph(graph)
-    for graph in change.dropped:
-        if isinstance(graph, (NamedNode, BlankNode)):
-            raw.remove_graph(graph)
-
-
 def _checked(text: str, dataset: UpdateDataset) -> Update:
     update = read_update(without_services(text))
     check_update(update, dataset.base)
     _refuse_two_datasets(update, dataset)
     return update
-
-
-class _Meter:
-    """Counts the statements that templates produce, before they are kept."""
-
-    def __init__(self, limits: UpdateLimits | None = None) -> None:
-        self._limits = limits
-        self._statements = self._bytes = 0
-
-    def solutions(self, rows: Iterable[Any]) -> Iterator[Any]:
-        """Yield the solutions of a WHERE clause, up to the limit."""
-        limits = self._limits
-        for number, row in enumerate(rows):
-            if limits is not None and number >= limits.solutions:
-                raise _beyond("solutions", limits.solutions, "solutions of one WHERE")
-            yield row
-
-    def quads(self, quads: Iterable[Quad]) -> Iterator[Quad]:
-        """Yield statements, up to the limits of number and length."""
-        limits = self._limits
-        if limits is None:
-            yield from quads
-            return
-        for quad in quads:
-            size = _characters(quad.object)
-            if size > limits.literal_bytes:
-                raise _beyond("literal", limits.literal_bytes, "characters in one literal")
-            self._statements += 1
-            self._bytes += size + _QUAD_BYTES
-            if self._statements > limits.statements:
-                raise _beyond("statements", limits.statements, "statements")
-            if self._bytes > limits.delta_bytes:
-                raise _beyond("bytes", limits.delta_bytes, "bytes of statements")
-            yield quad
-
-
-def _characters(term: Term) -> int:
-    if isinstance(term, Literal):
-        return len(term.value)
-    if isinstance(term, Triple):
-        return _characters(term.object)
-    return 0
-
-
-def _beyond(limit: str, allowed: int, what: str) -> QueryTooExpensive:
-    return QueryTooExpensive(
-        f"the update makes more than {allowed} {what}; nothing was stored, split it",
-        limit=limit,
-        allowed=allowed,
-    )
 
 
 def run_update(
@@ -249,7 +132,7 @@ def run_update(
     """
     dataset = dataset or UpdateDataset()
     update = _checked(text, dataset)
-    runner = _Runner(overlay, update, access, dataset, _Meter())
+    runner = _Runner(overlay, update, access, dataset, Meter())
     for operation in update.operations:
         runner.run(operation)
 
@@ -270,7 +153,7 @@ class _Runner:
     update: Update
     access: Access
     dataset: UpdateDataset
-    meter: _Meter
+    meter: Meter
     home: GraphName = field(init=False)
 
     def __post_init__(self) -> None:

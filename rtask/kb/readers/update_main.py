@@ -14,15 +14,11 @@ import pyoxigraph as ox
 from pyoxigraph import NamedNode, Quad, RdfFormat
 
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.delta import (
-    NetChange,
-    UpdateDataset,
-    UpdateLimits,
-    apply_change,
-    evaluate_update,
-)
+from rtask.kb.commit.delta import UpdateDataset, evaluate_update
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.overlay import NetChange, apply_change
 
 __all__ = ["evaluate"]
 

@@ -18,7 +18,8 @@ from pyoxigraph import NamedNode, RdfFormat
 from rtask.errors import BusyError, QueryTimeout
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
-from rtask.kb.commit.delta import UpdateDataset, UpdateLimits
+from rtask.kb.commit.delta import UpdateDataset
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.commit.writer import Writer
 from rtask.kb.readers.pool import Readers
 from rtask.kb.store.overlay import Overlay

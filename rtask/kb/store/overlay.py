@@ -1,16 +1,17 @@
-"""Overlay of a store: the quads that a transaction has added and removed so far."""
+"""Pending changes: an overlay of a store, and the net effect of several changes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from pyoxigraph import DefaultGraph, Quad
+from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad
 
 from rtask.kb.store.graph_store import GraphStore
 from rtask.rdf.terms import GraphName
 
-__all__ = ["Overlay"]
+__all__ = ["NetChange", "Overlay", "apply_change"]
 
 
 @dataclass
@@ -93,3 +94,45 @@ class Overlay:
         graphs.update(quad.graph_name for quad in self.removed)
         graphs.update(quad.graph_name for quad in self.added)
         return graphs
+
+
+@dataclass
+class NetChange:
+    """Sum of several changes made one after the other: what was added and removed again cancels.
+
+    Dictionaries keep the order of the changes.
+    """
+
+    removed: dict[Quad, None] = field(default_factory=dict)
+    added: dict[Quad, None] = field(default_factory=dict)
+    created: dict[GraphName, None] = field(default_factory=dict)
+    dropped: dict[GraphName, None] = field(default_factory=dict)
+
+    def join(self, change: Overlay) -> None:
+        """Add a change that was made after all the others."""
+        _cancel(change.removed, self.added, self.removed)
+        _cancel(change.added, self.removed, self.added)
+        _cancel(change.dropped, self.created, self.dropped)
+        _cancel(change.created, self.dropped, self.created)
+
+
+def _cancel(items: Mapping[Any, None], opposite: dict[Any, None], kept: dict[Any, None]) -> None:
+    for item in items:
+        if item in opposite:
+            del opposite[item]
+        else:
+            kept[item] = None
+
+
+def apply_change(store: GraphStore, change: Overlay | NetChange) -> None:
+    """Change a private copy of the store in place."""
+    raw = store.raw
+    for quad in change.removed:
+        raw.remove(quad)
+    raw.extend(change.added)
+    for graph in change.created:
+        if isinstance(graph, (NamedNode, BlankNode)):
+            raw.add_graph(graph)
+    for graph in change.dropped:
+        if isinstance(graph, (NamedNode, BlankNode)):
+            raw.remove_graph(graph)

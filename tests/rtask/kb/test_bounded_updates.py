@@ -18,7 +18,7 @@ from rtask.errors import (
     QueryTimeout,
     QueryTooExpensive,
 )
-from rtask.kb.commit.delta import UpdateLimits
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.update_main import MAX_UNDONE
 from rtask.knowledge_base import KnowledgeBase
 

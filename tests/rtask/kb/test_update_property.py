@@ -10,6 +10,7 @@ import pytest
 
 import rtask
 from rtask.errors import DataError
+from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.knowledge_base import KnowledgeBase
 
 _GRAPHS = ("<urn:g1>", "<urn:g2>", "<urn:g3>")
@@ -97,15 +98,18 @@ def _canonical(quads: Iterator[ox.Quad]) -> list[str]:
     return sorted(map(str, dataset))
 
 
+@pytest.mark.parametrize("limits", [None, UpdateLimits(60.0)], ids=["in-process", "in-reader"])
 @pytest.mark.parametrize("seed", range(12))
-def test_the_store_ends_as_if_it_had_run_the_update_itself(seed: int) -> None:
+def test_the_store_ends_as_if_it_had_run_the_update_itself(
+    seed: int, limits: UpdateLimits | None
+) -> None:
     rng = random.Random(seed)
     native = ox.Store()
     with rtask.open(":memory:", plain=True) as kb:
         for _ in range(25):
             text = _request(rng)
             native.update(text)
-            kb.update(text)
+            kb.update(text, limits=limits)
             assert _canonical(kb.store.quads_for_pattern(None, None, None)) == _canonical(
                 iter(native)
             ), text
@@ -120,14 +124,17 @@ def _union_is_exact(kb: KnowledgeBase) -> bool:
     return sorted(named) == sorted(union)
 
 
+@pytest.mark.parametrize("limits", [None, UpdateLimits(60.0)], ids=["in-process", "in-reader"])
 @pytest.mark.parametrize("seed", range(6))
-def test_the_default_graph_stays_the_exact_union_of_all_graphs(seed: int) -> None:
+def test_the_default_graph_stays_the_exact_union_of_all_graphs(
+    seed: int, limits: UpdateLimits | None
+) -> None:
     rng = random.Random(seed)
     with rtask.open(":memory:", ontologies=False, reason=False) as kb:
         for _ in range(25):
             text = _request(rng)
             try:
-                kb.update(text)
+                kb.update(text, limits=limits)
             except DataError:
                 continue
             assert _union_is_exact(kb), text

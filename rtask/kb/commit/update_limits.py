@@ -1,0 +1,92 @@
+"""Bounds of one update, and the meter that holds it to them while templates are filled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyoxigraph import Literal, Quad, Triple
+
+from rtask.errors import QueryTooExpensive
+from rtask.rdf.terms import Term
+
+__all__ = ["Meter", "UpdateLimits"]
+
+_QUAD_BYTES = 100  # of a statement without its literal, roughly
+
+
+@dataclass(frozen=True)
+class UpdateLimits:
+    """Bounds of one update request; all its operations together.
+
+    Parameters
+    ----------
+    seconds
+        Time until the change must be known.
+    memory_bytes
+        Memory beyond the copy of the store.
+    literal_bytes
+        Length of one literal that a template makes, in UTF-8 at most four times as much.
+    statements, delta_bytes
+        Size of the change, counted as templates are filled.
+    solutions
+        Solutions of one WHERE.
+    """
+
+    seconds: float
+    memory_bytes: int = 512 << 20
+    literal_bytes: int = 1 << 20
+    statements: int = 200_000
+    delta_bytes: int = 64 << 20
+    solutions: int = 1_000_000
+
+
+class Meter:
+    """Counts the statements that templates produce, before they are kept."""
+
+    def __init__(self, limits: UpdateLimits | None = None) -> None:
+        self._limits = limits
+        self._statements = self._bytes = 0
+
+    def solutions(self, rows: Iterable[Any]) -> Iterator[Any]:
+        """Yield the solutions of a WHERE clause, up to the limit."""
+        limits = self._limits
+        for number, row in enumerate(rows):
+            if limits is not None and number >= limits.solutions:
+                raise _beyond("solutions", limits.solutions, "solutions of one WHERE")
+            yield row
+
+    def quads(self, quads: Iterable[Quad]) -> Iterator[Quad]:
+        """Yield statements, up to the limits of number and length."""
+        limits = self._limits
+        if limits is None:
+            yield from quads
+            return
+        for quad in quads:
+            size = _characters(quad.object)
+            if size > limits.literal_bytes:
+                raise _beyond("literal", limits.literal_bytes, "characters in one literal")
+            self._statements += 1
+            self._bytes += size + _QUAD_BYTES
+            if self._statements > limits.statements:
+                raise _beyond("statements", limits.statements, "statements")
+            if self._bytes > limits.delta_bytes:
+                raise _beyond("bytes", limits.delta_bytes, "bytes of statements")
+            yield quad
+
+
+def _characters(term: Term) -> int:
+    if isinstance(term, Literal):
+        return len(term.value)
+    if isinstance(term, Triple):
+        return _characters(term.object)
+    return 0
+
+
+def _beyond(limit: str, allowed: int, what: str) -> QueryTooExpensive:
+    return QueryTooExpensive(
+        f"the update makes more than {allowed} {what}; nothing was stored, split it",
+        limit=limit,
+        allowed=allowed,
+    )
