@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rtask.engine.context import Context
-from rtask.engine.curation.merging import followed
 from rtask.engine.memory.statistics import rebuild
 from rtask.engine.operations.table import OPERATIONS, Operation
 from rtask.engine.perception.growth import rebuild_models
@@ -15,7 +14,6 @@ from rtask.engine.policy import Policy
 from rtask.errors import UnknownTermError, UnsupportedError, nearest
 from rtask.extras import naming_extras
 from rtask.kb.commit.access import Access
-from rtask.wire.message import plain, read
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
@@ -60,7 +58,7 @@ class Engine:
     ['curate_object', 'give_feedback']
     """
 
-    operations: Mapping[str, Operation] = OPERATIONS
+    operations: Mapping[str, Operation[Any]] = OPERATIONS
 
     def __init__(
         self,
@@ -143,9 +141,7 @@ class Engine:
         access = access or Access()
         self.context.require(access, operation.scope)
         with naming_extras(operation.name):
-            request = plain(read(operation.request, dict(args or {})))
-            request = followed(self.kb, request)
-            return operation.handler(self.context, request, access)
+            return operation.carry_out(self.context, args or {}, access)
 
     def sync_index(self) -> int:
         """Bring the index in step with the graph; return how many views were added."""

@@ -149,17 +149,6 @@ class Answer(BaseModel):
             return default
 
 
-def plain(message: Message) -> dict[str, Any]:
-    """Return a request as nested dictionaries."""
-    return {name: _plain(getattr(message, name)) for name in type(message).model_fields}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Message):
-        return plain(value)
-    return [_plain(one) for one in value] if isinstance(value, list) else value
-
-
 def named(name: str) -> Any:
     """Return the declaration of a field whose name in JSON is no name in Python: ``class``."""
     return Field(validation_alias=name, serialization_alias=name)

@@ -8,7 +8,7 @@ commit.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from rtask.engine.triples import Triples
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RDF, RDFS, RT
 from rtask.rdf.terms import Literal, NamedNode, Quad, iri, object_term, python_value
+from rtask.wire.message import Message
 
 if TYPE_CHECKING:
     from features.recognition.views.view import ViewFeatures
@@ -217,15 +218,17 @@ def present_name(kb: GraphCore | Graph, name: str) -> str:
     return name
 
 
-def followed(kb: GraphCore, request: dict[str, Any]) -> dict[str, Any]:
+Request = TypeVar("Request", bound=Message)
+
+
+def followed(kb: GraphCore, request: Request) -> Request:
     """Return a request with the present IRIs of merged objects, in ``object`` and ``objects``."""
-    if isinstance(request.get("object"), str):
-        request = {**request, "object": present_name(kb, request["object"])}
-    if isinstance(request.get("objects"), list):
-        request = {**request, "objects": [_entry(kb, one) for one in request["objects"]]}
-    return request
-
-
-def _entry(kb: GraphCore, one: Any) -> Any:
-    """Return one entry of ``objects``, which is a request itself or an IRI."""
-    return followed(kb, one) if isinstance(one, dict) else one
+    name, entries = getattr(request, "object", None), getattr(request, "objects", None)
+    changed: dict[str, object] = {}
+    if isinstance(name, str):
+        changed["object"] = present_name(kb, name)
+    if isinstance(entries, list):
+        changed["objects"] = [
+            followed(kb, one) if isinstance(one, Message) else one for one in entries
+        ]
+    return request.model_copy(update=changed)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rtask.engine.decisions import Option
 from rtask.engine.policy import Policy
@@ -55,16 +55,42 @@ class Assessment:
     chosen: Sequence[Option]
 
 
-def asked(policy: Policy, request: dict[str, Any]) -> Thresholds | None:
+class Asking(Protocol):
+    """The fields of a request that ask for a decision."""
+
+    @property
+    def decide(self) -> bool:
+        """Whether to decide by the thresholds of the policy."""
+
+    @property
+    def min_confidence(self) -> float | None:
+        """For an object to count as recognised; c_I where that is not given."""
+
+    @property
+    def min_identity(self) -> float | None:
+        """Threshold c_I."""
+
+    @property
+    def min_pose(self) -> float | None:
+        """Threshold c_T."""
+
+    @property
+    def min_grasp(self) -> float | None:
+        """Threshold c_G."""
+
+
+def asked(policy: Policy, request: Asking) -> Thresholds | None:
     """Return the thresholds of a request, or None when it does not ask for a decision.
 
-    >>> asked(Policy(), dict(decide=False, min_identity=None, min_pose=None, min_grasp=0.5))
+    >>> from types import SimpleNamespace
+    >>> wish = {"min_confidence": None, "min_identity": None, "min_pose": None, "min_grasp": 0.5}
+    >>> asked(Policy(), SimpleNamespace(decide=False, **wish))
     Thresholds(identity=0.7, pose=0.7, grasp=0.5)
     """
-    given = [request[name] for name in ("min_identity", "min_pose", "min_grasp")]
-    if not request["decide"] and all(one is None for one in given):
+    given = (request.min_identity, request.min_pose, request.min_grasp)
+    if not request.decide and all(one is None for one in given):
         return None
-    identity = request.get("min_confidence")
+    identity = request.min_confidence
     identity = policy.min_identity if identity is None else identity
     default = (identity, policy.min_pose, policy.min_grasp)
     numbers = (d if g is None else float(g) for d, g in zip(default, given, strict=True))

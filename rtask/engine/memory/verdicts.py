@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import difflib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -87,8 +86,10 @@ def label_of(judged: Judged) -> bool | None:
     return None if label == judged.decided and judged.reason in UNJUDGED else label
 
 
-def find_attempt(context: Context, request: Mapping[str, Any]) -> Judged:
-    """Return the latest attempt that a request refers to, with all verdicts on it.
+def find_attempt(
+    context: Context, *, task_id: str | None, grasp: str | None, thing: str | None
+) -> Judged:
+    """Return the latest attempt of a task, grasp or object, with all verdicts on it.
 
     Raises
     ------
@@ -98,12 +99,12 @@ def find_attempt(context: Context, request: Mapping[str, Any]) -> Judged:
         No attempt fits; with the nearest known name.
     """
     patterns = []
-    if request["task_id"]:
-        patterns.append(f"?attempt rt:requestId {literal(request['task_id'])} .")
-    if request["grasp"]:
-        patterns.append(f"?attempt rt:executesGrasp {iri(request['grasp'])} .")
-    if request["object"]:
-        patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(request['object'])} .")
+    if task_id:
+        patterns.append(f"?attempt rt:requestId {literal(task_id)} .")
+    if grasp:
+        patterns.append(f"?attempt rt:executesGrasp {iri(grasp)} .")
+    if thing:
+        patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(thing)} .")
     if not patterns:
         raise UsageError("task_id is missing: or name the object and the grasp", field="task_id")
     rows = context.kb.select(f"""{PREFIXES}
@@ -123,7 +124,7 @@ WHERE {{
 }} ORDER BY ?time ?feedback""")
     found = [row.to_dict() for row in rows]
     if not found:
-        raise UnknownTermError(_nothing_fits(context, request))
+        raise UnknownTermError(_nothing_fits(context, task_id=task_id, grasp=grasp, object=thing))
     first: dict[str, Any] = found[0]
     verdicts = {
         (str(row["time"]), str(row["by"])): Verdict(
@@ -155,9 +156,9 @@ def _time(value: Any) -> dt.datetime:
     return time if time.tzinfo else time.replace(tzinfo=dt.UTC)
 
 
-def _nothing_fits(context: Context, request: Mapping[str, Any]) -> str:
+def _nothing_fits(context: Context, **named: str | None) -> str:
     """Return why there is nothing to judge, with the nearest name among the latest attempts."""
-    said = {name: request[name] for name in ("task_id", "grasp", "object") if request[name]}
+    said = {name: value for name, value in named.items() if value}
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task_id ?grasp ?object WHERE {{
   ?attempt rt:hasOutcome ?outcome ; rt:requestId ?task_id ; rt:executesGrasp ?grasp ;

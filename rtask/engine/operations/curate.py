@@ -58,9 +58,9 @@ class Curated(Answer):
     removed: int
 
 
-def curate_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def curate_object(context: Context, request: CurateObject, access: Access) -> dict[str, Any]:
     """Carry out what a person wants; robots have no right to it."""
-    author = author_of(context, request["operator"], access)
+    author = author_of(context, request.operator, access)
     with context.writing:
         return _curate(context, request, author)
 
@@ -80,23 +80,23 @@ def author_of(context: Context, operator: str | None, access: Access) -> Access:
     return context.author(access, operator, "teacher")
 
 
-def _curate(context: Context, request: dict[str, Any], author: Access) -> dict[str, Any]:
-    operation = request["operation"]
+def _curate(context: Context, request: CurateObject, author: Access) -> dict[str, Any]:
+    operation = request.operation
     if operation == "undo":
-        if not request["commit"]:
+        if not request.commit:
             raise UsageError("commit is missing: which one is taken back?", field="commit")
-        return _answer(context, undo(context, request["commit"], author), "")
-    thing = object_meant(context, request["object"], "object")
+        return _answer(context, undo(context, request.commit, author), "")
+    thing = object_meant(context, request.object, "object")
     if operation == "merge":
-        kept = object_meant(context, request["into"], "into")
+        kept = object_meant(context, request.into, "into")
         return _answer(context, merge_objects(context, kept, thing, author), kept.value)
     if operation == "split":
-        new, commit = split_object(context, thing, request["views"], request["name"], author)
+        new, commit = split_object(context, thing, request.views, request.name, author)
         return _answer(context, commit, new.value)
-    if request["views"]:
-        done = forget_views(context, thing, request["views"], request["purge"], author)
+    if request.views:
+        done = forget_views(context, thing, request.views, request.purge, author)
         return _answer(context, done, thing.value)
-    return _answer(context, forget_object(context, thing, request["purge"], author), "")
+    return _answer(context, forget_object(context, thing, request.purge, author), "")
 
 
 def object_meant(context: Context, name: str | None, field: str) -> NamedNode:

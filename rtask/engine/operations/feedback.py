@@ -90,11 +90,13 @@ class _Recounting(Access):
         return super().may_write(graph) or graph == self.counts
 
 
-def give_feedback(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def give_feedback(context: Context, request: GiveFeedback, access: Access) -> dict[str, Any]:
     """Store a person's verdict; answer with everything that is said and what follows from it."""
-    operator = _operator(request["operator"], access)
+    operator = _operator(request.operator, access)
     with context.writing:
-        before = find_attempt(context, request)
+        before = find_attempt(
+            context, task_id=request.task_id, grasp=request.grasp, thing=request.object
+        )
         said = _verdict(context, request, before, operator)
         old = next((v for v in reversed(before.verdicts) if v.by == operator), None)
         if old is not None and _same(old, said):
@@ -119,9 +121,9 @@ def _operator(named: str | None, access: Access) -> str:
     return named or access.agent or "operator"
 
 
-def _verdict(context: Context, request: dict[str, Any], judged: Judged, operator: str) -> Verdict:
+def _verdict(context: Context, request: GiveFeedback, judged: Judged, operator: str) -> Verdict:
     """Return the verdict that a request means for an attempt."""
-    kind, held, code = request["verdict"], request["held"], request["reason"] or ""
+    kind, held, code = request.verdict, request.held, request.reason or ""
     if kind == "correct" and held is None and not code:
         raise UsageError("held is missing: to correct, say what is right", field="held")
     if kind != "correct" and held is not None:
@@ -139,7 +141,7 @@ def _verdict(context: Context, request: dict[str, Any], judged: Judged, operator
         word = "held" if held else "did not hold"
         raise UsageError(f"reason: {code} does not fit a grasp that {word}", field="reason")
     now = dt.datetime.now(dt.UTC)
-    return Verdict(operator, held, now, code, request["comment"] or "")
+    return Verdict(operator, held, now, code, request.comment or "")
 
 
 def _same(a: Verdict, b: Verdict) -> bool:

@@ -118,20 +118,20 @@ class RecalledGrasps(Answer):
     grasps: list[RecalledGrasp]
 
 
-def recall_grasps(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> dict[str, Any]:
     """Return the grasps of an object in its own frame, the surest first."""
-    name = known_object(context, request["object"])
-    memory = recall(context.kb, Question(objects=(name,), in_space=request["in_space"]))
+    name = known_object(context, request.object)
+    memory = recall(context.kb, Question(objects=(name,), in_space=request.in_space))
     known = memory.objects[name]
     grasps = memory.of(name)
-    if request["gripper_id"]:
-        wanted = context.grippers.find(request["gripper_id"], access.agent).gripper.gripper_type
+    if request.gripper_id:
+        wanted = context.grippers.find(request.gripper_id, access.agent).gripper.gripper_type
         grasps = [g for g in grasps if g.gripper_type == wanted]
     return {
         "object": name,
         "class_iri": known.class_iri,
         "label": known.label,
-        "grasps": recalled(context, grasps, request["max_grasps"]),
+        "grasps": recalled(context, grasps, request.max_grasps),
     }
 
 

@@ -91,10 +91,10 @@ class Inserted(Answer):
     objects: list[InsertedObject]
 
 
-def insert_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def insert_object(context: Context, request: InsertObject, access: Access) -> dict[str, Any]:
     """Store a list of objects as one commit; the first bad entry refuses all."""
     prepared = []
-    for k, item in enumerate(request["objects"]):
+    for k, item in enumerate(request.objects):
         where = f"objects[{k}]."
         try:
             prepared.append(prepare(context, item, where, access))
@@ -142,7 +142,7 @@ class _Writer:
         """State one entry, unless its id was stored before; return its part of the answer."""
         if isinstance(one, Repeated):
             return self._answer_again(one.before)
-        task_id = one.item["task_id"]
+        task_id = one.item.task_id
         if task_id in self._told:
             return {**self._told[task_id], "new": False}
         # Again under the lock: the same request may have come in twice at once.
@@ -167,9 +167,7 @@ class _Writer:
         recognise what the first has stored, or one product becomes several objects.
         """
         return (
-            one.known is None
-            and one.item["merge"]
-            and one.generation != self.context.views.generation
+            one.known is None and one.item.merge and one.generation != self.context.views.generation
         )
 
     def _answer_again(self, before: Earlier) -> dict[str, Any]:
@@ -236,10 +234,10 @@ class _Writer:
             return None
         if one.gripper is None:
             return resolve_grasp(self.context, self.triples, thing, _UNKNOWN_GRIPPER, one.grasp)[0]
-        decision = self.context.decisions.get(one.item["task_id"])
+        decision = self.context.decisions.get(one.item.task_id)
         recorded = record(
             self.context, self.triples,
-            Entry(thing, one.gripper, one.grasp, one.outcome, one.item["task"], task_id, now,
+            Entry(thing, one.gripper, one.grasp, one.outcome, one.item.task, task_id, now,
                   self.graph, decision, event),
             self.pending,
         )  # fmt: skip
@@ -253,14 +251,14 @@ class _Writer:
         guess = one.seen.guess
         confidence: float | None = None
         class_iri: NamedNode | None = None
-        if one.item["class_description"]:
-            class_iri = described_class(context, self.triples, one.item["class_description"])
+        if one.item.class_description:
+            class_iri = described_class(context, self.triples, one.item.class_description)
         elif guess is not None:
             class_iri, confidence = guess
         kind = context.classes.get((class_iri or RT.ManipulableObject).value)
-        label = folded(one.item["class_description"] or kind.label)
-        name = one.item["name"] or f"{label} {tail(thing)}"
-        function = one.item["function"]
+        label = folded(one.item.class_description or kind.label)
+        name = one.item.name or f"{label} {tail(thing)}"
+        function = one.item.function
         state_object(
             context, self.triples,
             ObjectRecord(

@@ -14,7 +14,7 @@ from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
-from rtask.wire.message import Answer, Message, plain, read
+from rtask.wire.message import Answer, Message, read
 from rtask.wire.types import Flag, Grasp, Iri, Number, Stamp, Text, Unit
 
 if TYPE_CHECKING:
@@ -71,14 +71,14 @@ class ReportedOutcome(Answer):
     grasp: str
 
 
-def report_outcome(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def report_outcome(context: Context, request: ReportOutcome, access: Access) -> dict[str, Any]:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
-    gripper = context.grippers.find(request["gripper_id"], access.agent)
-    outcome = Outcome.of(_fields(request), context.reasons, "outcome")
-    task_id = request["task_id"]
+    gripper = context.grippers.find(request.gripper_id, access.agent)
+    outcome = Outcome.of(_report(request), context.reasons, "outcome")
+    task_id = request.task_id
     decision = context.decisions.get(task_id)
     grasp = received(_grasp(request), "grasp").completed(decision)
-    thing = _object(context, request["object"] or (decision.object if decision else ""))
+    thing = _object(context, request.object or (decision.object if decision else ""))
     with context.writing:
         author = context.author(access, gripper.robot_name)
         before = None
@@ -96,9 +96,9 @@ def report_outcome(context: Context, request: dict[str, Any], access: Access) ->
                 gripper=gripper,
                 received=grasp,
                 outcome=outcome,
-                task=request["task"],
+                task=request.task,
                 task_id=task_id or context.names.unique("task").value,
-                ended=_ended(request["stamp"]),
+                ended=_ended(request.stamp),
                 graph=context.home_graph(author),
                 decision=decision,
             ),
@@ -117,19 +117,19 @@ def report_outcome(context: Context, request: dict[str, Any], access: Access) ->
     }
 
 
-def _fields(request: dict[str, Any]) -> dict[str, Any]:
-    if request["outcome"] is not None:
-        outcome: dict[str, Any] = request["outcome"]
-        return outcome
-    return plain(read(OutcomeReport, {name: request[name] for name in _FLAT}))
+def _report(request: ReportOutcome) -> OutcomeReport:
+    """Return the outcome, or the one that single fields of the request tell."""
+    if request.outcome is not None:
+        return request.outcome
+    return read(OutcomeReport, {name: getattr(request, name) for name in _FLAT})
 
 
-def _grasp(request: dict[str, Any]) -> Any:
-    if request["grasp"] is not None:
-        return request["grasp"]
-    if request["grasp_pose"] is None:
+def _grasp(request: ReportOutcome) -> Any:
+    if request.grasp is not None:
+        return request.grasp
+    if request.grasp_pose is None:
         raise UsageError("grasp is missing: its id, or the grasp as received", field="grasp")
-    return {"grasp_pose": request["grasp_pose"]}
+    return {"grasp_pose": request.grasp_pose}
 
 
 def _object(context: Context, name: str) -> NamedNode:

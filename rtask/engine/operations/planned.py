@@ -141,7 +141,7 @@ class PlannedSpatialGrasp:
     orientation_sigma: float
 
 
-def plan_in_space(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> dict[str, Any]:
     """Plan grasps in space on the best stored shape of an object, store them and return them.
 
     Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
@@ -149,26 +149,26 @@ def plan_in_space(context: Context, request: dict[str, Any], access: Access) -> 
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.scoring.confidence import PoseNoise
 
-    hand = context.grippers.find(request["gripper_id"], access.agent).gripper.modelled()
-    if request["friction"] is not None:
-        hand = replace(hand, friction=request["friction"])
-    shape = object_shape(context, request["object"])
-    noise = PoseNoise(request["position_std"], request["rotation_std"])
+    hand = context.grippers.find(request.gripper_id, access.agent).gripper.modelled()
+    if request.friction is not None:
+        hand = replace(hand, friction=request.friction)
+    shape = object_shape(context, request.object)
+    noise = PoseNoise(request.position_std, request.rotation_std)
     found = shape.plan(
         hand,
         SpatialOptions(
-            noise=noise, samples=request["samples"], mass=request["mass"] or _mass(context, shape),
-            tries=_TRIES, seed=request["seed"],
+            noise=noise, samples=request.samples, mass=request.mass or _mass(context, shape),
+            tries=_TRIES, seed=request.seed,
         ),
     )  # fmt: skip
-    sure = [c for c in found if c.scores["confidence"] >= request["min_confidence"]]
+    sure = [c for c in found if c.scores["confidence"] >= request.min_confidence]
     reason = found.reason
     if found and not sure:
         best = max(c.scores["confidence"] for c in found)
-        reason = f"the best confidence is {best:.2f} < {request['min_confidence']:g}"
+        reason = f"the best confidence is {best:.2f} < {request.min_confidence:g}"
     stored: dict[str, Any] = {"grasps": [], "commit": ""}
     if sure:
-        planned = as_planned(sure[: request["max_grasps"]], noise, request["samples"])
+        planned = as_planned(sure[: request.max_grasps], noise, request.samples)
         stored = store_planned_in_space(
             context, shape.thing, planned, hand.gripper_type, access, shape.sources
         )

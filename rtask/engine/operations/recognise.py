@@ -183,25 +183,25 @@ class Situation:
 
 
 def recognise_for_grasp(
-    context: Context, request: dict[str, Any], access: Access
+    context: Context, request: RecogniseForGrasp, access: Access
 ) -> dict[str, Any]:
     """Answer with the object, its grasps in the learner's order, and why."""
     clock = Clock(*_STEPS)
-    find_task(request["task"])
-    gripper = context.grippers.find(request["gripper_id"], access.agent)
+    find_task(request.task)
+    gripper = context.grippers.find(request.gripper_id, access.agent)
     thresholds = asked(context.policy, request)
     seen = observe_once(context, request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
-    least = request["min_confidence"] if thresholds is None else thresholds.identity
+    least = request.min_confidence if thresholds is None else thresholds.identity
     recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES, least)
     clock.lap("matching_s")
-    question = question_for(context.policy, seen, recognition, request["object"], gripper)
-    question = replace(question, in_space=request["in_space"])
+    question = question_for(context.policy, seen, recognition, request.object, gripper)
+    question = replace(question, in_space=request.in_space)
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     clock.lap("query_s")
-    known = _known(request["object"], recognition, memory)
+    known = _known(request.object, recognition, memory)
     placement, pose = locate(context.models, seen, recognition, known, memory)
     clock.lap("pose_s")
     situation = Situation(seen, recognition, memory, known, placement, gripper, pose)
@@ -210,7 +210,7 @@ def recognise_for_grasp(
     situation, decision = _decided(situation, thresholds)
     known = situation.known
     task = context.names.unique("task").value
-    answer = {**_answer(context, situation, request["max_grasps"], task), "decision": decision}
+    answer = {**_answer(context, situation, request.max_grasps, task), "decision": decision}
     clock.times["total_s"] = clock.total()
     answer["times"] = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     context.decisions.put(
@@ -220,7 +220,7 @@ def recognise_for_grasp(
             recognition,
             {option.id: option for option in situation.chosen},
             dict(clock.times),
-            request["seed"],
+            request.seed,
         ),
     )
     return answer
@@ -237,26 +237,26 @@ def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownOb
 
 
 def _choose(
-    context: Context, situation: Situation, request: dict[str, Any], clock: Clock
+    context: Context, situation: Situation, request: RecogniseForGrasp, clock: Clock
 ) -> list[Option]:
     seen, placement = situation.observation, situation.placement
     if placement is None or seen.shape is None:
         return []
-    neighbours = request["neighbours"]
+    neighbours = request.neighbours
     if neighbours is not None and len(neighbours):
         neighbours = neighbours - np.array([0.0, 0.0, seen.shape.support_height])
     scene = Scene(
         footprint_of(seen.shape, placement), placement.frame_from_object, situation.gripper.gripper,
-        neighbours, request["seed"], _pose_in_space(placement, situation.pose),
+        neighbours, request.seed, _pose_in_space(placement, situation.pose),
     )  # fmt: skip
     object_iri = situation.known.iri if situation.known else None
-    found = options(scene, situation.memory, object_iri, request["propose"], _MOST_CANDIDATES)
-    excluded = set(request["exclude"])
+    found = options(scene, situation.memory, object_iri, request.propose, _MOST_CANDIDATES)
+    excluded = set(request.exclude)
     found = [option for option in found if option.id not in excluded]
     clock.lap("generation_s")
     confidence = {m.object_iri: float(m.confidence) for m in situation.recognition.matches}
-    if request["object"]:
-        confidence[request["object"]] = 1.0
+    if request.object:
+        confidence[request.object] = 1.0
     chosen = choose(found, scene, situation.memory, confidence, context.policy)
     clock.lap("choice_s")
     return chosen

@@ -150,30 +150,30 @@ class Found:
         }
 
 
-def resolve_request(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def resolve_request(context: Context, request: ResolveRequest, access: Access) -> dict[str, Any]:
     """Answer with one object that is seen and can be held, and its grasps, or say why not."""
-    gripper = context.grippers.find(request["gripper_id"], access.agent)
-    meant = meaning(context, request["wanted"])
+    gripper = context.grippers.find(request.gripper_id, access.agent)
+    meant = meaning(context, request.wanted)
     found: list[Found] = []
     memory = Memory()
     if meant.senses:
         found = _found(context, meant, gripper, request)
         memory = recall(context.kb, Question(objects=tuple(sorted(one.iri for one in found))))
         found = sorted((_known(one, memory, gripper, context) for one in found), key=_order)
-    excluded = set(request["exclude"])
+    excluded = set(request.exclude)
     offered = [
         one for one in found
         if one.is_seen and one.verdict.capability != "no" and one.iri not in excluded
     ]  # fmt: skip
     best = offered[0] if offered else None
     known = memory.objects.get(best.iri, KnownObject(best.iri)) if best else KnownObject("")
-    reasons = _reasons(context, request["wanted"], meant, found, excluded)
+    reasons = _reasons(context, request.wanted, meant, found, excluded)
     return {
         "task_response": "object" if best else "unmet",
         "object": best.iri if best else "",
         "class_iri": known.class_iri,
         "label": known.label,
-        "grasps": _grasps(context, memory, best, gripper, request["max_grasps"]),
+        "grasps": _grasps(context, memory, best, gripper, request.max_grasps),
         "objects": [one.message() for one in offered],
         "reasons": reasons,
         "understood": {
@@ -183,7 +183,7 @@ def resolve_request(context: Context, request: dict[str, Any], access: Access) -
         },
         "explanation": {
             "text": _sentence(context, meant, best, reasons),
-            "proof": _proof(context, meant, best, gripper) if best and request["prove"] else [],
+            "proof": _proof(context, meant, best, gripper) if best and request.prove else [],
         },
         "suggestions": list(meant.suggestions),
     }
@@ -193,12 +193,12 @@ def resolve_request(context: Context, request: dict[str, Any], access: Access) -
 
 
 def _found(
-    context: Context, meant: Meaning, gripper: KnownGripper, request: dict[str, Any]
+    context: Context, meant: Meaning, gripper: KnownGripper, request: ResolveRequest
 ) -> list[Found]:
     """Return the objects that fit the words, the seen ones first; one query."""
-    given = request["objects"]
+    given = request.objects
     now = dt.datetime.now(dt.UTC)
-    fresh = now - dt.timedelta(seconds=request["seen_within_s"])
+    fresh = now - dt.timedelta(seconds=request.seen_within_s)
     known: set[str] = set()
     found = []
     for row in context.kb.select(_query(meant.senses, gripper, given)):

@@ -110,14 +110,14 @@ class RegisteredRobot(Answer):
     """empty when nothing changed"""
 
 
-def register_robot(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def register_robot(context: Context, request: RegisterRobot, access: Access) -> dict[str, Any]:
     """Write down what a robot is made of; the same message again changes nothing.
 
     Returns
     -------
     ``robot`` (IRI), ``graph`` (its own), ``commit`` (empty when nothing changed).
     """
-    name = request["name"]
+    name = request.name
     if access.role == "robot" and name != access.agent:
         raise ForbiddenError(
             f"the token belongs to {access.agent!r}: it cannot register {name!r}",
@@ -125,7 +125,7 @@ def register_robot(context: Context, request: dict[str, Any], access: Access) ->
         )
     if not _is_fit(name):
         raise UsageError(f"name: {name!r}; letters, digits, '.', '_' and '-' are wanted")
-    for k, effector in enumerate(request["end_effectors"]):
+    for k, effector in enumerate(request.end_effectors):
         _check(effector, f"end_effectors[{k}]")
     with context.writing:
         author = context.author(access, name)
@@ -150,19 +150,18 @@ def register_robot(context: Context, request: dict[str, Any], access: Access) ->
     }
 
 
-def _check(effector: dict[str, Any], path: str) -> None:
+def _check(effector: EndEffector, path: str) -> None:
     """Refuse a gripper whose measures contradict each other."""
-    given = {
-        "finger_width": effector["jaw_width"],
-        "finger_length": effector["finger_length"],
-        "max_payload": effector["max_payload"],
-    }
     try:
         ParallelGripper(
-            effector["name"], effector["gripper_type"],
-            effector["min_opening"], effector["max_opening"],
-            **{name: value for name, value in given.items() if value is not None},
-        )  # fmt: skip
+            name=effector.name,
+            gripper_type=effector.gripper_type,
+            min_opening=effector.min_opening,
+            max_opening=effector.max_opening,
+            finger_width=effector.jaw_width or ParallelGripper.finger_width,
+            finger_length=effector.finger_length or ParallelGripper.finger_length,
+            max_payload=effector.max_payload,
+        )
     except ValueError as error:
         raise UsageError(f"{path}: {error}", field=path) from error
 
@@ -171,51 +170,51 @@ def _is_fit(name: str) -> bool:
     return quote(name, safe="") == name and 0 < len(name) <= 64
 
 
-def _robot_triples(context: Context, robot: NamedNode, request: dict[str, Any]) -> Triples:
+def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -> Triples:
     triples = Triples()
-    model = context.names.named("model", slug(request["model"]))
-    triples.node(model, [RT.RobotModel], {RT.modelName: request["model"]})
-    triples.node(robot, [CORA.Robot], {RT.name: request["name"], RT.hasRobotModel: model})
-    for effector in request["end_effectors"]:
-        part = _part(robot, effector["name"])
+    model = context.names.named("model", slug(request.model))
+    triples.node(model, [RT.RobotModel], {RT.modelName: request.model})
+    triples.node(robot, [CORA.Robot], {RT.name: request.name, RT.hasRobotModel: model})
+    for effector in request.end_effectors:
+        part = _part(robot, effector.name)
         triples.add(robot, RT.hasEndEffector, part)
         triples.node(
             part,
-            [getattr(RT, effector["kind"])],
+            [getattr(RT, effector.kind)],
             {
-                RT.name: effector["name"],
-                RT.gripperType: effector["gripper_type"],
-                RT.minOpening: effector["min_opening"],
-                RT.maxOpening: effector["max_opening"],
-                RT.jawWidth: effector["jaw_width"],
-                RT.fingerLength: effector["finger_length"],
-                RT.maxForce: effector["max_force"],
-                RT.maxPayload: effector["max_payload"],
-                RT.parentLink: effector["parent_link"],
-                RT.planningGroup: effector["planning_group"],
+                RT.name: effector.name,
+                RT.gripperType: effector.gripper_type,
+                RT.minOpening: effector.min_opening,
+                RT.maxOpening: effector.max_opening,
+                RT.jawWidth: effector.jaw_width,
+                RT.fingerLength: effector.finger_length,
+                RT.maxForce: effector.max_force,
+                RT.maxPayload: effector.max_payload,
+                RT.parentLink: effector.parent_link,
+                RT.planningGroup: effector.planning_group,
             },
         )
-    frames = {frame: _frame(triples, robot, frame) for frame in request["frames"]}
-    if request["frames"]:
-        triples.add(robot, RT.bodyFrame, frames[request["frames"][0]])
-    for camera in request["cameras"]:
-        part = _part(robot, camera["name"])
+    frames = {frame: _frame(triples, robot, frame) for frame in request.frames}
+    if request.frames:
+        triples.add(robot, RT.bodyFrame, frames[request.frames[0]])
+    for camera in request.cameras:
+        part = _part(robot, camera.name)
         triples.add(robot, RT.hasSensor, part)
         triples.node(
             part,
             [RT.RGBDCamera],
             {
-                RT.name: camera["name"],
-                RT.bodyFrame: frames.get(camera["frame_id"])
-                or _frame(triples, robot, camera["frame_id"]),
-                RT.imageWidth: camera["width"],
-                RT.imageHeight: camera["height"],
-                RT.focalX: camera["fx"],
-                RT.focalY: camera["fy"],
-                RT.principalX: camera["cx"],
-                RT.principalY: camera["cy"],
-                RT.minRange: camera["min_range"],
-                RT.maxRange: camera["max_range"],
+                RT.name: camera.name,
+                RT.bodyFrame: frames.get(camera.frame_id)
+                or _frame(triples, robot, camera.frame_id),
+                RT.imageWidth: camera.width,
+                RT.imageHeight: camera.height,
+                RT.focalX: camera.fx,
+                RT.focalY: camera.fy,
+                RT.principalX: camera.cx,
+                RT.principalY: camera.cy,
+                RT.minRange: camera.min_range,
+                RT.maxRange: camera.max_range,
             },
         )
     return triples

@@ -71,7 +71,7 @@ class SimilarObjects(Answer):
     suggestions: list[str]
 
 
-def search_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def search_object(context: Context, request: SearchObject, access: Access) -> dict[str, Any]:
     """Answer with the known objects that look alike, best first; writes nothing.
 
     A description narrows the answer to its kinds of objects, in the same query.
@@ -81,10 +81,10 @@ def search_object(context: Context, request: dict[str, Any], access: Access) -> 
         context.views.recogniser,
         seen,
         context.policy,
-        request["max_results"],
-        request["min_confidence"],
+        request.max_results,
+        request.min_confidence,
     )
-    description = request["class_description"]
+    description = request.class_description
     kinds = context.classes.find(description) if description else []
     answer: dict[str, Any] = {"similar_objects": [], "suggestions": []}
     if description and not kinds:
@@ -93,7 +93,7 @@ def search_object(context: Context, request: dict[str, Any], access: Access) -> 
     only = tuple(kind.iri.value for kind in kinds)
     memory = recall(context.kb, question_for(context.policy, seen, recognition, None, None, only))
     recognition = settle(recognition, memory, seen, context.policy)
-    least = request["min_confidence"] or 0.0
+    least = request.min_confidence or 0.0
     similar = similar_objects(seen, recognition, memory)
     answer["similar_objects"] = [entry for entry in similar if entry["confidence"] >= least]
     return answer

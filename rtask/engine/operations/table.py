@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from rtask.engine.curation.merging import followed
 from rtask.engine.operations.curate import Curated, CurateObject, curate_object
 from rtask.engine.operations.feedback import Feedback, GiveFeedback, give_feedback
 from rtask.engine.operations.grasps import RecalledGrasps, RecallGrasps, recall_grasps
@@ -17,19 +18,19 @@ from rtask.engine.operations.resolve import ResolvedRequest, ResolveRequest, res
 from rtask.engine.operations.robots import RegisteredRobot, RegisterRobot, register_robot
 from rtask.engine.operations.search import SearchObject, SimilarObjects, search_object
 from rtask.engine.operations.teach import Taught, TeachObject, teach_object
-from rtask.wire.message import Answer, Message
+from rtask.wire.message import Answer, Message, read
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.access import Access
 
-__all__ = ["OPERATIONS", "Handler", "Operation"]
+__all__ = ["OPERATIONS", "Operation"]
 
-Handler = Callable[["Context", dict[str, Any], "Access"], dict[str, Any]]
+Q = TypeVar("Q", bound=Message)
 
 
 @dataclass(frozen=True)
-class Operation:
+class Operation(Generic[Q]):
     """One operation.
 
     Parameters
@@ -49,12 +50,25 @@ class Operation:
     name: str
     scope: str
     summary: str
-    handler: Handler
-    request: type[Message]
+    handler: Callable[[Context, Q, Access], dict[str, Any]]
+    request: type[Q]
     answer: type[Answer]
 
+    def carry_out(
+        self, context: Context, args: Mapping[str, Any], access: Access
+    ) -> dict[str, Any]:
+        """Check a request and answer it; objects that were merged are meant by their old names too.
 
-OPERATIONS: Mapping[str, Operation] = {
+        Raises
+        ------
+        UsageError
+            The request does not fit the declaration.
+        """
+        request = read(self.request, dict(args))
+        return self.handler(context, followed(context.kb, request), access)
+
+
+OPERATIONS: Mapping[str, Operation[Any]] = {
     operation.name: operation
     for operation in (
         Operation(

@@ -11,13 +11,13 @@ from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import GraspStatistics
 from rtask.engine.operations.curate import author_of, object_meant
-from rtask.engine.operations.feedback import give_feedback
+from rtask.engine.operations.feedback import GiveFeedback, give_feedback
 from rtask.engine.operations.insert import InsertedObject, InsertObject, insert_object
 from rtask.engine.operations.search import SearchObject, SimilarObject, look_alikes, search_object
 from rtask.engine.perception.observation import Look, OptionalLook
 from rtask.engine.records.prepared import NewObject
 from rtask.errors import UsageError
-from rtask.wire.message import Answer, Message, plain, read
+from rtask.wire.message import Answer, Message, read
 from rtask.wire.types import Iri, Text
 
 if TYPE_CHECKING:
@@ -65,9 +65,9 @@ class Taught(Answer):
     statistics: GraspStatistics | None = None
 
 
-def teach_object(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def teach_object(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
     """Carry out what a person wants; all but ``search`` write, and need the scope ``teach``."""
-    operation = request["operation"]
+    operation = request.operation
     if operation == "search":
         return _search(context, request, access)
     context.require(access, "teach")
@@ -76,32 +76,33 @@ def teach_object(context: Context, request: dict[str, Any], access: Access) -> d
     return _judge(context, request, access, held=operation == "confirm")
 
 
-def _search(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
-    if request["data"] is None and request["object"]:
-        thing = object_meant(context, request["object"], "object")
-        return look_alikes(context, thing, request["class_description"])
+def _search(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
+    if request.data is None and request.object:
+        thing = object_meant(context, request.object, "object")
+        return look_alikes(context, thing, request.class_description)
     _wanted(request, "class_description", "data")
-    asked = {name: request.get(name) for name in SearchObject.model_fields}
-    return search_object(context, plain(read(SearchObject, asked)), access)
+    names = (*Look.model_fields, "class_description")
+    asked = read(SearchObject, {name: getattr(request, name) for name in names})
+    return search_object(context, asked, access)
 
 
-def _teach(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
-    if request["data"] is None and request["object"]:
+def _teach(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
+    if request.data is None and request.object:
         return _name(context, request, access)
     _wanted(request, "class_description", "data")
     names = (*Look.model_fields, "class_description", "name", "task_id")
-    item = read(NewObject, {name: request[name] for name in names})
-    author = context.author(access, request["operator"], "teacher")
-    stored = insert_object(context, plain(InsertObject(objects=[item])), author)
+    item = read(NewObject, {name: getattr(request, name) for name in names})
+    author = context.author(access, request.operator, "teacher")
+    stored = insert_object(context, InsertObject(objects=[item]), author)
     return {"similar_objects": [], "suggestions": [], **stored}
 
 
-def _name(context: Context, request: dict[str, Any], access: Access) -> dict[str, Any]:
+def _name(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
     """Say what an object is that is stored already."""
-    author = author_of(context, request["operator"], access)
+    author = author_of(context, request.operator, access)
     with context.writing:
-        thing = object_meant(context, request["object"], "object")
-        done = name_object(context, thing, request["class_description"], request["name"], author)
+        thing = object_meant(context, request.object, "object")
+        done = name_object(context, thing, request.class_description, request.name, author)
     commit = context.commit_id(done) if done.added or done.removed else ""
     known = recall(context.kb, Question(objects=(thing.value,))).objects[thing.value]
     entry = {
@@ -124,12 +125,12 @@ def _name(context: Context, request: dict[str, Any], access: Access) -> dict[str
     }
 
 
-def _judge(context: Context, request: dict[str, Any], access: Access, held: bool) -> dict[str, Any]:
+def _judge(context: Context, request: TeachObject, access: Access, held: bool) -> dict[str, Any]:
     """Store a person's verdict that a grasp was good, or not, whatever the robot reported."""
     names = ("task_id", "object", "grasp", "operator", "comment")
-    said = {name: request[name] for name in names}
+    said = {name: getattr(request, name) for name in names}
     told = give_feedback(
-        context, {**said, "verdict": "correct", "held": held, "reason": None}, access
+        context, read(GiveFeedback, {**said, "verdict": "correct", "held": held}), access
     )
     return {
         "similar_objects": [],
@@ -139,8 +140,8 @@ def _judge(context: Context, request: dict[str, Any], access: Access, held: bool
     }
 
 
-def _wanted(request: dict[str, Any], *names: str) -> None:
+def _wanted(request: TeachObject, *names: str) -> None:
     for name in names:
-        if request[name] is None:
-            said = f"{name} is missing: {request['operation']} needs it"
+        if getattr(request, name) is None:
+            said = f"{name} is missing: {request.operation} needs it"
             raise UsageError(said, field=name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class Look(OptionalLook):
     """base64 of one object's compressed cloud"""
 
 
-def observe_once(context: Context, request: dict[str, Any], where: str = "") -> Observation:
+def observe_once(context: Context, request: Look, where: str = "") -> Observation:
     """Return the observation of a request, decoded at most once; see :func:`observe`."""
     key = _digest(request)
     known = context.observations.get(key)
@@ -61,14 +61,13 @@ def observe_once(context: Context, request: dict[str, Any], where: str = "") -> 
     return made
 
 
-def observe(request: dict[str, Any], where: str = "") -> Observation:
+def observe(request: Look, where: str = "") -> Observation:
     """Decode, describe and measure what a request carries.
 
     Parameters
     ----------
     request
-        With ``data``, and where given ``image``, ``sensor_pose``, ``frame_id``,
-        ``support_height``, ``stamp``.
+        What was seen, and where from.
     where
         Path of the request inside a larger message, for errors.
 
@@ -83,10 +82,10 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
     from rtask.engine.perception.images import frame_of_cloud, shaded, with_image
 
     started = time.perf_counter()
-    sensor_pose = request.get("sensor_pose")
+    sensor_pose = request.sensor_pose
     pose = np.eye(4) if sensor_pose is None else np.asarray(sensor_pose, dtype=np.float64)
     try:
-        decoded = decode(request["data"])
+        decoded = decode(request.data)
     except ValueError as error:
         raise UsageError(f"{where}data: {error}", field=where + "data") from error
     decoded_s = time.perf_counter() - started
@@ -97,8 +96,8 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
         else:
             frame, cloud_from_camera = frame_of_cloud(decoded.points(), decoded.colours)
             camera_pose, is_rendered = pose @ cloud_from_camera, True
-        if request.get("image") is not None:
-            frame, is_rendered = with_image(frame, request["image"]), False
+        if request.image is not None:
+            frame, is_rendered = with_image(frame, request.image), False
         if frame.rgb is None:
             picture = shaded(frame.depth_m, frame.object_mask())
             frame, is_rendered = replace(frame, rgb=picture), True
@@ -108,20 +107,20 @@ def observe(request: dict[str, Any], where: str = "") -> Observation:
     cloud = frame.points()[frame.object_mask()].astype(np.float64)
     finite = cloud[np.isfinite(cloud).all(axis=1)]
     points = np.asarray(transform(camera_pose, finite), dtype=np.float64)
-    shape = _measure(points, request.get("support_height"))
+    shape = _measure(points, request.support_height)
     # A crop of a depth image lies in the optical frame, whose z looks forward and not up.
-    frame_id = request.get("frame_id") or decoded.frame_id
+    frame_id = request.frame_id or decoded.frame_id
     is_upright = not isinstance(decoded, Frame) and bool(frame_id)
     is_posed = sensor_pose is not None or is_upright
     return Observation(
-        data=request["data"],
+        data=request.data,
         frame=frame,
         features=features,
         frame_from_camera=camera_pose,
         points=points,
         shape=shape,
         frame_id=frame_id,
-        stamp_s=request.get("stamp"),
+        stamp_s=request.stamp,
         is_rendered=is_rendered,
         is_posed=is_posed,
         guess=_guess(shape, points) if is_posed else None,
@@ -149,11 +148,11 @@ def _guess(
     return None if found is None else (getattr(RT, found[0]), found[1])
 
 
-def _digest(request: dict[str, Any]) -> str:
-    digest = hashlib.sha256(request["data"])
-    pose = request.get("sensor_pose")
+def _digest(request: Look) -> str:
+    digest = hashlib.sha256(request.data)
+    pose = request.sensor_pose
     digest.update(b"" if pose is None else np.asarray(pose, dtype=np.float64).tobytes())
-    digest.update(request.get("image") or b"")
-    rest = tuple(request.get(name) for name in ("frame_id", "support_height", "stamp"))
+    digest.update(request.image or b"")
+    rest = (request.frame_id, request.support_height, request.stamp)
     digest.update(repr(rest).encode())
     return digest.hexdigest()

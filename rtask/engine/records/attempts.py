@@ -147,7 +147,7 @@ def _kind(grasp: Received) -> str:
 
 def attempt_triples(context: Context, one: Attempt) -> Triples:
     """Return the triples of an attempt: its task, outcome, evidence and pictures."""
-    triples, fields = Triples(), one.outcome.fields
+    triples, report = Triples(), one.outcome.report
     outcome, feedback = context.names.unique("outcome"), context.names.unique("feedback")
     robot, belief = one.gripper.robot, one.received.belief
     triples.node(
@@ -160,8 +160,8 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.through: one.attempt,
         },
     )
-    started = one.ended - dt.timedelta(seconds=float(fields.get("duration_s") or 0.0))
-    preset = fields.get("preset")
+    started = one.ended - dt.timedelta(seconds=float(report.duration_s or 0.0))
+    preset = report.preset
     triples.node(
         one.attempt,
         [RT.GraspAttempt],
@@ -173,16 +173,16 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.usedRecognition: one.recognition,
             RT.requestId: one.request_id,
             RT.simulated: None if preset is None else preset != "real",
-            RT.attemptNumber: fields.get("attempt_number"),
-            RT.candidateCount: fields.get("candidate_count"),
-            RT.candidateRank: fields.get("candidate_rank"),
+            RT.attemptNumber: report.attempt_number,
+            RT.candidateCount: report.candidate_count,
+            RT.candidateRank: report.candidate_rank,
             RT.analyticQuality: one.received.quality,
             RT.qualityKind: None if one.received.quality is None else _kind(one.received),
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
             RT.policyVersion: context.policy.version if belief else None,
-            RT.approachTilt: fields.get("approach_tilt"),
-            RT.seed: one.seed if fields.get("seed") is None else fields["seed"],
+            RT.approachTilt: report.approach_tilt,
+            RT.seed: one.seed if report.seed is None else report.seed,
             PROV.startedAtTime: started,
             PROV.endedAtTime: one.ended,
             **{TIMES[k]: float(v) for k, v in sorted(one.times.items()) if v is not None},
@@ -204,19 +204,19 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
         {
             RT.verdict: one.outcome.held,
             RT.preset: preset,
-            RT.liftHeight: fields.get("lifted_m"),
-            RT.slipDistance: fields.get("slip"),
-            RT.linksTouching: fields.get("links_touching"),
-            RT.contactForce: fields.get("contact_force"),
-            RT.jawGap: fields.get("jaw_gap"),
-            RT.holdTime: fields.get("hold_s"),
-            RT.placeOffset: fields.get("place_offset"),
+            RT.liftHeight: report.lifted_m,
+            RT.slipDistance: report.slip,
+            RT.linksTouching: report.links_touching,
+            RT.contactForce: report.contact_force,
+            RT.jawGap: report.jaw_gap,
+            RT.holdTime: report.hold_s,
+            RT.placeOffset: report.place_offset,
         },
     )
     for comment in one.outcome.comments:
         triples.add(feedback, RT.comment, comment)
-    if fields.get("confirmed_by") == "human":
-        operator = fields.get("operator") or "operator"
+    if report.confirmed_by == "human":
+        operator = report.operator or "operator"
         said = Verdict(operator, one.outcome.held, one.ended)
         state_verdict(context, triples, outcome, said, (int(said.held), int(not said.held)))
     _state_pictures(context, triples, one)
@@ -253,14 +253,14 @@ def state_verdict(
 
 
 def _state_pictures(context: Context, triples: Triples, one: Attempt) -> None:
-    for k, picture in enumerate(one.outcome.fields.get("images") or []):
-        media_type, width, height = check_picture(picture["data"], f"outcome.images[{k}].data")
+    for k, picture in enumerate(one.outcome.report.images):
+        media_type, width, height = check_picture(picture.data, f"outcome.images[{k}].data")
         triples.node(
             iri(f"{one.attempt.value}/image/{k + 1}"),
             [RT.ColorImage],
             {
-                RT.name: picture["phase"],
-                RT.hasBlob: triples.blob(context.kb.blobs.put(picture["data"], media_type)),
+                RT.name: picture.phase,
+                RT.hasBlob: triples.blob(context.kb.blobs.put(picture.data, media_type)),
                 RT.widthPx: width,
                 RT.heightPx: height,
                 RT.encoding: "rgb8",

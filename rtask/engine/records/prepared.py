@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from rtask.engine.remembered import KnownObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.terms import NamedNode, iri
-from rtask.wire.message import plain, read
+from rtask.wire.message import read
 from rtask.wire.types import Flag, Grasp, Iri, Number, Text
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 __all__ = ["NewObject", "Prepared", "Repeated", "classes_named", "prepare", "stored_before"]
 
 _MOST_MATCHES = 5
-_PLACE = ("X", "Y", "Z", "rad")
 
 
 class NewObject(Look):
@@ -86,7 +85,7 @@ class Prepared:
         Of the index in which it was recognised.
     """
 
-    item: dict[str, Any]
+    item: NewObject
     where: str
     seen: Observation
     known: KnownObject | None
@@ -108,9 +107,7 @@ class Repeated:
     gripper: KnownGripper | None
 
 
-def prepare(
-    context: Context, item: dict[str, Any], where: str, access: Access
-) -> Prepared | Repeated:
+def prepare(context: Context, item: NewObject, where: str, access: Access) -> Prepared | Repeated:
     """Return an entry ready to be written, or what an earlier request of its id stored.
 
     Raises
@@ -121,33 +118,33 @@ def prepare(
         When its fields do not belong together.
     """
     gripper = _gripper(context, item, access)
-    before = stored_before(context, item["task_id"], access, gripper)
+    before = stored_before(context, item.task_id, access, gripper)
     if before is not None:
-        return Repeated(item["task_id"], before, gripper)
+        return Repeated(item.task_id or "", before, gripper)
     seen = observe_once(context, item, where)
-    kinds = classes_named(context, item["class_description"])
+    kinds = classes_named(context, item.class_description)
     generation = context.views.generation
     recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES)
     question = question_for(
-        context.policy, seen, recognition, item["object"], gripper,
-        () if item["object"] else tuple(kind.value for kind in kinds),
+        context.policy, seen, recognition, item.object, gripper,
+        () if item.object else tuple(kind.value for kind in kinds),
     )  # fmt: skip
     memory = recall(context.kb, question)
     recognition = settle(recognition, memory, seen, context.policy)
     known = None
-    if item["object"]:
-        known = memory.objects.get(item["object"])
+    if item.object:
+        known = memory.objects.get(item.object)
         if known is None:
-            raise UnknownTermError(f"the graph knows no object {item['object']}")
-    elif item["merge"] and recognition.accepted and (kinds or not item["class_description"]):
+            raise UnknownTermError(f"the graph knows no object {item.object}")
+    elif item.merge and recognition.accepted and (kinds or not item.class_description):
         known = memory.objects.get(recognition.matches[0].object_iri)
     placement, pose = locate(context.models, seen, recognition, known, memory)
-    decision = context.decisions.get(item["task_id"])
+    decision = context.decisions.get(item.task_id)
     grasp = _grasp(item, where)
     if grasp is not None:
         grasp = grasp.placed(placement).completed(decision)
     outcome = _outcome(context, item, grasp, where)
-    if item["outcome"] is not None and gripper is None:
+    if item.outcome is not None and gripper is None:
         raise UsageError(
             f"{where}gripper_id is missing: an outcome is one of a gripper; "
             "register_robot introduces it", field=where + "gripper_id",
@@ -189,11 +186,11 @@ def stored_before(
     return earlier(context, task_id, agents)
 
 
-def _gripper(context: Context, item: dict[str, Any], access: Access) -> KnownGripper | None:
+def _gripper(context: Context, item: NewObject, access: Access) -> KnownGripper | None:
     try:
-        return context.grippers.find(item["gripper_id"], access.agent)
+        return context.grippers.find(item.gripper_id, access.agent)
     except UnknownTermError:
-        if item["gripper_id"]:
+        if item.gripper_id:
             raise
         return None
 
@@ -207,28 +204,27 @@ def classes_named(context: Context, description: str | None) -> list[NamedNode]:
     return [kind.iri for kind in found if wanted in map(folded, kind.names)]
 
 
-def _grasp(item: dict[str, Any], where: str) -> Received | None:
-    if item["grasp"] is not None:
-        return received(item["grasp"], where + "grasp")
-    given = [item[name] is not None for name in _PLACE]
-    if not any(given):
+def _grasp(item: NewObject, where: str) -> Received | None:
+    if item.grasp is not None:
+        return received(item.grasp, where + "grasp")
+    x, y, z, rad = item.X, item.Y, item.Z, item.rad
+    if x is None and y is None and z is None and rad is None:
         return None
-    if not all(given):
+    if x is None or y is None or z is None or rad is None:
         raise UsageError(f"{where}X: X, Y, Z and rad belong together", field=where + "X")
-    x, y, z, rad = (item[name] for name in _PLACE)
     return Received(in_frame=(x, y, z, rad))
 
 
 def _outcome(
-    context: Context, item: dict[str, Any], grasp: Received | None, where: str
+    context: Context, item: NewObject, grasp: Received | None, where: str
 ) -> Outcome | None:
-    fields = item["outcome"]
-    if fields is None:
+    report = item.outcome
+    if report is None:
         if grasp is None:
             return None
         # As in the thesis, the operator has validated what is inserted (Gatto 2016, 3.2.4).
-        said = {"success": item["success"], "confirmed_by": item["confirmed_by"] or "human"}
-        fields = plain(read(OutcomeReport, {**said, "operator": item["operator"]}))
+        said = {"success": item.success, "confirmed_by": item.confirmed_by or "human"}
+        report = read(OutcomeReport, {**said, "operator": item.operator})
     elif grasp is None:
         raise UsageError(f"{where}grasp is missing: an outcome is one of a grasp")
-    return Outcome.of(fields, context.reasons, where + "outcome")
+    return Outcome.of(report, context.reasons, where + "outcome")

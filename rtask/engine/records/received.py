@@ -321,16 +321,16 @@ class Outcome:
     reason: str
     placed: bool | None = None
     comments: tuple[str, ...] = ()
-    fields: Mapping[str, Any] = field(default_factory=dict)
+    report: OutcomeReport = field(default_factory=lambda: OutcomeReport(success=False))
 
     @property
     def is_fast(self) -> bool:
         """Whether it happened in the coarse physics preset."""
-        return bool(self.fields.get("preset") == "fast")
+        return bool(self.report.preset == "fast")
 
     @classmethod
-    def of(cls, fields: Mapping[str, Any], known: frozenset[str], path: str) -> Outcome:
-        """Read the fields of an outcome.
+    def of(cls, report: OutcomeReport, known: frozenset[str], path: str) -> Outcome:
+        """Judge an outcome as it was reported.
 
         A success has the reason ``ok`` and nothing else: what went wrong after holding stands in a
         comment. An unknown code becomes ``not_judged`` and is kept as a comment.
@@ -340,8 +340,8 @@ class Outcome:
         UsageError
             When a failure gives ``ok`` as its reason.
         """
-        held, code = bool(fields["success"]), fields["reason"]
-        comments = [fields["comment"]] if fields.get("comment") else []
+        held, code = report.success, report.reason
+        comments = [report.comment] if report.comment else []
         if held:
             if code not in (None, "ok"):
                 comments.append(f"after holding: {code}")
@@ -353,4 +353,4 @@ class Outcome:
                 log.warning("unknown reason code %r is kept as a comment", code)
                 comments.append(code)
             code = "not_judged"
-        return cls(held, code, fields.get("placed"), tuple(comments), fields)
+        return cls(held, code, report.placed, tuple(comments), report)

@@ -205,5 +205,6 @@ def _times(entry: Entry) -> Mapping[str, float]:
     decided: dict[str, Any] = {}
     if entry.decision is not None:
         decided = {k: v for k, v in entry.decision.times.items() if k != "total_s"}
-    told = {k: v for k, v in (entry.outcome.fields.get("times") or {}).items() if v is not None}
+    times = entry.outcome.report.times
+    told = {} if times is None else times.model_dump(exclude_none=True)
     return {**decided, **told}

@@ -99,10 +99,10 @@ def test_a_view_given_to_another_object_is_found_under_that(bench, kb, engine):
 
 def test_an_index_ahead_of_the_graph_names_no_object(bench, kb, engine):
     from rtask.engine.perception.observation import Look, observe
-    from rtask.wire.message import plain, read
+    from rtask.wire.message import read
 
     robot = fill(bench, engine)
-    features = observe(plain(read(Look, bench.sight(bench.PEN)))).features
+    features = observe(read(Look, bench.sight(bench.PEN))).features
     engine.index.add("urn:view", "urn:object:gone", "urn:class", features)
     answer = robot.recognise(bench.sight(bench.PEN))
     assert answer["object"] == ""

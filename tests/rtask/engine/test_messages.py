@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rtask.engine.operations.table import OPERATIONS
-from rtask.engine.records.received import Outcome, received
+from rtask.engine.records.received import Outcome, OutcomeReport, received
 from rtask.errors import UsageError
 from rtask.wire.message import kind_of
 
@@ -53,7 +53,7 @@ def test_outcomes_follow_the_codes_of_the_ontology():
     known = frozenset({"ok", "missed"})
 
     def outcome(**fields):
-        return Outcome.of({"reason": None, "placed": None, **fields}, known, "outcome")
+        return Outcome.of(OutcomeReport(**fields), known, "outcome")
 
     assert outcome(success=True).reason == "ok"
     assert outcome(success=False, reason="missed").reason == "missed"
