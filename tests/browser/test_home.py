@@ -190,3 +190,27 @@ def test_everything_is_reached_by_keyboard(page: Any, server: RunningServer) -> 
     assert "Run" in page.evaluate("document.activeElement.textContent")
     page.keyboard.press("Enter")
     page.wait_for_selector("#answer table")
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_things_are_searched_for_from_the_header_by_keys(
+    page: Any, server: RunningServer, width: int, theme: str
+) -> None:
+    page.set_viewport_size({"width": width, "height": 800})
+    page.emulate_media(color_scheme=theme)
+    page.goto(f"{server.url}/robots")
+    page.get_by_role("searchbox", name="Search").fill("tea tni")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/search?q=tea+tni")
+    assert page.locator("h1").count() == 1
+    assert page.evaluate("() => document.documentElement.scrollWidth") == width
+    found = page.get_by_role("region", name="Objects").get_by_role("link", name="tea tin")
+    found.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/object?iri=*")
+    assert page.get_by_role("heading", level=1).inner_text() == "tea tin"
+    page.get_by_role("searchbox", name="Search").fill("rt:Mug")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/resource?iri=rt%3AMug")
+    assert page.get_by_role("heading", level=1).inner_text() == "rt:Mug"

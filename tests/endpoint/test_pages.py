@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from html import escape
 from html.parser import HTMLParser
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 
 import pytest
 from flask.testing import FlaskClient
@@ -104,6 +105,8 @@ PAGES = [
     "/curation",
     "/teach",
     "/robots",
+    "/search",
+    "/search?q=mug",
     "/resource?iri=urn:lab/object/1",
     "/resource?iri=urn:lab/robot/nao-1",
     "/resource?iri=urn:lab/attempt/1",
@@ -288,6 +291,48 @@ def test_the_workbench_without_scripts_draws_the_table(client: FlaskClient) -> N
     text = client.get("/sparql", query_string={"query": query}, headers=HTML).text
     assert "1 row in" in text
     assert "&lt;img src=x" in text.partition('id="answer"')[2]
+
+
+@pytest.mark.parametrize(
+    ("words", "group", "address"),
+    [
+        ("mug", "objects", "/object?iri=urn%3Alab%2Fobject%2F1"),
+        ("MGU", "objects", "/object?iri=urn%3Alab%2Fobject%2F1"),
+        ("mug", "classes", "/resource?iri=https%3A%2F%2Fw3id.org%2Frtask-kg%2Fns%23Mug"),
+        ("nao", "objects", "/object?iri=urn%3Alab%2Fobject%2F1"),
+        ("outcom", "pages", "/feedback"),
+    ],
+)
+def test_things_are_found_by_words_beginnings_and_typing_errors(
+    client: FlaskClient, words: str, group: str, address: str
+) -> None:
+    groups = client.get("/search.json", query_string={"q": words}).get_json()["groups"]
+    (found,) = (one["found"] for one in groups if one["name"] == group)
+    assert address in [one["address"] for one in found]
+    page = client.get("/search", query_string={"q": words}, headers=HTML)
+    assert f'href="{escape(address)}"' in page.text
+    assert HOSTILE not in page.text
+
+
+def test_what_is_new_is_found_at_once(client: FlaskClient, kb: KnowledgeBase) -> None:
+    search = {"q": "samovar"}
+    assert client.get("/search.json", query_string=search).get_json()["groups"] == []
+    kb.update(
+        f"""INSERT DATA {{ <urn:lab/object/9> a <{RT}Can> ; <{RT}objectId> "nao-1/9" ;
+            <{RT}name> "old samovar" }}""",
+        "nao-1",
+    )
+    (group,) = client.get("/search.json", query_string=search).get_json()["groups"]
+    assert [one["title"] for one in group["found"]] == ["old samovar"]
+
+
+@pytest.mark.parametrize("name", ["rt:Mug", "urn:lab/object/1"])
+def test_a_term_that_is_searched_for_leads_to_its_page(client: FlaskClient, name: str) -> None:
+    answer = client.get("/search", query_string={"q": name}, headers=HTML)
+    assert (answer.status_code, answer.headers["Location"]) == (
+        303,
+        "/resource?" + urlencode({"iri": name}),
+    )
 
 
 def test_the_workbench_draws_large_answers_for_browsers_that_take_gzip(client: FlaskClient) -> None:
