@@ -10,9 +10,8 @@ True
 """
 
 from features.codec.cloud import encode_cloud
-from features.codec.errors import CloudFormatError
 from features.codec.frame import encode_frame
-from features.codec.limits import Limits
+from features.codec.limits import CloudFormatError, Limits
 from features.codec.octree import encode_octree
 from features.codec.sniff import decode
 from features.codec.types import Cloud

@@ -13,13 +13,18 @@ from features.codec.container import (
     SECTION_POSITIONS,
     Container,
     Section,
+    compress,
+    expand,
     pack,
 )
-from features.codec.errors import CloudFormatError
-from features.codec.limits import Limits
-from features.codec.morton import MORTON_BITS, morton_code
-from features.codec.packing import compress, expand
-from features.codec.quantised import checked_cloud, cloud_header, read_lattice
+from features.codec.limits import CloudFormatError, Limits
+from features.codec.quantised import (
+    MORTON_BITS,
+    checked_cloud,
+    cloud_header,
+    morton_code,
+    read_lattice,
+)
 from features.codec.types import Cloud
 from features.geometry import FloatArray, UInt8Array
 

@@ -7,7 +7,7 @@ Little-endian::
     5   kind                    ..  sections: type u8, codec u8, 0 u16, stored u32, raw u32, CRC u32
     6   flags
 
-Unknown section types are skipped, unknown versions refused.
+Unknown section types are skipped, unknown versions refused. Points are packed with zstd.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from features.codec.errors import CloudFormatError
-from features.codec.limits import Limits
+import zstandard
+
+from features.codec.limits import CloudFormatError, Limits
 
 __all__ = [
     "CODEC_JPEG",
@@ -33,6 +34,8 @@ __all__ = [
     "MAGIC",
     "Container",
     "Section",
+    "compress",
+    "expand",
     "pack",
     "unpack",
 ]
@@ -52,6 +55,8 @@ _PROMISED = {FLAG_COLOUR: {SECTION_COLOUR, SECTION_COLOURS}, FLAG_MASK: {SECTION
 _HEAD = struct.Struct("<4sBBHI")
 _SECTION = struct.Struct("<BBHIII")
 _MAX_JSON = 4_096
+_LEVEL = 3
+_WINDOW = 64 * 2**20
 
 
 @dataclass(frozen=True)
@@ -200,3 +205,34 @@ def _read_sections(data: bytes, offset: int) -> dict[int, Section]:
         sections[number] = Section(codec, content, raw)
         offset += stored
     return sections
+
+
+def compress(raw: bytes) -> Section:
+    """Return bytes as a packed section."""
+    return Section(CODEC_ZSTD, zstandard.ZstdCompressor(level=_LEVEL).compress(raw), len(raw))
+
+
+def expand(section: Section, name: str, limits: Limits) -> bytes:
+    """Unpack a section; the library trusts a frame's own content size, so that is compared first.
+
+    Raises
+    ------
+    CloudFormatError
+        When it is not packed so, does not unpack, or holds another number of bytes than it says.
+    """
+    if section.codec != CODEC_ZSTD:
+        raise CloudFormatError(f"{name}: unknown codec {section.codec}")
+    limits.check_decoded(section.raw_length, len(section.stored), name)
+    try:
+        size = zstandard.frame_content_size(section.stored)
+        if size != section.raw_length:
+            raise CloudFormatError(
+                f"{name}: the zstd frame holds {size} bytes, the section says {section.raw_length}"
+            )
+        reader = zstandard.ZstdDecompressor(max_window_size=_WINDOW).decompressobj()
+        raw = reader.decompress(section.stored)
+    except zstandard.ZstdError as error:
+        raise CloudFormatError(f"{name}: does not unpack ({error})") from None
+    if len(raw) != section.raw_length or reader.unused_data:
+        raise CloudFormatError(f"{name}: unpacks to {len(raw)} bytes, not {section.raw_length}")
+    return raw

@@ -23,9 +23,8 @@ from features.codec.container import (
     Section,
     pack,
 )
-from features.codec.errors import CloudFormatError
 from features.codec.image import decode_image, jpeg, png
-from features.codec.limits import Limits
+from features.codec.limits import CloudFormatError, Limits
 from features.geometry import Frame, Intrinsics
 
 __all__ = ["encode_frame", "read_frame"]

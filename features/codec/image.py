@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.container import CODEC_JPEG, CODEC_PNG, Section
-from features.codec.errors import CloudFormatError
-from features.codec.limits import Limits
+from features.codec.limits import CloudFormatError, Limits
 
 __all__ = ["decode_image", "image_size", "jpeg", "png"]
 

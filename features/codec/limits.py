@@ -1,12 +1,14 @@
-"""Limits of the decoders, checked before memory is allocated."""
+"""Limits of the decoders, checked before memory is allocated, and the error that they raise."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from features.codec.errors import CloudFormatError
+__all__ = ["CloudFormatError", "Limits"]
 
-__all__ = ["Limits"]
+
+class CloudFormatError(ValueError):
+    """Bytes that are no cloud, a damaged one, or one beyond the limits: what, and where."""
 
 
 @dataclass(frozen=True)

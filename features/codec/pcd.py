@@ -6,8 +6,7 @@ import struct
 
 import numpy as np
 
-from features.codec.errors import CloudFormatError
-from features.codec.limits import Limits
+from features.codec.limits import CloudFormatError, Limits
 from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec.errors import CloudFormatError
-from features.codec.limits import Limits
+from features.codec.limits import CloudFormatError, Limits
 from features.codec.table import cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 

@@ -1,4 +1,4 @@
-"""Functions shared by the lattice codecs: validation, header, colours, conversion to metres."""
+"""Functions shared by the lattice codecs: validation, header, colours, conversion, Morton order."""
 
 from __future__ import annotations
 
@@ -8,14 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec.container import SECTION_COLOURS, Container
-from features.codec.errors import CloudFormatError
-from features.codec.limits import Limits
-from features.codec.packing import expand
+from features.codec.container import SECTION_COLOURS, Container, expand
+from features.codec.limits import CloudFormatError, Limits
 from features.codec.types import Cloud
 from features.geometry import FloatArray, UInt8Array
 
-__all__ = ["Lattice", "checked_cloud", "cloud_header", "read_lattice"]
+__all__ = [
+    "MORTON_BITS",
+    "Lattice",
+    "cells_from_morton",
+    "checked_cloud",
+    "cloud_header",
+    "morton_code",
+    "read_lattice",
+]
+
+MORTON_BITS = 21
+"""Bits of each coordinate in a 64-bit code."""
 
 _MAX_COORDINATE_M = 1_000.0
 
@@ -130,3 +139,32 @@ def _is_point(value: object) -> bool:
         and all(isinstance(v, int | float) and not isinstance(v, bool) for v in value)
         and bool(np.isfinite(value).all())
     )
+
+
+def morton_code(cells: NDArray[np.integer]) -> NDArray[np.uint64]:
+    """Return the codes (n,) of cells (n, 3) in 0..2^21 - 1; x has the lowest bit.
+
+    >>> morton_code(np.array([[1, 0, 0], [0, 1, 0], [3, 0, 1]])).tolist()
+    [1, 2, 13]
+    """
+    wide = np.asarray(cells).astype(np.uint64)
+    code = np.zeros(len(wide), np.uint64)
+    for bit in range(MORTON_BITS):
+        for axis in range(3):
+            taken = (wide[:, axis] >> np.uint64(bit)) & np.uint64(1)
+            code |= taken << np.uint64(3 * bit + axis)
+    return code
+
+
+def cells_from_morton(code: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Return the cells (n, 3) of codes (n,).
+
+    >>> cells_from_morton(np.array([13], np.uint64)).tolist()
+    [[3, 0, 1]]
+    """
+    cells = np.zeros((len(code), 3), np.int64)
+    for bit in range(MORTON_BITS):
+        for axis in range(3):
+            taken = (code >> np.uint64(3 * bit + axis)) & np.uint64(1)
+            cells[:, axis] |= (taken << np.uint64(bit)).astype(np.int64)
+    return cells

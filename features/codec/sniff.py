@@ -8,9 +8,8 @@ import zstandard
 
 from features.codec.cloud import read_cloud
 from features.codec.container import KIND_FRAME, KIND_OCTREE, MAGIC, unpack
-from features.codec.errors import CloudFormatError
 from features.codec.frame import read_frame
-from features.codec.limits import Limits
+from features.codec.limits import CloudFormatError, Limits
 from features.codec.octree import read_octree
 from features.codec.pcd import read_pcd
 from features.codec.ply import read_ply

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec.errors import CloudFormatError
+from features.codec.limits import CloudFormatError
 from features.codec.types import Cloud
 
 __all__ = ["Table", "cloud_from_fields", "read_text_rows"]

@@ -6,7 +6,7 @@ import base64
 import binascii
 import re
 
-from features.codec.errors import CloudFormatError
+from features.codec.limits import CloudFormatError
 
 __all__ = ["from_wire", "to_wire"]
 
