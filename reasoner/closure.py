@@ -9,12 +9,11 @@ from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from reasoner.contradictions import Contradiction, describe
-from reasoner.differences import differences
 from reasoner.facts.asserted import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
 from reasoner.proofs import GraphsOf, Proof
-from reasoner.reading import Reading
+from reasoner.reading import Reading, differences
 from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact, Term, Triple
 from reasoner.terms.digest import Digest, digest_of

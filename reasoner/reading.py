@@ -1,11 +1,13 @@
-"""Reading of one state of a closure in original terms, equal terms substituted."""
+"""Reading of one state of a closure in original terms, equal terms substituted.
+
+Also what of it the inferred graph holds, and how that changes from one state to the next.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from reasoner.export import is_exported
 from reasoner.facts.asserted import Asserted
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Layer
@@ -163,3 +165,61 @@ def _virtual_rule(p: int) -> str:
     if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
         return "scm-cls"
     return "scm-op" if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) else "cls-thing"
+
+
+def is_exported(fact: Fact, terms: Dictionary) -> bool:
+    """Tell whether a derived fact belongs in the inferred graph.
+
+    Left out are triples that are true of everything (`x a owl:Thing`), schema triples about
+    anonymous classes, and literals as subjects.
+    """
+    s, p, o = fact
+    if s >= LITERAL:
+        return False
+    if p == TYPE:
+        return o not in (v.THING, v.RESOURCE) and not terms.is_blank(o)
+    if p not in v.SCHEMA_PREDICATES and p != SAME:
+        return True
+    if p in v.REFLEXIVE_PREDICATES and s == o:
+        return False
+    if p == v.SUB_CLASS and s == v.NOTHING:
+        return False
+    if p in (v.SUB_CLASS, v.DOMAIN, v.RANGE) and o in (v.THING, v.RESOURCE):
+        return False
+    return p == SAME or not (terms.is_blank(s) or terms.is_blank(o))
+
+
+def differences(before: Reading, after: Reading, changed: Asserted) -> tuple[set[Fact], set[Fact]]:
+    """Return what enters and what leaves the inferred graph.
+
+    Parameters
+    ----------
+    before, after : Reading
+        The second is a layer over the facts of the first.
+    changed : Asserted
+        The staged changes of what is asserted.
+
+    Returns
+    -------
+    added, removed : set of Fact
+    """
+    layer = after.facts
+    assert isinstance(layer, Layer)
+    touched = (*changed.added, *changed.removed)
+    old = {*layer.removed, *map(before.equality.rewrite, touched)}
+    new = {*layer.added, *map(after.equality.rewrite, touched)}
+    merged = _changed_classes(before.equality, after.equality)
+    for term in merged:
+        old.update(before.facts.about(before.equality.find(term)))
+        new.update(after.facts.about(after.equality.find(term)))
+    ends = {x for s, p, o in touched if p == SAME for x in (s, o)}
+    was = {*before.inferred(old), *before.equalities(merged | ends)}
+    now = {*after.inferred(new), *after.equalities(merged | ends)}
+    return now - was, was - now
+
+
+def _changed_classes(before: Equality, after: Equality) -> set[int]:
+    if before == after:
+        return set()
+    members = {m for e in (before, after) for _, ms in e.classes() for m in ms}
+    return {m for m in members if before.members(m) != after.members(m)}
