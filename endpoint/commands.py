@@ -409,12 +409,15 @@ def list_tokens(data: Path, as_json: bool) -> None:
 @token.command("revoke")
 @click.argument("token_id", metavar="ID")
 @data_option
-def revoke(token_id: str, data: Path) -> None:
+@json_option
+def revoke(token_id: str, data: Path, as_json: bool) -> None:
     """Revoke a token; it gives no access from now on."""
     with closing(_tokens(data)) as tokens:
         if not tokens.revoke(token_id):
             raise UsageError(f"no token {token_id} to revoke; see rtask token list --data {data}")
     _told(data, "token-revoked", token_id)
+    if as_json:
+        click.echo(json.dumps({"id": token_id, "revoked": True}))
     click.echo(f"token {token_id} is revoked", err=True)
 
 
@@ -422,7 +425,8 @@ def revoke(token_id: str, data: Path) -> None:
 @click.argument("token_id", metavar="ID")
 @click.argument("lifetime", metavar="30d")
 @data_option
-def expire(token_id: str, lifetime: str, data: Path) -> None:
+@json_option
+def expire(token_id: str, lifetime: str, data: Path, as_json: bool) -> None:
     """Let a token expire after a number of hours, days or weeks from now: 12h, 30d, 4w."""
     from endpoint.access.tokens import parse_lifetime
 
@@ -430,6 +434,8 @@ def expire(token_id: str, lifetime: str, data: Path) -> None:
         if not tokens.expire(token_id, parse_lifetime(lifetime)):
             raise UsageError(f"no token {token_id} to change; see rtask token list --data {data}")
     _told(data, "token-expires", token_id, lifetime=lifetime)
+    if as_json:
+        click.echo(json.dumps({"id": token_id, "lifetime": lifetime}))
     click.echo(f"token {token_id} ends in {lifetime}", err=True)
 
 

@@ -95,7 +95,11 @@ def demo(
 @click.option("--prior/--no-prior", default=True, help="Whether geometry proposes grasps.")
 @click.option("--in-line/--at-once", default=True, help="Each after the one before, by tables.")
 @click.option(
-    "--preset", type=click.Choice(["faithful", "fast"]), default="faithful", show_default=True
+    "--preset",
+    type=click.Choice(["faithful", "fast"]),
+    default="faithful",
+    show_default=True,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
 )
 @click.option(
     "--robot", "kinds", multiple=True, default=["nao"], help="Which, in turn; repeatable."
@@ -149,7 +153,8 @@ def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
 @click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
 @click.option("--shapes", default=30, show_default=True, help="Shapes of each of seven families.")
 @click.option("--seed", default=0, show_default=True, help="Number of the first shape.")
-def grasp_views(out: Path, gripper: str, shapes: int, seed: int) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) -> None:
     """Write labelled grasp candidates of simulated single views to OUT (.npz).
 
     For `rtask grasp train`. A view takes about a tenth of a second.
@@ -164,4 +169,8 @@ def grasp_views(out: Path, gripper: str, shapes: int, seed: int) -> None:
     samples = grasp_samples.collect_samples(grasp_samples.shapes(shapes, seed), hand)
     samples.save(out)
     right = int(samples.right.sum())
+    if as_json:
+        about = {"path": str(out), "gripper": samples.gripper}
+        click.echo(json.dumps({**about, "candidates": len(samples), "right": right}))
+        return
     click.echo(f"{len(samples)} candidates for {samples.gripper}, {right} right: {out}")

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from rtask.cli.options import option
 from rtask.errors import RobotError, UsageError
 
 if TYPE_CHECKING:
@@ -25,8 +29,8 @@ __all__ = ["act_serve", "act_test"]
 _robot = click.option("--robot", default="nao", show_default=True, help="Which robot.")
 _seed = click.option("--seed", default=0, show_default=True, help="Of goals and plans.")
 _json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-_view = click.option("--view", is_flag=True, help="Open the simulation's window.")
-_n = click.option("-n", default=100, show_default=True, help="Random goals.")
+_gui = option("--gui", former=["--view"], is_flag=True, help="Show the simulation in a window.")
+_n = click.option("--trials", "-n", "n", default=100, show_default=True, help="Random goals.")
 _csv = click.option(
     "--csv",
     "csv_path",
@@ -37,17 +41,36 @@ _csv = click.option(
 
 def _of_trials(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options of a test of random goals."""
-    for option in (_view, _json, _csv, _seed, _n, _robot):
-        command = option(command)
+    for add in (_gui, _json, _csv, _seed, _n, _robot):
+        command = add(command)
     return command
 
 
-def _cell(robot: str, view: bool) -> Workcell:
+def _cell(robot: str, gui: bool) -> Workcell:
     from simulate.grasping.workcell import Workcell
 
-    if view and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise RobotError("--view needs a display and there is none; leave it out to run headless")
-    return Workcell(robot, gui=view)
+    if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RobotError("--gui needs a display and there is none; leave it out to run headless")
+    with _banner_on_stderr():
+        return Workcell(robot, gui=gui)
+
+
+@contextmanager
+def _banner_on_stderr() -> Iterator[None]:
+    """Send what pybullet prints when it starts to standard error: results go to standard output.
+
+    The library writes to file descriptor 1 through the buffers of the C library.
+    """
+    c_library = ctypes.CDLL(None)
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        c_library.fflush(None)
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 @click.group("act-test")
@@ -57,20 +80,20 @@ def act_test() -> None:
 
 @act_test.command()
 @_of_trials
-def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
+def reach(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, gui: bool) -> None:
     """Reach for imaginary objects at random positions."""
     from simulate.act.trials import reach_test
 
-    _trials(reach_test, robot, n, seed, csv_path, as_json, view)
+    _trials(reach_test, robot, n, seed, csv_path, as_json, gui)
 
 
 @act_test.command()
 @_of_trials
-def place(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, view: bool) -> None:
+def place(robot: str, n: int, seed: int, csv_path: Path | None, as_json: bool, gui: bool) -> None:
     """Carry an imaginary object to random positions."""
     from simulate.act.trials import place_test
 
-    _trials(place_test, robot, n, seed, csv_path, as_json, view)
+    _trials(place_test, robot, n, seed, csv_path, as_json, gui)
 
 
 def _trials(
@@ -80,7 +103,7 @@ def _trials(
     seed: int,
     csv_path: Path | None,
     as_json: bool,
-    view: bool,
+    gui: bool,
 ) -> None:
     from simulate.act.service import ActService
     from simulate.act.trials import reasons, write_csv
@@ -99,7 +122,7 @@ def _trials(
 
     if not as_json:
         click.echo("    n        x        y        z   theta  arm            mm  CPU s  reason")
-    with _cell(robot, view) as cell:
+    with _cell(robot, gui) as cell:
         done = run(ActService(cell, seed=seed), n, seed, show)
     if csv_path is not None:
         write_csv(done, csv_path)
@@ -159,18 +182,37 @@ def workspace(
 
 
 @click.command("act-serve")
-@click.argument("url")
+@click.argument("url", required=False)
+@click.option(
+    "--server",
+    metavar="URL",
+    envvar="RTASK_SERVER",
+    show_envvar=True,
+    help="Server to connect to; the same as URL.",
+)
 @click.option("--name", default="", help="The robot's name; with a token, the token's agent.")
 @_robot
 @click.option("--objects", default=0, show_default=True, help="Objects put on the table.")
 @_seed
-@_view
-def act_serve(url: str, name: str, robot: str, objects: int, seed: int, view: bool) -> None:
+@_gui
+def act_serve(
+    url: str | None,
+    server: str | None,
+    name: str,
+    robot: str,
+    objects: int,
+    seed: int,
+    gui: bool,
+) -> None:
     """Provide the act service of a simulated robot on a server until Ctrl-C.
 
     The robot's token is taken from the environment variable RTASK_TOKEN.
     """
     import tempfile
+
+    address = url or server
+    if not address:
+        raise UsageError("name the server: --server URL")
 
     from simulate.act.provider import ActProvider
     from simulate.act.service import ActService
@@ -180,10 +222,10 @@ def act_serve(url: str, name: str, robot: str, objects: int, seed: int, view: bo
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
-    with _cell(robot, view) as cell, tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder:
+    with _cell(robot, gui) as cell, tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder:
         standing = _lay(cell, objects, seed, Path(folder))
         provider = ActProvider(
-            ActService(cell, name, seed), url, name or robot, os.environ.get("RTASK_TOKEN")
+            ActService(cell, name, seed), address, name or robot, os.environ.get("RTASK_TOKEN")
         )
 
         def ready() -> None:

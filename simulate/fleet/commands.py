@@ -11,6 +11,7 @@ from typing import Any, Literal, TextIO
 
 import click
 
+from rtask.cli.options import option
 from simulate.study.commands import print_table
 
 __all__ = ["fetch", "run_fleet", "sharing"]
@@ -95,8 +96,20 @@ def _say_change(words: str, change: Mapping[str, Any] | None) -> None:
 @click.option("--table", "on_table", default=4, show_default=True, help="Of them at once.")
 @click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
 @click.option("--prior/--no-prior", default=False, help="Whether geometry proposes grasps.")
-@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@option(
+    "--workers",
+    former=["--processes"],
+    default=2,
+    show_default=True,
+    help="Processes; changes only the time.",
+)
+@click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=_PRESETS,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
 @click.option("--out", default="rtask-sharing", show_default=True, type=_FOLDER)
 @click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
@@ -107,7 +120,7 @@ def sharing(
     on_table: int,
     seed: int,
     prior: bool,
-    processes: int,
+    workers: int,
     preset: str,
     out: Path,
     resume: bool,
@@ -127,7 +140,7 @@ def sharing(
     from simulate.study.runner import run
 
     study = sharing_study(fleets, robots, objects, on_table, seed, prior, preset)
-    summary = write_sharing_report(out, run(study, out, processes, resume), study.settings)
+    summary = write_sharing_report(out, run(study, out, workers, resume), study.settings)
     if as_json:
         click.echo(json.dumps(summary))
         return
@@ -148,17 +161,31 @@ def sharing(
 @click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
 @click.option("--objects", default=5, show_default=True, help="On the table.")
 @click.option("--robot", default="nao", show_default=True, help="Which robot.")
-@click.option("--url", default="", help="Server to ask, with RTASK_TOKEN; default: this process.")
+@option(
+    "--server",
+    former=["--url"],
+    metavar="URL",
+    default="",
+    envvar="RTASK_SERVER",
+    show_envvar=True,
+    help="Server to ask, with the token in RTASK_TOKEN.  [default: an engine in this process]",
+)
 @click.option("--data", type=_FOLDER, help="Knowledge base to use; default: an empty one.")
 @click.option("--taught/--untaught", default=True, help="A person has named the products before.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=_PRESETS,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON.")
 def fetch(
     wanted: str,
     seed: int,
     objects: int,
     robot: str,
-    url: str,
+    server: str,
     data: Path | None,
     taught: bool,
     preset: str,
@@ -174,7 +201,7 @@ def fetch(
     from simulate.fleet.request import Request, carry_out
 
     request = Request(
-        wanted, seed, objects, robot, url, os.environ.get("RTASK_TOKEN"), data, taught,
+        wanted, seed, objects, robot, server, os.environ.get("RTASK_TOKEN"), data, taught,
         preset=preset,
     )  # fmt: skip
     # Bullet and Mesa write to file descriptor 1; the answer gets a private copy of it.

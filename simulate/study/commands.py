@@ -9,6 +9,8 @@ from typing import Any, TextIO
 
 import click
 
+from rtask.cli.options import option
+
 __all__ = ["grasping", "judging", "learn", "print_table", "table4", "table5"]
 
 _FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -25,17 +27,29 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 @click.command()
 @click.option("-n", "--trials", default=100, show_default=True, help="Objects, kinds in turn.")
 @click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
-@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@option(
+    "--workers",
+    former=["--processes"],
+    default=2,
+    show_default=True,
+    help="Processes; changes only the time.",
+)
 @click.option("--attempts", default=3, show_default=True, help="Attempts at one object.")
 @click.option("--robot", default="nao", show_default=True, help="Which robot.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=_PRESETS,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
 @click.option("--out", default="rtask-grasping", show_default=True, type=_FOLDER)
 @click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def grasping(
     trials: int,
     seed: int,
-    processes: int,
+    workers: int,
     attempts: int,
     robot: str,
     preset: str,
@@ -52,7 +66,7 @@ def grasping(
     )
     from simulate.study.runner import run
 
-    results = run(grasping_study(trials, seed, attempts, preset, robot), out, processes, resume)
+    results = run(grasping_study(trials, seed, attempts, preset, robot), out, workers, resume)
     summary = write_grasping_report(out, results, seed)
     if as_json:
         click.echo(json.dumps(summary))
@@ -66,7 +80,13 @@ def grasping(
 @click.command()
 @click.option("-n", "--trials", default=150, show_default=True, help="Attempts, kinds in turn.")
 @click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
-@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@option(
+    "--workers",
+    former=["--processes"],
+    default=2,
+    show_default=True,
+    help="Processes; changes only the time.",
+)
 @click.option("--robot", default="nao", show_default=True, help="Which robot.")
 @click.option(
     "--difficult",
@@ -75,14 +95,20 @@ def grasping(
     type=click.FloatRange(0, 1),
     help="Share of attempts with slippery or heavy objects and inexact grasps.",
 )
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=_PRESETS,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
 @click.option("--out", default="rtask-judging", show_default=True, type=_FOLDER)
 @click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def judging(
     trials: int,
     seed: int,
-    processes: int,
+    workers: int,
     robot: str,
     difficult: float,
     preset: str,
@@ -103,7 +129,7 @@ def judging(
     )
     from simulate.study.runner import run
 
-    results = run(judging_study(trials, seed, robot, preset, difficult), out, processes, resume)
+    results = run(judging_study(trials, seed, robot, preset, difficult), out, workers, resume)
     summary = write_judging_report(out, results, seed)
     if as_json:
         click.echo(json.dumps(summary))
@@ -116,16 +142,28 @@ def judging(
 @click.command()
 @click.option("--objects", default=100, show_default=True, help="Objects, kinds in turn.")
 @click.option("--seed", default=0, show_default=True, help="Fixes every object and choice.")
-@click.option("--processes", default=2, show_default=True, help="At once; changes only the time.")
+@option(
+    "--workers",
+    former=["--processes"],
+    default=2,
+    show_default=True,
+    help="Processes; changes only the time.",
+)
 @click.option("--orders", default=20, show_default=True, help="Orders in which learners meet them.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=_PRESETS,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
 @click.option("--out", default="rtask-learning", show_default=True, type=_FOLDER)
 @click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
 @click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
 def learn(
     objects: int,
     seed: int,
-    processes: int,
+    workers: int,
     orders: int,
     preset: str,
     out: Path,
@@ -141,7 +179,7 @@ def learn(
     )
     from simulate.study.runner import run
 
-    results = run(outcome_study(objects, seed, preset=preset), out, processes, resume)
+    results = run(outcome_study(objects, seed, preset=preset), out, workers, resume)
     summary = write_learning_report(out, results, seed, orders)
     if as_json:
         click.echo(json.dumps(summary))
@@ -193,7 +231,13 @@ def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
 @click.command()
 @click.option("--repeats", default=3, show_default=True, help="Held grasps of each kind.")
 @click.option("--seed", default=0, show_default=True, help="Fixes products and places.")
-@click.option("--preset", default="faithful", show_default=True, type=_PRESETS)
+@click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=_PRESETS,
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
 def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
     """Time grasps from (X, Y, theta), beside Table 5 of Gatto 2016."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +14,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 _TOP = [ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")]
 PAGES = sorted([*_TOP, *(ROOT / "docs").glob("**/*.md")])
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+REFERENCE = [page for page in PAGES if page not in TUTORIALS]
 _LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)#\s]+)(#[^)]*)?\)|!\[[^\]]*\]\(([^)\s]+)\)")
 _CODE = re.compile(r"```(\w+)([^\n]*)\n(.*?)```", re.S)
 
@@ -29,7 +33,7 @@ def test_every_relative_link_leads_to_a_file(page: Path) -> None:
     assert not missing
 
 
-@pytest.mark.parametrize("page", PAGES, ids=_ids(PAGES))
+@pytest.mark.parametrize("page", REFERENCE, ids=_ids(REFERENCE))
 def test_python_examples_of_a_page_run_in_order(page: Path, tmp_path: Path) -> None:
     """A page's ```python blocks run as one program; ```python no-run ones are shown only."""
     blocks = [
@@ -47,9 +51,56 @@ def test_python_examples_of_a_page_run_in_order(page: Path, tmp_path: Path) -> N
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+_PRELUDE = """
+set -eo pipefail
+trap 'jobs -p | xargs -r kill 2>/dev/null' EXIT
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", TUTORIALS, ids=_ids(TUTORIALS))
+def test_a_tutorial_runs_as_written(page: Path, tmp_path: Path) -> None:
+    """All ```sh and ```python blocks run in order in one folder; each Python block on its own."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    # Programs and not shell functions: a server in the background is then the shell's own job.
+    for name, arguments in (("python", ""), ("rtask", " -m rtask")):
+        program = programs / name
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}"{arguments} "$@"\n', "utf-8")
+        program.chmod(0o755)
+    script = [_PRELUDE]
+    for number, (language, rest, code) in enumerate(_CODE.findall(page.read_text("utf-8"))):
+        if "no-run" in rest or language not in ("sh", "python"):
+            continue
+        if language == "python":
+            (tmp_path / f"block{number}.py").write_text(code, encoding="utf-8")
+            code = f"python block{number}.py"
+        script.append(code)
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = str(probe.getsockname()[1])
+    for file in tmp_path.glob("*.py"):
+        file.write_text(file.read_text("utf-8").replace("8765", port), encoding="utf-8")
+    text = "\n".join(script).replace("8765", port)
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("RTASK_")}
+    environment["PYTHONPATH"] = f"{tmp_path}:{ROOT}"
+    environment["PATH"] = f"{programs}:{environment['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", text],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, f"{done.stdout[-1500:]}\n{done.stderr[-2500:]}"
+
+
 def test_every_page_is_reached_from_the_index() -> None:
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    pages = [page.name for page in (ROOT / "docs").glob("*.md") if page.name != "index.md"]
+    folder = ROOT / "docs"
+    found = [*folder.glob("*.md"), *folder.glob("tutorials/*.md")]
+    pages = [str(page.relative_to(folder)) for page in found if page.name != "index.md"]
     assert not [name for name in pages if f"({name})" not in index]
 
 

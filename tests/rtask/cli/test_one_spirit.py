@@ -1,0 +1,207 @@
+"""The commands as a family: option names, JSON, servers, exit codes, advice."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+import pytest
+
+import ontology
+import rtask
+from rtask.cli import cli, main
+
+_ROOT = Path(__file__).resolve().parents[3]
+_GRAPH = "urn:lab/graph/agent/nao-1"
+Run = Callable[..., tuple[int, str, str]]
+# What prints nothing but a file in a format of its own, or talks until it is interrupted.
+_WITHOUT_JSON = {"serve", "act-serve", "urdf"}
+
+
+def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:
+    context = click.Context(group)
+    for child_name in group.list_commands(context):
+        child = group.get_command(context, child_name)
+        assert child is not None
+        if isinstance(child, click.Group):
+            yield from _commands(child, f"{name} {child_name}".strip())
+        else:
+            yield f"{name} {child_name}".strip(), child
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("spirit") / "kb"
+    with rtask.open(folder, base="urn:lab/") as kb:
+        kb.update(
+            f"PREFIX rdfs: <{ontology.PREFIXES['rdfs']}> PREFIX rt: <{ontology.NS}> "
+            'INSERT DATA { <urn:mug> a rt:Mug ; rdfs:label "blue mug" }',
+            "nao-1",
+        )
+    return folder
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Run:
+    shutil.copytree(made, tmp_path / "kb")
+
+    def call(*arguments: str, folder: bool = True) -> tuple[int, str, str]:
+        where = ["--data", str(tmp_path / "kb")] if folder else []
+        with pytest.raises(SystemExit) as caught:
+            main([*arguments, *where])
+        out, err = capsys.readouterr()
+        return int(caught.value.code or 0), out, err
+
+    return call
+
+
+def test_each_command_can_print_json() -> None:
+    without = {
+        name
+        for name, command in _commands(cli)
+        if not any("--json" in parameter.opts for parameter in command.params)
+    }
+    assert {name.split()[-1] for name in without} <= _WITHOUT_JSON
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("query", "SELECT * { <urn:mug> ?p ?o }"),
+        ("update", "INSERT DATA { <urn:a> <urn:p> 1 }"),
+        ("search", "mug"),
+        ("stats",),
+        ("history", "urn:mug", "-s"),
+        ("explain", "urn:mug", "a", "rt:Container"),
+        ("ontology", "list"),
+        ("verify",),
+        ("validate",),
+        ("quarantine",),
+        ("rebuild",),
+        ("feedback",),
+        ("reason",),
+    ],
+    ids=lambda arguments: " ".join(arguments[:2])[:20],
+)
+def test_json_is_json_and_nothing_else(run: Run, arguments: tuple[str, ...]) -> None:
+    _, out, _ = run(*arguments, "--json")
+    json.loads(out)
+
+
+def test_json_of_commands_that_write_files(run: Run, tmp_path: Path) -> None:
+    copy, again, dump = (str(tmp_path / name) for name in ("copy", "again", "dump.nt"))
+    assert json.loads(run("backup", copy, "--json")[1])["target"] == copy
+    assert json.loads(run("restore", copy, again, "--json", folder=False)[1])["target"] == again
+    assert json.loads(run("export", dump, "-g", _GRAPH, "--json")[1])["statements"] == 2
+    classes = str(tmp_path / "classes.py")
+    written = run("model", "generate", "--out", classes, "--json", folder=False)[1]
+    assert json.loads(written)["path"] == classes
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("search", "nonexistent"),
+        ("query", "SELECT * { <urn:nobody> ?p ?o }"),
+        ("query", "SELECT * { <urn:nobody> ?p ?o }", "--json"),
+        ("query", "SELECT * { <urn:nobody> ?p ?o }", "--format", "csv"),
+        ("query", "CONSTRUCT { ?s ?p ?o } { <urn:nobody> ?p ?o, ?s }", "--format", "turtle"),
+        ("query", "ASK { <urn:nobody> ?p ?o }"),
+        ("query", "ASK { <urn:nobody> ?p ?o }", "--format", "xml"),
+        ("history", "urn:nobody"),
+        ("feedback",),
+    ],
+    ids=lambda arguments: " ".join(arguments)[:40],
+)
+def test_exit_code_is_1_where_nothing_is_found(run: Run, arguments: tuple[str, ...]) -> None:
+    assert run(*arguments)[0] == 1
+
+
+@pytest.mark.parametrize("form", ["json", "xml", "csv", "tsv"])
+def test_exit_code_is_0_where_something_is_found(run: Run, form: str) -> None:
+    assert run("query", "SELECT ?o { <urn:mug> a ?o }", "--format", form)[0] == 0
+
+
+def test_former_names_of_options_work_and_are_not_shown(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "q.rq").write_text("ASK { <urn:mug> a rt:Mug }")
+    assert run("query", "-f", str(tmp_path / "q.rq"))[1] == "yes\n"
+    assert run("query", "-o", "csv", "SELECT ?o { <urn:mug> a ?o }")[1].startswith("o\r\n")
+    undo = run("objects", "undo", "urn:lab/commit/999", "--operator", "ann")
+    assert undo[0] == 1  # no such commit; the option is understood
+    shown = run("feedback", "--help", folder=False)[1]
+    assert "--agent" in shown
+    assert "--by" not in shown
+
+
+def test_a_wrong_option_says_what_may_be_meant(run: Run) -> None:
+    code, _, err = run("query", "--tiemout", "3", "ASK {}")
+    assert code == 2
+    assert "Did you mean" in err
+    assert "--timeout" in err
+
+
+def test_where_the_graph_is_not_the_error_says_where_one_is(
+    tmp_path: Path, made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(made, tmp_path / "rtask-demo" / "store")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("RTASK_DATA", raising=False)
+    with pytest.raises(SystemExit):
+        main(["stats"])
+    assert "there is one here: --data rtask-demo/store" in capsys.readouterr().err
+
+
+def test_completion_knows_commands_and_options() -> None:
+    def completed(words: str, at: int) -> str:
+        environment = {
+            **os.environ,
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(at),
+            "_RTASK_COMPLETE": "bash_complete",
+        }
+        command = [sys.executable, "-m", "rtask"]
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False, cwd=_ROOT
+        )
+        return done.stdout
+
+    assert "plain,export\n" in completed("rtask exp", 1)
+    assert "plain,--server\n" in completed("rtask query --s", 2)
+
+
+@pytest.mark.slow
+def test_commands_that_read_ask_a_server(made: Path, tmp_path: Path, run: Run) -> None:
+    served = tmp_path / "served"
+    shutil.copytree(made, served)
+    with subprocess.Popen(
+        [sys.executable, "-m", "rtask", "serve", "--data", str(served), "-p", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=_ROOT,
+    ) as server:
+        assert server.stdout is not None
+        url = server.stdout.readline().split()[1]
+
+        def ask(*arguments: str) -> tuple[int, str, str]:
+            return run(*arguments, "--server", url, folder=False)
+
+        assert ask("query", "ASK { <urn:mug> a rt:Container }")[1] == "yes\n"
+        code, out, _ = ask("query", "SELECT ?o { <urn:mug> a ?o }", "--json")
+        assert code == 0
+        assert json.loads(out)["results"]["bindings"]
+        assert ask("search", "blue", "mug")[1] == "urn:mug  blue mug\n"
+        assert ask("search", "nonexistent")[0] == 1
+        assert json.loads(ask("stats", "--json")[1])["graphs"][_GRAPH] == 2
+        assert ontology.ONTOLOGY in ask("ontology", "list")[1]
+        assert ask("export", "-", "--graph", _GRAPH, "--format", "ntriples")[0] == 0
+        assert ask("update", "INSERT DATA { <urn:a> <urn:p> 1 }")[1] == "done\n"
+        assert ask("query", "ASK { <urn:a> <urn:p> 1 }")[0] == 0
+        assert ask("feedback")[0] == 1
+        server.terminate()
