@@ -129,6 +129,7 @@ def attempt(lie: bool, friction: float) -> tuple[GraspRecord, AttemptTruth]:
         return cell.executor.execute(plan, watch), watch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.8, 0.0])
 def test_a_world_that_lies_about_the_truth_changes_no_record(friction):
     honest, seen = attempt(lie=False, friction=friction)

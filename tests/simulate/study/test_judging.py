@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from simulate.study.judging import (
     COLUMNS,
     judging_rows,
@@ -39,6 +41,7 @@ def test_unknown_is_neither_a_false_yes_nor_a_false_no():
     assert all(len(row) == len(COLUMNS) for row in judging_rows("nao", summary))
 
 
+@pytest.mark.slow
 def test_a_trial_follows_from_its_seed_and_has_judgement_and_truth():
     study = judging_study(2, seed=3, robot="panda", preset="fast", difficult=0.0)
     first, again = (judging_trial(study.settings, 0) for _ in range(2))
