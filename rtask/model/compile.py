@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Sequence
+from decimal import Decimal
 from itertools import cycle
 from typing import Any
 
-from rtask.model.expressions import Aggregate, Order, Path, steps
+from rtask.errors import UsageError
+from rtask.model.codec import encode
+from rtask.model.expressions import Aggregate, Having, Order, Path, steps
 from rtask.model.fields import Field
 from rtask.model.instance import Model, class_iris, generation
 from rtask.model.patterns import MARK, Names, Scope, shape
 from rtask.model.plan import RDF_TYPE, THING, Plan, eager, finished, short
-from rtask.rdf.terms import Term
+from rtask.rdf.terms import Literal, Term, literal
 
 __all__ = [
     "aggregate_text",
@@ -231,15 +234,54 @@ def ask_text(plan: Plan) -> str:
     return _compiled(plan, "ask", write)
 
 
-def aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[Aggregate]) -> str:
+def aggregate_text(
+    plan: Plan,
+    groups: Sequence[Path[Any]],
+    columns: Sequence[Aggregate],
+    having: Sequence[Having] = (),
+) -> str:
     """Return a query for numbers about groups of roots: ``?group0``... and ``?column0``..."""
-    numbers = tuple((c.function, c.path and steps(c.path)) for c in columns)
-    extra = ("groups", tuple(map(steps, groups)), numbers)
-    return _compiled(plan, extra, lambda: _aggregate_text(plan, groups, columns))
+    every = [*columns, *(condition.number for condition in having)]
+    numbers = tuple((c.function, c.path and steps(c.path)) for c in every)
+    kept = tuple(
+        f"FILTER(?column{at} {condition.operator} {_having_constant(condition)})"
+        for at, condition in enumerate(having, len(columns))
+    )
+    extra = ("groups", tuple(map(steps, groups)), numbers, len(columns), kept)
+    return _compiled(plan, extra, lambda: _aggregate_text(plan, groups, every, len(columns), kept))
 
 
-def _aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[Aggregate]) -> str:
-    """Write one sub-select a path, so that the values of one do not multiply those of another."""
+def _having_constant(condition: Having) -> Literal:
+    """Return the constant that a group's number is compared with."""
+    value, path = condition.value, condition.number.path
+    along = () if path is None else steps(path)
+    if condition.number.function in ("MIN", "MAX") and along and not along[-1].is_link:
+        constant = encode(value, along[-1].value)
+    elif isinstance(value, bool) or not isinstance(value, int | float | Decimal):
+        raise UsageError(f"a number of a group is compared with a number, not with {value!r}")
+    else:
+        constant = literal(value)
+    if MARK in str(constant):
+        raise UsageError("a constant cannot hold the character U+0000")
+    return constant
+
+
+def _aggregate_text(
+    plan: Plan,
+    groups: Sequence[Path[Any]],
+    columns: Sequence[Aggregate],
+    shown: int,
+    kept: Sequence[str],
+) -> str:
+    """Write one sub-select a path, so that the values of one do not multiply those of another.
+
+    Parameters
+    ----------
+    shown
+        How many of the columns are returned; the others are only compared.
+    kept
+        Filters of the groups.
+    """
     by = [f"?group{at}" for at in range(len(groups))]
     parts: dict[tuple[Field, ...] | None, dict[int, Aggregate]] = {}
     for at, column in enumerate(columns):
@@ -250,9 +292,9 @@ def _aggregate_text(plan: Plan, groups: Sequence[Path[Any]], columns: Sequence[A
         next(iter(parts.values())).update(counts)
     texts = [_numbers_text(plan, groups, path, part) for path, part in parts.items()]
     texts = texts or [_numbers_text(plan, groups, None, {})]
-    picks = [*by, *(f"?column{at}" for at in range(len(columns)))]
+    picks = [*by, *(f"?column{at}" for at in range(shown))]
     tail = f" ORDER BY {' '.join(by)}" if by else ""
-    joined = "\n  ".join(f"{{ {text} }}" for text in texts)
+    joined = "\n  ".join([*(f"{{ {text} }}" for text in texts), *kept])
     return f"SELECT {' '.join(picks)} WHERE {{\n  {joined}\n}}{tail}"
 
 

@@ -19,6 +19,7 @@ __all__ = [
     "And",
     "Compare",
     "Condition",
+    "Having",
     "In",
     "Missing",
     "Not",
@@ -121,6 +122,18 @@ class Path(Generic[T]):
         """Hold where a value matches the regular expression."""
         return Text(self, "REGEX", pattern, ignore_case)
 
+    def startswith(self, text: str, *, ignore_case: bool = False) -> Condition:
+        """Hold where a value starts with the text."""
+        return Text(self, "STRSTARTS", text, ignore_case)
+
+    def endswith(self, text: str, *, ignore_case: bool = False) -> Condition:
+        """Hold where a value ends with the text."""
+        return Text(self, "STRENDS", text, ignore_case)
+
+    def between(self, low: object, high: object) -> Condition:
+        """Hold where a value lies between two bounds, which are included."""
+        return And((Compare(self, ">=", low), Compare(self, "<=", high)))
+
     def is_none(self) -> Condition:
         """Hold where there is no value."""
         return Missing(self)
@@ -215,10 +228,42 @@ class Order:
 
 @dataclass(frozen=True, eq=False)
 class Aggregate:
-    """A number computed for each group."""
+    """A number computed for each group; compare it to get a condition for ``having``."""
 
     function: str
     path: Path[Any] | None
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> Having:  # type: ignore[override]
+        return Having(self, "=", other)
+
+    def __ne__(self, other: object) -> Having:  # type: ignore[override]
+        return Having(self, "!=", other)
+
+    def __lt__(self, other: object) -> Having:
+        return Having(self, "<", other)
+
+    def __le__(self, other: object) -> Having:
+        return Having(self, "<=", other)
+
+    def __gt__(self, other: object) -> Having:
+        return Having(self, ">", other)
+
+    def __ge__(self, other: object) -> Having:
+        return Having(self, ">=", other)
+
+
+@dataclass(frozen=True, eq=False)
+class Having:
+    """Comparison of a group's number with a constant."""
+
+    number: Aggregate
+    operator: str
+    value: object
+
+    def __bool__(self) -> bool:
+        raise UsageError("a condition has no truth value; give several to having()")
 
 
 def count(path: Path[Any] | None = None) -> Aggregate:

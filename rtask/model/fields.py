@@ -169,6 +169,13 @@ class Field:
         found = session.reader.references(names, self.target() or Model, instance)
         return [found[item.value] if isinstance(item, NamedNode) else item for item in items]
 
+    def plain(self, instance: Model) -> Any:
+        """Return the value, or the list of several, with objects as their IRIs."""
+        items = self.items(instance)
+        if self.single:
+            return plain_item(items[0]) if items else None
+        return [plain_item(item) for item in sorted(items, key=lambda item: str(key(item)))]
+
     def put(self, instance: Model, values: Iterable[object]) -> None:
         """Replace all values."""
         items = [self.item(value, instance) for value in values]
@@ -187,6 +194,10 @@ class Field:
             pending = self._change(instance)
             pending.replace, pending.added, pending.removed = True, items, []
         self._adopt(instance, items)
+
+    def __delete__(self, instance: Model) -> None:
+        """Remove all values."""
+        self.put(instance, ())
 
     def add(self, instance: Model, value: object) -> None:
         """Add one value."""
@@ -263,6 +274,13 @@ def key(item: Item) -> object:
     if isinstance(item, Model):
         return item.__state__.iri or id(item)
     return item.value if isinstance(item, NamedNode) else item
+
+
+def plain_item(item: Item) -> Any:
+    """Return a decoded literal, or the IRI of an object (``None`` before it has one)."""
+    if isinstance(item, Model):
+        return item.__state__.iri
+    return item.value if isinstance(item, NamedNode) else decode(item)
 
 
 class One(Field, Generic[T]):

@@ -45,6 +45,10 @@ class IdentityMap:
         """Remove an object."""
         self._known.pop(name, None)
 
+    def all(self) -> list[Model]:
+        """Return all objects that are in use."""
+        return list(self._known.values())
+
     def hear(self, change: Change) -> None:
         """Mark the objects that a commit touches as stale; runs in the writer's thread."""
         quads = (*change.added, *change.removed, *change.inferred_added, *change.inferred_removed)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import difflib
+import json
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast, dataclass_transform, overload
@@ -263,6 +265,36 @@ class Model(metaclass=ModelType):
 
         return read_annotations(self, name)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values of the object: its IRI, its class and its fields by name.
+
+        Other objects are their IRIs, several values a list; fields without a value are left out.
+        Of the fields that others state (inverses), those that were read are there.
+        """
+        from rtask.model.plan import eager
+
+        state, wanted = self.__state__, eager(type(self))
+        found: dict[str, Any] = {"iri": state.iri, "class": type(self).__name__}
+        for name, about in sorted(type(self).__fields__.items()):
+            here = state.new or about.iri in state.pending or state.knows(about.iri)
+            if here or about.iri in wanted:
+                value = about.plain(self)
+                if value not in (None, []):
+                    found[name] = value
+        return found
+
+    def to_json(self, **options: Any) -> str:
+        """Return :meth:`to_dict` as JSON text.
+
+        Dates and times are in ISO 8601, exact decimals are text, and the language of text is lost.
+
+        Parameters
+        ----------
+        **options
+            Passed on to :func:`json.dumps`, such as ``indent=2``.
+        """
+        return json.dumps(self.to_dict(), default=_json_text, **options)
+
     def __setattr__(self, name: str, value: object) -> None:
         if name != "iri" and name not in type(self).__fields__:
             near = difflib.get_close_matches(name, type(self).__fields__, 1)
@@ -272,6 +304,10 @@ class Model(metaclass=ModelType):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.__state__.iri or 'new'}>"
+
+
+def _json_text(value: object) -> str:
+    return value.isoformat() if isinstance(value, dt.date) else str(value)
 
 
 def make_class(name: str, bases: tuple[type[Model], ...], body: dict[str, Any]) -> type[Model]:

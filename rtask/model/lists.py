@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar, overload
 
 from rtask.model.codec import RDFS_LITERAL
 from rtask.model.expressions import Path
-from rtask.model.fields import Field
+from rtask.model.fields import Field, plain_item
 from rtask.model.instance import Item, Model
 from rtask.rdf.terms import NamedNode, Term
 
@@ -82,6 +82,10 @@ class Ordered(Field, Generic[T]):
             else next(plain)
             for item in items
         ]
+
+    def plain(self, instance: Model) -> list[Any]:
+        """Return the members in order, with objects as their IRIs."""
+        return [plain_item(item) for item in self.members(instance)]
 
     def root(self) -> type[Model]:
         """Return the class of all things."""

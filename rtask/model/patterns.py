@@ -183,6 +183,6 @@ class Scope:
             flags = ', "i"' if ignore_case else ""
             self.lines.append(f"FILTER(REGEX(STR({variable}), {MARK}{flags}))")
         elif ignore_case:
-            self.lines.append(f"FILTER(CONTAINS(LCASE(STR({variable})), LCASE({MARK})))")
+            self.lines.append(f"FILTER({function}(LCASE(STR({variable})), LCASE({MARK})))")
         else:
-            self.lines.append(f"FILTER(CONTAINS(STR({variable}), {MARK}))")
+            self.lines.append(f"FILTER({function}(STR({variable}), {MARK}))")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
 import pyoxigraph as ox
 
-from rtask.errors import UnknownTermError, UsageError
+from rtask.errors import FieldError, UnknownTermError, UsageError
 from rtask.model import compile as compiled
 from rtask.model.codec import decode
 from rtask.model.expressions import (
@@ -18,6 +18,7 @@ from rtask.model.expressions import (
     And,
     Compare,
     Condition,
+    Having,
     In,
     Missing,
     Not,
@@ -26,6 +27,9 @@ from rtask.model.expressions import (
     Path,
     Raw,
     Text,
+    maximum,
+    minimum,
+    total,
 )
 from rtask.model.fields import Field
 from rtask.model.instance import Model
@@ -40,6 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["Query"]
 
 M = TypeVar("M", bound=Model)
+T = TypeVar("T")
 
 
 class Query(Generic[M]):
@@ -126,6 +131,7 @@ class Query(Generic[M]):
         return "\n".join([*lines, "", self.sparql()])
 
     def _select(self, text: str) -> Solutions:
+        self._session.flush_before_query()
         return self._session.rows(text)
 
     def all(self) -> list[M]:
@@ -135,6 +141,34 @@ class Query(Generic[M]):
 
     def __iter__(self) -> Iterator[M]:
         return iter(self.all())
+
+    @overload
+    def __getitem__(self, at: int) -> M: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[M]: ...
+    def __getitem__(self, at: int | slice) -> M | list[M]:
+        """Return one object by its position, or those of a slice; the rest is not read.
+
+        Raises
+        ------
+        IndexError
+            If there is no object at the position.
+        UsageError
+            For positions from the end, and steps.
+        """
+        if isinstance(at, int):
+            found = self[_count(at) : at + 1]
+            if not found:
+                raise IndexError(f"no {self._plan.model.__name__} at position {at}")
+            return found[0]
+        if at.step not in (None, 1):
+            raise UsageError("a slice of a query takes no step")
+        start = 0 if at.start is None else _count(at.start)
+        left = None if self._plan.limit is None else max(self._plan.limit - start, 0)
+        if at.stop is not None:
+            wanted = max(_count(at.stop) - start, 0)
+            left = wanted if left is None else min(left, wanted)
+        return self._with(offset=self._plan.offset + start, limit=left).all()
 
     def stream(self, batch: int = 500) -> Iterator[M]:
         """Yield the objects in the order of their IRIs, a batch at a time.
@@ -186,6 +220,7 @@ class Query(Generic[M]):
 
     def exists(self) -> bool:
         """Whether there is such an object."""
+        self._session.flush_before_query()
         return self._session.holds(compiled.ask_text(self._plan))
 
     def ids(self) -> list[str]:
@@ -214,6 +249,65 @@ class Query(Generic[M]):
         """Return numbers about all objects."""
         return Groups(self, ()).aggregate(**columns)[0]
 
+    def min(self, path: Path[T]) -> T | None:
+        """Return the minimum of the values along a path, ``None`` if there is none."""
+        found: T | None = self._number(minimum(path))
+        return found
+
+    def max(self, path: Path[T]) -> T | None:
+        """Return the maximum of the values along a path, ``None`` if there is none."""
+        found: T | None = self._number(maximum(path))
+        return found
+
+    def sum(self, path: Path[T]) -> T:
+        """Return the sum of the values along a path, 0 if there is none."""
+        found: T = self._number(total(path))
+        return found
+
+    def _number(self, number: Aggregate) -> Any:
+        if self._plan.limit is not None or self._plan.offset:
+            raise UsageError("numbers are about all objects; leave limit and offset out")
+        return self.aggregate(number=number)["number"]
+
+    # Changing
+
+    def update(self, **values: object) -> int:
+        """Assign values to fields of all objects found; ``None`` unsets a field.
+
+        The changes obey the rules of single objects and are written with the other changes of
+        the session.
+
+        Returns
+        -------
+        int
+            The number of objects.
+        """
+        fields = []
+        for name in values:
+            if name not in self._plan.model.__fields__:
+                raise FieldError(f"{self._plan.model.__name__} has no field {name!r}", field=name)
+            fields.append(self._plan.model.__fields__[name])
+        query = self.prefetch(*(Path(self._plan.model, (f,)) for f in fields if f.is_link))
+        found = query._present()
+        for item in found:
+            for name, value in values.items():
+                if value is None:
+                    delattr(item, name)
+                else:
+                    setattr(item, name, value)
+        return len(found)
+
+    def delete(self) -> int:
+        """Delete all objects found, each as :meth:`Session.delete` does; return their number."""
+        found = self._present()
+        for item in found:
+            self._session.delete(item)
+        return len(found)
+
+    def _present(self) -> list[M]:
+        """Return the objects that are not to be deleted already."""
+        return [item for item in self.all() if not item.__state__.deleted]
+
     def __repr__(self) -> str:
         return f"<Query for {self._plan.model.__name__}>"
 
@@ -221,17 +315,27 @@ class Query(Generic[M]):
 class Groups:
     """Objects grouped by some of their values."""
 
-    def __init__(self, query: Query[Any], paths: tuple[Path[Any], ...]) -> None:
+    def __init__(
+        self, query: Query[Any], paths: tuple[Path[Any], ...], having: tuple[Having, ...] = ()
+    ) -> None:
         self._query = query
         self._paths = paths
+        self._having = having
+
+    def having(self, *conditions: Having) -> Groups:
+        """Keep the groups whose numbers fit all conditions, such as ``count() > 1``."""
+        for condition in conditions:
+            if not isinstance(condition, Having):
+                raise UsageError(f"not a condition on a group: {condition!r}; use count() > 1")
+        return Groups(self._query, self._paths, (*self._having, *conditions))
 
     def aggregate(self, **columns: Aggregate) -> list[dict[str, Any]]:
         """Return one dictionary for each group: path names and the named numbers."""
         plan = self._query._plan
-        for column in columns.values():
+        for column in (*columns.values(), *(condition.number for condition in self._having)):
             if column.path is not None:
                 check_root(plan, column.path)
-        text = compiled.aggregate_text(plan, self._paths, list(columns.values()))
+        text = compiled.aggregate_text(plan, self._paths, list(columns.values()), self._having)
         names = [check_root(plan, path)[-1].name for path in self._paths]
         rows = self._query._select(text)
         return [dict(zip([*names, *columns], map(_plain, row), strict=True)) for row in rows]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import warnings
+import weakref
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -19,7 +22,7 @@ from rtask.rdf.terms import GraphName, NamedNode, iri
 from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
-    from rtask.kb.commit.commit import Commit
+    from rtask.kb.commit.commit import Change, Commit
     from rtask.kb.core import GraphCore
 
 __all__ = ["Session"]
@@ -49,6 +52,9 @@ class Session:
         queries. As the knowledge base has it if not given.
     check_required
         Whether new objects must have what their shapes ask for.
+    autoflush
+        Whether queries first write the changes so far, so that they see them. This is a commit:
+        a block that fails later does not take it back.
 
     Examples
     --------
@@ -73,6 +79,7 @@ class Session:
         lazy: Lazy = "raise",
         inferred: bool | None = None,
         check_required: bool = True,
+        autoflush: bool = False,
     ) -> None:
         if lazy not in ("raise", "warn", "allow"):
             raise UsageError(f"lazy is 'raise', 'warn' or 'allow', not {lazy!r}")
@@ -81,14 +88,15 @@ class Session:
         self.note = note
         self.inferred = _derives(kb) if inferred is None else inferred
         self.check_required = check_required
+        self.autoflush = autoflush
         self._new: dict[Model, None] = {}
         self._dirty: dict[Model, None] = {}
         self._deleted: dict[Model, None] = {}
         self._notes: list[Note] = []
-        self._closed = False
         self.identities = IdentityMap(self._dirty)
         self.reader = Reader(self, lazy)
-        self._stop = kb.on_commit(self.identities.hear)
+        self._stop = kb.on_commit(_weak_listener(self.identities))
+        self._closed = False
 
     # Life
 
@@ -106,6 +114,22 @@ class Session:
                 self.flush()
         finally:
             self.close()
+
+    def __del__(self) -> None:
+        if getattr(self, "_closed", True):
+            return
+        self._stop()
+        if self._has_changes():
+            who = self.agent or "nobody"
+            warnings.warn(
+                f"a session of {who} was dropped with changes that were never written; use it in a"
+                " with block, or call commit(), rollback() or close()",
+                ResourceWarning,
+                stacklevel=2,
+            )
+
+    def _has_changes(self) -> bool:
+        return bool(self._new or self._dirty or self._deleted or self._notes)
 
     def close(self) -> None:
         """Discard unwritten changes; objects can no longer be read or changed."""
@@ -287,6 +311,47 @@ class Session:
         self._notes = []
         return tx.commit
 
+    def commit(self) -> Commit | None:
+        """Write all changes as one transaction; the same as :meth:`flush`."""
+        return self.flush()
+
+    def rollback(self) -> None:
+        """Discard unwritten changes and what was read; the session goes on.
+
+        New objects leave the session and keep their values. What was flushed stays written.
+        """
+        self.check_open()
+        new = list(self._new)
+        # the other side of an inverse may have changes without being written itself
+        for instance in {*self.identities.all(), *self._new, *self._dirty, *self._deleted}:
+            state = instance.__state__
+            state.deleted = False
+            if state.new:
+                new.append(instance)
+            else:
+                state.pending.clear()
+                state.forget()
+        for instance in dict.fromkeys(new):
+            self.identities.drop(instance.iri)
+            instance.__state__.session = None
+        for changes in (self._new, self._dirty, self._deleted):
+            changes.clear()
+        self._notes = []
+
+    @contextmanager
+    def no_autoflush(self) -> Iterator[None]:
+        """Write nothing before queries while the block runs."""
+        before, self.autoflush = self.autoflush, False
+        try:
+            yield
+        finally:
+            self.autoflush = before
+
+    def flush_before_query(self) -> None:
+        """Write the changes so far if the session does so before queries."""
+        if self.autoflush and self._has_changes():
+            self.flush()
+
     @property
     def home(self) -> GraphName:
         """The graph that this session writes."""
@@ -303,6 +368,18 @@ class Session:
 
     def __repr__(self) -> str:
         return f"<Session of {self.agent or 'nobody'} on {self.kb!r}>"
+
+
+def _weak_listener(identities: IdentityMap) -> Callable[[Change], None]:
+    """Return a listener that does not keep the session alive: the map refers to what changed."""
+    known = weakref.ref(identities)
+
+    def hear(change: Change) -> None:
+        found = known()
+        if found is not None:
+            found.hear(change)
+
+    return hear
 
 
 def _derives(kb: GraphCore) -> bool:
