@@ -23,8 +23,8 @@ __all__ = ["GraphBase"]
 class GraphBase:
     """Own the store, the writer, the readers, the feed and the side index of one graph.
 
-    :class:`rtask.kb.core.GraphCore` combines the classes that add methods to it, each in a file
-    of this folder.
+    The other files of this folder each add methods in a subclass;
+    :class:`rtask.kb.core.GraphCore` combines them.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class GraphBase:
     folder
         Where the graph is stored; ``None`` in memory.
     store
-        The quads; for reading only.
+        The quads; use it for reading only.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class GraphBase:
         writer.listen(self.expiry.announce)
 
     def _is_indexed(self, graph: object) -> bool:
-        """Whether the side index covers a graph; derived and kept graphs only repeat others."""
+        """Whether the side index covers a graph; derived and record-keeping graphs are left out."""
         if self.plain:
             return True
         return isinstance(graph, NamedNode) and not self.graphs.is_kept_by_commits(graph)
@@ -94,12 +94,12 @@ class GraphBase:
 
     @property
     def epoch(self) -> str:
-        """Identifier of this numbering of commits; restoring a backup starts another."""
+        """Identifier of the current commit numbering; restoring a backup starts a new one."""
         return self.settings.epoch
 
     @property
     def reasons(self) -> bool:
-        """Whether commits derive what follows from them."""
+        """Whether the reasoner runs on each commit."""
         return self._inference is not None
 
     @property

@@ -1,4 +1,4 @@
-"""The embedded graph: everything that a knowledge base needs of this folder alone."""
+"""The embedded graph: all parts of this folder combined into one class."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
     """
 
     def warm_up(self) -> None:
-        """Build the closure and start the readers now instead of at the first use.
+        """Build the closure and start the readers now instead of on first use.
 
         The replica of a large folder is finished in the background.
         """
@@ -51,22 +51,22 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         on_ready: Callable[[], None] | None = None,
         **options: Any,
     ) -> Subscription[RowChange]:
-        """Follow the rows of a SELECT: the present ones, then each row that appears or disappears.
+        """Follow the rows of a SELECT: the current rows, then each that appears or disappears.
 
-        The query is evaluated again after commits that touch a predicate it names, once for
-        several commits in quick succession.
+        The query is evaluated again after commits that touch a predicate it names; commits in
+        quick succession share one evaluation.
 
         Parameters
         ----------
         timeout_s
-            For each evaluation.
+            Time limit of each evaluation.
         options
             As in :meth:`query`.
 
         Raises
         ------
         TooLargeError
-            More than 1,000 rows; also later, from the subscription.
+            The answer has more than 1,000 rows; the subscription raises this if it grows later.
         """
         require_select(text)
         options["timeout_s"] = timeout_s
@@ -81,7 +81,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         return validation.everything(self.store, self.graphs)
 
     def as_of(self, seq: int) -> Self:
-        """Return what was known after a commit, as a copy in memory for reading only.
+        """Return the state after a commit, as a read-only copy in memory.
 
         Close it when it is no longer needed.
 
@@ -107,18 +107,18 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         return backup(self._files, self._writer, Path(target))
 
     def publish(self, **facts: Any) -> None:
-        """Extend what others read when they find the folder locked, e.g. the ``url`` serving it."""
+        """Add facts to the lock file for other processes, e.g. the ``url`` serving the folder."""
         if self._files.lock is not None:
             self._files.lock.publish(**facts)
 
     def checkpoint(self) -> None:
-        """Make the store durable by itself, so that opening need not replay the journal."""
+        """Force the store to disk, so that opening need not replay the journal."""
         if self._files.checkpoints is not None:
             with self._writer.exclusive():
                 self._files.checkpoints.make(self.seq)
 
     def close(self) -> None:
-        """Finish the running write, make everything durable and release the folder."""
+        """Finish the current write, force everything to disk and release the folder."""
         if not self.store.is_open:
             return
         self.expiry.close()

@@ -40,29 +40,29 @@ class Reading(Searching):
         Parameters
         ----------
         inferred
-            Whether derived statements are seen.
+            Whether derived statements are visible.
         default_graphs, named_graphs
-            The dataset; both together replace what ``FROM`` in the text says. Without either,
-            triple patterns see the union of all graphs.
+            The dataset; if either is given, they replace ``FROM`` in the text. Without either,
+            triple patterns match the union of all graphs.
         bindings
-            Values of variables: a term or Python value, or a list of them.
+            Values of variables: a term or Python value for each, or a list of them.
         base
             IRI against which relative IRIs are resolved.
         timeout_s
-            Ends the query then. It is evaluated in another process, since nothing else can be
-            stopped; without it, in this thread.
+            Time limit. A query with a limit is evaluated in another process, which can be
+            stopped; without a limit, in this thread.
 
         Raises
         ------
         QuerySyntaxError
             With line and column.
         QueryTimeout
-            The time is over.
+            The time is up.
         QueryTooExpensive
-            It needs more memory than it may have.
+            The query exceeds its memory limit.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = self._looked_up(bind(text, bindings or {}))
+        text = self._expand_text_search(bind(text, bindings or {}))
         if timeout_s is not None and self.readers.possible:
             with self._ask(text, dataset, Question(""), timeout_s) as answer:
                 return read_answer(answer.kind, answer.read())
@@ -94,7 +94,7 @@ class Reading(Searching):
             If the media type does not fit the kind of query.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base)
-        text = self._looked_up(bind(text, bindings or {}))
+        text = self._expand_text_search(bind(text, bindings or {}))
         return evaluation.serialize(self.store, self.graphs, self.plain, text, media_type, dataset)
 
     def stream(
@@ -113,36 +113,36 @@ class Reading(Searching):
         on_start: Callable[[Stream], None] | None = None,
         quick: bool | None = None,
     ) -> Stream:
-        """Evaluate a query in a reader and return its answer in pieces, as they come.
+        """Evaluate a query in a reader and return its answer in pieces, as they are produced.
 
-        Safe from any thread; closing the stream ends the query at once. The first piece is there
-        when this returns, so most errors are raised here.
+        Safe to call from any thread; closing the stream stops the query at once. The first piece
+        has arrived when this returns, so most errors are raised here.
 
         Parameters
         ----------
         media_type
-            Of the answer; ``None`` for SPARQL results in JSON, or N-Triples.
+            Media type of the answer; ``None`` for SPARQL results in JSON, or N-Triples.
         timeout_s
-            From now until the end of the answer; a query that takes longer is ended. More can be
-            given later by :meth:`Stream.extend <rtask.kb.readers.streams.Stream.extend>`.
+            Time limit from now until the end of the answer. It can be extended later with
+            :meth:`Stream.extend <rtask.kb.readers.streams.Stream.extend>`.
         gzip
-            Pack the answer unless it is small; :attr:`Stream.gzip` says what was done.
+            Compress the answer unless it is small; :attr:`Stream.gzip` tells whether it was.
         max_rows, max_bytes
-            An answer that has more is broken off.
+            Limits on the answer; a larger one raises :class:`TooLargeError`.
         on_start
-            Gets the stream when a reader begins with the query; closing it ends the query even
-            before there is a first piece.
+            Called with the stream when a reader starts on the query; closing the stream stops the
+            query even before its first piece.
         quick
-            Whether it takes one of the readers kept for quick queries; judged by its text
+            Whether it may use a reader reserved for quick queries; estimated from its text
             (:func:`rtask.sparql.query_cost.is_quick`) if not given.
 
         Raises
         ------
         QuerySyntaxError, QueryTimeout, QueryTooExpensive, TooLargeError, BusyError
-            Here, or while reading.
+            Raised here or while reading.
         """
         dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
-        text = self._looked_up(text)
+        text = self._expand_text_search(text)
         if not self.readers.possible:
             form = media_type or evaluation.default_media_type(text)
             data = evaluation.serialize(self.store, self.graphs, self.plain, text, form, dataset)
@@ -185,7 +185,7 @@ class Reading(Searching):
     ) -> list[Quad]:
         """Return the statements that match a pattern; ``None`` matches everything.
 
-        Without a graph every named graph is searched, so a triple that two graphs hold comes
+        Without a graph every named graph is searched, so a triple held by two graphs is returned
         twice.
         """
         where = iri(graph) if isinstance(graph, str) else graph

@@ -30,14 +30,14 @@ class Reasoning(Writing):
     ) -> Any | None:
         """Return the proof of a statement, or ``None`` if it does not hold.
 
-        See :class:`reasoner.proofs.Proof`; its leaves name the graphs that assert them.
+        See :class:`reasoner.proofs.Proof`; the leaves name the graphs that assert them.
         """
         triple = (subject_term(subject), iri(predicate), stored(object_term(value)))
         with self._writer.exclusive():
             return self._reasoner().explain(triple)
 
     def quarantined(self) -> list[Quarantined]:
-        """Return the statements in quarantine, which contradict the rest."""
+        """Return the contradictory statements in quarantine."""
         return statements(self.store, self.graphs)
 
     def release(
@@ -48,16 +48,16 @@ class Reasoning(Writing):
         Parameters
         ----------
         nodes
-            IRIs of their records, see :meth:`quarantined`; all of them if not given.
+            IRIs of the records, see :meth:`quarantined`; all records if not given.
         agent
-            Who does it; needs the right to write these graphs.
+            The author, who must have the right to write these graphs.
         drop
-            Forget them instead.
+            Delete the statements instead.
 
         Raises
         ------
         InconsistentError
-            The cause is still there; nothing changes.
+            The statements still contradict the rest; nothing changes.
         """
         access = self.access(agent)
         overlay = self._writer.begin()
@@ -72,7 +72,9 @@ class Reasoning(Writing):
 
     def _reasoner(self) -> Inference:
         if self._inference is None:
-            raise UnsupportedError("this knowledge base was opened without reasoning")
+            raise UnsupportedError(
+                "this knowledge base was opened without reasoning; open it with reasoning on"
+            )
         return self._inference
 
     def rebuild(self, what: str = "inferred") -> Commit:
@@ -81,7 +83,7 @@ class Reasoning(Writing):
         Raises
         ------
         UsageError
-            If there is nothing of that name to rebuild.
+            If ``what`` is neither ``inferred`` nor ``all``.
         """
         if what not in ("inferred", "all"):
             raise UsageError(f"cannot rebuild {what!r}; one of inferred, all")

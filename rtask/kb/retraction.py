@@ -1,4 +1,4 @@
-"""Methods for single statements: read their annotations, retract them."""
+"""Methods for single statements: read annotations and retract."""
 
 from __future__ import annotations
 
@@ -53,24 +53,25 @@ class Retraction(Writing):
         graph: NamedNode | str | None = None,
         access: Access | None = None,
     ) -> Commit:
-        """Withdraw a statement from the graphs that hold it and that the caller may write.
+        """Withdraw a statement from all graphs that hold it and that the caller may write.
 
-        What was said about it stays and is marked as invalidated; the reason is kept with the
-        commit, see :meth:`history`.
+        Its annotations are kept and marked as invalidated; the reason is recorded with the commit,
+        see :meth:`history`.
 
         Parameters
         ----------
         reason
-            Needed for what is not the caller's own.
+            Required for a statement in another agent's graph.
         graph
-            Only from this graph.
+            Withdraw it from this graph only.
 
         Raises
         ------
         DataError
-            Nobody states it.
+            No graph holds the statement.
         ForbiddenError
-            Only others do: say what you think of it in a statement of your own.
+            Only graphs that the caller may not write hold it. State the opposite view in a
+            statement of the caller's own instead.
         """
         key = _key(subject, predicate, value)
         rights = self.access(agent, access)
@@ -80,7 +81,7 @@ class Retraction(Writing):
             rights.require_write(_asserting(self, holders), "retract")
         foreign = [g for g in allowed if g != rights.home()]
         if foreign and not reason:
-            raise UsageError(f"a reason is needed to retract a statement of {foreign[0]}")
+            raise UsageError(f"retracting a statement of {foreign[0]} requires a reason")
         with self.transaction(agent, reason or "retracted", access=access) as tx:
             for holder in allowed:
                 tx.remove(*key, graph=holder)
@@ -91,7 +92,7 @@ class Retraction(Writing):
 
 
 def _asserting(kb: Writing, holders: list[NamedNode]) -> NamedNode:
-    """Return the graph that an error should name, preferably one that asserts."""
+    """Return the graph to name in an error, preferably one that asserts the statement."""
     return next((g for g in holders if not kb.graphs.is_kept_by_commits(g)), holders[0])
 
 

@@ -25,12 +25,12 @@ class Searching(GraphBase):
         lang: str | None = None,
         limit: int = 20,
     ) -> list[TextHit]:
-        """Return things whose label, comment or description holds all words, best first.
+        """Return hits whose label, comment or description contains all words, best first.
 
         Parameters
         ----------
         text
-            Words; ``*`` at the end of one stands for any ending. Case and accents do not matter.
+            Words; a final ``*`` matches any ending. Case and accents are ignored.
         cls
             Only instances of a class, derived ones included.
         lang
@@ -38,7 +38,7 @@ class Searching(GraphBase):
 
         Returns
         -------
-        One hit for each thing, the best of its texts.
+        One hit for each subject: its best text.
         """
         wanted = None if cls is None else iri(cls)
         found: dict[NamedNode, TextHit] = {}
@@ -72,6 +72,6 @@ class Searching(GraphBase):
         with self.index.reading() as db:
             return self.places.near(db, iri(frame), point, radius)
 
-    def _looked_up(self, text: str) -> str:
-        """Return a query or update without ``SERVICE <urn:rtask:text>``."""
+    def _expand_text_search(self, text: str) -> str:
+        """Replace ``SERVICE <urn:rtask:text>`` in a query or update with the hits it finds."""
         return with_found_texts(text, self.search)

@@ -31,7 +31,7 @@ class Watching(GraphBase):
 
         Returns
         -------
-        A function that stops this.
+        A function that removes the listener.
         """
         return self._writer.listen(listener)
 
@@ -56,25 +56,25 @@ class Watching(GraphBase):
         subject, predicate, value, graph
             Pattern of the statements; ``None`` matches everything.
         cls
-            Statements about instances of a class, derived ones included.
+            Class whose instances to follow, derived instances included.
         inferred
-            Whether derived statements count.
+            Whether to include derived statements.
         once
-            End after the first.
+            Whether to end after the first change.
         since
-            Begin after this commit: its number, or ``epoch:number`` as in
-            :meth:`Feed.position <rtask.kb.feed.feed.Feed.position>`; without it, with the next one.
+            Commit to begin after: its number, or ``epoch:number`` as in
+            :meth:`Feed.position <rtask.kb.feed.feed.Feed.position>`; the last one if not given.
         size
-            How many changes may wait to be read.
+            Maximum number of unread changes.
         on_ready
-            Called from the writer's thread when something has come; see :class:`Subscription`.
+            Called from the writer's thread when a change arrives; see :class:`Subscription`.
 
         Raises
         ------
         GoneError
             The commits after ``since`` are no longer kept.
         EpochChangedError
-            ``since`` names commits of before a restored backup.
+            ``since`` refers to a numbering from before a backup was restored.
         """
         wanted = Filter(
             None if subject is None else subject_term(subject),
@@ -106,11 +106,11 @@ class Watching(GraphBase):
         Parameters
         ----------
         agent
-            Only what this robot or person wrote.
+            Only commits by this robot or person.
         since, upto
-            Only commits after one number, up to another.
+            Only commits numbered above ``since`` and up to ``upto``.
         start, end
-            Only commits at this moment or later, before that one.
+            Only commits at ``start`` or later and before ``end``.
         """
         matches = matcher(
             None if subject is None else subject_term(subject),

@@ -25,8 +25,8 @@ class Writing(Searching):
     def access(self, agent: str | None = None, access: Access | None = None) -> Access:
         """Return the rights of a caller on this knowledge base.
 
-        A named agent has a robot's rights unless ``access`` says more; nobody in particular is
-        the program that opened the knowledge base, an admin.
+        A named agent has a robot's rights unless ``access`` grants others. Without a name, the
+        caller is the program that opened the knowledge base, which is an admin.
         """
         rights = access or (Access(agent, "robot") if agent else Access())
         return rights.bind(self.graphs, self.catalogue.is_ontology, self.plain)
@@ -53,32 +53,32 @@ class Writing(Searching):
         Parameters
         ----------
         agent, access
-            Who writes: a name (a robot's rights), or rights given by a server.
+            The author: a name, which has a robot's rights, or rights assigned by a server.
         note
-            Kept with the provenance.
+            Free text, stored in the provenance record.
         using, named
-            The dataset of WHERE, where the text names none.
+            Dataset of WHERE clauses whose own text names none.
         if_version
             Refuse unless the last commit has this number.
         limits
-            For updates of callers that are not trusted: what reads the store to find what to write
-            is evaluated in a process of its own and ended at these limits. ``None``: without end,
-            in this process.
+            Bounds for updates from untrusted callers: an update whose WHERE reads the store is
+            evaluated in a separate process, which is stopped at these limits. With ``None`` it
+            runs in this process, unbounded.
 
         Raises
         ------
         QuerySyntaxError
-            With line and column.
+            The text does not parse; gives line and column.
         QueryTimeout, QueryTooExpensive, BusyError
-            Beyond ``limits``, or too many such updates at once; nothing is stored.
+            The update exceeds ``limits``, or too many such updates are waiting; nothing is stored.
         ForbiddenError
-            Naming the graph; nothing is stored.
+            The caller may not write a graph, which the error names; nothing is stored.
         InconsistentError
-            The change contradicts what is there; nothing is stored.
+            The change contradicts stored data or the ontology; nothing is stored.
         """
         request = Request(self.access(agent, access), note, if_version=if_version)
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
-        text = self._looked_up(text)
+        text = self._expand_text_search(text)
         if limits is not None and self.readers.evaluate_updates and needs_reader(text):
             order = UpdateOrder(
                 text, request.access, dataset, limits, self._ontologies(), self.store.is_view
@@ -108,7 +108,7 @@ class Writing(Searching):
         access: Access | None = None,
         if_version: int | None = None,
     ) -> Transaction:
-        """Return a context manager whose changes become one commit; arguments as in update."""
+        """Return a context manager whose changes become one commit; see :meth:`update`."""
         request = Request(self.access(agent, access), note, if_version=if_version)
         return Transaction(self._writer, self.blobs, request)
 
@@ -121,7 +121,8 @@ class Writing(Searching):
     ) -> int:
         """Add more statements than a commit may hold; return how many were derived.
 
-        One atomic step for the statements, then a commit for what follows from them.
+        The statements are stored in one atomic step, followed by a commit of the statements
+        derived from them.
         """
         try:
             return bulk_add(self._writer, self._files, self._inference, quads, graph, request)

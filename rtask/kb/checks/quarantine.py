@@ -1,8 +1,8 @@
 """Quarantine: statements set aside because they contradict the rest, each with its reason.
 
-The graph ``{base}graph/quarantine`` holds each statement as it was said, and beside it an
-``rdf:Statement`` that names the graph it was meant for, the reason, and the commit that brought
-it. It is no input of the reasoner and no part of the union.
+The graph ``{base}graph/quarantine`` holds each statement unchanged, together with an
+``rdf:Statement`` that records the intended graph, the reason and the commit that added it. The
+reasoner does not read this graph, and it is not part of the union.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ class Quarantined:
     Parameters
     ----------
     node
-        Its record in the quarantine graph.
+        IRI of its record in the quarantine graph.
     quad
-        The statement, in the graph it was meant for.
+        The statement, in its intended graph.
     reason
-        What it contradicts.
+        Description of the contradiction.
     activity
-        The commit that brought it.
+        The commit that added it.
     """
 
     node: NamedNode
@@ -67,7 +67,7 @@ def set_aside(
     Raises
     ------
     InconsistentError
-        Where none of the added statements is to blame, e.g. after a deletion.
+        If none of the added statements causes the contradiction, e.g. after a deletion.
     """
     moved = 0
     for _ in range(_ROUNDS):
@@ -140,7 +140,7 @@ def reinstate(
     Raises
     ------
     ForbiddenError
-        Naming a graph that this caller may not write.
+        If the caller may not write one of the graphs; the error names it.
     UsageError
         There is no such record.
     """

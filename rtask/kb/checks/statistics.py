@@ -58,8 +58,8 @@ def _sizes(kb: Reading) -> dict[str, int]:
 def closure_state(kb: GraphBase) -> str:
     """Return whether the inferred graph fits the asserted ones: current, behind or off.
 
-    It is behind after writes while nobody reasoned; the catalogue names its commit only while it
-    fits.
+    It is behind after writes made with reasoning switched off; the catalogue names the inferred
+    graph's commit only while the two agree.
     """
     if not kb.reasons:
         return "off"

@@ -1,7 +1,7 @@
 """SHACL validation of the nodes that a commit touches, or of all data.
 
-Only shapes whose targets the touched nodes are, and only the statements that those shapes look at,
-are handed to the validator; so the cost follows the change and not the store.
+The validator receives only the shapes that target the touched nodes, and only the statements
+that those shapes examine, so the cost depends on the size of the change and not of the store.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Violation:
     severity
         ``Violation``, ``Warning`` or ``Info``.
     graph
-        IRI of the only graph that was looked at; ``None`` = all together.
+        IRI of the graph that was validated by itself; ``None`` if all were validated together.
     """
 
     focus: str
@@ -92,7 +92,7 @@ class Shapes:
     Parameters
     ----------
     links
-        Predicates that the shapes follow; over these a change reaches nodes that point at it.
+        Predicates that the shapes follow; along these, a change affects nodes that point at it.
     objects_of
         Predicates whose objects are targets.
     """
@@ -163,7 +163,7 @@ class Validator:
     Parameters
     ----------
     refuse
-        Whether a violation stops the commit; otherwise it is reported in it.
+        Whether a violation rejects the commit; otherwise the commit reports it as a warning.
     """
 
     def __init__(self, store: GraphStore, graphs: Graphs, refuse: bool) -> None:
@@ -172,12 +172,12 @@ class Validator:
         self._refuse = refuse
 
     def check(self, change: Overlay, derived: Overlay) -> tuple[Violation, ...]:
-        """Validate the nodes that a pending change touches, as they would be after it.
+        """Validate the nodes that a pending change touches, in their state after it.
 
         Raises
         ------
         ValidationError
-            With ``results``; nothing is stored.
+            If a node violates a shape; ``results`` lists the violations and nothing is stored.
         """
         whole = Overlay(self._store)
         for part in (change, derived):
@@ -209,7 +209,7 @@ def refuse(found: Iterable[Violation]) -> None:
         return
     more = f" (and {len(bad) - 1} more)" if len(bad) > 1 else ""
     raise ValidationError(
-        f"not of the shape that it should have: {bad[0]}{more}; nothing was stored",
+        f"the data violate a SHACL shape: {bad[0]}{more}; nothing was stored",
         results=[asdict(one) for one in bad],
     )
 
@@ -232,10 +232,10 @@ def run(
     focus: list[Subject] | None,
     graph: GraphName | None,
 ) -> list[Violation]:
-    """Validate statements; of one graph only, if one is given."""
+    """Validate statements, those of one graph only if one is given."""
     from reasoner import validate
 
-    # triple terms are left out, the validator's signature knows only the rest
+    # triple terms are left out: the validator's signature does not include them
     given: Any = (key for key in data if not hasattr(key[2], "subject"))
     report = validate(given, list(shapes), focus)  # type: ignore[arg-type]
     return [
@@ -277,7 +277,7 @@ class _View:
         )
 
     def triples(self) -> set[TripleKey]:
-        """Return everything."""
+        """Return all triples."""
         return {*self._stored(None, None, None)}.union(*self._by_subject.values())
 
     def about(self, node: Term) -> set[TripleKey]:

@@ -32,7 +32,7 @@ class Finding:
     Parameters
     ----------
     severity
-        ``error``, or ``note`` for what only wastes space.
+        ``error``, or ``note`` for something that merely wastes space.
     part
         One of :data:`PARTS`.
     detail
@@ -56,8 +56,8 @@ def verify(
     Parameters
     ----------
     repair
-        Rebuild what follows from the graph: union, catalogue, closure, index. Lost bytes cannot be
-        restored.
+        Rebuild what can be computed from the graphs: union, catalogue, closure and index. Lost
+        blobs cannot be restored.
     parts
         Parts to check.
     """
@@ -124,8 +124,8 @@ def collect_blobs(kb: Reasoning, writer: Writer, older_than_s: float = _DAY_S) -
     Parameters
     ----------
     older_than_s
-        Younger ones stay: somebody may be about to name them. A blob that is put again is young
-        again.
+        Minimum age. Younger blobs are kept, since a statement that names them may be about to be
+        written. Storing a blob again resets its age.
     """
     with writer.exclusive():
         named = _named_blobs(kb)

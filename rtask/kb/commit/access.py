@@ -96,9 +96,9 @@ class Access:
         who = f"{self.role} {self.agent}" if self.agent else self.role
         protected = not self.plain and self._bound().is_kept_by_commits(graph)
         if protected:
-            reason = "it is kept by the knowledge base itself"
+            reason = "only the knowledge base itself writes it"
         elif self.role in ("robot", "teacher"):
-            reason = f"only {self.home()} is its own"
+            reason = f"it may write {self.home()} only"
         else:
             reason = "its role does not allow it"
         raise ForbiddenError(

@@ -1,10 +1,10 @@
 """Apply one commit to the store atomically.
 
 The store offers no transaction object, but ``extend`` and a whole ``update`` request are atomic:
-readers and a killed process see all of it or nothing. A large change takes two steps, its additions
-through the store's bulk loader, then what is replaced, which costs a third. The journal holds the
-whole of it durably before, so that the next opening completes it after a kill or a power cut.
-Readers in processes of their own get it as one; only code of this process can look in between.
+readers, and a process that is killed, see all of it or nothing. A large change is applied in two
+steps at a third of the cost: additions through the store's bulk loader, then removals. The journal
+holds the whole change durably beforehand, so the next opening completes it after a kill or a power
+cut. Reader processes receive it as one change; only code in this process can see the state between.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rtask.rdf.terms import GraphName, is_ground, written
 __all__ = ["LARGE", "Writes", "apply", "as_update"]
 
 LARGE = 10_000
-"""A change with more additions is journalled durably first and then stored in two steps."""
+"""A change with more additions than this is journalled durably, then stored in two steps."""
 
 Functions = dict[NamedNode, Callable[..., Any]]
 _PARTS = (("s", "subject"), ("p", "predicate"), ("o", "object"), ("g", "graph_name"))
@@ -41,7 +41,7 @@ class Writes:
         object.__setattr__(self, "graphs_of_added", frozenset(q.graph_name for q in self.added))
 
     def only_adds(self) -> bool:
-        """Whether ``extend`` suffices; it creates the graphs of its quads."""
+        """Whether ``extend`` suffices, which also creates the graphs of its quads."""
         return (
             not self.removed
             and not self.dropped
@@ -64,7 +64,7 @@ def apply(store: GraphStore, writes: Writes) -> None:
 
 
 def _apply_large(store: GraphStore, writes: Writes) -> None:
-    """Add first; take the additions back if something fails."""
+    """Add first; undo the additions if removing fails."""
     operations, functions = as_update(
         Writes(writes.removed, created=writes.created, dropped=writes.dropped)
     )
@@ -81,8 +81,8 @@ def _apply_large(store: GraphStore, writes: Writes) -> None:
 def as_update(writes: Writes) -> tuple[list[str], Functions]:
     """Return the change as update operations, with the custom functions that they call.
 
-    Statements with blank nodes go through functions that return the terms: as text, INSERT DATA
-    would rename them and DELETE DATA could not name them.
+    Statements with blank nodes are passed through custom functions that return the terms, because
+    INSERT DATA would rename blank nodes and DELETE DATA cannot contain them.
     """
     operations: list[str] = []
     functions: Functions = {}

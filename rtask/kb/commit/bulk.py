@@ -1,8 +1,8 @@
-"""Bulk loads: more statements than a commit may hold, e.g. of a large file.
+"""Bulk loads: add more statements than a commit may hold, e.g. from a large file.
 
-They go into the store in one atomic step between two checkpoints; a commit for what follows from
-them comes right after. A mark in the folder says that such a step is under way, so that an open
-after a crash completes it.
+The statements are stored in one atomic step between two checkpoints, followed by a commit of the
+statements derived from them. A mark in the folder shows that a load is under way, so that opening
+the folder after a crash completes it.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ _MARK = "loading.json"
 
 @dataclass(frozen=True)
 class TripleText:
-    """A document that the store parses itself: triples without blank nodes.
+    """A document without blank nodes, which the store parses itself.
 
     Parameters
     ----------
     open
-        Gives the text from its start, as often as asked.
+        Returns a reader at the start of the text; may be called repeatedly.
     """
 
     open: Callable[[], IO[bytes]]
@@ -58,10 +58,10 @@ def bulk_add(
     Parameters
     ----------
     data
-        Read once, not kept; or a text that the store reads, which is faster. Of a text the graph
-        is there a moment before the union.
+        Quads, read once and not kept, or a text that the store parses, which is faster. With a
+        text, the graph becomes visible slightly before the union.
     graph
-        Where they go; named in the mark.
+        Target graph; recorded in the mark.
     """
     committer = writer.committer
     inferred = committer.graphs.inferred
@@ -125,8 +125,8 @@ def _add_quads(
 def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -> Commit:
     """Recompute the inferred graph and commit the difference.
 
-    What is missing beyond the size of a commit goes into the store right away. That is as good as
-    atomic: until the commit, the catalogue says that the inferred graph is behind.
+    A difference that exceeds the size of a commit is stored directly beforehand. This is as safe
+    as an atomic step: until the commit, the catalogue marks the inferred graph as behind.
     """
     overlay = writer.begin()
     try:

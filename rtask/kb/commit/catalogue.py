@@ -1,7 +1,8 @@
 """Catalogue of graphs and commits, kept in the meta and provenance graphs.
 
-One ``rt:WriteActivity`` for each commit (PROV-O), and in the catalogue of graphs each graph's
-class, owner, last commit and number of triples; written in the same commit as the change itself.
+The provenance graph has one ``rt:WriteActivity`` for each commit (PROV-O); the meta graph records
+each graph's class, owner, last commit and number of triples. Both are written in the same commit
+as the change itself.
 """
 
 from __future__ import annotations
@@ -56,9 +57,9 @@ class CommitRecord:
     seq
         Number of the commit, from 1, without gaps.
     started, ended
-        UTC; never before the commit before.
+        UTC; never earlier than the previous commit.
     access
-        Who wrote.
+        Rights of the author.
     note
         Free text, or ``None``.
     """
@@ -72,19 +73,19 @@ class CommitRecord:
 
 @dataclass(frozen=True)
 class GraphFacts:
-    """Properties of a commit's graphs that its statements do not tell.
+    """Properties of a commit's graphs that cannot be told from its statements.
 
     Parameters
     ----------
     kinds
-        Classes of graphs that do not follow from their IRI, e.g. ``OntologyGraph``.
+        Classes of graphs whose class cannot be told from their IRI, e.g. ``OntologyGraph``.
     sources
         The document that a graph was loaded from.
     sizes
-        Counted sizes of graphs that changed outside of a commit.
+        Counted sizes of graphs that changed outside a commit.
     closure_current
-        Whether the inferred graph now fits the asserted ones; ``None`` where this commit does not
-        matter. The catalogue names the inferred graph's commit only while it fits.
+        Whether the inferred graph now agrees with the asserted ones; ``None`` if this commit does
+        not affect that. The catalogue names the inferred graph's commit only while they agree.
     """
 
     kinds: Mapping[GraphName, str]
@@ -102,7 +103,7 @@ class _Entry:
 
 @dataclass
 class Catalogue:
-    """The catalogue, mirrored in memory so that a commit need not read it."""
+    """The catalogue, mirrored in memory so that commits need not query it."""
 
     store: GraphStore
     graphs: Graphs
@@ -152,7 +153,7 @@ class Catalogue:
         return self.kind(graph) == "OntologyGraph"
 
     def last_time(self) -> dt.datetime | None:
-        """Return when the last commit ended; ``None`` if there was none."""
+        """Return the time at which the last commit ended; ``None`` if there was none."""
         activity, graph = self.activity(self.seq), self.graphs.provenance
         for quad in self.store.quads_for_pattern(activity, _ENDED, None, graph):
             return dt.datetime.fromisoformat(str(python_value(quad.object)))

@@ -1,6 +1,6 @@
 """Turn a pending change into a stored commit: rights, inference, records, journal, store.
 
-Everything is decided before anything is stored, and stored in one atomic step.
+All checks are made before anything is stored, and the result is stored in one atomic step.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ class Commit:
     Parameters
     ----------
     seq
-        Number of the commit; the last one's if nothing changed.
+        Number of the commit, or of the previous one if nothing changed.
     added, removed
-        Asserted statements that changed.
+        Numbers of asserted statements added and removed.
     derived
-        Statements that the reasoner added to the inferred graph.
+        Number of statements that the reasoner added to the inferred graph.
     time
         UTC.
     activity
-        The ``rt:WriteActivity``, or ``None`` where nothing changed or none is kept.
+        The ``rt:WriteActivity``; ``None`` if nothing changed or no provenance is recorded.
     quarantined
-        Statements that were kept aside because they contradict the rest.
+        Number of contradictory statements moved to quarantine.
     warnings
-        What validation found and did not refuse.
+        Violations that validation reported without rejecting the commit.
     """
 
     seq: int
@@ -73,7 +73,7 @@ class Commit:
 
 @dataclass(frozen=True)
 class Change:
-    """A commit as its subscribers see it: the exact statements."""
+    """A commit as delivered to subscribers, with the exact statements."""
 
     commit: Commit
     agent: str | None
@@ -96,21 +96,21 @@ class Request:
     Parameters
     ----------
     kinds
-        Classes of graphs that do not follow from their IRI.
+        Classes of graphs whose class cannot be told from their IRI.
     sources
         The document that a graph was loaded from.
     recount
-        Graphs that changed outside of a commit; their size is counted anew.
+        Graphs that changed outside a commit; their triples are counted again.
     if_version
         Refuse unless the last commit has this number.
     check_blobs
-        Refuse statements that name bytes which are not here.
+        Refuse statements that name blobs missing from this knowledge base.
     max_quads
         Refuse larger changes.
     trusted
-        The knowledge base itself writes (derived data); rights are not asked.
+        Skip the check of rights; for derived data that the knowledge base itself writes.
     strict
-        Refuse what contradicts the rest even where the policy is to keep it aside.
+        Refuse contradictory statements even where the policy is to quarantine them.
     """
 
     access: Access
@@ -128,21 +128,21 @@ class Request:
 
 @dataclass
 class Committer:
-    """Stores changes of one knowledge base; the caller holds the writer's lock.
+    """Stores the changes of one knowledge base; the caller must hold the writer's lock.
 
     Parameters
     ----------
     inference
-        ``None`` where nobody reasons.
+        ``None`` without reasoning.
     validator
-        ``None`` where shapes are not asked.
+        ``None`` without validation.
     journal
-        Takes each change before it is stored.
+        Records each change before it is stored.
     interrupted
-        Ctrl-C came while a commit was being stored. Whether the store has it is not known here;
-        the journal has it, so opening again completes it.
+        Whether Ctrl-C arrived while a commit was being stored. The commit may or may not be in the
+        store; it is in the journal, so opening the folder again completes it.
     quarantines
-        Keep aside what contradicts the rest, instead of refusing the whole commit.
+        Move contradictory statements to quarantine instead of refusing the whole commit.
     """
 
     store: GraphStore
@@ -159,7 +159,7 @@ class Committer:
     quarantines: bool = False
 
     def commit(self, change: Overlay, request: Request) -> Change:
-        """Store a change with its consequences, or raise and store nothing."""
+        """Store a change with the statements derived from it, or raise and store nothing."""
         if self.interrupted:
             raise StoreError("a write was interrupted; open the knowledge base again")
         if self.store.is_stuck:
@@ -197,7 +197,8 @@ class Committer:
         size = len(change.added) + len(change.removed)
         if size > request.max_quads:
             raise TooLargeError(
-                f"a commit of {size} statements; allowed {request.max_quads}, load a file instead",
+                f"the commit has {size} statements, at most {request.max_quads} are allowed; "
+                "load a file instead",
                 limit="statements",
                 value=size,
                 allowed=request.max_quads,
@@ -211,8 +212,8 @@ class Committer:
             digest = digest_of(named)
             if digest is None or not self.blobs.has(named):
                 raise MissingBlobError(
-                    f"{quad.subject} {quad.predicate} names {named}, whose bytes are not here; "
-                    "store them first with tx.blob() or kb.blobs.put()",
+                    f"{quad.subject} {quad.predicate} names {named}, which is not stored here; "
+                    "store its bytes first with tx.blob() or kb.blobs.put()",
                     blob=digest,
                 )
 

@@ -1,8 +1,8 @@
 """Compute the exact change of a SPARQL update before anything is stored.
 
-Templates are filled with the solutions of each WHERE; what earlier operations of the request
-changed is seen by later ones through a dry run, an update that is made to fail (SPARQL 1.1
-Update, 3 and 4). Rights and conclusions are decided on the result.
+Templates are filled with the solutions of each WHERE. Later operations of a request see the
+changes of earlier ones through a dry run: an update that is made to fail (SPARQL 1.1 Update, 3 and
+4). Rights are checked and consequences derived on the result.
 
 A reader process, whose copy of the store may be changed, needs no dry runs: it applies each
 operation before the next (:func:`evaluate_update`), within
@@ -34,7 +34,7 @@ from rtask.sparql.update_outline import Operation, Target, Update, read_update
 __all__ = ["UpdateDataset", "evaluate_update", "run_update"]
 
 _ABORT = ["CREATE GRAPH <urn:rtask-dry:stop>"] * 2
-# no text can call these, since nobody can guess their names
+# random names, so that no update text can call these functions
 _SECRET = secrets.token_hex(8)
 _RECORD = NamedNode(f"urn:rtask-dry:{_SECRET}:record")
 _UNBOUND = NamedNode(f"urn:rtask-dry:{_SECRET}:unbound")
@@ -47,8 +47,8 @@ class UpdateDataset:
     Parameters
     ----------
     using, using_named
-        Graphs given by the protocol (SPARQL 1.1 Protocol, 2.2.3); they and ``USING`` or ``WITH``
-        in the text exclude each other.
+        Graphs given by the protocol (SPARQL 1.1 Protocol, 2.2.3); not allowed together with
+        ``USING`` or ``WITH`` in the text.
     base
         IRI against which relative IRIs are resolved.
     """
@@ -72,16 +72,16 @@ def evaluate_update(
     Parameters
     ----------
     store
-        A private copy; it is changed, also when an error is raised.
+        A private copy, which is changed even if an error is raised.
     total
         Receives the exact change of the named graphs.
     whole
-        Receives everything that was changed in the store, its union graph included.
+        Receives all changes made in the store, those of its union graph included.
 
     Raises
     ------
     QueryTooExpensive
-        Beyond a limit; names it.
+        A limit is exceeded; the error names it.
     RtaskError
         As :func:`run_update`.
     """
@@ -126,9 +126,9 @@ def run_update(
     QuerySyntaxError
         With line and column.
     ForbiddenError
-        If the text names a graph that the caller may not write, or calls out.
+        If the text names a graph that the caller may not write, or uses SERVICE.
     DataError
-        A graph exists, or is missing, where the operation says otherwise.
+        If CREATE names an existing graph, or another operation a missing one.
     """
     dataset = dataset or UpdateDataset()
     update = _checked(text, dataset)
@@ -142,7 +142,7 @@ def _refuse_two_datasets(update: Update, dataset: UpdateDataset) -> None:
         return
     if any(o.using or o.using_named or o.with_graph for o in update.operations):
         raise DataError(
-            "using-graph-uri cannot go together with USING or WITH in the update",
+            "using-graph-uri cannot be combined with USING or WITH in the update; use one of them",
             conflict="dataset",
         )
 
@@ -332,7 +332,7 @@ class _Runner:
             return True
         if operation.silent:
             return False
-        raise DataError(f"{operation.kind}: no graph {graph}", missing=str(graph))
+        raise DataError(f"{operation.kind}: graph {graph} does not exist", missing=str(graph))
 
     def _load(self, operation: Operation) -> None:
         if not operation.silent:

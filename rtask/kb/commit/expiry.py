@@ -1,4 +1,4 @@
-"""Expiry: withdraw statements within a second of the end of their validity, as a commit."""
+"""Expiry: withdraw statements, as a commit, within a second of the end of their validity."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _MAX_EXPIRED = 10_000
 
 
 class Expiry:
-    """Withdraws the expired statements of one knowledge base, in a thread if there are any.
+    """Withdraws the expired statements of one knowledge base, in a thread started when needed.
 
     Parameters
     ----------
     access
         The program's own rights.
     is_ours
-        Whether a graph may be changed by this.
+        Tells whether expiry may change a graph.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Expiry:
         self._note(list(self._store.quads_for_pattern(None, VALID_UNTIL, None, None)))
 
     def announce(self, change: Change) -> None:
-        """Take note of the expiry times in a commit."""
+        """Record the expiry times in a commit."""
         self._note([quad for quad in change.added if quad.predicate == VALID_UNTIL])
 
     def _note(self, quads: list[Quad]) -> None:
@@ -87,7 +87,7 @@ class Expiry:
             except ClosedError:
                 return
             except RtaskError:
-                _log.exception("what has expired could not be withdrawn")
+                _log.exception("expired statements could not be withdrawn")
 
     def expire(self) -> int:
         """Withdraw expired statements in one commit; return how many."""

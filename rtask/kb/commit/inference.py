@@ -38,8 +38,8 @@ class Staged(Protocol):
 class Inference:
     """Keeps the closure of all asserted graphs current.
 
-    The closure is built from the asserted graphs when the first write or question needs it; the
-    inferred graph itself lives in the store, so reading needs no closure.
+    The closure is built from the asserted graphs when a write or a proof first needs it. The
+    inferred graph itself is in the store, so queries do not need the closure.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Inference:
                 target.append((quad.subject, quad.predicate, quad.object))
         _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
         try:
-            # triple terms are left out by the reasoner itself, its signature knows only the rest
+            # the reasoner leaves out triple terms, which its signature does not include
             closure = Closure.build(cast("Any", schema), cast("Any", data), rules=rule_texts())
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
@@ -99,7 +99,7 @@ class Inference:
         Raises
         ------
         InconsistentError
-            If the change contradicts what is there; nothing is kept.
+            If the change contradicts stored data or the ontology; the derivation is discarded.
         """
         derived, staged, clashes = self.try_stage(change)
         if staged is None:
@@ -157,7 +157,7 @@ class Inference:
         return sorted(name.value for name in names if isinstance(name, NamedNode))
 
     def difference(self) -> tuple[Iterator[Quad], list[Quad]]:
-        """Rebuild the closure; return what the inferred graph lacks and what it has in excess."""
+        """Rebuild the closure; return the missing and the surplus quads of the inferred graph."""
         self.forget()
         closure, graph = self.closure(), self._graphs.inferred
         found = self._store.quads_for_pattern(None, None, None, graph)

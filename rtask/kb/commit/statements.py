@@ -2,7 +2,7 @@
 
 A reifier is an IRI that names a statement of one graph: ``<r> rdf:reifies <<( s p o )>>``, with
 ``rt:confidence``, ``rt:validUntil``, ``prov:wasDerivedFrom`` and, once it is withdrawn,
-``prov:invalidatedAtTime`` on it. Statements of which nothing is said have none.
+``prov:invalidatedAtTime`` as properties. A statement without annotations has no reifier.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Annotation:
     valid_until, invalidated
         When it expires, and when it was withdrawn.
     source
-        What it was derived from.
+        IRI of what it was derived from.
     """
 
     graph: GraphName
@@ -133,7 +133,7 @@ def reifiers(store: GraphStore, key: TripleKey, graph: GraphName | None = None) 
 
 
 def read_annotations(store: GraphStore, key: TripleKey) -> list[Annotation]:
-    """Return what each graph says about a statement."""
+    """Return the annotations of a statement in each graph."""
     found = []
     for quad in [q for q in reifiers(store, key) if isinstance(q.graph_name, NamedNode)]:
         said: dict[NamedNode, Term] = {}
@@ -176,7 +176,7 @@ def held_by(store: GraphStore, key: TripleKey) -> list[NamedNode]:
     Raises
     ------
     DataError
-        If none does.
+        If no graph does.
     """
     graphs = [
         quad.graph_name
@@ -185,5 +185,5 @@ def held_by(store: GraphStore, key: TripleKey) -> list[NamedNode]:
     ]
     if not graphs:
         text = " ".join(written(term) for term in key)
-        raise DataError(f"nobody states {text}; nothing to retract")
+        raise DataError(f"no graph states {text}; nothing to retract")
     return sorted(graphs, key=str)

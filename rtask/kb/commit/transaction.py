@@ -1,7 +1,7 @@
 """Transactions: several changes that become one commit, or none.
 
-The writer's lock is held from entering to leaving the block: what is read inside cannot change
-before the commit. Do slow work before.
+The writer's lock is held for the whole ``with`` block, so data read inside it cannot change before
+the commit. Do slow work before entering the block.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Transaction:
             Target graph; the caller's own graph if not given.
         confidence
             In [0, 1]; an annotation on the statement's reifier, like ``valid_until`` and
-            ``source``. It replaces an earlier one.
+            ``source``. It replaces an earlier value.
         valid_until
             When the statement is to be withdrawn.
         source
@@ -146,7 +146,7 @@ class Transaction:
         value: Value,
         graph: NamedNode | str | None = None,
     ) -> None:
-        """Withdraw a statement from one graph; nothing happens if it is not there."""
+        """Withdraw a statement from one graph, if the graph contains it."""
         self._pending().remove(self._quad(subject, predicate, value, graph))
 
     def _quad(
@@ -182,7 +182,7 @@ class Transaction:
     ) -> None:
         """Run a SPARQL update on the pending state.
 
-        What the reasoner will derive from pending changes is not visible to it yet.
+        Statements that the reasoner will derive from pending changes are not visible yet.
         """
         dataset = UpdateDataset(tuple(map(iri, using)), tuple(map(iri, named)), base)
         run_update(self._pending(), text, self._request.access, dataset)
@@ -194,7 +194,7 @@ class Transaction:
         graph: NamedNode | str | None = None,
         base: str | None = None,
     ) -> int:
-        """Assert the statements of a document; return how many it holds."""
+        """Assert the statements of a document; return how many it contains."""
         from rtask.rdf.formats import read_document
 
         quads = read_document(data, format, base)

@@ -1,4 +1,4 @@
-"""Serialised writing: the lock, the commit, its durability and its announcement.
+"""Serialised writing: lock, commit, make durable and announce.
 
 The lock is released before the journal is forced to disk, so that commits of several threads
 share one fsync (early lock release, Johnson et al. 2010, "Aether"); a commit is acknowledged and
@@ -32,7 +32,7 @@ class Writer:
     committer
         Checks and stores changes.
     checkpoints
-        Checkpoints of the folder; ``None`` in memory.
+        Checkpoints of the folder; ``None`` for a store in memory.
     """
 
     def __init__(self, committer: Committer, checkpoints: Checkpoints | None = None) -> None:
@@ -52,7 +52,10 @@ class Writer:
             if self._closed:
                 raise ClosedError("the knowledge base is closed or open for reading only")
             if self._inside:
-                raise UsageError("inside a transaction: use its own add, remove and update")
+                raise UsageError(
+                    "this thread is inside a transaction; use the transaction's own add, remove "
+                    "and update"
+                )
         except BaseException:
             self._lock.release()
             raise
@@ -87,7 +90,7 @@ class Writer:
         """Exclude writers, e.g. during a checkpoint."""
         with self._lock:
             if self._inside:
-                raise UsageError("not inside a transaction")
+                raise UsageError("not possible inside a transaction; leave the with block first")
             yield
 
     def listen(self, listener: Listener) -> Callable[[], None]:
@@ -111,6 +114,6 @@ class Writer:
                         _log.exception("a listener failed on commit %d", change.commit.seq)
 
     def close(self) -> None:
-        """Refuse further writes; waits for the running one."""
+        """Wait for the current write and refuse further ones."""
         with self._lock:
             self._closed = True

@@ -1,4 +1,4 @@
-"""Backup to a folder that can be opened by itself, while others read and write; restore."""
+"""Backup of an open knowledge base to a folder that can itself be opened, and restore."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ _FILE = "backup.json"
 
 
 def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
-    """Copy an open knowledge base; writers wait briefly, readers do not.
+    """Copy an open knowledge base; writers wait briefly, readers are not affected.
 
-    The copy is opened and counted before it counts as complete.
+    The copy is opened and its statements counted before it is marked as complete.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
     """
     if files.folder is None or files.checkpoints is None:
         raise UnsupportedError(
-            "only a folder open for writing is backed up; export a store in memory"
+            "backup needs a folder open for writing; export a store in memory instead"
         )
     if target.exists():
         raise UsageError(f"{target} exists{_what_it_is(target)}; name a new folder")
@@ -58,7 +58,10 @@ def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
         return _copy(files, writer, files.folder, files.checkpoints, target)
     except OSError as error:
         if error.errno == errno.ENOSPC:
-            raise StorageFullError(f"no room for a backup in {target}; remove it") from error
+            raise StorageFullError(
+                f"the disk is full: the backup in {target} is incomplete; remove it and name a "
+                "folder on another disk"
+            ) from error
         raise
 
 
@@ -110,19 +113,21 @@ def check(source: Path) -> dict[str, Any]:
     Raises
     ------
     StoreFormatError
-        Saying what is missing or damaged.
+        A part is missing or damaged; the error names it.
     """
     try:
         record: dict[str, Any] = json.loads((source / _FILE).read_text("utf-8"))
     except (OSError, ValueError) as error:
-        raise StoreFormatError(f"{source} is no complete backup (no {_FILE})") from error
+        raise StoreFormatError(f"{source} is not a complete backup: {_FILE} is missing") from error
     found = _count(source)
     if found != record.get("quads", found):
-        raise StoreFormatError(f"{source} holds {found} statements, not {record['quads']}")
+        raise StoreFormatError(
+            f"{source} is damaged: it holds {found} statements instead of {record['quads']}"
+        )
     blobs = BlobStore(source / "blobs", writable=False)
     for digest in blobs.digests():
         if not blobs.is_sound(digest):
-            raise StoreFormatError(f"{source}: the blob {digest} holds other bytes")
+            raise StoreFormatError(f"{source} is damaged: blob {digest} differs from its digest")
     journal = JournalFile(source / "journal")
     last = 0 if journal.segments() else record["seq"]
     try:
@@ -141,7 +146,7 @@ def restore(source: Path, target: Path) -> dict[str, Any]:
     Raises
     ------
     StoreFormatError
-        If the source is no complete backup, or a damaged one.
+        If the source is not a complete, undamaged backup.
     UsageError
         If the target is not empty.
     """

@@ -1,7 +1,7 @@
 """Blob store: byte strings that the graph names by digest, such as images, clouds and meshes.
 
-A blob is durable before any statement may name it: temporary file, hash while writing, fsync,
-rename, fsync of the folder.
+A blob is made durable before any statement may name it: it is written to a temporary file and
+hashed, followed by fsync, rename and fsync of the folder.
 """
 
 from __future__ import annotations
@@ -92,10 +92,10 @@ class BlobStore:
         Raises
         ------
         StorageFullError
-            If the disk is full; nothing is kept.
+            If the disk is full; nothing is stored.
         """
         if not self._writable:
-            raise UsageError("the knowledge base is open for reading only")
+            raise UsageError("blobs cannot be stored: the knowledge base is open for reading only")
         if self._folder is None:
             content = data if isinstance(data, bytes) else _read_all(data)
             digest = hashlib.sha256(content).hexdigest()
@@ -105,7 +105,9 @@ class BlobStore:
             return self._put_file(self._folder, data, media_type)
         except OSError as error:
             if error.errno == errno.ENOSPC:
-                raise StorageFullError(f"no room for a blob in {self._folder}") from error
+                raise StorageFullError(
+                    f"the disk is full: no blob stored in {self._folder}"
+                ) from error
             raise
 
     def _put_file(self, folder: Path, data: bytes | Path | BinaryIO, media_type: str) -> Blob:
@@ -145,7 +147,7 @@ class BlobStore:
         Raises
         ------
         MissingBlobError
-            If it is not here, or this store keeps its blobs in memory.
+            If the blob is missing, or this store keeps its blobs in memory.
         """
         digest = self._require(name)
         if self._folder is None:
@@ -164,7 +166,7 @@ class BlobStore:
         Raises
         ------
         MissingBlobError
-            If they are not here.
+            If the blob is missing.
         """
         digest = self._require(name)
         return self._memory[digest] if self._folder is None else self._place(digest).read_bytes()
@@ -172,9 +174,11 @@ class BlobStore:
     def _require(self, name: NamedNode | str) -> str:
         digest = digest_of(name)
         if digest is None:
-            raise DataError(f"not the IRI of a blob: {name} (expected {PREFIX}<64 hex digits>)")
+            raise DataError(
+                f"{name} is not the IRI of a blob; expected {PREFIX}<64 hexadecimal digits>"
+            )
         if not self.has(name):
-            raise MissingBlobError(f"no bytes for {PREFIX}{digest}", blob=digest)
+            raise MissingBlobError(f"the blob {PREFIX}{digest} is not stored here", blob=digest)
         return digest
 
     def digests(self) -> Iterator[str]:
@@ -186,7 +190,7 @@ class BlobStore:
             yield file.name
 
     def discard(self, digest: str, older_than_s: float) -> bool:
-        """Delete a blob if it was stored long enough ago; return whether it was deleted."""
+        """Delete a blob stored more than ``older_than_s`` seconds ago; return whether it was."""
         if self._folder is None:
             return older_than_s <= 0 and self._memory.pop(digest, None) is not None
         file = self._place(digest)

@@ -1,12 +1,12 @@
-"""Files of a knowledge base, opened and closed in order.
+"""Files of a knowledge base: find, create, open and close them.
 
 ::
 
-    DIR/kb.json           what it is
-        lock              who has it open
+    DIR/kb.json           settings
+        lock              which process has it open
         store/            the quads
         journal/          every commit as text
-        checkpoint.json   up to where the store is durable by itself
+        checkpoint.json   last commit that the store holds durably without the journal
         blobs/            byte strings by digest
 """
 
@@ -48,7 +48,7 @@ class Files:
     last_seq: int = 0
 
     def close(self, seq: int) -> None:
-        """Make everything durable and release the files."""
+        """Force everything to disk and release the files."""
         try:
             if self.checkpoints is not None and self.store.is_open and not self.store.is_stuck:
                 self.checkpoints.make(seq, clean=True)
@@ -56,7 +56,7 @@ class Files:
             self.abandon()
 
     def abandon(self) -> None:
-        """Release the files as they are."""
+        """Release the files without a checkpoint."""
         if isinstance(self.journal, JournalFile):
             self.journal.close()
         self.store.close()
@@ -70,13 +70,13 @@ def find(folder: Path, mode: str) -> Settings | None:
     Raises
     ------
     StoreFormatError
-        Neither; says what the folder is.
+        The path is something else; the error says what.
     """
     if folder.exists() and not folder.is_dir():
         raise StoreFormatError(f"{folder} is a file; a knowledge base is a folder")
     if (folder / "kb.json").exists():
         if mode == "new":
-            raise StoreFormatError(f"{folder} is a knowledge base already; open it with mode='rw'")
+            raise StoreFormatError(f"{folder} is already a knowledge base; open it with mode='rw'")
         return Settings.load(folder)
     if mode == "r" or (folder.is_dir() and any(map(_is_kept, folder.iterdir()))):
         return Settings.load(folder)
@@ -84,7 +84,7 @@ def find(folder: Path, mode: str) -> Settings | None:
 
 
 def _is_kept(path: Path) -> bool:
-    """Whether a folder that holds this is in use; a crash while making one leaves the other."""
+    """Whether a file shows that its folder is in use, unlike what a crash while creating leaves."""
     return path.name != "kb.tmp"
 
 
@@ -94,7 +94,7 @@ def make(folder: Path, settings: Settings) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         settings.save(folder)
     except OSError as error:
-        raise StoreError(f"cannot make a knowledge base in {folder}: {error.strerror}") from error
+        raise StoreError(f"cannot create a knowledge base in {folder}: {error.strerror}") from error
 
 
 def open_in_memory(settings: Settings) -> Files:
@@ -153,7 +153,7 @@ def _open_store(folder: Path, reading: bool) -> GraphStore:
 
 def _damaged(folder: Path, error: Exception) -> StoreFormatError:
     return StoreFormatError(
-        f"the store in {folder} cannot be opened: {error}; restore a backup, or make the store "
-        f"again from the journal: rtask rebuild store -d {folder}",
+        f"the store in {folder} cannot be opened: {error}; restore a backup, or rebuild the store "
+        f"from the journal: rtask rebuild store -d {folder}",
         damaged="store",
     )

@@ -1,8 +1,8 @@
-"""Journal: every commit as text, on disk before it is acknowledged.
+"""Journal: each commit as text, written to disk before the commit is acknowledged.
 
-A record is a JSON line, then ``D`` and ``A`` lines, one N-Quads statement each, with the store's
-own blank node labels. Segments are named after the first commit they hold. Derived copies (the
-union in the default graph) are left out; replaying computes them.
+A record is a JSON line followed by ``D`` (deleted) and ``A`` (added) lines, each with one N-Quads
+statement and the store's own blank node labels. Segments are named after the first commit they
+hold. The union in the default graph is left out; replaying computes it.
 """
 
 from __future__ import annotations
@@ -89,13 +89,13 @@ class NoJournal:
     """Journal of a store in memory, which records nothing."""
 
     def append(self, record: CommitRecord, change: Overlay) -> None:
-        """Nothing to record."""
+        """Do nothing."""
 
     def withdraw(self) -> None:
-        """Nothing to remove."""
+        """Do nothing."""
 
     def sync(self, seq: int) -> None:
-        """Nothing to wait for."""
+        """Do nothing."""
 
 
 class JournalFile:
@@ -104,10 +104,10 @@ class JournalFile:
     Parameters
     ----------
     folder
-        Where the segments lie.
+        Folder of the segments.
     durable
-        Whether :meth:`sync` forces the disk; otherwise commits survive the end of the process
-        only.
+        Whether :meth:`sync` calls fsync. Otherwise commits survive the end of the process but not
+        a power cut.
     """
 
     def __init__(self, folder: Path, durable: bool = True) -> None:
@@ -126,7 +126,7 @@ class JournalFile:
         Raises
         ------
         StorageFullError
-            Nothing is kept of it.
+            The disk is full; nothing of the record is kept.
         """
         self.append_record(_encode(record, change), record.seq)
 
@@ -143,14 +143,16 @@ class JournalFile:
             if not isinstance(error, OSError):
                 raise
             if error.errno == errno.ENOSPC:
-                raise StorageFullError(f"no room for the journal in {self._folder}") from error
+                raise StorageFullError(
+                    f"the disk is full: the journal in {self._folder} cannot grow"
+                ) from error
             raise StoreError(f"the journal in {self._folder} cannot be written: {error}") from error
         self._size += len(data)
         self.written_bytes += len(data)
         self._written = seq
 
     def withdraw(self) -> None:
-        """Remove the last record; its number will be used again."""
+        """Remove the last record, whose number is then reused."""
         with self._syncing:
             os.ftruncate(self._handle, self._before)
             self._size = self._before
@@ -168,7 +170,9 @@ class JournalFile:
             try:
                 os.fdatasync(self._handle)
             except OSError as error:
-                raise StoreError(f"the journal in {self._folder} is not safe: {error}") from error
+                raise StoreError(
+                    f"the journal in {self._folder} cannot be forced to disk: {error}"
+                ) from error
             self._synced = max(written, self._synced)
 
     def _open(self, seq: int) -> None:
@@ -194,7 +198,7 @@ class JournalFile:
         self._handle = -1
 
     def close(self) -> None:
-        """Make everything durable and close the file."""
+        """Force everything to disk and close the file."""
         with self._syncing:
             self._close_segment()
 
@@ -208,7 +212,7 @@ class JournalFile:
         Raises
         ------
         StoreError
-            At a damaged record that is not the torn end of the journal.
+            A record is damaged, other than one torn at the end of the journal.
         """
         segments = self.segments()
         for at, path in enumerate(segments):
@@ -230,7 +234,7 @@ class JournalFile:
                     os.fsync(file.fileno())
 
     def prune(self, checkpoint: int) -> None:
-        """Delete segments beyond 30 days or 1 GiB, but none since the last checkpoint."""
+        """Delete segments beyond 30 days or 1 GiB, but keep all since the last checkpoint."""
         segments = self.segments()
         total = sum(path.stat().st_size for path in segments)
         for path, following in itertools.pairwise(segments):
@@ -273,12 +277,12 @@ def _lines(mark: bytes, quads: Sequence[Quad]) -> bytes:
 
 
 def read_segment(path: Path, torn_end: bool) -> Iterator[tuple[Record, int]]:
-    """Yield each record of a segment and the offset behind it.
+    """Yield each record of a segment and the offset of its end.
 
     Parameters
     ----------
     torn_end
-        Whether the last record may be incomplete; it is left out then.
+        Whether the last record may be incomplete, in which case it is left out.
     """
     with path.open("rb") as file:
         while line := file.readline():
@@ -291,5 +295,5 @@ def read_segment(path: Path, torn_end: bool) -> Iterator[tuple[Record, int]]:
             if record is None:
                 if torn_end:
                     return
-                raise StoreError(f"{path} is damaged before its end; restore a backup")
+                raise StoreError(f"{path} has a damaged record before its end; restore a backup")
             yield record, file.tell()

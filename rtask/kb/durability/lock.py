@@ -1,4 +1,4 @@
-"""Lock of a folder: one process writes it, and others learn which one."""
+"""Lock of a folder: only one process writes, and others can find out which one."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["FolderLock"]
 
 
 class FolderLock:
-    """An ``flock`` on the file ``lock`` of a knowledge base; the system drops it with the process.
+    """An ``flock`` on the file ``lock`` of a knowledge base; released when the process ends.
 
     Parameters
     ----------
     folder
         The knowledge base.
     shared
-        For readers: several may hold it, but no writer beside them.
+        Lock for reading: several readers may hold it together, but no writer.
 
     Raises
     ------
@@ -47,7 +47,7 @@ class FolderLock:
             self._write({})
 
     def publish(self, **facts: Any) -> None:
-        """Add facts about this process for others, e.g. the ``url`` it serves."""
+        """Add facts about this process to the lock file, e.g. the ``url`` it serves."""
         self._write({**self._read(), **facts})
 
     def _write(self, facts: dict[str, Any]) -> None:
@@ -80,7 +80,7 @@ class FolderLock:
 
 
 def _is_running(holder: dict[str, Any]) -> bool:
-    """Whether the process named in a lock file is still running, as far as can be told."""
+    """Whether the process named in a lock file appears to be running."""
     if not holder:
         return False
     if holder.get("host") != socket.gethostname():
@@ -96,7 +96,7 @@ def _is_running(holder: dict[str, Any]) -> bool:
 
 def _explain(folder: Path, holder: dict[str, Any]) -> str:
     if not _is_running(holder):
-        return f"{folder} is open for reading in another process; wait until it has closed it"
+        return f"{folder} is open for reading in another process; close it there first"
     since = str(holder.get("since", "?"))
     clock = since[11:16] if since[:10] == dt.date.today().isoformat() else since
     who = f"pid {holder.get('pid')} ({holder.get('command')}) on {holder.get('host')}"

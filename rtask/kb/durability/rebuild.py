@@ -1,6 +1,6 @@
-"""Make the store again from the journal, or go on without a journal that is lost.
+"""Rebuild the store from the journal, or continue without a lost journal.
 
-Both work on a folder that is not open. What they replace is set aside beside it, never deleted.
+Both work on a folder that is not open. Replaced files are moved aside, never deleted.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def rebuild_store(folder: Path) -> int:
     Raises
     ------
     StoreFormatError
-        The journal does not begin with the first commit, has a gap or damage, or does not hold
-        everything that the catalogue counts; the folder is left as it was.
+        The journal does not begin with the first commit, has a gap, is damaged, or lacks
+        statements that the catalogue counts; the folder is left unchanged.
     StoreLockedError
         The folder is open.
     """
@@ -68,8 +68,8 @@ def _replay_all(folder: Path, store: GraphStore, journal: JournalFile, settings:
     for record in journal.records():
         if record.seq != last + 1:
             raise StoreFormatError(
-                f"the journal in {folder} has commit {record.seq} after {last}; commits between "
-                "are missing or were deleted because of their age, restore a backup"
+                f"the journal in {folder} goes from commit {last} to {record.seq}; those between "
+                "are missing or were deleted because of their age; restore a backup"
             )
         _require_known(folder, record)
         replay(store, record, settings.is_merged)
@@ -86,7 +86,7 @@ def _require_known(folder: Path, record: Record) -> None:
 
 
 def _require_complete(folder: Path, store: GraphStore, settings: Settings) -> None:
-    """Compare the graphs with the counts that the last commits recorded of them."""
+    """Compare the sizes of graphs with those recorded in the catalogue."""
     if settings.plain:
         return
     meta = Graphs(settings.base).meta
@@ -110,15 +110,15 @@ def _require_complete(folder: Path, store: GraphStore, settings: Settings) -> No
 
 
 def rebuild_journal(folder: Path) -> int:
-    """Set a lost or damaged journal aside and begin another; return the last commit's number.
+    """Move a lost or damaged journal aside and start another; return the last commit's number.
 
-    The store keeps everything; history, states of the past and the positions of followers before
-    this point are gone, so the folder gets a new epoch.
+    No statement is lost; history, earlier states and the positions of subscribers before this point
+    are, so the folder gets a new epoch.
 
     Raises
     ------
     StoreError
-        The store itself lags behind the journal, because the folder was not closed in order.
+        The store may lag behind the journal because the folder was not closed properly.
     StoreLockedError
         The folder is open.
     """
@@ -127,7 +127,9 @@ def rebuild_journal(folder: Path) -> int:
     try:
         checkpoint = Checkpoint.load(folder)
         if checkpoint is not None and not checkpoint.clean:
-            raise StoreError(f"{folder} was not closed; open it once for writing to recover it")
+            raise StoreError(
+                f"{folder} was not closed properly; open it once for writing to recover it"
+            )
         seq = checkpoint.seq if checkpoint is not None else _stored_seq(folder, settings)
         journal = folder / "journal"
         if journal.exists():
@@ -146,7 +148,7 @@ def rebuild_journal(folder: Path) -> int:
 
 
 def _stored_seq(folder: Path, settings: Settings) -> int:
-    """Return the number of the last commit that the store knows of itself."""
+    """Return the number of the last commit that is recorded in the store itself."""
     if settings.plain:
         raise StoreFormatError(
             f"{folder} has neither checkpoint nor journal, and a plain store does not number its "

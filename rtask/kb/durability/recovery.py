@@ -1,7 +1,7 @@
 """Checkpoints, and recovery after an unclean shutdown.
 
-After a checkpoint the store needs no journal before it. Replaying is idempotent: of all records
-that touch a statement the last decides.
+The store does not need the journal from before a checkpoint. Replaying is idempotent: the last
+record that touches a statement decides.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The commit up to which the store is durable by itself.
+    """The commit up to which the store is durable without the journal.
 
     Parameters
     ----------
     seq
-        Number of the last commit that the store surely holds.
+        Number of the last commit that the store is sure to hold.
     clean
-        Whether the knowledge base was closed in order.
+        Whether the knowledge base was closed properly.
     boot
-        Which start of the machine this was.
+        Identifier of the boot of the machine during which this was written.
     durable
-        Whether commits were acknowledged only when safe from power cuts.
+        Whether commits were acknowledged only once they would survive a power cut.
     journal
-        Seal of the journal of a folder that was closed in order; ``None`` if an earlier version of
-        this software closed it.
+        Seal of the journal of a folder that was closed properly; ``None`` if an earlier version
+        closed it.
     """
 
     seq: int = 0
@@ -65,14 +65,14 @@ class Checkpoint:
         Raises
         ------
         StoreFormatError
-            Its bytes are not those that were written.
+            The file is not as it was written.
         """
         path = folder / _FILE
         try:
             record = json.loads(path.read_text("utf-8"))
             checksum = record.pop("crc32", None)
             if checksum is not None and checksum != _checksum(record):
-                raise ValueError("its checksum differs")
+                raise ValueError("its checksum does not match")
             return cls(**record)
         except FileNotFoundError:
             return None
@@ -140,14 +140,15 @@ def boot_id() -> str:
 
 
 def require_clean(folder: Path) -> None:
-    """Raise unless the folder was closed properly and can be read as it is."""
+    """Raise unless the folder was closed properly and can be read without recovery."""
     checkpoint = Checkpoint.load(folder)
     if checkpoint is not None and checkpoint.clean:
         if checkpoint.journal is not None:
             require_sealed(folder, JournalFile(folder / "journal"), checkpoint.journal)
     else:
         raise StoreError(
-            f"{folder} was not closed; open it once for writing to recover it", recover=True
+            f"{folder} was not closed properly; open it once for writing to recover it",
+            recover=True,
         )
 
 
@@ -164,7 +165,7 @@ def recover(
     Raises
     ------
     StoreFormatError
-        Checkpoint or journal were changed, cut or deleted after the folder was closed.
+        Checkpoint or journal was changed, truncated or deleted after the folder was closed.
     """
     checkpoint = Checkpoint.load(folder) or _checkpoint_lost(folder, store, journal)
     if checkpoint.clean:
@@ -176,25 +177,25 @@ def recover(
     for record in journal.records(checkpoint.seq):
         replay(store, record, settings.is_merged)
         last, redone = record.seq, redone + 1
-    _log.info("recovered after an unclean end: %d commits replayed", redone)
+    _log.info("recovered after an unclean shutdown: %d commits replayed", redone)
     if not checkpoint.durable and checkpoint.boot != boot_id():
         settings = replace(settings, epoch=Settings.new().epoch)
         settings.save(folder)
-        _log.warning("the machine stopped: the newest commits may be lost; new epoch")
+        _log.warning("the machine was restarted: the newest commits may be lost; new epoch")
     sync_folder(folder)
     return settings, last
 
 
 def _checkpoint_lost(folder: Path, store: GraphStore, journal: JournalFile) -> Checkpoint:
-    """Return what is known without a checkpoint: the journal decides, if there is one."""
+    """Return a substitute for a missing checkpoint, based on the journal if there is one."""
     segments = journal.segments()
     if segments:
         _log.warning("%s is missing: the whole journal is replayed", folder / _FILE)
         return Checkpoint(int(segments[0].stem) - 1, clean=False, boot=boot_id())
     if len(store):
         raise StoreFormatError(
-            f"{folder} has lost both {_FILE} and its journal; restore a backup, or go on without "
-            f"its history: rtask rebuild journal -d {folder}",
+            f"{folder} has lost both {_FILE} and its journal; restore a backup, or continue "
+            f"without its history: rtask rebuild journal -d {folder}",
             damaged="journal",
         )
     return Checkpoint()
@@ -214,7 +215,7 @@ def replay(store: GraphStore, record: Record, merged: bool) -> None:
 def fill_gap(journal: JournalFile, journalled: int, stored: int) -> None:
     """Record commits that reached the store but not the journal before a power cut.
 
-    They were never acknowledged; the numbers stay without a gap.
+    They were never acknowledged, but recording them keeps the numbers without a gap.
     """
     for seq in range(journalled + 1, stored + 1):
         header = {"seq": seq, "time": "", "agent": None, "note": None, "kind": "recovered"}

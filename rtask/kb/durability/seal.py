@@ -1,7 +1,7 @@
 """The seal of a journal: sizes and checksums of its segments when the folder was closed.
 
-A journal that differs from its seal was changed, cut or deleted by somebody else. Without this
-check such a folder would open as if nothing had happened, and number its commits anew.
+A journal that differs from its seal was changed, truncated or deleted by something else. Without
+this check such a folder would open without an error and reuse commit numbers.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def seal(journal: JournalFile, known: Seal | None = None) -> Seal:
     Parameters
     ----------
     known
-        An earlier seal; of segments that have its size, all but the last, the checksum is taken
-        from it, since only the last one is ever written to.
+        An earlier seal. Only the last segment is ever written to, so the checksums of the others
+        are copied from it where the size is the same.
     """
     segments = journal.segments()
     made: Seal = {}
@@ -41,15 +41,15 @@ def seal(journal: JournalFile, known: Seal | None = None) -> Seal:
 
 
 def require_sealed(folder: Path, journal: JournalFile, sealed: Seal) -> None:
-    """Raise if the journal is not as it was when the folder was closed.
+    """Raise if the journal has changed since the folder was closed.
 
-    The checksum of the last segment is computed, of the others only the size is compared; ``rtask
-    verify`` reads them all.
+    The checksum is computed for the last segment only; for the others the size is compared.
+    ``rtask verify`` reads them all.
 
     Raises
     ------
     StoreFormatError
-        Naming the segment and what to do.
+        The journal has changed; the error names the segment and the remedy.
     """
     paths = {path.name: path for path in journal.segments()}
     problem = ""
@@ -60,7 +60,7 @@ def require_sealed(folder: Path, journal: JournalFile, sealed: Seal) -> None:
         elif path.stat().st_size != size:
             problem = f"{name} has {path.stat().st_size} bytes instead of {size}"
         elif name == max(sealed) and _checksum(path) != checksum:
-            problem = f"{name} holds other bytes"
+            problem = f"the checksum of {name} does not match"
         if problem:
             break
     if not problem and paths:
@@ -68,7 +68,7 @@ def require_sealed(folder: Path, journal: JournalFile, sealed: Seal) -> None:
     if problem:
         raise StoreFormatError(
             f"the journal in {folder} was changed after it was closed: {problem}; restore a "
-            f"backup, or go on without its history: rtask rebuild journal -d {folder}",
+            f"backup, or continue without its history: rtask rebuild journal -d {folder}",
             damaged="journal",
         )
 

@@ -27,13 +27,14 @@ class Settings:
     Parameters
     ----------
     store_id
-        Random; part of the base unless one was given.
+        Random; part of the base unless a base was given.
     epoch
-        Changes when the order of commits may have been lost (restore from a backup).
+        Identifier of the commit numbering; changes when the order of commits may have been lost,
+        e.g. by a restore from a backup.
     base
         IRI that starts every instance and graph.
     plain
-        A bare SPARQL 1.1 dataset: no union, inference, provenance.
+        Whether this is a bare SPARQL 1.1 dataset without union, inference and provenance.
     created
         UTC, ISO 8601.
     union
@@ -85,7 +86,7 @@ class Settings:
         Raises
         ------
         StoreFormatError
-            If the folder is no knowledge base, or one of another format.
+            If the folder is not a knowledge base, or has another format.
         """
         try:
             record = json.loads((folder / _FILE).read_text("utf-8"))
@@ -93,7 +94,7 @@ class Settings:
         except FileNotFoundError:
             raise StoreFormatError(
                 f"{folder} is not a knowledge base (no {_FILE}); name an empty or new folder, "
-                "or one that RTASK made"
+                "or one that RTASK created"
             ) from None
         except (ValueError, KeyError, TypeError) as error:
             raise StoreFormatError(f"{folder / _FILE} is damaged: {error}") from error
@@ -116,7 +117,7 @@ class Settings:
     def require(
         self, folder: Path, base: str | None, plain: bool, union: str | None = None
     ) -> None:
-        """Raise unless this is the kind of knowledge base that the caller asked for."""
+        """Raise unless these settings agree with those that the caller asked for."""
         if base is not None and base != self.base:
             raise StoreFormatError(f"{folder} has the base {self.base}, not {base}")
         if union is not None and union != self.union:
@@ -126,7 +127,7 @@ class Settings:
 
 
 def write_durably(path: Path, text: str) -> None:
-    """Replace a small file so that a power cut leaves the old or the new one."""
+    """Replace a small file so that a power cut leaves either the old or the new content."""
     temporary = path.with_suffix(".tmp")
     with temporary.open("w", encoding="utf-8") as out:
         out.write(text)

@@ -1,4 +1,4 @@
-"""Earlier states of a graph: a copy of the present one with the commits since then undone."""
+"""Earlier states of a graph: a copy of the current state with later commits undone."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ __all__ = ["copy_as_of"]
 def copy_as_of(
     files: Files, graphs: Graphs, feed: Feed, last_seq: int, seq: int
 ) -> tuple[Files, Catalogue, Writer]:
-    """Return what a graph held after a commit, in memory and closed for writing.
+    """Return the state of a graph after a commit, as a read-only copy in memory.
 
     Parameters
     ----------
     files, graphs, feed
-        Of the graph as it is now.
+        Parts of the current graph.
     last_seq
-        Number of its last commit.
+        Number of the current graph's last commit.
     seq
         Number of the commit to return to.
 
@@ -37,20 +37,22 @@ def copy_as_of(
     UsageError
         There is no such commit.
     GoneError
-        The journal no longer reaches back so far.
+        The journal no longer contains the commits since then.
     UnsupportedError
-        The store keeps no journal, or a load beyond the size of a commit lies between.
+        The store keeps no journal, or a bulk load was made since then.
     """
     journal = files.journal
     if not isinstance(journal, JournalFile):
-        raise UnsupportedError("this store keeps no journal; open a folder to look back")
+        raise UnsupportedError(
+            "a store in memory keeps no journal, so earlier states are unavailable; use a folder"
+        )
     if seq < 0 or seq > last_seq:
         raise UsageError(f"there is no commit {seq}; the last one is {last_seq}")
     feed.require_kept(seq)
     plain = files.settings.plain
     store = Store()
-    # A commit stored while this copies may be in the copy or not: undoing it does no harm to a
-    # statement that is not there yet.
+    # A commit stored while copying may or may not be in the copy. Undoing one that is not does no
+    # harm.
     quads = files.store.quads_for_pattern(None, None, None, None)
     store.bulk_extend(q for q in quads if plain or isinstance(q.graph_name, NamedNode))
     for graph in files.store.named_graphs():
@@ -77,7 +79,7 @@ def _undo(store: Store, record: Record) -> None:
 
 
 def _require_whole(store: Store, graphs: Graphs, catalogue: Catalogue, seq: int) -> None:
-    """Compare graph sizes with the catalogue of that time; the journal omits bulk loads."""
+    """Compare graph sizes with the catalogue of that commit, since the journal omits bulk loads."""
     for graph in store.named_graphs():
         if graph in (graphs.meta, graphs.provenance) or not isinstance(graph, NamedNode):
             continue

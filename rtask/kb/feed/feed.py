@@ -1,7 +1,7 @@
 """Change feed: announce commits to subscribers in order.
 
-A commit is announced after it is stored and durable. Subscribers that were away catch up from the
-journal; those of a store in memory from the commits that are still remembered.
+A commit is announced once it is stored and durable. Subscribers that reconnect catch up from the
+journal or, for a store in memory, from the recent commits kept in memory.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class Feed:
     Parameters
     ----------
     epoch
-        Under which the commits are numbered.
+        Identifier of the commit numbering.
     journal
-        ``None`` in memory.
+        ``None`` for a store in memory.
     last_seq
         Number of the last commit.
     """
@@ -100,7 +100,7 @@ class Feed:
             self._oldest = gone.commit.seq + 1
 
     def _interested(self, change: Change) -> list[_Subscriber]:
-        """Return the subscribers to some statement, by one look-up for each pattern mask."""
+        """Return the subscribers that a change may concern, with one look-up per pattern mask."""
         found: dict[int, _Subscriber] = {}
         for mask, by_key in self._by_pattern.items():
             if not any(mask):
@@ -112,7 +112,7 @@ class Feed:
         return list(found.values())
 
     def _instances(self, change: Change) -> Callable[[Subject, NamedNode], bool]:
-        """Return whether something is an instance of a class, or was before the commit."""
+        """Return a test whether a node is an instance of a class, or was before the commit."""
         types: set[tuple[Subject, Term]] | None = None
 
         def is_instance(subject: Subject, cls: NamedNode) -> bool:
@@ -169,13 +169,13 @@ class Feed:
                     del self._by_pattern[mask]
 
     def _after(self, since: int | str) -> int:
-        """Return the commit number in ``since``."""
+        """Return the commit number given by ``since``."""
         epoch, colon, number = str(since).rpartition(":")
         if not number.isdigit():
             raise UsageError(f"since={since!r}: expected a commit's number or epoch:number")
         if colon and epoch != self.epoch:
             raise EpochChangedError(
-                f"commits are numbered anew since {since}; read everything again, then subscribe "
+                f"commits were renumbered since {since}; read everything again, then subscribe "
                 f"with since={self.position(self._announced)!r}",
                 epoch=self.epoch,
                 seq=self._announced,
@@ -208,7 +208,7 @@ class Feed:
                 yield part
 
     def changes(self, after: int, upto: int) -> Iterator[Change]:
-        """Yield the kept commits after one number up to another."""
+        """Yield the commits numbered above ``after`` and up to ``upto``."""
         if self._journal is None:
             yield from [c for c in self._remembered if after < c.commit.seq <= upto]
             return
@@ -218,7 +218,7 @@ class Feed:
             yield self._read(record)
 
     def _read(self, record: Record) -> Change:
-        """Return a commit of the journal as it was announced."""
+        """Convert a journal record to the change that was announced."""
         graphs = self._catalogue.graphs
         derived = {graphs.inferred}
         kept = set() if self._plain else {graphs.inferred, graphs.meta, graphs.provenance}

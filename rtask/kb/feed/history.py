@@ -17,14 +17,14 @@ __all__ = ["HistoryEntry", "Period", "history", "matcher"]
 
 @dataclass(frozen=True)
 class HistoryEntry:
-    """Effect of one commit on the statements in question.
+    """Effect of one commit on the matching statements.
 
     Parameters
     ----------
     time
         ISO 8601, UTC.
     agent
-        Name of the writer, ``None`` for the program itself.
+        Name of the author, or ``None`` for the program itself.
     """
 
     seq: int
@@ -42,11 +42,11 @@ class Period:
     Parameters
     ----------
     after, upto
-        Numbers of commits: those behind ``after``, up to ``upto``.
+        Commits numbered above ``after`` and up to ``upto``.
     start, end
-        Moments: those at ``start`` or later, before ``end``.
+        Commits at ``start`` or later and before ``end``.
     agent
-        Name of the writer.
+        Name of the author.
     """
 
     after: int = 0
@@ -56,7 +56,7 @@ class Period:
     agent: str | None = None
 
     def holds(self, time: object, agent: object) -> bool:
-        """Whether a commit of this time and author is in the range."""
+        """Whether a commit with this time and author is in the range."""
         if self.agent is not None and agent != self.agent:
             return False
         if self.start is None and self.end is None:
@@ -70,7 +70,7 @@ def history(
 ) -> Iterator[HistoryEntry]:
     """Yield the commits that touched matching statements, oldest first.
 
-    A store in memory keeps no journal; there it reaches back as far as the feed remembers.
+    For a store in memory, which has no journal, the history goes back as far as the feed's memory.
     """
     for entry in _entries(feed, journal, period):
         added = tuple(filter(matches, entry.added))

@@ -1,7 +1,7 @@
-"""Live queries: SELECT queries whose subscribers are told when rows appear or disappear.
+"""Live queries: SELECT queries whose subscribers are notified of rows that appear or disappear.
 
-A query is evaluated again when a commit touches a predicate that it may read; its subscribers get
-the difference from the previous answer.
+A query is evaluated again when a commit touches a predicate that it may read; its subscribers
+receive the difference from the previous answer.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class RowChange:
     Parameters
     ----------
     seq
-        Of the last commit that is taken into account.
+        Number of the last commit taken into account.
     added, removed
-        Rows; at the beginning every row is an added one.
+        Rows; in the first change, all rows are added ones.
     """
 
     seq: int
@@ -47,8 +47,8 @@ class RowChange:
 def predicates_of(text: str) -> frozenset[NamedNode] | None:
     """Return every IRI that a query names, or ``None`` if it may read any predicate.
 
-    All of them are taken for predicates: asking once too often does no harm. A variable, a negated
-    property set or ``DESCRIBE`` may read anything.
+    Every IRI is treated as a predicate, since an unnecessary evaluation does no harm. A variable
+    predicate, a negated property set or ``DESCRIBE`` may read any predicate.
 
     >>> sorted(p.value for p in predicates_of("SELECT * { ?s <urn:p>/<urn:q> <urn:o> }"))
     ['urn:o', 'urn:p', 'urn:q']
@@ -59,7 +59,7 @@ def predicates_of(text: str) -> frozenset[NamedNode] | None:
     start = body_start(tokens)
     prologue = text[: tokens[start].start]
     named: set[NamedNode] = set()
-    place = 0  # of the next term in its triple: subject, predicate, object
+    place = 0  # position of the next term in its triple: subject, predicate, object
     parens = depth = 0
     for at in range(start, len(tokens)):
         kind, mark, _, _ = tokens[at]
@@ -93,7 +93,7 @@ def _place_after(mark: str, place: int) -> int:
 
 
 class _LiveQuery:
-    """A query, its present rows and their subscribers."""
+    """A query, its current rows and its subscribers."""
 
     subscription: Subscription[RowChange]
 
@@ -140,12 +140,12 @@ class LiveQueries:
         on_ready: Callable[[], None] | None = None,
         size: int = QUEUE,
     ) -> Subscription[RowChange]:
-        """Subscribe to a query; its present rows are the first change.
+        """Subscribe to a query; its current rows are the first change.
 
         Raises
         ------
         TooLargeError
-            More than 1,000 rows.
+            The answer has more than 1,000 rows.
         """
         one = _LiveQuery(ask, predicates_of(text))
         one.subscription = Subscription(lambda: self._remove(one), size=size, on_ready=on_ready)
@@ -188,7 +188,7 @@ class LiveQueries:
                     one.subscription.fail(error)
                     self._remove(one)
                 except Exception:  # noqa: BLE001 - one query must not end the others
-                    _log.exception("a standing query failed")
+                    _log.exception("a live query failed")
                     one.subscription.fail(RtaskError("the query failed"))
                     self._remove(one)
 
@@ -197,7 +197,7 @@ class LiveQueries:
         answer = one.ask()
         if len(answer) > MAX_ROWS:
             raise TooLargeError(
-                f"a standing query may have {MAX_ROWS} rows, this one has more; add a LIMIT",
+                f"the answer of a live query may have {MAX_ROWS} rows; add a LIMIT",
                 limit="rows",
                 value=len(answer),
                 allowed=MAX_ROWS,
@@ -231,4 +231,4 @@ def require_select(text: str) -> None:
     """Raise unless a text is a SELECT."""
     tokens = tokenise(text)
     if not tokens[body_start(tokens)].is_word("SELECT"):
-        raise QuerySyntaxError("only a SELECT can be followed")
+        raise QuerySyntaxError("a live query must be a SELECT")

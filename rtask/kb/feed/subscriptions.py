@@ -1,7 +1,7 @@
 """Subscriptions: queues between commits and their subscribers.
 
-The writer never waits: a subscriber that is too slow is told so and ends, and may resume from the
-last commit it saw.
+The writer never waits. The subscription of a subscriber that is too slow ends with an error, and
+the subscriber may resume from the last commit it received.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Filter:
     Parameters
     ----------
     cls
-        Statements about instances of a class, derived ones included.
+        Class whose instances to follow, derived instances included.
     inferred
-        Whether derived statements count.
+        Whether to include derived statements.
     """
 
     subject: Subject | None = None
@@ -90,19 +90,19 @@ class Subscription(Generic[_T]):
     """Queue of changes: iterate, or call :meth:`get` or :meth:`drain`.
 
     Works from threads (``for change in subscription``) and from an event loop
-    (``async for change in subscription``). Iterating ends when it is closed from either side.
+    (``async for change in subscription``). Iteration ends when either side closes it.
 
     Parameters
     ----------
     past
-        What comes before the first thing that is put.
+        Changes to deliver before the first one that is put.
     once
-        End after the first.
+        Whether to end after the first change.
     end
-        Called once when it ends.
+        Called once when the subscription ends.
     on_ready
-        Called from another thread whenever something has come, or the end has. It must not block;
-        ``loop.call_soon_threadsafe(event.set)`` is meant.
+        Called from another thread whenever a change or the end arrives. It must not block; pass
+        for example ``lambda: loop.call_soon_threadsafe(event.set)``.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class Subscription(Generic[_T]):
                 return
             if len(self._waiting) >= self._size:
                 self._error = Lagged(
-                    f"{self._size} changes wait already; subscribe again with since={resume!r}",
+                    f"{self._size} changes are unread; subscribe again with since={resume!r}",
                     seq=seq,
                     since=resume,
                 )
@@ -155,7 +155,7 @@ class Subscription(Generic[_T]):
     def _tell(self) -> None:
         ready = self.on_ready
         if ready is not None:
-            with contextlib.suppress(RuntimeError):  # the loop it belongs to has ended
+            with contextlib.suppress(RuntimeError):  # its event loop has been closed
                 ready()
 
     def get(self, timeout_s: float | None = None) -> _T | None:
@@ -164,9 +164,9 @@ class Subscription(Generic[_T]):
         Raises
         ------
         Lagged
-            Too much waited; everything before has been read.
+            Too many changes were unread; all changes before that have been returned.
         ClosedError
-            Nothing more comes.
+            The subscription has ended.
         """
         item = self._next_past()
         if item is None:
@@ -203,7 +203,7 @@ class Subscription(Generic[_T]):
         raise error
 
     def drain(self, limit: int = 1_000) -> list[_T]:
-        """Return at most ``limit`` waiting changes without waiting; errors as in :meth:`get`."""
+        """Return up to ``limit`` unread changes without waiting; raises like :meth:`get`."""
         items: list[_T] = []
         while len(items) < limit:
             if items and not self._has_more():

@@ -37,10 +37,10 @@ class QueryDataset:
     Parameters
     ----------
     default_graphs, named_graphs
-        Graphs given by the protocol; they win over ``FROM`` in the text (SPARQL 1.1 Protocol,
-        2.1.4). ``None`` = what the text or the knowledge base says.
+        Graphs given by the protocol, which override ``FROM`` in the text (SPARQL 1.1 Protocol,
+        2.1.4). ``None`` leaves the choice to the text or the knowledge base.
     inferred
-        Whether derived statements are seen.
+        Whether derived statements are visible.
     base
         IRI against which relative IRIs are resolved.
     """
@@ -85,14 +85,14 @@ def _arguments(
 def prepare(
     store: GraphStore, graphs: Graphs, plain: bool, text: str, dataset: QueryDataset
 ) -> tuple[str, dict[str, Any]]:
-    """Return a query that the store may see, and the dataset as the store's arguments.
+    """Check a query; return its text for the store, and the dataset as the store's arguments.
 
     Raises
     ------
     TooLargeError
-        Nested deeper than the store's parser survives.
+        The query is nested more deeply than the store's parser can handle.
     ForbiddenError
-        It calls out.
+        The query uses SERVICE.
     """
     guard(text)
     return without_services(text), _arguments(store, graphs, plain, text, dataset)
@@ -148,7 +148,7 @@ def serialize(
     else:
         known, kind = RdfFormat.from_media_type(media_type), "triples"
     if known is None:
-        raise UsageError(f"{media_type!r} cannot carry {kind}", media_type=media_type)
+        raise UsageError(f"{media_type!r} cannot represent {kind}", media_type=media_type)
     try:
         written: bytes = answer.serialize(format=known)
     except (RuntimeError, ValueError) as error:
@@ -157,6 +157,6 @@ def serialize(
 
 
 def default_media_type(text: str) -> str:
-    """Return the media type of an answer for which nobody asked for another."""
+    """Return the media type of an answer when none was requested."""
     rows = query_form(text) in ("select", "ask")
     return "application/sparql-results+json" if rows else "application/n-triples"

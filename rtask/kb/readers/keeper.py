@@ -1,7 +1,7 @@
 """Handles of the keeper and its readers in the knowledge base's own process.
 
-Everything to the keeper goes through one thread: the dump, the commits and the orders to fork
-keep their order, so a reader forked after a commit has it.
+One thread sends all messages to the keeper, so the dump, the commits and the requests to fork
+stay in order, and a reader forked after a commit contains it.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _DUMP_PIECE = 256 << 10
 _SEND_TIMEOUT_S = 30.0
 _COALESCE_S = 0.005
 _FEW = 64
-# -I: the folder of the script and the environment must not get in front of the standard library.
-# The packages that this process uses come right after it, before anything else that is installed.
+# -I: neither the script's folder nor the environment may shadow the standard library. The packages
+# that this process uses are searched next, before anything else that is installed.
 _START = """
 import runpy, sys
 places, script = sys.argv.pop().split("\\n"), sys.argv.pop()
@@ -56,7 +56,7 @@ class ReaderGone(Exception):
 
 
 class CommitFrame:
-    """A commit for the replicas, encoded once when it is first sent."""
+    """A commit for the replicas; encoded once, when it is first sent."""
 
     __slots__ = ("_data", "_writes", "weight")
 
@@ -96,7 +96,7 @@ class ReaderProcess:
     Parameters
     ----------
     snapshot_seq
-        Commit of the snapshot that it reads; ``None`` if it follows the commits.
+        Commit number of the snapshot that it reads; ``None`` if it follows the commits.
     """
 
     def __init__(self, keeper: KeeperProcess, number: int, snapshot_seq: int | None = None) -> None:
@@ -122,7 +122,7 @@ class ReaderProcess:
 
     @property
     def pid(self) -> int:
-        """Process identifier, known after :meth:`say_hello`."""
+        """Process identifier, available after :meth:`say_hello`."""
         return self._pid
 
     def add(self, frame: CommitFrame) -> None:
@@ -136,7 +136,7 @@ class ReaderProcess:
         Raises
         ------
         ReaderGone
-            It is not, within the time.
+            The process did not become ready within the time.
         """
         if self._pid > 0:
             return
@@ -157,7 +157,7 @@ class ReaderProcess:
             self._flush(message(kind, question))
 
     def follow(self) -> None:
-        """Send the waiting commits now, if nobody uses the reader; a few may wait."""
+        """Send the queued commits now if the reader is idle; a few may stay queued."""
         if len(self._frames) < _FEW or not self._lock.acquire(blocking=False):
             return
         try:
@@ -183,11 +183,11 @@ class ReaderProcess:
         self.grown_bytes = rss - self._rss
 
     def kill(self) -> None:
-        """End the process at once; whoever reads its answer finds the end of the pipe."""
+        """Kill the process at once; a thread that reads its answer gets the end of the pipe."""
         with self._lock:
             self.killed = True
             if self._closed or self._pid < 0:
-                # one that has not said hello ends when it finds its socket closed
+                # a process that has not announced itself yet exits when its socket is closed
                 with contextlib.suppress(OSError):
                     self._control.shutdown(socket.SHUT_RDWR)
                 return
@@ -211,7 +211,7 @@ class ReaderProcess:
 
 
 class _DumpSink:
-    """The file that the store is dumped into: ``D`` messages to the keeper."""
+    """File-like writer that sends a dump of the store to the keeper as ``D`` messages."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -237,9 +237,9 @@ class KeeperProcess:
     Parameters
     ----------
     store
-        What it copies and follows; ``None`` if its readers open snapshots.
+        Store to copy and follow; ``None`` if the readers open snapshots.
     memory_bytes
-        How much a reader may take for itself.
+        Memory that a reader may use in addition to the shared copy.
     """
 
     def __init__(self, store: GraphStore | None, memory_bytes: int, max_waiting: int) -> None:
@@ -288,12 +288,12 @@ class KeeperProcess:
             for reader in self._readers.values():
                 reader.add(frame)
             if self.waiting_bytes > self._max_waiting:
-                _log.info("the replica is too far behind and will be built anew")
+                _log.info("the replica is too far behind and will be rebuilt")
                 self.failed = True
             self._changed.notify()
 
     def fork(self, snapshot: Path | None = None, snapshot_seq: int | None = None) -> ReaderProcess:
-        """Request a reader that has every commit added before."""
+        """Request a reader that contains every commit added before."""
         with self._changed:
             if self.failed:
                 raise ReaderGone
@@ -326,7 +326,7 @@ class KeeperProcess:
                 self._send_batch(batch)
                 for reader in self.readers:
                     reader.follow()
-                with self._changed:  # so that commits in quick succession go together
+                with self._changed:  # commits in quick succession are sent together
                     self._changed.wait_for(self._is_urgent, _COALESCE_S)
         except (OSError, ClosedError) as error:
             _log.debug("the keeper cannot be reached: %s", error)
@@ -337,8 +337,8 @@ class KeeperProcess:
         return self.failed or bool(self._orders)
 
     def _send_dump(self, store: GraphStore) -> None:
-        # Commits stored from now on wait in the outbox. Some may be in the dump, too; applying
-        # them again in order leads to the same state.
+        # Commits stored from now on are queued. Some may be in the dump, too; applying them again
+        # in order leads to the same state.
         graphs = [g.value for g in store.named_graphs() if isinstance(g, NamedNode)]
         self._connection.sendall(message(b"L", json.dumps(graphs).encode()))
         sink: Any = _DumpSink(self._connection)
@@ -402,13 +402,13 @@ class KeeperProcess:
         self.ready.set()
 
     def retire(self) -> None:
-        """End once the running queries have ended; their readers are its children."""
+        """End after the running queries, whose readers are children of the keeper."""
         self.retired = True
         if not self.readers:
             self.close()
 
     def close(self) -> None:
-        """End the keeper and with it its readers; returns when the process is gone."""
+        """End the keeper together with its readers, and wait until the process has exited."""
         import subprocess
 
         with contextlib.suppress(OSError):

@@ -1,16 +1,17 @@
-"""The processes that evaluate queries: a keeper, and the readers that it forks.
+"""Processes that evaluate queries: a keeper, and the readers that it forks.
 
-This file runs by itself, with the standard library and pyoxigraph only. The keeper holds a copy of
-the store in memory, has one thread and evaluates nothing, so that it can be forked at any time;
-a reader is such a fork (or opens a snapshot) and answers one query after another until its sockets
-close or it is killed. A query can therefore end at its deadline, run out of memory or crash
-without harm to anybody else.
+This file runs as a script and needs only the standard library and pyoxigraph. The keeper holds a
+copy of the store in memory, has one thread and evaluates nothing, so that it can be forked at any
+time. A reader is such a fork (or opens a snapshot) and answers one query after another until its
+sockets close or it is killed. A query can therefore be stopped at its deadline, run out of memory
+or crash without affecting other queries.
 
-Messages are a type byte, a length and a payload. To the keeper: ``L`` a dump of the store follows
-as ``D`` pieces, the last one empty; ``F`` a commit; ``K`` fork a reader on the descriptors that
-come along. From the keeper: ``R`` the dump is loaded, ``E`` a reader ended. To a reader: ``F``,
-``Q`` a query, and ``U`` an update, whose exact change is the answer. From a reader, through a
-pipe: ``M`` what the answer is, ``C`` a piece of it, ``E`` its end, ``X`` an error.
+A message consists of a type byte, a length and a payload. To the keeper: ``L`` a dump of the store
+follows in ``D`` pieces, the last one empty; ``F`` a commit; ``K`` fork a reader on the descriptors
+sent along. From the keeper: ``R`` the dump is loaded; ``E`` a reader has ended. To a reader: ``F``
+a commit; ``Q`` a query; ``U`` an update, answered with its exact change. From a reader, through a
+pipe: ``M`` the kind and media type of the answer; ``C`` a piece of it; ``E`` its end; ``X`` an
+error.
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ import pyoxigraph as ox
 HEADER = struct.Struct("<cI")
 PIECES = (8 << 10, 32 << 10, 128 << 10, 256 << 10)
 _MIN_GZIP = 1 << 10
-_LOOK_S = 2.0
+_PARENT_CHECK_S = 2.0
 _PR_SET_PDEATHSIG = 1
 _ANSWERS = ("application/sparql-results+json", "application/n-triples")
 
 
 def message(kind: bytes, payload: bytes = b"") -> bytes:
-    """Return a message as it is sent."""
+    """Encode a message."""
     return HEADER.pack(kind, len(payload)) + payload
 
 
 class Incoming:
-    """Messages from a socket, with the descriptors that come along."""
+    """Messages from a socket, with the file descriptors sent along."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -57,7 +58,7 @@ class Incoming:
         EOFError
             When the other side has closed.
         """
-        # descriptors come with the first byte of a message, so a header is never read with others
+        # descriptors arrive with the first byte of a message, so its header is read by itself
         header, descriptors = b"", []
         while len(header) < HEADER.size:
             part, found, _, _ = socket.recv_fds(self._connection, HEADER.size - len(header), 4)
@@ -86,7 +87,7 @@ def encode_commit(removed: bytes, added: bytes, created: list[str], dropped: lis
 
 
 def apply_commit(store: ox.Store, payload: bytes) -> None:
-    """Change a store in memory as a commit changed the original; may be done twice."""
+    """Apply a commit to a store in memory; applying it twice does no harm."""
     line, _, body = payload.partition(b"\n")
     head = json.loads(line)
     cut = head["removed"]
@@ -100,7 +101,7 @@ def apply_commit(store: ox.Store, payload: bytes) -> None:
 
 
 class _Dump:
-    """The ``D`` messages of a dump as one file to read."""
+    """File-like reader over the ``D`` messages of a dump."""
 
     def __init__(self, incoming: Incoming) -> None:
         self._incoming = incoming
@@ -117,7 +118,7 @@ class _Dump:
 
 
 class Keeper:
-    """Holds the replica; forks readers; tells how they ended."""
+    """Holds the replica, forks readers and reports how they ended."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -126,7 +127,7 @@ class Keeper:
         self._readers: dict[int, int] = {}
 
     def run(self) -> None:
-        """Work until the other side closes, or is gone without closing."""
+        """Serve until the other side closes the connection or disappears."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         woken, wake = os.pipe()
         for end in (woken, wake):
@@ -138,7 +139,7 @@ class Keeper:
         with contextlib.suppress(EOFError, OSError):
             while os.getppid() == parent:
                 watched: list[Any] = [self._connection, woken]
-                ready, _, _ = select.select(watched, [], [], _LOOK_S)
+                ready, _, _ = select.select(watched, [], [], _PARENT_CHECK_S)
                 if woken in ready:
                     os.read(woken, 4096)
                     self._reap()
@@ -190,14 +191,14 @@ class Keeper:
 def _read(
     store: ox.Store, order: dict[str, Any], control: socket.socket, answers: int, keeper: int
 ) -> NoReturn:
-    """Be a reader: say hello, then apply commits and answer queries."""
+    """Run as a reader: announce the process, then apply commits and answer queries."""
     _die_with(keeper)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 2)
     if order["snapshot"]:
         store = ox.Store.read_only(order["snapshot"])
     _limit_memory(order["memory"])
-    _say_hello(control)
+    _send_hello(control)
     incoming = Incoming(control)
     while True:
         kind, payload, _ = incoming.next()
@@ -210,7 +211,7 @@ def _read(
 
 
 def _prepare_updates() -> None:
-    """Import what evaluates updates before forking, so that not every reader has to."""
+    """Import the modules for updates before forking, to spare each reader the import."""
     with contextlib.suppress(ImportError):
         import rtask.kb.readers.update_main  # noqa: F401
 
@@ -227,7 +228,7 @@ def _die_with(keeper: int) -> None:
 
 
 def _limit_memory(allowed: int) -> None:
-    """Let this process take so many bytes more than it has."""
+    """Limit this process to ``allowed`` bytes more than it uses now."""
     import resource
 
     used = _data_bytes()
@@ -242,8 +243,8 @@ def _data_bytes() -> int:
     return 0
 
 
-def _say_hello(control: socket.socket) -> None:
-    """Give the other side a descriptor of this process, so that it cannot kill a stranger."""
+def _send_hello(control: socket.socket) -> None:
+    """Send a pidfd, so that the other side cannot kill an unrelated process with the same pid."""
     facts = {"pid": os.getpid(), "rss": _resident()}
     hello = message(b"H", json.dumps(facts).encode())
     if not hasattr(os, "pidfd_open"):
@@ -254,8 +255,8 @@ def _say_hello(control: socket.socket) -> None:
     os.close(own)
 
 
-class _Over(Exception):
-    """A limit of the answer is reached."""
+class _LimitExceeded(Exception):
+    """A limit on the size of the answer was exceeded."""
 
     def __init__(self, limit: str, value: int, allowed: int) -> None:
         super().__init__(limit)
@@ -263,9 +264,9 @@ class _Over(Exception):
 
 
 class _Answer:
-    """The file that an answer is written to: pieces that grow, through a pipe.
+    """File-like writer that sends an answer through a pipe in pieces of growing size.
 
-    A small first piece comes early, large later ones fast.
+    A small first piece arrives early; large later pieces give throughput.
     """
 
     def __init__(self, pipe: int, question: dict[str, Any], facts: dict[str, Any]) -> None:
@@ -280,7 +281,7 @@ class _Answer:
         self._overlap = b""
         self._packer: Any = None
         self._wants_gzip = question["gzip"]
-        self.error: _Over | None = None
+        self.error: _LimitExceeded | None = None
 
     def write(self, data: bytes) -> int:
         self._parts.append(data)
@@ -290,10 +291,10 @@ class _Answer:
         return len(data)
 
     def flush(self) -> None:
-        """Nothing; pieces are sent when they are large enough."""
+        """Do nothing; pieces are sent when they are large enough."""
 
     def finish(self) -> None:
-        """Send what is left and the end."""
+        """Send the remaining data and the end message."""
         self._send(last=True)
 
     def _send(self, last: bool) -> None:
@@ -323,21 +324,21 @@ class _Answer:
 
     def _check(self, data: bytes) -> None:
         if self._max_bytes is not None and self._total > self._max_bytes:
-            self.error = _Over("bytes", self._total, self._max_bytes)
+            self.error = _LimitExceeded("bytes", self._total, self._max_bytes)
         if self._mark:
             seen = self._overlap + data
             self._rows += seen.count(self._mark)
             self._overlap = seen[len(seen) - len(self._mark) + 1 :] if len(self._mark) > 1 else b""
             if self._rows > self._max_rows:
-                self.error = _Over("rows", self._rows, self._max_rows)
+                self.error = _LimitExceeded("rows", self._rows, self._max_rows)
         if self.error is not None:
             raise self.error
 
 
 def _row_mark(media_type: str) -> tuple[bytes, int]:
-    """Return what stands between rows of a format, and the count to start from.
+    """Return the byte string that separates rows of a format, and the initial row count.
 
-    Rows are counted as they are written; making an object of each would halve the rate.
+    Rows are counted in the output; creating an object for each row would halve the throughput.
     """
     if media_type.endswith("results+json"):
         return b'"}},{"', 1
@@ -347,7 +348,7 @@ def _row_mark(media_type: str) -> tuple[bytes, int]:
 
 
 def _answer(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
-    """Evaluate a query and send its answer, or the reason why there is none."""
+    """Evaluate a query; send its answer or an error."""
     answer: _Answer | None = None
     try:
         result: Any = store.query(question["text"], **_dataset(question))
@@ -374,12 +375,12 @@ def _answer(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
 
 
 def _update(store: ox.Store, order: dict[str, Any], pipe: int) -> None:
-    """Evaluate an update on the copy, send its exact change, and undo it or end."""
+    """Evaluate an update on the copy, send its exact change, then undo it or exit."""
     undone = False
     try:
         from rtask.kb.readers.update_main import evaluate
 
-        with _less_memory(order["memory"]):
+        with _memory_limit(order["memory"]):
             payload, undone = evaluate(store, order)
     except MemoryError:
         _refuse(pipe, "memory", "")
@@ -397,8 +398,8 @@ def _update(store: ox.Store, order: dict[str, Any], pipe: int) -> None:
 
 
 @contextlib.contextmanager
-def _less_memory(allowed: int) -> Iterator[None]:
-    """Let this process take at most so many bytes more for a while."""
+def _memory_limit(allowed: int) -> Iterator[None]:
+    """Limit this process to ``allowed`` bytes more than it uses now, inside the block."""
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
@@ -422,7 +423,7 @@ def _dataset(question: dict[str, Any]) -> dict[str, Any]:
 
 
 def _form(result: Any, media_type: str | None) -> tuple[dict[str, Any], Any]:
-    """Return what the answer is and how it is written."""
+    """Return the kind and media type of the answer, and its serialization format."""
     known: Callable[[str], Any]
     if isinstance(result, ox.QueryTriples):
         kind, known, own = "triples", ox.RdfFormat.from_media_type, _ANSWERS[1]
@@ -432,7 +433,7 @@ def _form(result: Any, media_type: str | None) -> tuple[dict[str, Any], Any]:
     form = known(media_type or own)
     if form is None:
         carried = "triples" if kind == "triples" else "rows or a truth value"
-        raise LookupError(f"{media_type!r} cannot carry {carried}")
+        raise LookupError(f"{media_type!r} cannot represent {carried}")
     return {"kind": kind, "type": media_type or own}, form
 
 
@@ -447,7 +448,7 @@ def _send_all(pipe: int, data: bytes) -> None:
 
 
 def _resident() -> int:
-    """Return the bytes of this process that nobody shares."""
+    """Return the resident memory of this process that is not shared, in bytes."""
     try:
         with open("/proc/self/statm") as file:  # noqa: PTH123 - as above
             _, resident, shared, *_ = map(int, file.read().split())

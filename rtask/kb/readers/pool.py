@@ -1,7 +1,7 @@
-"""Pool of reader processes: which one evaluates a query, for how long, and failure handling.
+"""Pool of reader processes: assign queries, enforce deadlines and handle failures.
 
-Two kinds of readers: those forked from a replica in memory, which follow each commit, and those
-that open a snapshot, for stores too large for a replica or while it is being built.
+There are two kinds of readers: forks of a replica in memory, which follow each commit, and readers
+that open a snapshot, used for stores too large for a replica and while the replica is being built.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class _Asked:
 
 
 class Readers:
-    """Processes that answer queries of one knowledge base; started by the first query.
+    """Processes that answer the queries of one knowledge base; started by the first query.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ class Readers:
     last_seq
         Number of the last commit.
     folder
-        Of the knowledge base; ``None`` in memory.
+        Folder of the knowledge base; ``None`` for one in memory.
     frozen
-        Nobody writes.
+        Whether the store is never written while open.
     """
 
     def __init__(
@@ -108,13 +108,13 @@ class Readers:
     # Commits
 
     def stored(self, writes: Writes) -> None:
-        """Tell the replica of a commit; called by the writer after each, in order."""
+        """Forward a commit to the replica; called by the writer after each commit, in order."""
         replica = self._replica
         if replica is not None:
             replica.add(CommitFrame(writes))
 
     def invalidate(self) -> None:
-        """Discard the replica after a change outside of a commit; the next query builds another."""
+        """Discard the replica after a change outside a commit; the next query builds a new one."""
         with self._changed:
             replica, self._replica = self._replica, None
             self._size = -1
@@ -139,19 +139,20 @@ class Readers:
         Parameters
         ----------
         quick
-            Whether it takes one of the places for quick queries; judged by its text if not given.
+            Whether the query may use a place reserved for quick queries; estimated from its text
+            if not given.
         on_start
-            Gets the answer when a reader begins with it; closing it ends the query even before
-            there is a first piece.
+            Called with the answer when a reader starts on it; closing the answer stops the query
+            even before its first piece.
 
         Raises
         ------
         QueryTimeout
-            The time is over; waiting for a reader counts.
+            The time is up; it includes the wait for a reader.
         QueryTooExpensive
-            The reader ran out of memory or crashed, now or with the same text a while ago.
+            The reader ran out of memory or crashed, now or recently with the same text.
         BusyError
-            Too many wait already.
+            Too many queries are waiting.
         """
         at = None if timeout_s is None else time.monotonic() + timeout_s
         key = hashlib.sha256(question.text.encode()).digest()
@@ -169,7 +170,7 @@ class Readers:
 
     @property
     def evaluate_updates(self) -> bool:
-        """Whether readers can evaluate updates: they need a copy that they may change."""
+        """Whether readers can evaluate updates, which requires a copy that they may change."""
         if not self._possible:
             return False
         if self._snapshots is None:
@@ -190,14 +191,14 @@ class Readers:
         order
             From :meth:`rtask.kb.readers.updating.UpdateOrder.encode`.
         timeout_s, limit_s
-            Time that is left, and the time that the error names.
+            Remaining time, and the time limit to report in the error.
 
         Raises
         ------
         QueryTimeout, QueryTooExpensive, BusyError
             As :meth:`ask`.
         RtaskError
-            What is wrong with the update.
+            The update is not valid or not allowed.
         """
         at = time.monotonic() + timeout_s
         key = hashlib.sha256(b"update " + text.encode()).digest()
@@ -246,7 +247,7 @@ class Readers:
             except ReaderGone:
                 stream.abandon()
                 if attempt == 1 and (reader.keeper.failed or not self._crashed(reader)):
-                    continue  # killed from outside; nothing was answered yet
+                    continue  # killed from outside before answering anything
                 raise crash(reader) from None
             else:
                 return stream
@@ -263,7 +264,7 @@ class Readers:
         if code is not None and code < 0:
             with contextlib.suppress(ValueError):
                 how = f"was ended by {signal.Signals(-code).name}"
-        reason = f"it needs more memory than it may have or crashes; its reader {how}"
+        reason = f"the request exceeds its memory limit or crashes the reader, which {how}"
         if code not in _KILLED:
             self._refused[key] = (time.monotonic() + _REFUSE_S, reason)
         _log.warning("%s", reason)
@@ -273,16 +274,16 @@ class Readers:
         if key in self._refused:
             until, reason = self._refused[key]
             if time.monotonic() < until:
-                raise QueryTooExpensive(reason + "; refused for ten minutes")
+                raise QueryTooExpensive(reason + "; the same text is refused for ten minutes")
             del self._refused[key]
 
     def _enter(
         self, heavy: bool, at: float | None, timeout_s: float | None, update: bool = False
     ) -> Callable[[], None]:
-        """Wait for a place; return a function that releases it."""
+        """Wait for a free place; return a function that releases it."""
         with self._changed:
             if not self._is_room(heavy, update) and self._waiting >= self.limits.queue:
-                raise BusyError(f"{self._waiting} queries wait already; try again later")
+                raise BusyError(f"{self._waiting} queries are already waiting; try again later")
             self._waiting += 1
             try:
                 while not self._is_room(heavy, update) and not self._closed:
@@ -407,7 +408,7 @@ class Readers:
         return reader
 
     def _ready_replica(self, at: float | None, wait: bool = False) -> KeeperProcess | None:
-        """Return the replica; ``None`` if a snapshot is to be read, unless it can be waited for."""
+        """Return the replica, waiting if asked to; ``None`` if a snapshot is to be read instead."""
         with self._starting:
             if self._closed:
                 raise ClosedError("the knowledge base is closed")
@@ -432,14 +433,14 @@ class Readers:
         return replica
 
     def start(self, wait: bool = True, updates: bool = False) -> None:
-        """Start the processes that the first query would start.
+        """Start the processes now that the first query would otherwise start.
 
         Parameters
         ----------
         wait
-            For the replica, even where snapshots can be read while it is being built.
+            Whether to wait for the replica even where snapshots can serve in the meantime.
         updates
-            Prepare readers for updates, too.
+            Whether to prepare readers for updates, too.
         """
         replica = self._ready_replica(None, wait)
         if updates and replica is not None:
@@ -490,6 +491,7 @@ class Readers:
 def _require_time(at: float | None, timeout_s: float | None) -> None:
     if at is not None and time.monotonic() >= at:
         raise QueryTimeout(
-            f"the query did not end within {timeout_s:g} s; it waited for a reader",
+            f"the query did not end within {timeout_s:g} s, all of it spent waiting for a reader; "
+            "try again later or allow more time",
             timeout_s=timeout_s,
         )

@@ -1,4 +1,4 @@
-"""Requests to readers: a query as it is sent to one, and what readers may take."""
+"""Queries as sent to readers, and the limits of readers."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Question:
     Parameters
     ----------
     default_graphs, named_graphs
-        IRIs, or ``None`` for what the text or the store says.
+        IRIs, or ``None`` to leave the choice to the text or the store.
     union
-        Whether the default graph is the union of all.
+        Whether the default graph is the union of all graphs.
     media_type
-        ``None`` for the one that this side reads fastest.
+        ``None`` for the type that is fastest to parse.
     max_rows, max_bytes
-        Where the answer is cut off.
+        Limits on the size of the answer.
     """
 
     text: str
@@ -54,12 +54,12 @@ class Question:
 
 @dataclass(frozen=True)
 class ReaderLimits:
-    """How many readers there are and what they may take.
+    """Number of readers and the limits of each.
 
     Parameters
     ----------
     count
-        Queries that run at a time.
+        Number of queries that run at a time.
     reserved
         How many of these places are for quick queries (:func:`rtask.sparql.query_cost.is_quick`).
     updates
@@ -67,7 +67,7 @@ class ReaderLimits:
     queue
         Queries that may wait for a reader.
     memory_bytes
-        What one query may take.
+        Memory that one query may use.
     replica_max
         Largest store, in quads, that is copied into memory; readers of larger ones open snapshots.
     """

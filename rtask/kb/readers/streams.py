@@ -44,9 +44,9 @@ class Stream(Iterator[bytes]):
     kind
         ``"rows"``, ``"boolean"`` or ``"triples"``.
     media_type
-        What the bytes are.
+        Media type of the bytes.
     gzip
-        Whether they are packed; small answers never are.
+        Whether they are compressed; small answers never are.
     """
 
     kind = ""
@@ -63,11 +63,11 @@ class Stream(Iterator[bytes]):
         """Stop reading; a reader that is still working is killed."""
 
     def extend(self, timeout_s: float) -> bool:
-        """Move the end of the time for this answer to so many seconds from now.
+        """Set the deadline of this answer to ``timeout_s`` seconds from now.
 
         Returns
         -------
-        Whether it was not too late.
+        ``False`` if the deadline had already passed.
         """
         return True
 
@@ -83,7 +83,7 @@ class Stream(Iterator[bytes]):
 
 
 class WholeStream(Stream):
-    """An answer that is complete already."""
+    """An answer that is already complete."""
 
     def __init__(self, data: bytes, media_type: str) -> None:
         self.media_type = media_type
@@ -101,9 +101,9 @@ class ReaderStream(Stream):
     text
         The query, for errors.
     done
-        Called once with whether the reader can be used again.
+        Called once, with whether the reader can be reused.
     crash
-        Makes the error for a reader that ended without a word.
+        Creates the error for a reader that ended without an answer.
     what
         Kind of request, for errors.
     deadlines
@@ -154,9 +154,9 @@ class ReaderStream(Stream):
         Raises
         ------
         ReaderGone
-            The reader ended without a word.
+            The reader ended without an answer.
         RtaskError
-            There is no answer; says why.
+            The query failed; the error gives the reason.
         """
         with self._reading:
             kind, payload = self._next_message()
@@ -185,7 +185,7 @@ class ReaderStream(Stream):
             return piece
 
     def _take(self, kind: bytes, payload: bytes) -> bytes:
-        """Return a piece, nothing at the end."""
+        """Return a piece of the answer, or empty bytes at its end."""
         if kind == b"C":
             return payload
         facts = json.loads(payload)
@@ -212,7 +212,9 @@ class ReaderStream(Stream):
                 allowed=allowed,
             )
         if reason == "memory":
-            return QueryTooExpensive(f"the {self._what} needs more memory than it may have")
+            return QueryTooExpensive(
+                f"the {self._what} exceeds its memory limit; narrow it, or add a LIMIT"
+            )
         if reason == "update":
             return _rebuilt(facts["error"], text, facts["details"])
         return DataError(f"the query cannot be evaluated: {text}")
@@ -229,13 +231,13 @@ class ReaderStream(Stream):
             if was_expired:
                 raise QueryTimeout(
                     f"the {self._what} did not end within {self._timeout_s:g} s; narrow it, or "
-                    "give it more time",
+                    "allow more time",
                     timeout_s=self._timeout_s,
                 ) from None
             raise ReaderGone from None
 
     def _exactly(self, length: int) -> bytes:
-        """Return so many bytes; small messages that come together are read together."""
+        """Return exactly ``length`` bytes; small adjacent messages are read in one call."""
         if self._done is None:
             raise EOFError
         have = self._read_ahead
@@ -257,7 +259,7 @@ class ReaderStream(Stream):
         return True
 
     def expire(self) -> None:
-        """End the query: its deadline has come."""
+        """Stop the query because its deadline has passed."""
         if self._done is not None:
             self.reader.kill()
 
@@ -270,7 +272,7 @@ class ReaderStream(Stream):
             release()
 
     def abandon(self) -> None:
-        """Return the reader as unusable."""
+        """Give the reader back as unusable."""
         with self._reading:
             self._finish(False)
 
@@ -280,7 +282,7 @@ class ReaderStream(Stream):
             return
         self.closed = True
         self.reader.kill()
-        with self._reading:  # a thread that is reading finds the end of the pipe
+        with self._reading:  # a thread that is reading gets the end of the pipe first
             self._finish(False)
 
     def __del__(self) -> None:
@@ -288,7 +290,7 @@ class ReaderStream(Stream):
 
 
 def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:
-    """Return the error that a reader raised, as the same class."""
+    """Recreate the error that a reader raised, with the same class."""
     found = getattr(errors, name, None)
     if isinstance(found, type) and issubclass(found, RtaskError):
         return found(text, **details)
@@ -296,7 +298,7 @@ def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:
 
 
 class Deadlines:
-    """Kills the readers of queries that reach their deadline, in one thread for all."""
+    """Kills the readers of queries at their deadlines, with one thread for all queries."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
@@ -306,11 +308,11 @@ class Deadlines:
         self._closed = False
 
     def add(self, at: float, stream: ReaderStream) -> bool:
-        """End the stream at this time of the monotonic clock, and no longer at an earlier one.
+        """Set a stream's deadline, a time of the monotonic clock, replacing an earlier deadline.
 
         Returns
         -------
-        Whether its time was not over before.
+        ``False`` if an earlier deadline had already passed.
         """
         with self._changed:
             if stream.expired:

@@ -1,8 +1,8 @@
 """Updates evaluated inside a reader process, on its own copy of the store.
 
-An update that runs out of time or memory ends with its reader; the process that answers robots
-never evaluates a WHERE that others wrote. The answer is the exact change, which the writer commits
-if nothing else was committed meanwhile (:mod:`rtask.kb.readers.updating`).
+An update that runs out of time or memory ends together with its reader, so the serving process
+never evaluates a WHERE clause from an untrusted caller. The answer is the exact change, which the
+writer commits if nothing else was committed meanwhile (:mod:`rtask.kb.readers.updating`).
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ MAX_UNDONE = 2_000
 
 
 def evaluate(raw: ox.Store, order: dict[str, Any]) -> tuple[bytes, bool]:
-    """Return the encoded change of an update, and whether the store is as it was before.
+    """Return the encoded change of an update, and whether the store was restored afterwards.
 
     Parameters
     ----------
     raw
         The reader's copy.
     order
-        As :meth:`rtask.kb.readers.updating.UpdateOrder.encode` makes it.
+        As encoded by :meth:`rtask.kb.readers.updating.UpdateOrder.encode`.
 
     Raises
     ------
     RtaskError
-        With the attribute ``undone``: whether the store is as it was before.
+        With the attribute ``undone``: whether the store was restored.
     """
     store = GraphStore(raw)
     store.is_view = order["view"]

@@ -1,8 +1,8 @@
-"""Updates of callers that are not trusted: evaluated in a reader, committed by the writer.
+"""Updates from untrusted callers: evaluated in a reader, committed by the writer.
 
-A reader knows the store as of one commit. Its answer is committed if that commit is still the last
-one; otherwise the update is evaluated again (optimistic concurrency control, Kung and Robinson
-1981). An update that loses repeatedly and is quick is evaluated with the writers' lock held.
+A reader has the state of the store after one commit. Its answer is committed if that commit is
+still the last one; otherwise the update is evaluated again (optimistic concurrency control, Kung
+and Robinson 1981). A quick update that conflicts repeatedly is evaluated under the writers' lock.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ __all__ = ["UpdateOrder", "commit_update", "needs_reader"]
 
 _IN_PLACE = frozenset(("INSERT DATA", "DELETE DATA", "CREATE", "LOAD"))
 _SHRINKING = frozenset(("CLEAR", "DROP"))
-# The writers' lock is held while a reader evaluates at most this long.
+# Longest time for which the writers' lock is held while a reader evaluates.
 _QUICK_S = 0.1
 _LOSSES = 2
 
 
 def needs_reader(text: str) -> bool:
-    """Whether an update may take long or grow: it reads the store to find what to write.
+    """Whether an update reads the store to find what to write, so that it may take long or grow.
 
     >>> needs_reader("INSERT DATA { <urn:s> <urn:p> 1 }")
     False
@@ -48,14 +48,14 @@ def needs_reader(text: str) -> bool:
 
 @dataclass(frozen=True)
 class UpdateOrder:
-    """An update as a reader gets it.
+    """An update as sent to a reader.
 
     Parameters
     ----------
     access
         The caller's rights, bound to the knowledge base.
     ontologies
-        Graphs that hold ontologies, which not every caller may write.
+        Graphs that hold ontologies, which only some callers may write.
     is_view
         Whether the store's default graph is a view of all named graphs.
     """
@@ -100,11 +100,11 @@ def commit_update(
     Raises
     ------
     QueryTimeout
-        The change is not known within the order's time.
+        The change was not computed within the order's time limit.
     QueryTooExpensive
-        The update is beyond another limit.
+        The update exceeds another limit.
     BusyError
-        Others committed each time while it was evaluated, or too many updates wait.
+        Other commits interfered with every attempt, or too many updates are waiting.
     RtaskError
         As :meth:`rtask.KnowledgeBase.update`.
     """
@@ -128,7 +128,8 @@ def commit_update(
         except QueryTimeout:
             if losses and took < order.limits.seconds / 2:
                 raise BusyError(
-                    "others changed the graph each time this update was evaluated; try it again"
+                    "other commits were made during every attempt to evaluate this update; try "
+                    "again"
                 ) from None
             raise
         took = time.monotonic() - started
@@ -155,7 +156,7 @@ def _change(
 
 
 def _fill(overlay: Overlay, change: bytes) -> None:
-    """Put a change that a reader found into an overlay of the same state."""
+    """Copy a change computed by a reader into an overlay of the same state."""
     line, _, body = change.partition(b"\n")
     head = json.loads(line)
     cut = head["removed"]

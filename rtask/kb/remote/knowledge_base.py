@@ -1,7 +1,8 @@
-"""Remote knowledge base: the interface of :class:`rtask.graph.Graph` over a SPARQL 1.1 server.
+"""Remote knowledge base: :class:`rtask.graph.Graph` implemented by a SPARQL 1.1 server.
 
-Queries, updates, transactions and loads go over SPARQL 1.1 Protocol. Rights, reasoning and
-provenance are the server's. What needs the embedded store raises :class:`UnsupportedError`.
+Queries, updates, transactions and loads use the SPARQL 1.1 Protocol. The server is responsible for
+rights, reasoning and provenance. Methods that need the embedded store raise
+:class:`UnsupportedError`.
 """
 
 from __future__ import annotations
@@ -65,11 +66,11 @@ class RemoteKnowledgeBase:
     Parameters
     ----------
     query_url, update_url
-        Addresses of the protocol.
+        Addresses of the server's query and update endpoints.
     token
         Sent as a bearer token.
     timeout_s
-        For one answer.
+        Time limit for one answer.
     """
 
     folder: Path | None = None
@@ -100,11 +101,11 @@ class RemoteKnowledgeBase:
         Raises
         ------
         QuerySyntaxError
-            Found here, before anything is sent.
+            The text does not parse; it is checked before anything is sent.
         RemoteUnavailableError
-            No whole answer after three tries.
+            No complete answer after three attempts.
         QueryTimeout
-            No whole answer within ``timeout_s``.
+            No complete answer within ``timeout_s``.
         """
         text = bind(text, bindings or {})
         check_query(text, base or self.query_url)
@@ -142,7 +143,7 @@ class RemoteKnowledgeBase:
         value: Value | None = None,
         graph: NamedNode | str | None = None,
     ) -> list[Quad]:
-        """Return the statements of named graphs that fit a pattern; ``None`` fits everything."""
+        """Return the statements of named graphs that match; ``None`` matches everything."""
         given: Mapping[str, Any] = {
             "s": None if subject is None else subject_term(subject),
             "p": None if predicate is None else iri(predicate),
@@ -165,7 +166,7 @@ class RemoteKnowledgeBase:
     ) -> None:
         """Run a SPARQL update as one request.
 
-        It is sent again only if it surely did not run. Whose it is, the token says.
+        It is sent again only if it is certain not to have run. The token identifies the author.
 
         Raises
         ------
@@ -198,8 +199,8 @@ class RemoteKnowledgeBase:
     ) -> int:
         """Add a document's statements; return how many.
 
-        In pieces, each atomic; statements with blank nodes all in the first one, so that what
-        they have in common stays common.
+        The document is sent in pieces, each atomic. All statements with blank nodes are in the
+        first, so that they keep sharing their nodes.
         """
         from rtask.rdf.formats import read_document
 
@@ -280,7 +281,7 @@ class RemoteTransaction:
         self._operations.append(text.replace("INSERT", verb, 1))
 
     def update(self, text: str) -> None:
-        """Add an update, which sees the changes before it."""
+        """Add an update, which sees the changes made before it."""
         check_update(read_update(text))
         self._operations.append(text)
 
@@ -300,7 +301,7 @@ class RemoteTransaction:
 def open_remote(
     address: str, token: str | None = None, timeout_s: float = 30.0
 ) -> RemoteKnowledgeBase:
-    """Return the server at an address; nothing is sent yet.
+    """Return the knowledge base at an address, without sending anything yet.
 
     >>> open_remote("sparql+http://host:81/?query=/q&update=/u").update_url
     'http://host:81/u'
@@ -310,7 +311,9 @@ def open_remote(
     plain = address.removeprefix("sparql+")
     named = parse_qs(urlsplit(plain).query)
     if "query" not in named:
-        raise UsageError(f"{address}: name at least ?query=")
+        raise UsageError(
+            f"{address} names no query endpoint; give its address as the parameter ?query="
+        )
     query, update = (urljoin(plain, named.get(key, [""])[0]) for key in ("query", "update"))
     return RemoteKnowledgeBase(query, update if "update" in named else None, token, timeout_s)
 
@@ -318,7 +321,7 @@ def open_remote(
 def _refuse_agent(agent: str | None, note: str | None) -> None:
     if agent is not None or note is not None:
         raise UnsupportedError(
-            "a remote server takes the agent from the token and keeps no note; leave both out"
+            "a remote server takes the agent from the token and stores no note; omit both"
         )
 
 

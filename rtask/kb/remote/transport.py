@@ -1,7 +1,7 @@
 """HTTP requests to a SPARQL server: retries, errors and answers.
 
-A read is tried again when the server or the way to it fails. An update is sent again only where
-the answer proves that it did not run.
+A read is repeated when the server or the connection fails. An update is repeated only if the
+answer proves that it did not run.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Connection:
     token
         Sent as a bearer token.
     timeout_s
-        For one answer.
+        Time limit for one answer.
     """
 
     def __init__(self, token: str | None, timeout_s: float) -> None:
@@ -67,18 +67,19 @@ class Connection:
         Parameters
         ----------
         repeat
-            Whether sending twice does no harm.
+            Whether the request may safely be sent twice.
         timeout_s
-            For everything together; ``None`` for the connection's own, for each attempt.
+            Time limit for all attempts together; ``None`` applies the connection's limit to each
+            attempt.
 
         Raises
         ------
         RemoteUnavailableError
             No answer after three attempts.
         QueryTimeout
-            The time is over.
+            The time is up.
         RemoteError, AccessError, QuerySyntaxError
-            The server refused; its reason.
+            The server refused the request; the message is the server's.
         """
         if self._http is None:
             raise ClosedError("the connection is closed")
@@ -96,7 +97,7 @@ class Connection:
             except httpx.HTTPError as error:
                 if until is not None and time.monotonic() >= until:
                     raise QueryTimeout(
-                        f"{url}: no whole answer within {timeout_s:g} s", timeout_s=timeout_s
+                        f"{url}: no complete answer within {timeout_s:g} s", timeout_s=timeout_s
                     ) from error
                 never_sent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 if last or not (repeat or never_sent):
@@ -121,7 +122,7 @@ def read_rows(data: bytes) -> Solutions | bool:
     Raises
     ------
     RemoteUnavailableError
-        If the answer is not whole.
+        If the answer is incomplete.
     """
     try:
         answer = parse_query_results(data, format=QueryResultsFormat.JSON)

@@ -1,7 +1,7 @@
-"""Side index in ``index.sqlite`` for words and places, which SPARQL cannot find fast.
+"""Side index in ``index.sqlite`` for words and places, which SPARQL cannot search quickly.
 
-It follows the commits and remembers up to which; it is made when it is first asked. Losing the file
-loses nothing, everything in it follows from the graph.
+It is created on first use, follows the commits and records the last one indexed. The file can be
+deleted at any time: everything in it is rebuilt from the graph.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ class SideIndex:
     Parameters
     ----------
     folder
-        Where the file lies; ``None`` for one in memory.
+        Folder of the file; ``None`` for an index in memory.
     counts
-        Whether a graph's statements are indexed.
+        Tells whether a graph's statements are indexed.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class SideIndex:
         Raises
         ------
         StoreError
-            It cannot be made, e.g. the disk is full.
+            The index cannot be created, e.g. because the disk is full.
         """
         import sqlite3
 
@@ -122,7 +122,7 @@ class SideIndex:
                 self._catch_up(db)
                 yield db
             except sqlite3.OperationalError as error:
-                raise StoreError(f"the index cannot be used: {error}") from error
+                raise StoreError(f"the search index cannot be used: {error}") from error
 
     def rebuild(self) -> None:
         """Rebuild the index now."""
@@ -136,7 +136,7 @@ class SideIndex:
         seq = int(known.get("seq", -1))
         fits = known.get("epoch") == self._feed.epoch and seq <= self._feed.last_seq
         self._waiting.clear()
-        self._db = db  # commits are noted from here on
+        self._db = db  # from here on, announced commits are queued
         upto = self._feed.last_seq
         if fits and seq >= 0 and not self._stale:
             self._stale = not self._replay(db, seq, upto)
@@ -152,7 +152,7 @@ class SideIndex:
         try:
             return self._prepare(str(self._path))
         except sqlite3.DatabaseError as error:
-            _log.warning("%s is damaged and will be made anew: %s", self._path, error)
+            _log.warning("%s is damaged and will be rebuilt: %s", self._path, error)
             self._path.unlink(missing_ok=True)
             return self._prepare(str(self._path))
 
@@ -161,7 +161,7 @@ class SideIndex:
 
         db = sqlite3.connect(name, check_same_thread=False, isolation_level=None)
         try:
-            db.execute("PRAGMA synchronous = OFF")  # losing it loses nothing
+            db.execute("PRAGMA synchronous = OFF")  # the file can be rebuilt
             db.execute("CREATE TABLE IF NOT EXISTS facts(name TEXT PRIMARY KEY, value TEXT)")
             row = db.execute("SELECT value FROM facts WHERE name = 'format'").fetchone()
             if row is not None and row[0] != _FORMAT:
@@ -174,7 +174,7 @@ class SideIndex:
         return db
 
     def _replay(self, db: sqlite3.Connection, after: int, upto: int) -> bool:
-        """Index the commits since the last search; return whether they are still kept."""
+        """Index the commits since the last search; return whether all were still available."""
         if after == upto:
             return True
         wanted = self._predicates

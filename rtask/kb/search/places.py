@@ -29,11 +29,11 @@ class Place:
     Parameters
     ----------
     pose
-        IRI of the pose, or whatever else has coordinates and a frame.
+        IRI of the pose, or of another individual with coordinates and a frame.
     point
-        Its x, y, z in metres, in the frame that was asked for.
+        (3,) x, y, z in metres, in the frame of the query.
     distance
-        From the point that was asked for, in metres.
+        Distance from the query point, in metres.
     """
 
     pose: NamedNode
@@ -47,7 +47,7 @@ class PlaceTable:
     Parameters
     ----------
     store
-        Where the other coordinates of a pose are read when one changes.
+        Store from which the remaining coordinates of a pose are read when one changes.
     """
 
     predicates = frozenset({_X, _Y, _Z, _IN_FRAME})
@@ -62,7 +62,7 @@ class PlaceTable:
             "CREATE TABLE IF NOT EXISTS poses(id INTEGER PRIMARY KEY, iri TEXT UNIQUE, "
             "x REAL, y REAL, z REAL)"
         )
-        # coordinates in the tree have 32 bits, rounded outwards; the exact ones stand in poses
+        # coordinates in the tree are 32-bit, rounded outwards; the exact ones are in poses
         db.execute(
             "CREATE VIRTUAL TABLE IF NOT EXISTS places USING rtree("
             "id, f0, f1, x0, x1, y0, y1, z0, z1)"
@@ -128,10 +128,12 @@ class PlaceTable:
         point
             (3,) in metres, in ``frame``.
         radius
-            In metres; what lies exactly on it counts.
+            In metres, inclusive.
         """
         if len(point) != 3 or not all(map(math.isfinite, (*point, radius))) or radius < 0:
-            raise UsageError(f"expected a point of three numbers and a radius, got {point!r}")
+            raise UsageError(
+                f"expected a point of three finite numbers and a radius, got {point!r}"
+            )
         known = db.execute("SELECT id FROM frames WHERE iri = ?", (frame.value,)).fetchone()
         if known is None:
             return []

@@ -38,14 +38,15 @@ _TEXT_TYPES = {
 
 @dataclass(frozen=True)
 class TextHit:
-    """A search hit: a text and what it describes.
+    """A search hit: a text and the subject it describes.
 
     Parameters
     ----------
     subject
-        IRI of what the text is about.
+        IRI of the thing described.
     score
-        Larger fits better (BM25, Robertson and Zaragoza 2009); of use for sorting only.
+        Relevance, larger is better (BM25, Robertson and Zaragoza 2009); meaningful only for
+        sorting.
     """
 
     subject: NamedNode
@@ -56,7 +57,7 @@ class TextHit:
 
 
 def words_of(text: str) -> str:
-    """Return a search as FTS5 writes it: each word quoted, so that operators in it do nothing.
+    """Return a search in FTS5 syntax, with each word quoted so that operators have no effect.
 
     >>> words_of("red cup* OR")
     '"red" "cup"* "OR"'
@@ -64,7 +65,7 @@ def words_of(text: str) -> str:
     Raises
     ------
     UsageError
-        If there is no word.
+        If the text contains no word.
     """
     found = []
     for word in text.split():
@@ -72,7 +73,7 @@ def words_of(text: str) -> str:
         if any(c.isalnum() for c in stem):
             found.append('"' + stem.replace('"', '""') + '"' + ("*" if word != stem else ""))
     if not found:
-        raise UsageError(f"no word to search for in {text!r}")
+        raise UsageError(f"the search text {text!r} contains no word; give at least one")
     return " ".join(found)
 
 
@@ -136,7 +137,7 @@ class TextTable:
     def search(
         self, db: sqlite3.Connection, text: str, language: str | None = None
     ) -> Iterator[TextHit]:
-        """Yield hits, best first; a statement in several graphs comes several times."""
+        """Yield hits, best first; a statement in several graphs is yielded once for each."""
         clause, given = "", [words_of(text)]
         if language is not None:
             clause = "AND (language = ? OR language LIKE ? || '-%')"

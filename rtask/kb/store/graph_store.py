@@ -1,7 +1,8 @@
-"""The store, closable.
+"""A quad store that can be closed explicitly.
 
-pyoxigraph closes a store when its last reference goes, and a traceback may hold one for long. So
-everything else holds this, which lets go when told.
+pyoxigraph closes a store only when its last reference is dropped, and a traceback may keep a
+reference for long. Other code therefore refers to :class:`GraphStore`, which drops its reference
+on ``close()``.
 """
 
 from __future__ import annotations
@@ -30,17 +31,17 @@ class GraphStore:
     Parameters
     ----------
     store
-        The only reference to it.
+        The store; the caller must keep no other reference to it.
 
     Attributes
     ----------
     is_stuck
-        Whether the disk was full; see :meth:`reopen`.
+        Whether a write failed because the disk was full; see :meth:`reopen`.
     is_view
-        Whether the default graph is a view of all named graphs, computed by each query, and not
-        kept; see :mod:`rtask.kb.store.union`.
+        Whether the default graph is a view of all named graphs, computed by each query instead of
+        stored; see :mod:`rtask.kb.store.union`.
     followers
-        Called with what each commit wrote, right after it, by :func:`rtask.kb.commit.apply.apply`.
+        Functions that :func:`rtask.kb.commit.apply.apply` calls with the changes of each commit.
     """
 
     __slots__ = ("_path", "_store", "followers", "is_stuck", "is_view")
@@ -71,12 +72,12 @@ class GraphStore:
         return self._store is not None
 
     def reopen(self) -> None:
-        """Reopen the store, which after a full disk refuses every write until then.
+        """Reopen the store, which refuses every write after the disk was full.
 
         Raises
         ------
         StorageFullError
-            There is still no room, or somebody still reads.
+            The disk is still full, or the store is still being read.
         """
         if self._path is None:
             return
@@ -109,12 +110,12 @@ class GraphStore:
             raise self._failed(error) from error
 
     def _failed(self, error: RuntimeError) -> Exception:
-        """Return the store's complaint, as damage of its files where it is that."""
+        """Return the error for a failure of the store, distinguishing damaged files."""
         if "orruption" not in str(error):
             return error
         folder = Path(self._path).parent if self._path else Path()
         return StoreFormatError(
-            f"the store in {folder} is damaged: {error}; restore a backup, or make the store again "
+            f"the store in {folder} is damaged: {error}; restore a backup, or rebuild the store "
             f"from the journal: rtask rebuild store -d {folder}",
             damaged="store",
         )
@@ -128,7 +129,7 @@ class GraphStore:
     ) -> Iterator[Quad]:
         """Yield the quads that match; consume them in this thread.
 
-        Read to its end, the iterator lets the store go.
+        An exhausted iterator drops its reference to the store.
         """
         if self.is_view and isinstance(graph, DefaultGraph):
             yield from self._view(subject, predicate, value)
@@ -178,7 +179,7 @@ class GraphStore:
             raise self._failed(error) from error
 
     def update(self, text: str, **options: Any) -> None:
-        """Run an update, wholly or not at all."""
+        """Run an update atomically."""
         try:
             self.raw.update(text, **options)
         except RuntimeError as error:
@@ -192,7 +193,7 @@ class GraphStore:
             raise self._failed(error) from error
 
     def bulk_extend(self, quads: Iterable[Quad]) -> None:
-        """Add many quads fast; a process that ends meanwhile leaves some of them."""
+        """Add many quads fast, but not atomically: a process killed meanwhile leaves some."""
         try:
             self.raw.bulk_extend(quads)
         except RuntimeError as error:
@@ -213,11 +214,11 @@ def _is_named(term: Subject | Term | None) -> bool:
 def _fitting(
     found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
 ) -> Iterator[Quad]:
-    """Yield only the quads that match.
+    """Yield only the quads that really match.
 
-    On disk the store reads past a term whose last byte is 255: the pattern of the number 255 yields
-    256 to 510, too. So it is with dates, short texts and short names of blank nodes. Terms that are
-    stored by their hash are not affected, nor is SPARQL.
+    On disk, pyoxigraph reads past a term whose encoding ends in byte 255: a pattern with the number
+    255 also yields 256 to 510. The same holds for dates, short strings and short blank node labels.
+    Terms stored by their hash, and SPARQL, are not affected.
     """
     wanted = None if value is None else stored(value)
     for quad in found:

@@ -1,6 +1,6 @@
 """Named graphs of a knowledge base: IRIs, kinds and owners.
 
-Code never spells a graph's IRI; it asks :class:`Graphs`.
+Other code does not spell out IRIs of graphs but uses :class:`Graphs`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Graphs:
 
     @property
     def shared(self) -> NamedNode:
-        """Graph shared by all; callers without a name write here."""
+        """Graph shared by all; unnamed callers write here."""
         return self._named("shared")
 
     @property
@@ -74,7 +74,7 @@ class Graphs:
     def agent(self, name: str) -> NamedNode:
         """Return the graph of a robot or person."""
         if not name:
-            raise UsageError("an agent needs a name")
+            raise UsageError("the name of an agent is empty; give the robot's or person's name")
         return self._named("agent/" + quote(name, safe=""))
 
     def imported(self, name: str) -> NamedNode:
@@ -87,8 +87,8 @@ class Graphs:
     def agent_iri(self, name: str, role: str = "robot") -> NamedNode:
         """Return the IRI of an agent.
 
-        Teachers are ``{base}person/<name>``. Everybody else is ``{base}robot/<name>``: callers of
-        a server without tokens and the program that owns the store write in a robot's name.
+        Teachers are ``{base}person/<name>``; all others, including callers of a server without
+        tokens and the program that opened the store, are ``{base}robot/<name>``.
         """
         folder = "person" if role == "teacher" else "robot"
         return iri(f"{self.base}{folder}/{quote(name, safe='')}")
@@ -124,14 +124,14 @@ class Graphs:
         return "NamedGraph"
 
     def is_kept_by_commits(self, graph: GraphName) -> bool:
-        """Whether only the knowledge base itself writes this graph."""
+        """Whether the graph is written by the knowledge base itself only."""
         return self.kind(graph) in _KEPT_BY_COMMITS
 
     def is_input(self, graph: GraphName) -> bool:
         """Whether the reasoner reads this graph.
 
-        The commits' own records are left out: they grow with every write and state nothing about
-        the world.
+        Records of commits are excluded: they grow with every write and say nothing about the
+        world.
         """
         return isinstance(graph, NamedNode) and not self.is_kept_by_commits(graph)
 

@@ -1,7 +1,7 @@
-"""Snapshots of a store on disk, for readers that do not follow commits.
+"""Snapshots of an on-disk store, for readers that do not follow commits.
 
-A copy is made of hard links, so it costs next to nothing until the store rewrites its files. It
-is removed with its last reader; what a crash left is removed at the next start.
+A snapshot consists of hard links, so it takes almost no space until the store rewrites its files.
+It is removed with its last reader; those left by a crash are removed at the next start.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["Snapshot", "Snapshots"]
 
 @dataclass
 class Snapshot:
-    """Folder with a copy of the store that has at least the commits up to ``seq``."""
+    """Folder with a copy of the store that contains at least the commits up to ``seq``."""
 
     path: Path
     seq: int
@@ -33,9 +33,9 @@ class Snapshots:
     Parameters
     ----------
     folder
-        Of the knowledge base.
+        Folder of the knowledge base.
     frozen
-        Nobody writes the store while it is open here; it serves as its own snapshot.
+        Whether the store is never written while open, so that it serves as its own snapshot.
     last_seq
         Number of the last commit that has been stored.
     """
@@ -55,12 +55,12 @@ class Snapshots:
             shutil.rmtree(self._home, ignore_errors=True)
 
     def take(self, at_least: int) -> Snapshot:
-        """Return a snapshot that has these commits, for one more reader; queries share it.
+        """Return a snapshot with the commits up to ``at_least``, shared by several readers.
 
         Raises
         ------
         StoreError
-            It cannot be made, e.g. the disk is full.
+            The snapshot cannot be made, e.g. because the disk is full.
         """
         with self._lock:
             newest = self._kept[-1] if self._kept else None
@@ -73,7 +73,7 @@ class Snapshots:
         if self.frozen:
             snapshot = Snapshot(self._folder / "store", self._last_seq())
         else:
-            # read before the copy is made: whatever is stored meanwhile may be in it, too
+            # read before copying: commits stored meanwhile may be in the copy, too
             seq = self._last_seq()
             self._number += 1
             path = self._home / str(self._number)
@@ -82,7 +82,7 @@ class Snapshots:
                 self._store.raw.backup(str(path))
             except (OSError, RuntimeError) as error:
                 shutil.rmtree(path, ignore_errors=True)
-                raise StoreError(f"no snapshot of {self._folder} can be made: {error}") from error
+                raise StoreError(f"cannot make a snapshot of {self._folder}: {error}") from error
             snapshot = Snapshot(path, seq)
         self._kept.append(snapshot)
         return snapshot
@@ -98,7 +98,7 @@ class Snapshots:
                 shutil.rmtree(snapshot.path, ignore_errors=True)
 
     def close(self) -> None:
-        """Delete all snapshots; no reader may be left."""
+        """Delete all snapshots; all readers must have ended."""
         with self._lock:
             self._kept.clear()
             if not self.frozen:

@@ -1,7 +1,7 @@
 """The union of all named graphs, kept exactly in the store's default graph.
 
-One copy of each distinct triple, so that COUNT counts statements and not the graphs that hold
-them. A triple goes when the last graph lets go of it.
+The default graph has one copy of each distinct triple, so COUNT does not count a triple once for
+each graph that holds it. A triple is removed together with its last occurrence in a named graph.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ def union_change(
     Parameters
     ----------
     removed, added
-        Exact: ``removed`` are in the store, ``added`` are not.
+        Exact change: all of ``removed`` are in the store and none of ``added`` are.
     fresh
-        Graphs whose added statements hardly ever hold elsewhere, so that looking costs more than
-        adding one once more.
+        Graphs whose added statements are rarely in another graph, so that checking costs more
+        than adding a duplicate.
     """
     change = Overlay(store)
     known = _Known(store)
@@ -53,7 +53,7 @@ def input_change(
 ) -> tuple[list[TripleKey], list[TripleKey]]:
     """Return the triples that the union of the asserted graphs gains and loses.
 
-    A triple asserted in two graphs is lost only when the last lets go.
+    A triple asserted in two graphs is lost only when it is removed from both.
     """
     new = {triple_key(quad): None for quad in overlay.added if is_input(quad.graph_name)}
     gone = {quad: None for quad in overlay.removed if is_input(quad.graph_name)}
@@ -73,9 +73,9 @@ def input_change(
 
 
 class _Known:
-    """Remembers which subjects a store says anything about: most of a new file are new.
+    """Cache of the subjects in a store; most subjects of a new file are new.
 
-    Statements come subject by subject, and one look at the store is enough for all of a new one.
+    Statements are grouped by subject, so one look-up covers all statements of a new subject.
     """
 
     def __init__(self, store: GraphStore) -> None:

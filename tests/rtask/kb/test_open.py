@@ -105,7 +105,7 @@ def test_what_is_no_knowledge_base_is_refused(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(StoreError, match="cannot make a knowledge base"):
+    with pytest.raises(StoreError, match="cannot create a knowledge base"):
         _bare(tmp_path / "file" / "kb")
 
 

@@ -94,9 +94,9 @@ def test_answers_in_media_types(kb: KnowledgeBase) -> None:
     asked = json.loads(kb.serialize("ASK {}", "application/sparql-results+json"))
     assert asked["boolean"] is True
     assert kb.serialize("CONSTRUCT WHERE { ?s <urn:p> 1 }", "text/turtle").startswith(b"<urn:a>")
-    with pytest.raises(UsageError, match="cannot carry rows"):
+    with pytest.raises(UsageError, match="cannot represent rows"):
         kb.serialize("SELECT * {}", "text/turtle")
-    with pytest.raises(UsageError, match="cannot carry triples"):
+    with pytest.raises(UsageError, match="cannot represent triples"):
         kb.serialize("CONSTRUCT WHERE { ?s ?p ?o }", "text/csv")
 
 

@@ -482,8 +482,8 @@ def test_rows_and_bytes_are_limited(memory: KnowledgeBase) -> None:
         ("SELECT * {\n ?x", None, QuerySyntaxError, "2:"),
         ("SELECT (<urn:f>(1) AS ?x) {}", None, DataError, "urn:f"),
         ("SELECT * { SERVICE <urn:x> {} }", None, ForbiddenError, "SERVICE"),
-        ("CONSTRUCT WHERE { ?s ?p ?o }", "text/csv", UsageError, "cannot carry triples"),
-        ("SELECT * { ?s ?p ?o }", "image/png", UsageError, "cannot carry rows"),
+        ("CONSTRUCT WHERE { ?s ?p ?o }", "text/csv", UsageError, "cannot represent triples"),
+        ("SELECT * { ?s ?p ?o }", "image/png", UsageError, "cannot represent rows"),
         ("ASK " + "{" * 10_000, None, TooLargeError, "nesting"),
     ],
 )

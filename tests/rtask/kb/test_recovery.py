@@ -149,7 +149,7 @@ def test_damage_before_the_end_is_reported_and_not_passed_over(tmp_path: Path) -
     segment.write_bytes(bytes(data))
     (journal / f"{99:016d}.log").write_bytes(b"")
     Checkpoint(0, clean=False).save(tmp_path)
-    with pytest.raises(StoreError, match="damaged before its end"):
+    with pytest.raises(StoreError, match="damaged record before its end"):
         _bare(tmp_path)
 
 

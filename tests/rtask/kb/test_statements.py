@@ -84,7 +84,7 @@ def test_only_the_owner_retracts_and_others_need_a_reason(kb: KnowledgeBase) -> 
     assert said.confidence == 0.8
     last = kb.history("urn:mug")[-1]
     assert (last.seq, last.note, len(last.removed)) == (commit.seq, "the mug fell", 1)
-    with pytest.raises(DataError, match="nobody states"):
+    with pytest.raises(DataError, match="no graph states"):
         kb.retract(*_ON, reason="again")
 
 
