@@ -1,4 +1,4 @@
-"""Bridge to owlready2: a world of the graph's statements, and its changes as one commit."""
+"""Bridge to owlready2: copy statements to a world, and write its changes back as one commit."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ _IRI = "urn:rtask:knowledge-base#"
 
 
 def to_world(kb: GraphCore, graphs: Iterable[NamedNode | str] | None = None) -> Any:
-    """Return a fresh ``owlready2.World`` with the asserted statements of graphs.
+    """Return a new ``owlready2.World`` with the asserted statements of graphs.
 
-    Individuals are declared, since owlready2 does not see others; cardinalities get back the
-    datatype that OWL wants. Python floats are ``xsd:double`` from then on, in all worlds.
+    Individuals are declared, since owlready2 ignores undeclared ones, and cardinalities get the
+    datatype that OWL requires. From then on, Python floats are ``xsd:double`` in all worlds.
     Statements about statements (RDF 1.2) are left out.
 
     Parameters
@@ -59,7 +59,7 @@ def to_world(kb: GraphCore, graphs: Iterable[NamedNode | str] | None = None) -> 
         import owlready2
     except ImportError as error:
         raise UnsupportedError("owlready2 is missing: pip install owlready2") from error
-    # else a float that was read as xsd:double is replaced by an xsd:decimal, and stays, too
+    # otherwise a float read as xsd:double is stored a second time as xsd:decimal
     owlready2.declare_datatype(float, XSD + "double", float, float)
     triples = _asserted(kb, graphs)
     lines = [f"{s} {p} {_restored(p, o)} ." for s, p, o in triples]
@@ -85,7 +85,7 @@ def _triple(quad: Quad) -> TripleKey:
 
 
 def _has_place(quad: Quad) -> bool:
-    """Whether a statement belongs into owlready2; imports do not, since it would fetch them."""
+    """Whether to copy a statement to owlready2; imports are not, since it would fetch them."""
     terms = (quad.subject, quad.object)
     return not any(isinstance(t, Triple) for t in terms) and quad.predicate.value not in _HEADER
 
@@ -119,16 +119,16 @@ def update_from(
     Parameters
     ----------
     graph
-        Takes what is new, and loses what the world no longer has.
+        Target graph: receives new statements, and loses those that the world no longer has.
     graphs
-        Those that :func:`to_world` was given.
+        Graphs that were passed to :func:`to_world`.
     """
     name = iri(graph)
     before = {_canonical(t) for t in _asserted(kb, graphs) if _is_ground(t)}
     own = {_canonical(_triple(quad)): quad for quad in kb.match(graph=name)}
     after = {_canonical(t) for t in _statements(world) if _is_ground(t)}
     added = {t for t in after - before if t[1:] != (_TYPE, _NAMED) and not _is_header(t)}
-    # owlready2 completes inverses; what the knowledge base derives need not be stated
+    # owlready2 adds inverses; statements that the knowledge base derives need not be asserted
     added = {(s, p, o) for s, p, o in added if not kb.match(s, p, o, DEFAULT)}
     removed = [own[t] for t in (before - after) & own.keys()]
     if not added and not removed:
@@ -146,12 +146,12 @@ def _is_ground(triple: TripleKey) -> bool:
 
 
 def _is_header(triple: TripleKey) -> bool:
-    """Whether a statement describes the ontology that owlready2 put all others into."""
+    """Whether a statement describes the ontology that owlready2 creates to hold all others."""
     return isinstance(triple[0], NamedNode) and triple[0].value in (_IRI, _IRI[:-1], _ANONYMOUS)
 
 
 def _canonical(triple: TripleKey) -> TripleKey:
-    """Return a triple with literals as the store keeps them, and numbers spelled one way."""
+    """Return a triple with literals in stored form and numbers in one spelling."""
     s, p, o = triple
     o = stored(o)
     if isinstance(o, Literal) and o.datatype.value == XSD + "double":

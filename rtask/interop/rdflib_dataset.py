@@ -34,7 +34,7 @@ class KnowledgeStore(Store):
     kb
         The knowledge base.
     home
-        The graph of what is added without a graph; ``None`` refuses changes.
+        Graph of triples added without a graph; ``None`` makes the store read-only.
     """
 
     context_aware = True
@@ -54,7 +54,7 @@ class KnowledgeStore(Store):
     def _quads(
         self, pattern: Pattern, name: GraphName | None, stated: bool = False
     ) -> Iterator[Quad]:
-        """Yield quads of a graph or of all graphs; from the union unless the graph matters."""
+        """Yield quads of a graph or of all graphs; from the union unless the graph is needed."""
         s, p, o = (None if term is None else stored(from_rdflib(term)) for term in pattern)
         apart = stated or bool(self.added or self.removed)
         where = DEFAULT if name is None and not apart else name
@@ -99,7 +99,7 @@ class KnowledgeStore(Store):
         queryGraph: str,
         **options: Any,
     ) -> Result:
-        """Evaluate a query in the knowledge base; with changes waiting, rdflib does it."""
+        """Evaluate a query in the knowledge base, or by rdflib if there are uncommitted changes."""
         if self.added or self.removed or not isinstance(query, str):
             raise NotImplementedError
         spaces = {**ontology.PREFIXES, **{name: str(space) for name, space in initNs.items()}}
@@ -147,8 +147,8 @@ class KnowledgeStore(Store):
 class KnowledgeDataset(rdflib.Dataset):
     """A knowledge base for code that uses rdflib.
 
-    Reading sees the current state. Changes are seen by this dataset at once, and written as one
-    commit when the ``with`` block ends; none if it fails.
+    Reading sees the current state. Changes are visible in this dataset at once, and are written as
+    one commit when the ``with`` block ends without an error.
     """
 
     def __init__(self, kb: GraphCore, agent: str | None, writable: bool) -> None:
@@ -159,7 +159,7 @@ class KnowledgeDataset(rdflib.Dataset):
 
     @property
     def default_context(self) -> Any:
-        """The union; rdflib warns of its own use of this name."""
+        """The union; overridden because rdflib itself triggers its deprecation warning."""
         return self.default_graph
 
     @default_context.setter
@@ -179,7 +179,7 @@ class KnowledgeDataset(rdflib.Dataset):
             self.write()
 
     def write(self) -> Commit | None:
-        """Write the changes as one commit; ``None`` without any.
+        """Write the changes as one commit; return ``None`` if there are none.
 
         Raises
         ------
@@ -235,7 +235,7 @@ def to_rdflib(term: Term) -> Identifier:
     Raises
     ------
     DataError
-        For a triple term (RDF 1.2), which rdflib has not.
+        For a triple term (RDF 1.2), which rdflib does not support.
     """
     if isinstance(term, ox.NamedNode):
         return URIRef(term.value)
@@ -246,7 +246,7 @@ def to_rdflib(term: Term) -> Identifier:
             return rdflib.Literal(term.value, lang=term.language)
         datatype = URIRef(term.datatype.value)
         return rdflib.Literal(term.value, datatype=datatype, normalize=False)
-    raise DataError("rdflib has no triple terms (RDF 1.2)")
+    raise DataError("rdflib does not support triple terms (RDF 1.2); leave out the statement")
 
 
 def from_rdflib(term: object) -> Term:

@@ -1,7 +1,7 @@
 """Documents larger than a commit, streamed into the store in one atomic step.
 
-What follows from them is derived right after, as a commit of its own; until then the closure is
-behind. The document itself is not kept in memory; the store's bulk loader has its own buffers.
+Derived statements follow in a separate commit; until then the closure is behind. The document is
+not held in memory, apart from the buffers of the store's bulk loader.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _MARKS = {
 def readable_by_the_store(document: Document, form: Format) -> bool:
     """Whether a document is large and contains only data without blank nodes.
 
-    Then the store reads it by itself, which is faster. A mark in a text may only look like a blank
-    node; the document goes the other way then.
+    The store then parses it itself, which is faster. Text that merely looks like a blank node makes
+    this ``False``, and the document is loaded the slower way.
     """
     marks = _MARKS.get(form.rdf) if form.rdf is not None else None
     if marks is None or document.size < TEXT_BYTES:
@@ -57,9 +57,9 @@ def load_text(
     base: str | None,
     replace: bool,
 ) -> tuple[int, int, int, int]:
-    """Let the store read a document; returns as :func:`load_bulk`.
+    """Let the store parse a document; the result is that of :func:`load_bulk`.
 
-    Of the statements read those count that the graph did not hold.
+    Only statements that the graph did not already hold are counted as read.
     """
     assert form.rdf is not None
     removed = _clear(kb, graph, request) if replace else 0
@@ -82,11 +82,11 @@ def load_bulk(
     Parameters
     ----------
     quads
-        Statements with the graph that each goes to.
+        Statements with their target graphs.
     graph
-        Where statements without a graph of their own went.
+        Graph of the statements that named none.
     replace
-        Withdraw what the graph held before.
+        Whether to withdraw the previous content of the graph.
     """
     removed = _clear(kb, graph, request) if replace else 0
     counted = _Counted(quads)

@@ -1,4 +1,4 @@
-"""The bundled ontology: loaded into new stores, upgraded in old ones."""
+"""The bundled ontology: load it into new stores and upgrade it in old ones."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _VERSION = NamedNode(_OWL + "versionInfo")
 
 
 def refresh(kb: GraphCore) -> Commit | None:
-    """Load the bundled modules that the knowledge base lacks or has in an older version.
+    """Load the bundled modules that are missing from the knowledge base or outdated in it.
 
-    One commit for all of them, so that no reader sees half of an ontology. Modules that the
-    knowledge base has in a newer version stay.
+    One commit loads them all, so that no reader sees part of an ontology. Modules of which the
+    knowledge base has a newer version are left unchanged.
     """
     stale = [path for path in ontology.modules() if _is_stale(kb, path)]
     if not stale:

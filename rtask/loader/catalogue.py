@@ -1,7 +1,7 @@
 """Catalogue of local ontology files, which resolves ``owl:imports`` without the network.
 
-Looked at in this order: the places named by the caller, the folder of the importing file, the
-ontologies that come with RTASK. A place is a folder, an OASIS ``catalog-v001.xml`` or a
+The search order is: the places given by the caller, the folder of the importing file, the
+ontologies bundled with RTASK. A place is a folder, an OASIS ``catalog-v001.xml`` or a
 ``catalog.toml``.
 """
 
@@ -24,7 +24,7 @@ __all__ = ["OntologyCatalogue", "loadable_files"]
 
 _OASIS_FILE = "catalog-v001.xml"
 _OASIS = "{urn:oasis:names:tc:entity:xmlns:xml:catalog}"
-# What a folder is searched with for an import that is missing; a catalogue has no such bounds.
+# Bounds of a search in a folder for a missing import; catalogues are not bounded.
 MAX_PEEKED_FILES = 1_000
 MAX_PEEKED_BYTES = 16 << 20
 _EXTENSIONS = {ext for form in FORMATS for ext in form.extensions} | {"owl", "xml"}
@@ -48,7 +48,7 @@ class OntologyCatalogue:
     Parameters
     ----------
     places
-        Folders and catalogue files of the caller.
+        Folders and catalogue files given by the caller.
     """
 
     def __init__(self, places: Iterable[Path] = ()) -> None:
@@ -62,7 +62,7 @@ class OntologyCatalogue:
         Parameters
         ----------
         beside
-            The importing file; its folder is looked at too.
+            The importing file, whose folder is searched, too.
 
         Raises
         ------
@@ -97,8 +97,8 @@ class OntologyCatalogue:
 def _scan(folder: Path) -> dict[str, list[Path]]:
     """Read the folder's catalogue, or else the headers of its files.
 
-    A folder may hold anything, such as a home folder with archives of many gigabytes: of each file
-    no more than its beginning is unpacked.
+    A folder may hold anything, such as archives of many gigabytes in a home folder, so only the
+    beginning of each file is decompressed.
     """
     listed = folder / _OASIS_FILE
     entries = _read_oasis(listed) if listed.is_file() else {}
@@ -113,12 +113,14 @@ def _scan(folder: Path) -> dict[str, list[Path]]:
 
 
 def _choose(found: list[Path], iri: str, beside: Path | None) -> Path:
-    """Choose among files of equal name, which are one ontology in several syntaxes."""
+    """Choose among files of the same name, which hold one ontology in several syntaxes."""
     alike = [path for path in found if beside is not None and path.suffix == beside.suffix]
     chosen = (alike or found)[0]
     for other in found:
         if other.stem != chosen.stem and not _same(chosen, other):
-            raise DataError(f"{chosen} and {other} both claim to be {iri}")
+            raise DataError(
+                f"{chosen} and {other} both claim to be {iri} but differ; remove one of them"
+            )
     return chosen
 
 

@@ -39,14 +39,14 @@ def dump(
     Parameters
     ----------
     target
-        A file to make or replace, or an open one.
+        File to create or replace, or an open file.
     format
-        Name, extension or media type; by the file's extension where not given. Formats without
-        graph names take one graph, or several merged.
+        Name, extension or media type; taken from the file's extension if not given. Formats
+        without graph names write one graph, or several merged.
     graphs
-        All asserted ones where not given.
+        Graphs to write; all asserted graphs if not given.
     inferred
-        Whether derived statements are written too.
+        Whether to write derived statements, too.
     """
     rdf = _format(target, format)
     names = _chosen(kb, graphs, inferred)
@@ -67,11 +67,11 @@ def dump(
 def _format(target: Path | str | IO[bytes], format: RdfFormat | str | None) -> RdfFormat:
     if format is None:
         if not isinstance(target, str | Path):
-            raise UsageError("name the format when writing to a stream")
+            raise UsageError("the format is required when writing to a stream; pass format=")
         format = Path(target).suffix.lstrip(".") or "trig"
     found = find_format(format).rdf
     if found is None:
-        raise UsageError(f"{format} can be read, not written; write turtle or rdfxml")
+        raise UsageError(f"{format} can be read but not written; use turtle or rdfxml")
     return found
 
 
@@ -84,7 +84,7 @@ def _chosen(
     chosen: list[GraphName] = []
     for graph in map(iri, graphs):
         if graph not in known:
-            raise UnknownTermError(f"no graph {graph}; `rtask stats` lists them")
+            raise UnknownTermError(f"there is no graph {graph}; `rtask stats` lists all graphs")
         chosen.append(graph)
     return chosen
 
@@ -97,7 +97,7 @@ def _statements(kb: GraphCore, graphs: list[GraphName], with_names: bool) -> Ite
 
 
 def _with_owl_types(quad: Quad) -> Quad:
-    """Restore the datatype that OWL requires of cardinalities; the store keeps plain integers."""
+    """Restore the datatype that OWL requires for cardinalities; the store keeps plain integers."""
     if quad.predicate not in _CARDINALITIES or not isinstance(quad.object, Literal):
         return quad
     value = Literal(quad.object.value, datatype=_NON_NEGATIVE)
@@ -124,7 +124,7 @@ def original(kb: GraphCore, graph: NamedNode | str, target: Path | str) -> int:
     Raises
     ------
     UnknownTermError
-        If the graph was not loaded from a document, or a larger one than is kept.
+        If the graph was not loaded from a document, or the document was too large to be kept.
     """
     source = kb.catalogue.source(iri(graph))
     if source is None:

@@ -39,11 +39,11 @@ class Header:
     Parameters
     ----------
     iri
-        ``None`` if the document is data.
+        IRI of the ontology; ``None`` if the document contains data.
     version_iri
-        ``None`` if it names none.
+        IRI of the version; ``None`` if not stated.
     imports
-        In the order of the document.
+        IRIs of imported ontologies, in the order of the document.
     """
 
     iri: NamedNode | None = None
@@ -53,7 +53,7 @@ class Header:
 
 @dataclass
 class Terms:
-    """Terms that documents use, and terms that they describe."""
+    """Terms that documents use and terms that they describe."""
 
     used: set[NamedNode] = field(default_factory=set)
     described: set[object] = field(default_factory=set)
@@ -67,7 +67,7 @@ class Terms:
                 self.used.add(quad.object)
 
     def undeclared(self, kb: GraphCore) -> list[str]:
-        """Return used terms that nothing describes, sorted, except those of the W3C standards."""
+        """Return terms that are used but not described, sorted, except those of W3C standards."""
         return sorted(
             term.value
             for term in self.used - self.described
@@ -78,8 +78,7 @@ class Terms:
 def header_of(quads: Iterable[Quad]) -> Header:
     """Return the ontology header among statements.
 
-    Where several ontologies are named, the one that imports or has a version is meant, else the
-    first.
+    Of several ontologies, the one with imports or a version is chosen, or else the first.
     """
     names: list[NamedNode] = []
     imports: dict[NamedNode, list[NamedNode]] = {}

@@ -1,6 +1,6 @@
 """Load documents, each as one commit.
 
-A document that cannot be read or contradicts what is there changes nothing.
+A document that cannot be parsed, or that contradicts the stored data, changes nothing.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class FileReport:
     Parameters
     ----------
     graph
-        IRI of the graph it went to; empty for documents that name their graphs themselves.
+        IRI of the target graph; empty for documents that name their graphs themselves.
     read
-        Statements in the document.
+        Number of statements in the document.
     added, removed, derived
-        What changed.
+        Numbers of statements added to, removed from and derived in the knowledge base.
     """
 
     name: str
@@ -70,10 +70,10 @@ class LoadReport:
     Parameters
     ----------
     undeclared
-        Of a dry run: properties and classes that neither the documents nor the knowledge base say
-        anything about.
+        Properties and classes that neither the documents nor the knowledge base describe;
+        reported by a dry run only.
     warnings
-        What validation found and did not refuse; keys of JSON-LD that no context defines.
+        Violations reported by validation, and JSON-LD keys that no context defines.
     """
 
     files: list[FileReport] = field(default_factory=list)
@@ -131,30 +131,30 @@ def load(
     Parameters
     ----------
     format
-        Name, extension or media type; by extension, then by the first bytes, where not given.
+        Name, extension or media type; detected from the extension or the first bytes if not given.
     graph
-        Where the statements go. Without it an ontology goes to the graph of its own IRI, data to
+        Target graph. By default an ontology goes to the graph with its own IRI, and data go to
         ``{base}graph/import/<file>``.
     base
-        Against which relative IRIs are resolved; the file's own address where not given.
+        IRI against which relative IRIs are resolved; the file's own address if not given.
     replace
-        Withdraw what the graph held before.
+        Whether to withdraw the previous content of the graph.
     dry_run
-        Read, resolve and count everything, store nothing.
+        Whether to read, resolve and count everything but store nothing.
     catalogs
-        Folders and catalogue files in which ``owl:imports`` are looked up first.
+        Folders and catalogue files that are searched first for ``owl:imports``.
     missing_imports
         ``error``, ``warn`` or ``ignore``.
     on_read
-        Told the name of the document, how many of its bytes have been read, and how many it has;
-        from the start again for each time that it is read.
+        Called with the name of the document, the number of bytes read and its size; the number
+        restarts from zero if a document is read again.
 
     Raises
     ------
     ParseError
         ``FILE:LINE:COLUMN: reason``.
     DataError
-        An import that no place has; lists the places.
+        An import was not found; the error lists the places searched.
     """
     if missing_imports not in _MISSING:
         raise UsageError(f"missing_imports={missing_imports!r}; one of {', '.join(_MISSING)}")
@@ -183,7 +183,7 @@ class Item:
     Parameters
     ----------
     graph
-        Where the statements go that name no graph.
+        Graph of the statements that name none.
     loose
         Whether there are such statements.
     """
@@ -215,12 +215,12 @@ class _Loader:
         if isinstance(source, str | Path) and Path(source).is_dir():
             found_files = [Document.of(path) for path in loadable_files(Path(source))]
             if not found_files:
-                raise DataError(f"{source} holds no file that can be loaded")
+                raise DataError(f"{source} contains no file in a known format")
             return sorted(found_files, key=lambda document: peek(document).iri is None)
         return [Document.of(source)]
 
     def _places(self, beside: Path | None = None) -> str:
-        return "looked at " + ", ".join(map(str, self.catalogue.searched(beside)))
+        return "searched " + ", ".join(map(str, self.catalogue.searched(beside)))
 
     def load(self, document: Document) -> None:
         """Load one document after its imports."""
@@ -278,8 +278,8 @@ class _Loader:
         if undefined:
             names = ", ".join(undefined[:10]) + (", ..." if len(undefined) > 10 else "")
             self.report.warnings.append(
-                f"{document.name}: no context defines {names}; what stands under "
-                f"{'it' if len(undefined) == 1 else 'them'} was left out (JSON-LD 1.1)"
+                f"{document.name}: no context defines {names}; the values of "
+                f"{'this key' if len(undefined) == 1 else 'these keys'} were left out (JSON-LD 1.1)"
             )
 
     def _is_text(self, document: Document, form: Format) -> bool:
@@ -321,7 +321,7 @@ class _Loader:
     def _is_unchanged(self, item: Item) -> bool:
         """Whether an ontology's graph was loaded from exactly these bytes.
 
-        Its blank nodes would get new names and double its class expressions.
+        Loading it again would rename its blank nodes and so duplicate its class expressions.
         """
         if self.options.replace or item.header.iri is None or item.graph != item.header.iri:
             return False
@@ -379,7 +379,7 @@ class _Loader:
     def _prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
         """Yield statements with their graphs; blank nodes of data become IRIs.
 
-        So they can be withdrawn one by one and mean the same in every copy.
+        IRIs let the statements be withdrawn one by one and keep their meaning in every copy.
         """
         names: dict[str, NamedNode] = {}
         keep_blank = self.kb.plain or item.header.iri is not None
@@ -406,7 +406,7 @@ class _DryRun(Exception):
 
 
 def _for_imports(options: Options) -> Options:
-    """Return options that fit an imported ontology: its own graph, format and address."""
+    """Return the options for an imported ontology, with its own graph, format and address."""
     return Options(
         None,
         None,

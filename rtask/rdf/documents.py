@@ -29,15 +29,15 @@ class Document:
     Parameters
     ----------
     name
-        Shown in messages: the path, ``<stdin>`` or ``<bytes>``.
+        Name for messages: the path, ``<stdin>`` or ``<bytes>``.
     path
-        The file, where there is one.
+        The file; ``None`` for bytes.
     data
-        The bytes, where there is no file.
+        The bytes; ``None`` for a file.
     on_read
         Called with the number of stored bytes read so far.
     max_unpacked
-        Reading beyond so many bytes, unpacked, is an error.
+        Maximum decompressed size in bytes; reading beyond it is an error.
     """
 
     name: str
@@ -126,7 +126,9 @@ class Document:
             raise ParseError(f"{self.name}: {error}") from error
         members = [info for info in archive.infolist() if not info.is_dir()]
         if len(members) != 1:
-            raise DataError(f"{self.name} holds {len(members)} files; a zip of one is read")
+            raise DataError(
+                f"{self.name} holds {len(members)} files; expected a zip archive of one file"
+            )
         return archive.open(members[0])
 
     def sha256(self) -> str:

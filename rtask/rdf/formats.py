@@ -30,13 +30,13 @@ class Format:
     Parameters
     ----------
     name
-        As given to ``--format``.
+        Name of the format, as passed to ``--format``.
     extensions
-        Of file names, without dot.
+        File name extensions, without dot.
     rdf
-        The store's parser; ``None`` for syntaxes of OWL only.
+        The store's parser; ``None`` for syntaxes of OWL.
     owl
-        The syntax in py-horned-owl's terms.
+        py-horned-owl's name of the syntax; ``None`` for formats of RDF.
     """
 
     name: str
@@ -89,7 +89,7 @@ def find_format(name: str | RdfFormat) -> Format:
     Raises
     ------
     UsageError
-        Listing the names.
+        The format is unknown; the error lists the names.
     """
     rdf = name if isinstance(name, RdfFormat) else None
     if rdf is None:
@@ -105,7 +105,7 @@ def find_format(name: str | RdfFormat) -> Format:
 
 
 def sniff(head: bytes) -> Format | None:
-    """Return the format that the first bytes look like.
+    """Guess the format from the first bytes.
 
     >>> sniff(b"# mugs\\nPrefix: e: <urn:e#>").name
     'manchester'
@@ -124,7 +124,7 @@ def detect(document: Document) -> Format:
     Raises
     ------
     UsageError
-        If neither tells.
+        If neither identifies the format.
     """
     found = _BY_NAME.get(document.extension)
     if found is not None:
@@ -189,7 +189,7 @@ def _owl_to_rdf_xml(text: str, syntax: Literal["owx", "ofn", "omn"], name: str) 
     Raises
     ------
     ParseError
-        With line and column where the parser knows them.
+        The text does not parse; gives line and column if the parser reports them.
     """
     import pyhornedowl
 
@@ -218,7 +218,7 @@ def _owl_error(message: str, text: str, name: str) -> ParseError:
 
 
 def explain(error: Exception, document: Document, form: Format) -> ParseError:
-    """Return a parser's error as one that names file, line and column."""
+    """Convert a parser's error to one that gives file, line and column."""
     line = getattr(error, "lineno", None)
     column = getattr(error, "offset", None)
     if line is None:
@@ -233,7 +233,7 @@ def explain(error: Exception, document: Document, form: Format) -> ParseError:
 
 
 def _locate(message: str, document: Document) -> tuple[int, int] | tuple[None, None]:
-    """Return the position of the text that an error quotes, for parsers that report none.
+    """Locate the text that an error quotes, for parsers that report no position.
 
     The first place; RDF/XML (and a prefix or IRI that is wrong is mostly wrong at once).
     """
@@ -259,7 +259,7 @@ def read_document(
     data
         A path, or the content.
     format
-        Name, extension or media type; found out where it is not given.
+        Name, extension or media type; detected if not given.
     """
     source = data.encode() if isinstance(data, str) else data
     document = Document.of(source)

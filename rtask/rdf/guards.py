@@ -1,7 +1,7 @@
-"""Checks of documents that are dangerous for the store's parsers.
+"""Checks of documents before they reach the store's parsers.
 
-They recurse on JSON-LD and on triple terms, expand XML entities without bound, and leave out,
-without a word, what a JSON-LD document says about an IRI that is none.
+The parsers recurse on JSON-LD and on triple terms, expand XML entities without bound, and silently
+drop the JSON-LD statements about an invalid IRI.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def check_json_depth(data: bytes, name: str) -> None:
     Raises
     ------
     TooLargeError
-        Naming the depth allowed.
+        The document is nested more deeply; the error gives the limit.
     """
     if data.count(b"{") + data.count(b"[") > MAX_DEPTH:
         _check_depth((m[0] for m in _JSON.finditer(data)), b"{[", b"}]", name)
@@ -49,12 +49,12 @@ def check_json_depth(data: bytes, name: str) -> None:
 def check_json_iris(data: bytes, name: str) -> None:
     """Refuse JSON-LD identifiers with characters that no IRI may contain (RFC 3987).
 
-    Looked at are values of ``@id``, of its aliases and of terms declared ``"@type": "@id"``.
+    The check covers values of ``@id``, of its aliases and of terms declared ``"@type": "@id"``.
 
     Raises
     ------
     ParseError
-        With the line, the column and the text.
+        An identifier is invalid; gives line, column and text.
     """
     keys = {b"@id", *(m[1] for pattern in (_ALIAS, _COERCED) for m in pattern.finditer(data))}
     keys.discard(b"@type")
@@ -63,12 +63,12 @@ def check_json_iris(data: bytes, name: str) -> None:
         try:
             text = json.loads(b'"' + found[1] + b'"')
         except ValueError:
-            continue  # the parser says what is wrong with it
+            continue  # the parser reports the error
         if bad := _NO_IRI.search(text):
             line = data.count(b"\n", 0, found.start(1)) + 1
             column = found.start(1) - data.rfind(b"\n", 0, found.start(1))
             raise ParseError(
-                f"{name}:{line}:{column}: {text!r} is no IRI: {bad[0]!r} must be written as "
+                f"{name}:{line}:{column}: {text!r} is not an IRI: write {bad[0]!r} as "
                 f"%{ord(bad[0]):02X}",
                 line=line,
                 column=column,
@@ -78,8 +78,8 @@ def check_json_iris(data: bytes, name: str) -> None:
 def undefined_json_terms(data: bytes) -> list[str]:
     """Return the keys of JSON-LD that no context defines, which a processor leaves out, sorted.
 
-    JSON-LD 1.1 API, 5.1.2 (expansion), step 13.4. Nothing is returned where only a full processor
-    could tell: remote contexts, contexts of single terms, documents that are no JSON.
+    JSON-LD 1.1 API, 5.1.2 (expansion), step 13.4. The list is empty where only a full processor
+    could decide: remote contexts, term-scoped contexts and documents that are not JSON.
     """
     found: set[str] = set()
     try:
@@ -90,7 +90,7 @@ def undefined_json_terms(data: bytes) -> list[str]:
 
 
 class _CannotTell(Exception):
-    """Only a full JSON-LD processor knows what this means."""
+    """Only a full JSON-LD processor could interpret the document."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def check_xml(stream: IO[bytes], name: str) -> None:
     Raises
     ------
     ParseError
-        Malformed, or an entity whose value names another or lies outside the document.
+        The document is malformed, or an entity refers to another entity or to an external file.
     TooLargeError
         Nested deeper than 256.
     """
@@ -195,9 +195,9 @@ def check_xml(stream: IO[bytes], name: str) -> None:
         entity_name: str, is_parameter: bool, value: str | None, base: str | None, *outside: object
     ) -> None:
         if value is None:
-            fail(f"entity {entity_name} lies outside the document")
+            fail(f"entity {entity_name} is external; write its text into the document")
         elif "&" in value or "%" in value:
-            fail(f"entity {entity_name} names another entity")
+            fail(f"entity {entity_name} refers to another entity; write its text out")
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end

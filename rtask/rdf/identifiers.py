@@ -1,4 +1,4 @@
-"""Fresh identifiers for new things."""
+"""New identifiers: time-ordered UUIDs and IRIs made from them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["mint", "uuid7"]
 
 
 def uuid7() -> uuid.UUID:
-    """Return a UUID that sorts by the time it was made (RFC 9562, 5.7).
+    """Return a UUID that sorts by creation time (RFC 9562, 5.7).
 
     >>> uuid7().version
     7
@@ -23,7 +23,7 @@ def uuid7() -> uuid.UUID:
 
 
 def mint(base: str, name: str) -> str:
-    """Return a fresh IRI that names the class of the new object.
+    """Return a new IRI whose local name begins with ``name``.
 
     >>> mint("urn:lab/", "GraspAttempt").startswith("urn:lab/grasp-attempt/")
     True

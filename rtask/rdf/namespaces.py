@@ -54,20 +54,20 @@ _CODE = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def reason(code: str) -> NamedNode:
-    """Return the individual of an outcome reason, ``ok`` or ``slip_lift``.
+    """Return the individual of an outcome reason such as ``ok`` or ``slip_lift``.
 
     Raises
     ------
     UnknownTermError
-        When the text cannot be a code at all.
+        If the text does not have the form of a code.
     """
     if not _CODE.fullmatch(code):
-        raise UnknownTermError(f"{code!r} is no reason code; one word such as slip_lift is wanted")
+        raise UnknownTermError(f"{code!r} is not a reason code; expected a word such as slip_lift")
     return NamedNode(f"{ontology.NS}reason_{code}")
 
 
 def local_name(iri: NamedNode | str) -> str:
-    """Return what follows the last ``#`` or ``/``.
+    """Return the part of an IRI after the last ``#`` or ``/``.
 
     >>> local_name("urn:x/y#Mug")
     'Mug'

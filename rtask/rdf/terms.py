@@ -1,8 +1,8 @@
 """RDF terms: the store's types, conversion from and to Python values, and the stored form.
 
-The knowledge base speaks in pyoxigraph's terms. The store normalises literals when it takes them
-(``"01"^^xsd:integer`` becomes ``1``, every derived integer type ``xsd:integer``), so a delta, the
-journal and the closure must use the stored form too: :func:`stored`.
+The knowledge base uses pyoxigraph's terms. The store normalises literals when they are added
+(``"01"^^xsd:integer`` becomes ``1``, derived integer types become ``xsd:integer``), so deltas,
+the journal and the closure must use the stored form too: :func:`stored`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def iri(value: NamedNode | str) -> NamedNode:
     Raises
     ------
     DataError
-        If the text is no absolute IRI.
+        If the text is not an absolute IRI.
     """
     if isinstance(value, NamedNode):
         return value
@@ -93,7 +93,7 @@ def literal(value: object) -> Literal:
         return _typed(value.isoformat().replace("+00:00", "Z"), "dateTime")
     if isinstance(value, dt.date):
         return _typed(value.isoformat(), "date")
-    raise UsageError(f"no literal for a {type(value).__name__}: {value!r}")
+    raise UsageError(f"a {type(value).__name__} cannot be converted to a literal: {value!r}")
 
 
 def _typed(text: str, datatype: str) -> Literal:
@@ -150,7 +150,7 @@ def is_ground(term: object) -> bool:
 
 
 def written(term: Term) -> str:
-    """Return a term as SPARQL 1.2 writes it; the store's own text of a triple lacks its marks.
+    """Return a term in SPARQL 1.2 syntax; the store's own text of a triple term lacks brackets.
 
     >>> written(Triple(iri("urn:a"), iri("urn:p"), literal("b")))
     '<<( <urn:a> <urn:p> "b" )>>'
@@ -170,7 +170,7 @@ def _stored_literal(value: Literal) -> Literal:
 
 
 def stored(term: Term) -> Term:
-    """Return a term as the store keeps it.
+    """Return a term in the form in which the store keeps it.
 
     >>> str(stored(Literal("01", datatype=NamedNode(XSD + "int"))))
     '"1"^^<http://www.w3.org/2001/XMLSchema#integer>'
@@ -187,7 +187,7 @@ def stored(term: Term) -> Term:
 
 
 def stored_quad(quad: Quad) -> Quad:
-    """Return a quad as the store keeps it."""
+    """Return a quad in the form in which the store keeps it."""
     subject, obj = quad.subject, quad.object
     if isinstance(obj, NamedNode | BlankNode) and not isinstance(subject, Triple):
         return quad
@@ -214,7 +214,7 @@ def prologue(prefixes: Mapping[str, str] | Iterable[tuple[str, str]]) -> str:
 
 
 def moment(value: dt.datetime | str | float | None) -> dt.datetime:
-    """Return a time in UTC from ISO 8601 text or seconds since 1970; ``LONG_AGO`` from nothing.
+    """Convert ISO 8601 text or seconds since 1970 to a time in UTC; ``None`` gives ``LONG_AGO``.
 
     >>> moment("2026-01-02T03:04:05Z").isoformat()
     '2026-01-02T03:04:05+00:00'
@@ -222,7 +222,7 @@ def moment(value: dt.datetime | str | float | None) -> dt.datetime:
     Raises
     ------
     UsageError
-        If it is no moment.
+        If the value is not a time.
     """
     if value is None or value == "":
         return LONG_AGO
@@ -231,5 +231,5 @@ def moment(value: dt.datetime | str | float | None) -> dt.datetime:
     try:
         found = dt.datetime.fromisoformat(value) if isinstance(value, str) else value
     except ValueError as error:
-        raise UsageError(f"{value!r} is no time; write 2026-01-02T03:04:05Z") from error
+        raise UsageError(f"{value!r} is not a time; expected e.g. 2026-01-02T03:04:05Z") from error
     return found.astimezone(dt.UTC) if found.tzinfo else found.replace(tzinfo=dt.UTC)

@@ -20,7 +20,7 @@ def bind(text: str, bindings: Bindings) -> str:
     Parameters
     ----------
     bindings
-        Variable name to a term or value, or to a list of them.
+        Mapping from variable name to a term or value, or to a list of them.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Complexity limits of SPARQL texts, checked before the store's planner sees them.
 
 The planner is recursive and tries orders of joins: a hundred patterns take half a second, a
-thousand minutes, twenty thousand end the process. So texts are measured by their tokens; what is
-data (VALUES, INSERT DATA, templates) is left out.
+thousand take minutes, twenty thousand crash the process. Texts are therefore measured by their
+tokens, not counting data (VALUES, INSERT DATA, templates).
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ def check_complexity(tokens: Sequence[Token]) -> None:
     Raises
     ------
     TooLargeError
-        Naming the limit, the value and what is allowed.
+        A limit is exceeded; the error gives its name, the value found and the value allowed.
     """
     _Meter(tokens).measure()
 
 
 class _Meter:
-    """Counts, in one pass.
+    """Counts the measures of a text in one pass.
 
-    ``_joined`` holds for each open block how many patterns are joined in it; those of a branch of
-    UNION are not joined with the other branches, so a whole UNION counts as one.
+    ``_joined`` holds for each open block the number of patterns joined in it. The branches of a
+    UNION are not joined with each other, so a whole UNION counts as one pattern.
     """
 
     def __init__(self, tokens: Sequence[Token]) -> None:
@@ -112,7 +112,7 @@ class _Meter:
     def _close(self, at: int) -> None:
         self._counts["steps of a path"] = 0
         before = self._tokens[at - 1]
-        # the last pattern of a block needs no point
+        # the last pattern of a block needs no final dot
         if not before.is_mark(".") and not before.is_mark("{") and not before.is_mark("}"):
             self._pattern()
         if not self._is_branch:

@@ -1,7 +1,7 @@
 """Lexical analysis of SPARQL texts within limits, without a parser.
 
-The store's own parser cannot be asked what it read, and very deep nesting ends the process that
-parses it. So the knowledge base reads tokens itself: linear in the text, no recursion.
+The store's parser does not expose what it parsed, and very deep nesting crashes its process. The
+knowledge base therefore reads tokens itself, in linear time and without recursion.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def tokenise(text: str) -> list[Token]:
     Raises
     ------
     QuerySyntaxError
-        At characters that begin no token.
+        If some characters do not start a token.
     TooLargeError
-        Nested deeper, or with longer expressions, than the store's parser survives.
+        If the nesting is deeper or an expression longer than the store's parser can handle.
     """
     tokens = list(scan(text))
     _check_limits(tokens)
@@ -67,9 +67,9 @@ def _check_limits(tokens: list[Token]) -> None:
 
 
 def guard(text: str) -> None:
-    """Refuse text that would end the process in the store's parser or planner.
+    """Refuse text that would crash the store's parser or planner.
 
-    Counting characters settles most texts; only suspicious ones are read token by token.
+    For most texts counting characters is enough; only suspicious ones are tokenised.
     """
     if len(text) > _CACHED:
         tokenise(text)
@@ -90,12 +90,12 @@ def _guard(text: str) -> None:
 
 
 def find_block_end(tokens: list[Token], start: int) -> int:
-    """Return the index behind the ``}`` that closes the ``{`` at ``start``.
+    """Return the index after the ``}`` that closes the ``{`` at ``start``.
 
     Raises
     ------
     QuerySyntaxError
-        If the block never ends.
+        If the block is not closed.
     """
     depth = 0
     for index in range(start, len(tokens)):
@@ -105,11 +105,11 @@ def find_block_end(tokens: list[Token], start: int) -> int:
             depth -= 1
             if depth == 0:
                 return index + 1
-    raise QuerySyntaxError("a block { is never closed")
+    raise QuerySyntaxError("a block is never closed; add the missing }")
 
 
 def body_start(tokens: list[Token]) -> int:
-    """Return the index of the first token behind the prologue (BASE, PREFIX, VERSION)."""
+    """Return the index of the first token after the prologue (BASE, PREFIX, VERSION)."""
     index = 0
     while tokens[index].is_word("BASE", "PREFIX", "VERSION"):
         index += 3 if tokens[index].is_word("PREFIX") else 2

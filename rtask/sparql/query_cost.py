@@ -1,9 +1,9 @@
 """Estimate from its text whether a query is quick.
 
-Quick queries have readers of their own, so that a robot's look-up does not wait behind somebody's
-report. The judgement is a guess about how much of the store is read before the first solution, not
-about how long the answer is: callers may bound the time to the first piece, never the whole answer.
-A wrong guess costs time and nothing else.
+Some readers are reserved for quick queries, so that a robot's look-up does not wait behind a long
+report. The estimate concerns how much of the store is read before the first solution, not the
+length of the answer; so callers may use it to bound the time to the first piece only. A wrong
+estimate costs time but does no other harm.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _Pattern = tuple[Token, Token, Token]
 
 
 def is_lookup(text: str) -> bool:
-    """Whether a query asks for the statements about one thing and for nothing else.
+    """Whether a query only asks for the statements about one resource.
 
     Its cost is at most the number of these statements, so this form is matched strictly.
 
@@ -53,12 +53,12 @@ def is_lookup(text: str) -> bool:
 
 
 def is_quick(text: str) -> bool:
-    """Whether a query reads only what is connected with a few named things.
+    """Whether a query reads only data connected with a few named resources.
 
     It has at most eight triple patterns, in one block with ``OPTIONAL``, ``FILTER`` and ``GRAPH``.
-    Patterns that share variables form a group, and each group holds a constant subject, or a
-    constant object of a predicate other than ``rdf:type``. Paths, aggregates, sorting,
-    ``DISTINCT``, ``UNION``, sub-queries and whatever is not understood are not quick.
+    Patterns that share variables form a group, and each group has a constant subject, or a
+    constant object of a predicate other than ``rdf:type``. A query with paths, aggregates, sorting,
+    ``DISTINCT``, ``UNION``, sub-queries or other constructs is not quick.
 
     Examples
     --------
@@ -102,9 +102,9 @@ class _Block:
     required, optional
         Patterns outside and inside ``OPTIONAL``.
     is_understood
-        Whether there is nothing else in the block.
+        Whether the block contains nothing else.
     end
-        Index of the token behind the block.
+        Index of the token after the block.
     """
 
     def __init__(self, tokens: list[Token], start: int) -> None:
@@ -148,7 +148,7 @@ class _Block:
             if name is None or name.kind not in ("iri", "name", "variable"):
                 return False
         elif not self.required:
-            return False  # evaluated first, with nothing bound
+            return False  # evaluated first, without any bound variable
         elif not self._optional_depth:
             self._optional_depth = depth
         brace = self._next()
@@ -198,14 +198,14 @@ class _Block:
         return False
 
     def _ends_pattern(self) -> bool:
-        """Whether a pattern may end here; a trailing ``;`` leaves its subject."""
+        """Whether a pattern may end here; the subject may remain after a trailing ``;``."""
         is_whole = len(self._given) in (0, 1, 3)
         self._given = []
         return is_whole
 
 
 def _are_anchored(patterns: list[_Pattern]) -> bool:
-    """Whether every group of patterns that share variables starts at something constant."""
+    """Whether every group of patterns that share variables has a constant to start from."""
     groups: list[tuple[set[str], bool]] = []
     for subject, predicate, value in patterns:
         names = {t.text[1:] for t in (subject, predicate, value) if t.kind == "variable"}

@@ -1,7 +1,7 @@
 """Results of queries, complete in memory and independent of the store.
 
-A live result of the store must be consumed in the thread that made it; elsewhere it ends the
-process. So nothing live leaves the knowledge base.
+A lazy result of the store must be consumed in the thread that created it, or the process crashes.
+Results are therefore always complete when they leave the knowledge base.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Solutions(Sequence[Row]):
     variables
         Names in the order of the projection, without ``?``.
     rows
-        One tuple of terms a row, ``None`` where unbound.
+        One tuple of terms for each row, ``None`` where unbound.
     """
 
     def __init__(self, variables: Sequence[str], rows: Sequence[tuple[Term | None, ...]]) -> None:

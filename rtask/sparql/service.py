@@ -1,12 +1,12 @@
-"""``SERVICE`` in queries: the text search of this store, and the refusal to call other servers.
+"""``SERVICE`` in queries: text search in this store; calls to other servers are refused.
 
-``SERVICE <urn:rtask:text>`` becomes a ``VALUES`` of what the text search finds::
+``SERVICE <urn:rtask:text>`` is replaced by a ``VALUES`` clause with the hits of the text search::
 
     SERVICE <urn:rtask:text> { ?s rt:matches "red cup" ; rt:score ?score ; rt:limit 10 }
 
-Any other service is switched off, because the store would call out without a time limit:
-``SERVICE SILENT`` becomes one empty solution, as the standard asks of a call that fails
-(SPARQL 1.1 Federated Query, 2.4), and ``SERVICE`` alone is refused before anything is evaluated.
+Other services are switched off, because the store would call them without a time limit:
+``SERVICE SILENT`` becomes one empty solution, as the standard requires for a failed call
+(SPARQL 1.1 Federated Query, 2.4), and ``SERVICE`` without ``SILENT`` is refused before evaluation.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ _STRING_MARKS = ('"""', "'''", '"', "'")
 
 
 class Hit(Protocol):
-    """A thing that the text search found."""
+    """A hit of the text search."""
 
     @property
     def subject(self) -> NamedNode:
-        """What the text is about."""
+        """Subject that the text describes."""
 
     @property
     def text(self) -> str:
-        """The text that fits best."""
+        """Best matching text."""
 
     @property
     def language(self) -> str | None:
@@ -48,7 +48,7 @@ class Hit(Protocol):
 
     @property
     def score(self) -> float:
-        """Larger fits better."""
+        """Relevance; larger is better."""
 
 
 Search = Callable[..., Sequence[Hit]]
@@ -63,7 +63,7 @@ def without_services(text: str) -> str:
     Raises
     ------
     ForbiddenError
-        At a ``SERVICE`` without ``SILENT``.
+        If the text uses ``SERVICE`` without ``SILENT``.
     """
     if "service" not in text.lower():
         return text
@@ -76,7 +76,7 @@ def without_services(text: str) -> str:
         if not tokens[at + 1].is_word("SILENT"):
             line, column = line_and_column(text, tokens[at].start)
             raise ForbiddenError(
-                f"{line}:{column}: SERVICE is switched off; query that server yourself",
+                f"{line}:{column}: SERVICE is switched off; send that query to the server itself",
                 operation="SERVICE",
                 line=line,
                 column=column,
@@ -101,12 +101,12 @@ def with_found_texts(text: str, search: Search) -> str:
     Parameters
     ----------
     search
-        As :meth:`KnowledgeBase.search`.
+        Function with the interface of :meth:`KnowledgeBase.search`.
 
     Raises
     ------
     QuerySyntaxError
-        At a block that asks for something else.
+        If a text service block contains anything else.
     """
     if TEXT_SERVICE not in text:
         return text

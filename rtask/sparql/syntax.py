@@ -35,9 +35,9 @@ def syntax_error(
     Parameters
     ----------
     text
-        What the caller wrote.
+        The caller's text.
     skipped_lines
-        Lines put in front of it for the store's parser.
+        Number of lines prepended to it for the store's parser.
     """
     unknown = _undeclared_prefix(text)
     if unknown is not None:
@@ -72,8 +72,8 @@ def _undeclared_prefix(text: str) -> tuple[str, int, int] | None:
 def check_update(update: Update, base: str | None = None) -> None:
     """Raise unless the text is a SPARQL 1.1 update.
 
-    The second CREATE in front of it always fails, so nothing is executed. Declarations go before
-    everything, since the store's parser takes none between two operations.
+    The second of two prepended CREATE operations always fails, so nothing is executed. Declarations
+    come first, because the store's parser accepts none between two operations.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def check_update(update: Update, base: str | None = None) -> None:
 
 
 def check_query(text: str, base: str | None = None) -> None:
-    """Raise unless the text is a SPARQL 1.1 query; nothing is read.
+    """Raise unless the text is a SPARQL 1.1 query; no data are read.
 
     Raises
     ------

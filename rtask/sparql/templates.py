@@ -1,7 +1,7 @@
 """Quad templates of updates: parsed by the store's TriG parser, instantiated by solutions.
 
-A variable becomes the IRI ``urn:rtask-var:NAME`` for the parser; lists, ``[ ]`` and annotations
-come out as quads (SPARQL 1.1 Update, 3.1.3).
+Each variable is replaced by the IRI ``urn:rtask-var:NAME`` for the parser; lists, ``[ ]`` and
+annotations are expanded to quads (SPARQL 1.1 Update, 3.1.3).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PROBE = "<urn:x>"
 def read_template(
     update: Update, block: Block, prologue: str, base: str | None = None
 ) -> list[Quad]:
-    """Return the quads of a template or DATA block; variables stand as marker IRIs."""
+    """Return the quads of a template or DATA block, with marker IRIs for variables."""
     text = prologue + "\n".join(_as_trig(update, block))
     try:
         return list(parse(text, format=RdfFormat.TRIG, base_iri=base))
@@ -35,7 +35,7 @@ def read_template(
 
 
 def _as_trig(update: Update, block: Block) -> Iterator[str]:
-    """Wrap the triples outside GRAPH in braces, since TriG wants a dot where SPARQL does not."""
+    """Wrap triples outside GRAPH in braces, since TriG requires a dot where SPARQL does not."""
     tokens, at, end = update.tokens, block.start + 1, block.end - 1
     loose: list[Token] = []
     while at < end:
@@ -87,7 +87,7 @@ def resolve(name: str, prologue: str, base: str | None = None) -> NamedNode:
             parse(f"{prologue}\n{name} {_PROBE} {_PROBE} .", format=RdfFormat.TURTLE, base_iri=base)
         )
     except (SyntaxError, ValueError) as error:
-        raise QuerySyntaxError(f"not an IRI: {name} ({error})") from error
+        raise QuerySyntaxError(f"{name} is not an IRI: {error}") from error
     assert isinstance(quad.subject, NamedNode)
     return quad.subject
 
@@ -125,21 +125,21 @@ def constant_graphs(template: Iterable[Quad], home: GraphName) -> set[GraphName]
 
 
 def _new_blank() -> BlankNode:
-    """Return a blank node; the store's own would repeat in processes forked from one parent."""
+    """Return a new blank node; pyoxigraph's labels would repeat in processes forked from one."""
     return BlankNode(secrets.token_hex(16))
 
 
 def fill(
     template: Iterable[Quad], solution: Mapping[str, Term], home: GraphName, fresh: bool
 ) -> Iterator[Quad]:
-    """Yield the template's quads for one solution; illegal ones are left out.
+    """Yield the template's quads for one solution, leaving out illegal ones.
 
     Parameters
     ----------
     home
-        Graph of the triples that stand outside ``GRAPH``.
+        Graph of the triples outside ``GRAPH``.
     fresh
-        Whether blank nodes become new ones, one set for each solution.
+        Whether to replace blank nodes by new ones, one set for each solution.
     """
     blanks: dict[str, BlankNode] = {}
 

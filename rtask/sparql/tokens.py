@@ -53,7 +53,7 @@ def scan(text: str) -> Iterator[Token]:
     Raises
     ------
     QuerySyntaxError
-        At characters that begin no token.
+        If some characters do not start a token.
     """
     position, match = 0, _TOKEN.match
     while position < len(text):

@@ -1,7 +1,7 @@
 """Outline of a SPARQL update: its operations, their targets and the spans of their blocks.
 
-Recursive descent over the update grammar only (SPARQL 1.1 Update, 3). It need not refuse what the
-store's parser refuses, since that one has read the text before.
+Recursive descent over the update grammar only (SPARQL 1.1 Update, 3). The store's parser has
+already checked the text, so this one need not detect every error.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["Block", "Operation", "Target", "read_update"]
 
 @dataclass(frozen=True)
 class Block:
-    """A ``{ ... }`` of the text, as tokens ``[start, end)`` including the braces."""
+    """A ``{ ... }`` block, as tokens ``[start, end)`` including the braces."""
 
     start: int
     end: int
@@ -26,7 +26,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Target:
-    """What CLEAR, DROP, CREATE, ADD, MOVE, COPY and LOAD name.
+    """Graph or graphs named by CLEAR, DROP, CREATE, ADD, MOVE, COPY or LOAD.
 
     Parameters
     ----------
@@ -52,8 +52,8 @@ class Operation:
     prologue
         BASE and PREFIX lines in force.
     delete, insert, where
-        Blocks of MODIFY; ``DELETE WHERE`` has the same block twice. DATA stands in ``insert`` or
-        ``delete``.
+        Blocks of MODIFY; ``DELETE WHERE`` has the same block twice. DATA blocks are in ``insert``
+        or ``delete``.
     with_graph, using, using_named
         IRIs as written.
     source, target, silent
@@ -82,7 +82,7 @@ class Update:
     declarations
         All BASE and PREFIX lines of the text.
     body
-        The text with its declarations blanked out; positions stay.
+        The text with its declarations blanked out, so that positions are unchanged.
     """
 
     text: str
@@ -105,7 +105,7 @@ def read_update(text: str) -> Update:
     Raises
     ------
     QuerySyntaxError
-        With line and column.
+        The text does not parse; gives line and column.
     """
     reader = _Reader(text)
     operations = reader.operations()

@@ -283,7 +283,7 @@ class Readers:
         """Wait for a free place; return a function that releases it."""
         with self._changed:
             if not self._is_room(heavy, update) and self._waiting >= self.limits.queue:
-                raise BusyError(f"{self._waiting} queries are already waiting; try again later")
+                raise BusyError(f"too many queries are waiting ({self._waiting}); try again later")
             self._waiting += 1
             try:
                 while not self._is_room(heavy, update) and not self._closed:

@@ -219,5 +219,5 @@ def test_what_needs_the_embedded_store_says_so(kb: rtask.KnowledgeBase) -> None:
     kb.close()
     with pytest.raises(ClosedError):
         kb.query("ASK {}")
-    with pytest.raises(UsageError, match="at least"):
+    with pytest.raises(UsageError, match="names no query endpoint"):
         rtask.open("sparql+http://127.0.0.1:9/")

@@ -201,7 +201,7 @@ def test_poses_near_a_point_are_found_nearest_first(kb: KnowledgeBase) -> None:
     assert kb.near("urn:table", (0.0, 0.0, 0.0), 0.5) == []
     assert [p.pose.value for p in kb.near("urn:table", (9.0, 0.0, 0.0), 0.01)] == ["urn:p1"]
     assert kb.near("urn:nowhere", (0.0, 0.0, 0.0), 1.0) == []
-    with pytest.raises(UsageError, match="three numbers"):
+    with pytest.raises(UsageError, match="three finite numbers"):
         kb.near("urn:table", (0.0, 0.0), 1.0)
 
 

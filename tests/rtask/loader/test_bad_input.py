@@ -86,7 +86,7 @@ def test_depth_that_would_end_the_process_is_refused(
 @pytest.mark.parametrize(
     ("text", "where"),
     [
-        ('{"@id": "urn:a b", "urn:p": 1}', "1:10: 'urn:a b' is no IRI: ' ' must be written as %20"),
+        ('{"@id": "urn:a b", "urn:p": 1}', "1:10: 'urn:a b' is not an IRI: write ' ' as %20"),
         ('{"@context": {"id": "@id"},\n "id": "urn:a|b", "urn:p": 1}', "2:9: 'urn:a|b'"),
         (
             '{"@context": {"p": {"@id": "urn:p", "@type": "@id"}},\n'
