@@ -1,4 +1,4 @@
-"""Order the grasps to try: remembered ones and those that geometry proposes."""
+"""Rank the grasps to try: remembered ones and candidates from geometry."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _MERGE_RAD = np.deg2rad(10)
 
 @dataclass(frozen=True)
 class Scene:
-    """The object and gripper at hand, for which a grasp is chosen.
+    """Object and gripper for which a grasp is chosen.
 
     Parameters
     ----------
     footprint
-        Of the object, in the robot's frame.
+        Footprint of the object in the robot's frame.
     frame_from_upright : (4, 4) float64, m
-        Pose of the object in the robot's frame as it stands, z up.
+        Pose of the object in the robot's frame as it stands now, z up.
     neighbours : (m, 3) or None, m
-        x, y in the robot's frame, z over the support.
+        Points of neighbouring objects: x, y in the robot's frame, z above the support.
     frame_from_object : (4, 4) or None, m
-        Pose of the object in the robot's frame, as far as grasps in space are wanted and it is
-        known.
+        Pose of the object in the robot's frame; None if unknown, or if only grasps from above are
+        wanted.
     """
 
     footprint: Footprint
@@ -66,11 +66,11 @@ def options(
     Parameters
     ----------
     object_iri
-        The object, when it is known which one it is.
+        IRI of the object, if it was identified.
     propose
-        Whether geometry may add candidates.
+        Whether to add candidates from geometry.
     limit
-        Of the candidates.
+        Maximum number of candidates.
     """
     own = memory.of(object_iri) if object_iri else []
     found = _from_above(scene, [one for one in own if one.quaternion is None])
@@ -85,7 +85,7 @@ def options(
     moved = move_planar(scene.frame_from_upright, at, inverse=True).tolist()
     for k in np.flatnonzero(fresh).tolist():
         (x, y, theta), grasp = moved[k], proposed[k]
-        # As the graph will keep it, so that it weighs the same before and after.
+        # Rounded as in the graph, so that it has the same weight before and after it is stored.
         x, y, z, theta = (round(v, 6) + 0.0 for v in (x, y, grasp.z, wrap_axis(theta)))
         found.append(Option(f"candidate:{k}", grasp, (x, y, z, theta)))
     return found
@@ -99,12 +99,12 @@ def choose(
     policy: Policy,
     now: dt.datetime | None = None,
 ) -> list[Option]:
-    """Return the options in the order in which to try them; empty when none is worth it.
+    """Return the options in the order in which to try them; empty if none is worthwhile.
 
     Parameters
     ----------
     confidence
-        That each object of the memory is the one in question, by IRI.
+        Confidence that each remembered object is the present one, by IRI.
     """
     if not candidates:
         return []
@@ -175,7 +175,7 @@ def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
 
 
 def _axes(known: Remembered | Trial | None) -> Axes | None:
-    """Return closing and approach direction of a grasp in space, None of one from above."""
+    """Return closing and approach direction of a grasp in space; None for one from above."""
     if known is None or known.quaternion is None:
         return None
     closing, approach = known.object_from_gripper[:3, [0, 2]].T.tolist()
@@ -185,7 +185,7 @@ def _axes(known: Remembered | Trial | None) -> Axes | None:
 def _all_axes(
     candidates: Sequence[Option], told: Sequence[Remembered]
 ) -> NDArray[np.float64] | None:
-    """Return closing and approach direction (n, 2, 3) of all, None where all come from above."""
+    """Return closing and approach directions (n, 2, 3); None if all grasps are from above."""
     known = (*(one.remembered for one in candidates), *told)
     if all(one is None or one.quaternion is None for one in known):
         return None
@@ -199,7 +199,7 @@ def _all_axes(
 def _merged(
     proposed: Sequence[PlanarGrasp], known: Sequence[PlanarGrasp | GraspCandidate]
 ) -> NDArray[np.bool_]:
-    """Tell which proposed grasps (n,) a known one from above stands for."""
+    """Return a mask (n,) of the proposed grasps that a known one from above covers."""
     old = [grasp for grasp in known if isinstance(grasp, PlanarGrasp)]
     if not proposed or not old:
         return np.zeros(len(proposed), dtype=bool)

@@ -1,9 +1,9 @@
-"""How confident the graph is in a grasp: what was computed before, and what was counted since.
+"""Confidence in a grasp: a computed prior, updated by counted outcomes.
 
-The confidence s_G of a grasp (Kehoe 2014, 4.3) begins as the mean quality under uncertainty, or as
-the generator's own score. Every judged attempt makes it a posterior: the belief of the bandit
+The confidence s_G of a grasp (Kehoe 2014, 4.3) starts as the mean quality under uncertainty, or as
+the generator's own score. Each judged attempt updates it to a posterior: the belief of the bandit
 (:mod:`grasp.learning.bandit`) over all robots. It is stored in the same commit as the outcome, in
-the graph of the robot that tried, and names the evaluation that it was derived from, which stays.
+the graph of the robot that tried, and refers to the evaluation used as the prior, which is kept.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ class Belief:
 
 @dataclass(frozen=True)
 class Confidence:
-    """What the graph keeps about one grasp.
+    """Stored confidence in one grasp.
 
     Parameters
     ----------
     evaluation
-        IRI of the evaluation that was computed before any attempt; empty where there is none.
+        IRI of the evaluation that was computed before any attempt; empty if there is none.
     prior
-        Its confidence; None where there is none.
+        Confidence of that evaluation; None if there is none.
     belief
-        The posterior stored last, over all robots; None before the first outcome.
+        Latest stored posterior over all robots; None before the first outcome.
     updated
-        When, ISO 8601; empty before the first outcome.
+        Time of the latest update, ISO 8601; empty before the first outcome.
     policy
         Version of the rules of the posterior.
     """
@@ -75,12 +75,12 @@ class Confidence:
 def posterior(
     policy: Policy, quality: float | None, counts: Iterable[tuple[bool, float]]
 ) -> Belief:
-    """Return the belief that a prior and judged attempts add up to.
+    """Combine a prior and judged attempts to a belief.
 
     Parameters
     ----------
     quality
-        0..1: confidence of an evaluation, else the generator's score; None = nothing is known.
+        Confidence of an evaluation or else the generator's score, 0..1; None if neither is known.
     counts
         (held, weight) of attempts.
 
@@ -100,7 +100,7 @@ def posterior(
 
 
 def stored_confidences(context: Context, grasps: Sequence[str]) -> dict[str, Confidence]:
-    """Return what is stored about grasps, by IRI; one query."""
+    """Return the stored confidences of grasps by IRI, with one query."""
     if not grasps:
         return {}
     rows = context.kb.select(f"""{PREFIXES}
@@ -138,22 +138,22 @@ def believe(
     graph: NamedNode,
     quality: float | None = None,
 ) -> list[tuple[NamedNode, NamedNode, Value]]:
-    """State the new posterior of a grasp, derived from the first evaluation where there is one.
+    """Add the new posterior of a grasp, derived from the first evaluation if there is one.
 
     Parameters
     ----------
     counts
-        Judged attempts of all robots by (held, in coarse physics), as they will be.
+        Judged attempts of all robots by (held, in coarse physics), after the current commit.
     author
-        Whose outcome or verdict changes it.
+        Author of the outcome or verdict that changes it.
     graph
-        Of the author.
+        Graph of the author.
     quality
-        Generator's score, 0..1, of a grasp that is not stored yet.
+        Generator's score, 0..1, for a grasp that is not stored yet.
 
     Returns
     -------
-    The statements of this author's last posterior, to withdraw.
+    The statements of this author's previous posterior, which are to be withdrawn.
     """
     weighed = [(held, n * context.policy.weight_of(fast)) for (held, fast), n in counts.items()]
     first = stored_confidences(context, [grasp.value]).get(grasp.value, Confidence())
@@ -174,7 +174,7 @@ def believe(
             RT.graspConfidence: belief.mean,
             RT.beliefAlpha: belief.alpha,
             RT.beliefBeta: belief.beta,
-            # Not rt:atTime, by which rules look for the newest.
+            # Not rt:atTime, which rules use to find the newest.
             PROV.generatedAtTime: dt.datetime.now(dt.UTC),
             RT.policyVersion: context.policy.version,
             PROV.wasDerivedFrom: iri(first.evaluation) if first.evaluation else None,

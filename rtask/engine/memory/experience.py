@@ -1,8 +1,8 @@
-"""Weigh remembered outcomes into the counts that a belief is formed from.
+"""Weight remembered outcomes and sum them to the counts behind a belief.
 
-The weight of an outcome depends on the object, the gripper, the physics and its age; the kernel
-spreads it to neighbouring grasps. Grasps of other objects of the class are carried over by scaling
-their object's frame to the present one.
+The weight of an outcome depends on the object, the gripper, the physics and its age; a kernel
+spreads it to neighbouring grasps. Grasps of other objects of the same class are transferred by
+scaling their object's frame to the present object.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Evidence:
     ----------
     successes, failures : (n,)
     objects
-        For each arm, IRIs of the objects that the evidence comes from, the weightiest first.
+        For each arm, IRIs of the objects that contribute evidence, by decreasing weight.
     """
 
     successes: NDArray[np.float64]
@@ -46,13 +46,13 @@ class Weights:
     Parameters
     ----------
     confidence
-        That each object is the present one, by IRI.
+        Confidence that each object is the present one, by IRI.
     gripper
-        Of the robot that asks.
+        Gripper of the asking robot.
     size
         (length, width, height) of the present object, m.
     now
-        For ageing.
+        Current time, from which ages are computed.
     """
 
     policy: Policy
@@ -89,9 +89,9 @@ class Weights:
 
 
 def without_trials(memory: Memory) -> tuple[Remembered, ...]:
-    """Return the remembered grasps without the attempts of the episode under way.
+    """Return the remembered grasps without the attempts of the current episode.
 
-    The learner takes those in by itself, a failure with more weight; they must not count twice.
+    The learner adds these itself, with more weight on failures; they must not be counted twice.
     """
     mine = Counter((t.grasp, t.held, t.is_fast) for t in memory.trials)
     cleaned = []
@@ -124,9 +124,9 @@ def gather(
     positions : (n, 3), m, frame of the present object
     thetas : (n,), rad, frame of the present object
     remembered
-        Without the present episode; see :func:`without_trials`.
+        Remembered grasps without the current episode; see :func:`without_trials`.
     axes : (n, 2, 3) or None
-        Closing direction and approach of each arm; None = all come from above.
+        Closing and approach direction of each arm; None if all are from above.
     """
     told = [g for g in remembered if g.tallies]
     n = len(positions)
@@ -142,7 +142,7 @@ def gather(
         near = kernel_in_space(positions, axes, there, turns, size, bandwidth)
     won = np.array([_weight(g, weights, held=True) for g in told])
     lost = np.array([_weight(g, weights, held=False) for g in told])
-    # Rounded, so that the order of the rows leaves no trace in the last bit.
+    # Rounded, so that the order of the rows does not affect the last bit.
     successes, failures = np.round(near @ won, 9), np.round(near @ lost, 9)
     return Evidence(successes, failures, _sources(near * (won + lost), told))
 
@@ -152,7 +152,7 @@ def _weight(grasp: Remembered, weights: Weights, held: bool) -> float:
 
 
 def _scaled(grasp: Remembered, size: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return the grasp's position as it would be on an object of another size."""
+    """Return the grasp's position scaled to an object of another size."""
     if not grasp.of_class or grasp.size is None:
         return grasp.x, grasp.y, grasp.z
     x, y, z = (

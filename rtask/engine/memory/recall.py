@@ -1,7 +1,7 @@
 """Query the graph once about recognised objects.
 
-The answer has the objects, their grasps with the outcomes of every robot, the attempts of the robot
-that asks, and the viewpoints of stored views.
+The answer contains the objects, their grasps with the outcomes of every robot, the attempts of the
+asking robot, and the viewpoints of stored views.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _objects(rows: Iterable[Row]) -> dict[str, KnownObject]:
 
 
 def _object(iri: str, mine: list[Row]) -> KnownObject:
-    """Join the rows of one object; of several classes the lowest in the hierarchy wins."""
+    """Combine the rows of one object, with the most specific of several classes."""
     classes: dict[str, set[str]] = {}
     for row in mine:
         if row["class"] is not None:
@@ -117,7 +117,7 @@ def _key(row: Row) -> Key:
 
 
 def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Tally]]:
-    """Return the counts of each grasp, those in coarse physics separately."""
+    """Return the counts of each grasp, with those in coarse physics kept separate."""
     fast = {(_key(row), row.value("held")): int(_number(row, "n")) for row in fast_rows}
     tallies: dict[Key, list[Tally]] = {}
     for row in rows:
@@ -132,9 +132,9 @@ def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Ta
 
 
 def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Remembered, ...]:
-    """Join grasps with their tallies; the order follows geometry, not the store."""
+    """Combine grasps with their tallies, ordered by geometry and not as stored."""
     kept: dict[Key, Row] = {}
-    # Two robots may have measured one object differently: the smaller size wins, for any order.
+    # Robots may have measured an object differently; the smaller size is used, whatever the order.
     for row in sorted(rows, key=lambda row: _size(row) or ()):
         kept.setdefault(_key(row), row)
     grasps = [_remembered(key, row, tallies.get(key, [])) for key, row in kept.items()]
@@ -155,9 +155,9 @@ def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
 
 
 def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
-    """Return the attempts of the episode under way: the last run with numbers 1, 2, 3 ...
+    """Return the attempts of the current episode: the last series numbered 1, 2, 3 ...
 
-    An episode that held the object is over, so it is nobody's present one.
+    An episode that ended with the object held is over, so it is never the current one.
     """
     trials = {
         _text(row, "attempt"): Trial(

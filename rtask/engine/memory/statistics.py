@@ -1,8 +1,8 @@
-"""How often a grasp held: counts that robots keep, and what they say together.
+"""Success counts of grasps, kept by each robot and summed over all robots.
 
-Each robot keeps the count of its own attempts in its own graph (one ``rt:GraspStatistics`` for a
-grasp, a kind of gripper and a robot); over all robots they add up. The attempts themselves are the
-truth, and the counts can be made again from them.
+Each robot counts its own attempts in its own graph, with one ``rt:GraspStatistics`` for each grasp,
+type of gripper and robot. The attempts themselves are authoritative; the counts can be rebuilt from
+them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class GraspStatistics(Answer):
 
 
 def lower_95(successes: int, attempts: int) -> float:
-    """Return the one-sided lower 95 % bound of Clopper and Pearson on the chance of success.
+    """Return the one-sided lower 95 % Clopper-Pearson bound on the probability of success.
 
     >>> round(lower_95(12, 14), 3), lower_95(0, 5)
     (0.615, 0.0)
@@ -63,7 +63,7 @@ def lower_95(successes: int, attempts: int) -> float:
 
 
 def summary(successes: int, attempts: int) -> dict[str, Any]:
-    """Return the statistics of a grasp as messages carry them."""
+    """Return the statistics of a grasp in the form used in messages."""
     return {
         "attempts": attempts,
         "successes": successes,
@@ -79,7 +79,7 @@ def statistics_of(context: Context, grasp: NamedNode, robot: NamedNode) -> Named
 
 @dataclass
 class Pending:
-    """Counts of a commit in the making, so that its triples need not be read again.
+    """Counts of a pending commit, so that its triples need not be read again.
 
     Parameters
     ----------
@@ -97,20 +97,20 @@ def count(
     context: Context, triples: Triples, grasp: NamedNode, gripper_type: str, robot: NamedNode,
     graph: NamedNode, attempts: int, successes: int, pending: Pending,
 ) -> list[tuple[NamedNode, NamedNode, Any]]:  # fmt: skip
-    """State a robot's new count of a grasp.
+    """Add a robot's new count of a grasp.
 
     Parameters
     ----------
     graph
-        Where the robot keeps its counts.
+        Graph of the robot's counts.
     attempts, successes
-        How many more there are than before; fewer when a person took something back.
+        Changes of the counts; negative if a person withdrew a verdict.
     pending
-        Counts of this commit so far; this one is added.
+        Counts of this commit so far, which are updated.
 
     Returns
     -------
-    The statements of the old count, to withdraw.
+    The statements of the old count, which are to be withdrawn.
     """
     node = statistics_of(context, grasp, robot)
     counted = (RT.attempts, RT.successes, RT.meanSuccess, RT.lower95)
@@ -160,7 +160,7 @@ def over_all_robots(context: Context, grasp: NamedNode) -> dict[str, Any]:
 
 
 def judged_counts(context: Context, grasp: NamedNode) -> dict[tuple[bool, bool], int]:
-    """Return how many judged attempts of a grasp there are, by (held, in coarse physics)."""
+    """Return the numbers of judged attempts of a grasp by (held, in coarse physics)."""
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {grasp} }}
   {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?fast)
@@ -171,7 +171,7 @@ SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {g
 
 
 def totalled(counts: Mapping[tuple[bool, bool], int]) -> dict[str, Any]:
-    """Return the statistics that counts by (held, in coarse physics) add up to.
+    """Sum counts by (held, in coarse physics) to statistics.
 
     >>> totalled({(True, False): 2, (False, True): 1})["successes"]
     2
@@ -181,7 +181,7 @@ def totalled(counts: Mapping[tuple[bool, bool], int]) -> dict[str, Any]:
 
 
 def rebuild(context: Context) -> Commit:
-    """Count every grasp again from the attempts, people's verdicts included; one commit."""
+    """Recount every grasp from the attempts and people's verdicts in one commit."""
     with context.writing:
         totals: dict[tuple[NamedNode, NamedNode, str], list[int]] = {}
         for grasp, robot, gripper_type, won, n in judged(context):
@@ -211,12 +211,12 @@ def rebuild(context: Context) -> Commit:
 def judged(
     context: Context, **only: Iterable[NamedNode]
 ) -> list[tuple[NamedNode, NamedNode, str, bool, int]]:
-    """Return (grasp, robot, gripper type, held, how often) of judged attempts.
+    """Return (grasp, robot, gripper type, held, count) of judged attempts.
 
     Parameters
     ----------
     **only
-        These things, by variable: ``grasp``, ``attempt``.
+        IRIs to restrict a variable to: ``grasp`` or ``attempt``.
     """
     unjudged = ", ".join(str(reason(code)) for code in UNJUDGED)
     chosen = " ".join(

@@ -1,8 +1,8 @@
-"""Decide between a grasp and a confidence that is too low: the thresholds of Kehoe 2014, 4.3.
+"""Decide whether confidence suffices for a grasp, with the thresholds of Kehoe 2014, 4.3.
 
-Three confidences must suffice before a grasp: in the object's identity (s_I against c_I), in its
-pose (s_T against c_T) and in the grasp (s_G against c_G). The first that is too low ends the
-decision; the answer has its value, the best alternatives and advice.
+Three confidences must reach their thresholds before a grasp: in the object's identity (s_I, c_I),
+in its pose (s_T, c_T) and in the grasp (s_G, c_G). The first that is too low ends the decision; the
+answer gives its value, the best alternatives and advice.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ class Assessment:
     Parameters
     ----------
     known
-        The object in question; None when it was not recognised.
+        The recognised object, or None.
     pose
-        Where the object is; None when nothing stored can tell.
+        Pose of the object; None if stored data do not determine it.
     chosen
-        Every option that the learner offers, in its order.
+        All options of the learner, in its order.
     """
 
     recognition: Recognition
@@ -103,12 +103,12 @@ def grasps_above(chosen: Sequence[Option], threshold: float) -> list[Option]:
 
 
 def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[str, Any]:
-    """Return the decision: ``grasp``, or which confidence was too low and what would help.
+    """Return the decision: ``grasp``, or the confidence that was too low, with advice.
 
     Parameters
     ----------
     identity
-        s_I of the best match, 1.0 for an object that the robot followed.
+        s_I of the best match; 1.0 for an object that the robot kept track of.
     """
     pose = None if case.pose is None else float(case.pose.confidence)
     grasp = max((o.choice.mean for o in case.chosen if o.choice is not None), default=0.0)
@@ -155,7 +155,7 @@ def _sentence(identity: float, pose: float | None, grasp: float) -> str:
 
 
 def _objects(case: Assessment) -> list[dict[str, Any]]:
-    """Return the best matches; a close second suggests a false match (Kehoe 2014, 4.6)."""
+    """Return the best matches, since a close second suggests a false match (Kehoe 2014, 4.6)."""
     matches = case.recognition.matches[:MAX_ALTERNATIVES]
     known = case.memory.objects
     return [

@@ -1,4 +1,4 @@
-"""Attempts with people's verdicts on them, and the label that learners count."""
+"""Attempts with people's verdicts, and the resulting label for learning."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Verdict:
     by
         Name of the person.
     reason
-        Code of why it ended so, in the person's opinion; empty = no opinion.
+        Code of the reason for the outcome in the person's opinion; empty if none was given.
     """
 
     by: str
@@ -41,18 +41,18 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Judged:
-    """An attempt with the verdicts on it.
+    """An attempt with its verdicts.
 
     Parameters
     ----------
     decided
-        What the robot reported.
+        Outcome reported by the robot.
     reason
-        Code that it gave.
+        Code of the reason that the robot reported.
     is_fast
-        It happened in the coarse physics preset.
+        Whether it was simulated with the coarse physics preset.
     verdicts
-        Of people, oldest first.
+        Verdicts of people, oldest first.
     """
 
     attempt: NamedNode
@@ -67,17 +67,17 @@ class Judged:
 
     @property
     def votes(self) -> tuple[int, int]:
-        """How many people say that it held and that it did not, each by the latest word."""
+        """Numbers of people whose latest verdict is that the grasp held, and that it did not."""
         latest = {said.by: said.held for said in self.verdicts}
         held = sum(latest.values())
         return held, len(latest) - held
 
 
 def label_of(judged: Judged) -> bool | None:
-    """Return the label that learners count: success, failure, or None for neither.
+    """Return the label for learning: success, failure, or None for neither.
 
-    A disputed outcome counts nowhere, nor does a failure that says nothing about the grasp, unless
-    people say that the grasp held after all.
+    A disputed outcome is not counted. Nor is a failure that says nothing about the grasp, unless
+    people judge that the grasp did hold.
     """
     held, lost = judged.votes
     if held == lost and judged.verdicts:
@@ -94,9 +94,9 @@ def find_attempt(
     Raises
     ------
     UsageError
-        Neither task, object nor grasp is named.
+        The request names neither a task nor an object nor a grasp.
     UnknownTermError
-        No attempt fits; with the nearest known name.
+        No attempt matches; the error suggests the nearest known name.
     """
     patterns = []
     if task_id:

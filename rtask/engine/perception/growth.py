@@ -1,10 +1,10 @@
-"""One model for each object, grown from the views that fit together (Kehoe 2014, 4.3).
+"""Object models grown from views that fit together, one for each object (Kehoe 2014, 4.3).
 
-The first view fixes the frame, which is that of the object's grasps. A later view joins when the
+The first view fixes the frame, in which grasps are also given. A later view is added if the
 camera's pose relative to the object is known and the view does not contradict the model; otherwise
-it stays a single view. The graph keeps one model for each object and author, as a blob with the
-views that are in it; of several, the one with the most views counts. All can be rebuilt from the
-views.
+it stays a separate view. The graph keeps one model for each object and author, as a blob with a
+list of its views; of several models the one with the most views is used. All can be rebuilt from
+the views.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Growth:
     Parameters
     ----------
     before
-        Bytes of the model from which it grew; empty = the view is its first.
+        Bytes of the model before this view; empty for the first view.
     """
 
     model: ObjectModel
@@ -76,16 +76,16 @@ def grow(
     view: NamedNode,
     is_round: bool = False,
 ) -> Growth | None:
-    """Grow an object's model by a view, when it fits and shows something new.
+    """Add a view to an object's model if it fits and shows something new.
 
     Parameters
     ----------
     thing
-        None = a new object.
+        The object; None for a new one.
     object_from_camera : (4, 4) float64, m
-        How the camera stood to the object, as far as that is known.
+        Pose of the camera in the object's frame, or None if unknown.
     is_round
-        Its model is prepared as that of a round thing.
+        Whether to prepare the model as that of a round object.
     """
     from features.modelling import ObjectModel
 
@@ -102,7 +102,8 @@ def grow(
     if found is None:
         return None
     try:
-        # Now rather than when somebody waits for a pose; and no model of what is no object's size.
+        # Prepare now rather than when a caller waits for a pose; this also rejects a model whose
+        # size no object has.
         found[0].pose_model(is_round)
     except ValueError as error:
         log.info("view %s gives no model: %s", view.value, error)
@@ -111,9 +112,9 @@ def grow(
 
 
 def _stands(seen: Observation, object_from_camera: NDArray[np.float64]) -> bool:
-    """Tell whether an upright object has its origin on the table, where that is known.
+    """Tell whether an upright object has its origin on the table, if the table is known.
 
-    The top of a taller thing fits the model as well, floating.
+    Otherwise the model could be fitted to the top of a taller object, above the table.
     """
     if not seen.is_posed or seen.shape is None:
         return True
@@ -125,13 +126,13 @@ def _stands(seen: Observation, object_from_camera: NDArray[np.float64]) -> bool:
 def _extended(
     before: ObjectModel, frame: Frame, object_from_camera: NDArray[np.float64], view: str
 ) -> tuple[ObjectModel, Registration] | None:
-    """Return a model with one more view, or None when it does not fit or shows nothing new."""
+    """Return a model with one more view, or None if the view does not fit or adds nothing."""
     if len(before.sources) >= MAX_VIEWS:
         return None
     try:
         grown, registration = before.add(frame, object_from_camera=object_from_camera, name=view)
     except ValueError as error:
-        log.info("view %s cannot be laid on the model: %s", view, error)
+        log.info("view %s cannot be registered with the model: %s", view, error)
         return None
     if registration is None:
         log.info("view %s does not fit the model", view)
@@ -150,12 +151,12 @@ def posed_views(kb: GraphCore, thing: NamedNode) -> list[tuple[str, NDArray[np.f
 
 
 def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> ObjectModel | None:
-    """Return the model rebuilt from the bytes of views; None without any.
+    """Return the model rebuilt from the bytes of views, or None if there are none.
 
     Parameters
     ----------
     views
-        IRI and ``object_from_camera`` (4, 4) of each, the first gives the frame.
+        IRI and ``object_from_camera`` (4, 4) of each; the first defines the frame.
     """
     from features.modelling import ObjectModel
 
@@ -165,7 +166,7 @@ def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> 
         if stored is None:
             continue
         frame, is_camera = stored
-        # In the object's frame the table is where z = 0.
+        # In the object's frame the table is the plane z = 0.
         plane = np.array([*pose[2, :3], pose[2, 3]]) if pose[2, 3] > 0 else None
         shown = with_table(frame, plane) if is_camera else frame
         found = _extended(model, shown, pose, view)
@@ -174,7 +175,7 @@ def regrown(kb: GraphCore, views: Sequence[tuple[str, NDArray[np.float64]]]) -> 
 
 
 def rebuild_models(context: Context) -> tuple[Commit, int]:
-    """Rebuild the models of all objects from their views; one commit.
+    """Rebuild the models of all objects from their views in one commit.
 
     Returns
     -------
@@ -237,7 +238,7 @@ def state_model(
 def old_models(
     kb: GraphCore, thing: NamedNode, graph: NamedNode | None = None
 ) -> list[tuple[NamedNode, NamedNode, Value, NamedNode]]:
-    """Return the statements of an object's models, in one graph or in all, to withdraw."""
+    """Return the statements to withdraw for an object's models, in one graph or in all."""
     found: list[tuple[NamedNode, NamedNode, Value, NamedNode]] = []
     for link in kb.match(thing, RT.hasModel, graph=graph):
         model, where = link.object, link.graph_name

@@ -32,7 +32,7 @@ def recognise(
 ) -> Recognition:
     """Match a view against the index; lower the confidence if it holds a single object.
 
-    Rivals are counted first: an object that another robot inserts meanwhile took no part.
+    Other objects are counted first, so that one inserted by another robot meanwhile is ignored.
     """
     with_rivals = has_rivals(recogniser.index)
     found = recogniser.recognise(
@@ -48,10 +48,10 @@ def recognise(
 def settle(
     recognition: Recognition, memory: Memory, seen: Observation, policy: Policy
 ) -> Recognition:
-    """Return the recognition without the matches that the graph contradicts.
+    """Remove the matches from a recognition that the graph contradicts.
 
-    Matches go that the graph does not know (any more) or whose size is another one. The answer
-    stays accepted only while its first match is still the first.
+    A match is removed if the object is not in the graph or its size differs. The answer stays
+    accepted only if its first match remains.
     """
     kept = tuple(
         match
@@ -66,9 +66,9 @@ def settle(
 def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:
     """Tell whether the measured size can be that of a known object.
 
-    An object that has fallen over shows other sides, so the three extents are compared in order of
-    size. One that is cut off by the border of the image may look smaller than it is, and one of
-    which nobody said how the camera stood has no size.
+    The three extents are compared in order of size, since an object that has fallen over shows
+    other sides. An object cut off by the border of the image may look smaller than it is, and one
+    seen without a camera pose has no size.
     """
     if known.size is None or seen.shape is None or not seen.is_posed:
         return True

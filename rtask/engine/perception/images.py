@@ -27,7 +27,7 @@ MAX_PX = 16_000_000
 
 
 def media_type_of(data: bytes) -> str | None:
-    """Return ``image/png`` or ``image/jpeg`` after the first bytes, or None."""
+    """Return ``image/png`` or ``image/jpeg``, judged by the first bytes, or None."""
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return "image/png"
     return "image/jpeg" if data.startswith(b"\xff\xd8\xff") else None
@@ -39,11 +39,11 @@ def check_picture(data: bytes, path: str) -> tuple[str, int, int]:
     Raises
     ------
     UsageError
-        When it is neither or does not decode.
+        If the data are neither, or cannot be decoded.
     """
     media_type = media_type_of(data)
     if media_type is None:
-        raise UsageError(f"{path}: neither PNG nor JPEG: starts with {data[:8].hex(' ')}")
+        raise UsageError(f"{path}: expected PNG or JPEG, starts with {data[:8].hex(' ')}")
     height, width = _decoded(data, path).shape[:2]
     return media_type, width, height
 
@@ -53,7 +53,7 @@ def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
 
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     if image is None or image.shape[0] * image.shape[1] > MAX_PX:
-        raise UsageError(f"{path}: the picture does not decode or is larger than 16 Mpx")
+        raise UsageError(f"{path}: the image cannot be decoded or is larger than 16 Mpx")
     return np.asarray(image[:, :, ::-1], dtype=np.uint8)
 
 
@@ -71,9 +71,10 @@ def encode_crop(frame: Frame) -> bytes:
 
 
 def with_image(frame: Frame, data: bytes) -> Frame:
-    """Return the frame with another image of the object in place of its own.
+    """Return the frame with its image of the object replaced.
 
-    A picture of another size than the frame carries no depth: where its pixels lie is not known.
+    An image whose size differs from the frame's has no depth, since the position of its pixels is
+    unknown.
     """
     from dataclasses import replace
 
@@ -104,12 +105,12 @@ def frame_of_cloud(
     frame
         With colour, depth and mask.
     cloud_from_camera : (4, 4)
-        Pose of the camera that was made up, in the frame of the cloud.
+        Pose of the virtual camera in the frame of the cloud.
 
     Raises
     ------
     UsageError
-        When there are not enough points to see anything.
+        If there are too few points.
     """
     import cv2
 
@@ -130,7 +131,7 @@ def frame_of_cloud(
     camera = Intrinsics(_RENDERED_PX, _RENDERED_PX, focal, focal, centre, centre)
     u = np.rint(local[:, 0] / local[:, 2] * focal + centre).astype(int)
     v = np.rint(local[:, 1] / local[:, 2] * focal + centre).astype(int)
-    order = np.argsort(-local[:, 2], kind="stable")  # the nearest is written last
+    order = np.argsort(-local[:, 2], kind="stable")  # the nearest point is written last
     depth = np.zeros((_RENDERED_PX, _RENDERED_PX), np.float32)
     rgb = np.full((_RENDERED_PX, _RENDERED_PX, 3), 255, np.uint8)
     depth[v[order], u[order]] = local[order, 2]
@@ -146,7 +147,7 @@ def frame_of_cloud(
 
 
 def shaded(depth_m: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return an image (h, w, 3) of depth: near is light, far is dark, the surroundings white."""
+    """Render depth as an image (h, w, 3): near is light, far is dark, the background white."""
     known = mask & np.isfinite(depth_m) & (depth_m > 0)
     grey = np.full(depth_m.shape, 255, np.uint8)
     if known.any():
@@ -159,7 +160,7 @@ def shaded(depth_m: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.
 def _look_at(target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the pose of an optical frame at the origin that looks at ``target``."""
     forward = target / max(float(np.linalg.norm(target)), 1e-9)
-    # A cloud of a camera's own optical frame has y down; any other frame here has z up.
+    # In a camera's own optical frame y points down; in any other frame here z points up.
     down = np.array([0.0, 1.0, 0.0]) if forward[2] > 0.7 else np.array([0.0, 0.0, -1.0])
     right = np.cross(down, forward)
     right /= max(float(np.linalg.norm(right)), 1e-9)

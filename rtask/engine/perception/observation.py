@@ -1,4 +1,4 @@
-"""Decode, describe and measure what a robot sent: one object's compressed cloud."""
+"""Decode, describe and measure a robot's observation: one object's compressed cloud."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def observe(request: Look, where: str = "") -> Observation:
     Raises
     ------
     UsageError
-        When the bytes are no cloud or image of an object.
+        If the bytes are not a cloud or image of an object.
     """
     from features.codec import decode
     from features.geometry import Frame, transform

@@ -1,8 +1,8 @@
-"""Placement of an object on its support: the frame of its grasps, in the robot's frame.
+"""Placement of an object on its support: the object's frame in the robot's frame.
 
-The frame's origin is the centre of the footprint at the height of the support, z points up, x
-along the longer side. A round thing has no side: its x axis points away from the robot, so that a
-grasp keeps its angle to the direction from which the arm comes.
+Grasps are given in the object's frame. Its origin is the centre of the footprint at the height of
+the support; z points up and x along the longer side. A round object has no longer side: its x axis
+points away from the robot, so that a grasp keeps its angle to the direction of the arm.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["MAX_TILT", "Placement", "classify_shape", "footprint_of", "oriented", "place"]
 
 MAX_TILT = np.deg2rad(20)
-"""Off the vertical, rad: what leans less stands."""
+"""Largest angle to the vertical at which an object counts as upright, rad."""
 
 MAX_SHIFT_M = 0.02
 _SNAP = np.deg2rad(15)
@@ -39,10 +39,10 @@ class Placement:
     ----------
     frame_from_object : (4, 4)
     is_round
-        Its x axis follows the robot, not the object.
+        Whether the x axis is defined by the robot and not by the object.
     is_verified
-        The yaw agrees with the frame in which the object was stored: it is the first view, or a
-        rigid match of features fixed it.
+        Whether the yaw agrees with the frame in which the object was stored, because this is the
+        first view or a rigid match of features determined it.
     """
 
     frame_from_object: NDArray[np.float64]
@@ -77,7 +77,7 @@ def place(
     Parameters
     ----------
     is_round
-        What the graph knows; None = as measured.
+        Value stored in the graph; None to use the measured one.
     query_from_view : (4, 4) or None
         Rigid motion from a stored view's optical frame to this one's.
     object_from_view : (4, 4) or None
@@ -85,7 +85,7 @@ def place(
 
     Returns
     -------
-    None when the object could not be measured.
+    The placement, or None if the object could not be measured.
     """
     shape = observation.shape
     if shape is None:
@@ -106,10 +106,10 @@ def place(
 
 
 def oriented(placement: Placement, matched: NDArray[np.float64]) -> Placement:
-    """Return the placement with the yaw of an accepted pose, where the object stands upright.
+    """Return the placement with the yaw of an accepted pose, if the object stands upright.
 
-    Where keypoints or measured sides had fixed the yaw and the pose agrees, they stand: a side
-    measured over its whole length is the more exact. A round object keeps the robot's direction.
+    A yaw from keypoints or measured sides is kept if the pose agrees, since a side measured over
+    its whole length is more exact. A round object keeps the robot's direction.
 
     Parameters
     ----------
@@ -132,9 +132,9 @@ def _turned(pose: FloatArray, yaw: float) -> NDArray[np.float64]:
 
 
 def _snapped(matched_yaw: float, measured_yaw: float) -> float:
-    """Return the measured direction nearest to the matched one, as it is more exact.
+    """Return the measured direction nearest to the matched one, since it is more exact.
 
-    Where no side is near, the match stands: what was measured may be one side of the object only.
+    If no side is near, the match is returned, since the measurement may cover only one side.
     """
     steps = np.arange(4) * (np.pi / 2)
     off = (measured_yaw + steps - matched_yaw + np.pi) % (2 * np.pi) - np.pi
@@ -143,10 +143,10 @@ def _snapped(matched_yaw: float, measured_yaw: float) -> float:
 
 
 def footprint_of(shape: TabletopShape, placement: Placement) -> Footprint:
-    """Return the measured shape as :mod:`grasp` wants it: in the robot's frame, z over the support.
+    """Return the measured shape for :mod:`grasp`: in the robot's frame, z above the support.
 
-    The longer side of a round thing is wherever its frame points, so that candidates keep their
-    angles from one look to the next.
+    The longer side of a round object is defined by its frame, so that candidates keep their angles
+    from one observation to the next.
     """
     length = max(float(shape.length), float(shape.width), MIN_M)
     width = min(float(shape.length), float(shape.width))
@@ -162,17 +162,17 @@ def footprint_of(shape: TabletopShape, placement: Placement) -> Footprint:
 
 
 def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[str, float] | None:
-    """Return the class that a shape suggests, when the geometry is clear.
+    """Return the class that a shape suggests, if the geometry is clear.
 
     Parameters
     ----------
     points : (n, 3), m
-        Of the object, in the frame of ``shape``.
+        Points of the object in the frame of ``shape``.
 
     Returns
     -------
-    Local name of a class of the ontology and a confidence 0..1, or None. It is a guess about the
-    kind, never a claim about which object it is.
+    Local name of a class of the ontology and a confidence 0..1, or None. It is a guess at the kind
+    of object and does not identify the object.
     """
     length, width, height = float(shape.length), float(shape.width), float(shape.height)
     if shape.is_round:
@@ -193,7 +193,7 @@ def classify_shape(shape: TabletopShape, points: NDArray[np.float64]) -> tuple[s
 
 
 def _top_width(shape: TabletopShape, points: NDArray[np.float64]) -> float | None:
-    """Return the ratio of the widths at the top and in the middle; None if unseen."""
+    """Return the ratio of the widths at the top and in the middle, or None if not visible."""
     level = (points[:, 2] - shape.support_height) / max(float(shape.height), MIN_M)
     radius = np.linalg.norm(points[:, :2] - np.asarray(shape.centre), axis=1)
     top, middle = radius[(level > 0.85) & (level < 0.97)], radius[(level > 0.3) & (level < 0.6)]
@@ -203,7 +203,7 @@ def _top_width(shape: TabletopShape, points: NDArray[np.float64]) -> float | Non
 
 
 def _fill(shape: TabletopShape) -> float:
-    """Return the share of its rectangle that the outline fills."""
+    """Return the area of the outline as a fraction of its bounding rectangle."""
     if shape.outline is None or len(shape.outline) < 3:
         return 0.0
     x, y = np.asarray(shape.outline, dtype=np.float64).T

@@ -38,19 +38,19 @@ class ObjectPose:
     Parameters
     ----------
     camera_from_object : (4, 4) float64, m
-        Of the object's own frame, that of its grasps.
+        Pose of the object's own frame, in which its grasps are given.
     frame_from_object : (4, 4) float64, m
-        The same in the robot's frame.
+        Pose of the object's own frame in the robot's frame.
     confidence
-        Kehoe's s_T, 0..1.
+        s_T of Kehoe 2014, 0..1.
     accepted
-        s_T reaches c_T.
+        Whether s_T reaches c_T.
     estimate
-        Fit, contradictions, other poses.
+        Fit, contradictions and alternative poses.
     source
-        ``model`` or ``view``.
+        What the pose was estimated with, ``model`` or ``view``.
     views
-        Number of views behind it.
+        Number of views used.
     """
 
     camera_from_object: NDArray[np.float64]
@@ -74,9 +74,10 @@ def locate(
     known: KnownObject | None,
     memory: Memory,
 ) -> tuple[Placement | None, ObjectPose | None]:
-    """Return the placement of an object, and its pose where something stored determines it.
+    """Return the placement of an object, and its pose if stored data determine it.
 
-    The frame comes from an accepted pose; else from a matching view; else from the measured sides.
+    The frame comes from an accepted pose, otherwise from a matching view, otherwise from the
+    measured sides.
     """
     if known is None:
         return place(seen), None
@@ -100,16 +101,16 @@ def find_pose(
     memory: Memory,
     upright: Placement | None = None,
 ) -> ObjectPose | None:
-    """Return the pose of a known object, or None when nothing of it is stored to compare with.
+    """Return the pose of a known object, or None if no stored view or model can be compared.
 
     Parameters
     ----------
     models
-        Of the knowledge base.
+        Models in the knowledge base.
     match
-        Of recognition: its movement of keypoints is tried first.
+        Match found by recognition; its rigid motion of keypoints is tried first.
     upright
-        How the object stands as far as its measured sides tell: tried with each side in front.
+        Upright pose derived from the measured sides; it is tried with each side in front.
     """
     if known is None:
         return None
@@ -150,7 +151,8 @@ def _known_poses(
 ) -> NDArray[np.float64] | None:
     """Return the poses worth trying before any search, (k, 4, 4).
 
-    Print tells apart what shape cannot, so a matched movement stands alone.
+    A motion matched by keypoints is returned alone, since print distinguishes poses that shape
+    cannot.
     """
     if matched is not None:
         return matched[None]

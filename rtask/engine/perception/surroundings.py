@@ -1,7 +1,7 @@
-"""Surroundings of an object's crop: the table, where nothing else is known.
+"""Surroundings of an object's crop, filled in with the table.
 
-A robot sends the pixels of one object. That a model reaches beyond them speaks against a pose only
-when it is known what is seen there; on a table, seen from above, that is the table.
+A robot sends only the pixels of one object. A model that extends beyond them contradicts a pose
+only if the background there is known; for an object on a table, seen from above, it is the table.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ def table_plane(seen: Observation) -> NDArray[np.float64] | None:
 def surrounded(seen: Observation) -> tuple[Frame, NDArray[np.float64] | None]:
     """Return the frame with the table around the object, and the table's plane (4,).
 
-    Without a pose of the camera, or when the picture was made from a cloud, nothing is added.
+    Nothing is added without a pose of the camera, or if the image was rendered from a cloud.
     """
     plane = table_plane(seen)
     return (seen.frame if seen.is_rendered else with_table(seen.frame, plane)), plane
 
 
 def with_table(frame: Frame, plane: NDArray[np.float64] | None) -> Frame:
-    """Return a crop with some room around it, the table where nothing else is known.
+    """Return a crop with a margin around it, filled with the table where depth is unknown.
 
-    A few pixels beside the mask stay unknown, as segments end a little too early.
+    A few pixels beside the mask stay unknown, since segments tend to end slightly early.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def with_table(frame: Frame, plane: NDArray[np.float64] | None) -> Frame:
 
 
 def _padded(frame: Frame) -> Frame:
-    """Return the frame with room around it, as far as the image reaches; without colours."""
+    """Return the frame with a margin, as far as the image extends, without colours."""
     height, width = frame.depth_m.shape
     pad = int(_MARGIN * max(height, width))
     lens = frame.intrinsics

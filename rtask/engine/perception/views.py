@@ -23,9 +23,9 @@ log = logging.getLogger(__name__)
 
 
 def stored_frame(kb: GraphCore, view: str) -> tuple[Frame, bool] | None:
-    """Return the crop of a stored view, and whether a camera took it.
+    """Return the crop of a stored view, and whether it was taken by a camera.
 
-    A cloud without pixels is rendered again as it was when it came. None when the bytes are gone.
+    A cloud without pixels is rendered again as on arrival. None if the bytes are missing.
     """
     from features.codec import decode
     from features.geometry import Frame

@@ -13,25 +13,25 @@ from rtask.rdf.terms import Term
 
 __all__ = ["Meter", "UpdateLimits"]
 
-_QUAD_BYTES = 100  # of a statement without its literal, roughly
+_QUAD_BYTES = 100  # rough size of a statement without its literal
 
 
 @dataclass(frozen=True)
 class UpdateLimits:
-    """Bounds of one update request; all its operations together.
+    """Bounds of one update request, for all its operations together.
 
     Parameters
     ----------
     seconds
-        Time until the change must be known.
+        Time within which the change must be computed.
     memory_bytes
-        Memory beyond the copy of the store.
+        Memory in addition to the copy of the store.
     literal_bytes
-        Length of one literal that a template makes, in UTF-8 at most four times as much.
+        Length of one literal made by a template, in characters; in UTF-8 at most four times that.
     statements, delta_bytes
         Size of the change, counted as templates are filled.
     solutions
-        Solutions of one WHERE.
+        Number of solutions of one WHERE.
     """
 
     seconds: float
@@ -86,7 +86,7 @@ def _characters(term: Term) -> int:
 
 def _beyond(limit: str, allowed: int, what: str) -> QueryTooExpensive:
     return QueryTooExpensive(
-        f"the update makes more than {allowed} {what}; nothing was stored, split it",
+        f"the update makes more than {allowed} {what}; nothing was stored; split the update",
         limit=limit,
         allowed=allowed,
     )
