@@ -33,7 +33,7 @@ def test_other_values_become_typed_literals() -> None:
     assert literal(moment).value == "2026-01-02T03:04:05.000600Z"
     assert literal(dt.date(2026, 1, 2)).value == "2026-01-02"
     assert literal(Decimal("1E-3")).value == "0.001"
-    with pytest.raises(UsageError, match="no literal for a list"):
+    with pytest.raises(UsageError, match="a list cannot be converted"):
         literal([1])
 
 
