@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import ast
 
+import pytest
+
 from tests.architecture.imports import Graph, import_graph, imported_modules
 
 # Rings that are still there, each as the set of its files. A ring may lose files and must then be
@@ -91,6 +93,7 @@ def shortest_way_round(graph: Graph, ring: frozenset[str]) -> list[str]:
     return [best[0], *reversed(best)]
 
 
+@pytest.mark.slow
 def test_no_ring_of_files() -> None:
     graph = import_graph()
     new = [

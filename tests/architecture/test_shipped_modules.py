@@ -11,6 +11,8 @@ import re
 import tomllib
 from collections.abc import Iterator
 
+import pytest
+
 from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_files, syntax_tree
 
 # Modules that nothing uses yet, each with its reason; the list may only get shorter.
@@ -72,6 +74,7 @@ def _used_modules() -> set[str]:
     return used
 
 
+@pytest.mark.slow
 def test_every_module_is_used_by_a_command_or_shown_in_the_documentation() -> None:
     unused = source_files().keys() - _used_modules()
     assert not sorted(unused - UNUSED.keys())

@@ -9,6 +9,8 @@ import pytest
 
 from tests.servers import RunningServer
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 QUERY_TYPE = {"Content-Type": "application/sparql-query"}
 UPDATE_TYPE = {"Content-Type": "application/sparql-update"}
 

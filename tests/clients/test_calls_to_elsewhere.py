@@ -16,6 +16,8 @@ from endpoint.http.outbound_http import Outgoing
 from rtask.errors import ForbiddenError
 from tests.servers import RunningServer, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 UPDATE = {"Content-Type": "application/sparql-update"}
 ROWS = {
     "head": {"vars": ["s", "n"]},

@@ -22,6 +22,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.servers import RunningServer, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 GRAPH = "urn:g:followed"
 
 

@@ -23,6 +23,8 @@ from rtask.engine import Engine
 from rtask.rdf.namespaces import RT
 from tests.servers import RunningServer, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 CAMERA = Intrinsics(320, 240, 700.0, 700.0, 159.5, 119.5)
 
 

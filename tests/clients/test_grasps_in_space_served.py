@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from websockets.sync.client import connect as open_websocket
 
 import rtask
@@ -57,6 +58,7 @@ def ask(server: RunningServer, service: str, **args: Any) -> dict[str, Any]:
     return values
 
 
+@pytest.mark.slow
 def test_a_grasp_in_space_goes_from_views_to_physics_and_back(
     server: RunningServer, tmp_path: Path
 ) -> None:

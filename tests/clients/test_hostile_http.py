@@ -21,6 +21,8 @@ import pytest
 import rtask
 from tests.servers import RunningServer, ServerDidNotStartError, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 HOST = "Host: 127.0.0.1\r\n"
 
 

@@ -13,6 +13,8 @@ import pytest
 
 from tests.servers import RunningServer, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 UPDATE = {"Content-Type": "application/sparql-update"}
 GROW = "INSERT { <urn:s> <urn:p> ?z } WHERE { <urn:s> <urn:p> ?x BIND(CONCAT(?x, ?x) AS ?z) }"
 # The default time of an update is 5 s. The rest is room for a machine with other work to do.

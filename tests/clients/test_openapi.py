@@ -165,6 +165,7 @@ def test_an_idempotency_key_stores_once(client_of_module: httpx.Client) -> None:
     assert faulty.status_code == 400
 
 
+@pytest.mark.slow
 def test_schemathesis_finds_no_server_error_and_no_undescribed_answer(
     server: RunningServer, described: dict[str, Any]
 ) -> None:

@@ -19,6 +19,8 @@ from websockets.sync.client import connect
 
 from tests.servers import RunningServer, bearer
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 HAND = {
     "name": "right_hand",
     "gripper_type": "nao_hand",

@@ -19,6 +19,8 @@ from websockets.sync.client import connect
 
 from tests.servers import RunningServer
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 HERE = Path(__file__).parent
 ROBOT = {
     "name": "js-1",

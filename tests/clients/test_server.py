@@ -24,6 +24,7 @@ def rtask(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
     folder = tmp_path / "store"
     with running_server(folder) as first:
@@ -35,6 +36,7 @@ def test_what_was_written_is_there_after_a_restart(tmp_path: Path) -> None:
         assert httpx.get(f"{second.url}/sparql", params=query).json()["boolean"] is True
 
 
+@pytest.mark.slow
 def test_ending_tells_robots_and_leaves_no_lock(tmp_path: Path) -> None:
     with running_server(tmp_path / "store") as running, connect(running.websocket) as robot:
         robot.send(json.dumps({"op": "subscribe", "topic": "/t"}))
@@ -48,6 +50,7 @@ def test_ending_tells_robots_and_leaves_no_lock(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_query_that_takes_too_long_is_given_up_and_does_not_hold_up_the_end(
     tmp_path: Path,
 ) -> None:
@@ -63,6 +66,7 @@ def test_a_query_that_takes_too_long_is_given_up_and_does_not_hold_up_the_end(
         assert running.stop() == 0
 
 
+@pytest.mark.slow
 def test_a_port_in_use_is_one_line_and_exit_1(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -75,6 +79,7 @@ def test_a_port_in_use_is_one_line_and_exit_1(tmp_path: Path) -> None:
     assert "-p 0" in line
 
 
+@pytest.mark.slow
 def test_a_folder_in_use_says_by_whom(server: RunningServer) -> None:
     done = rtask("serve", "--data", str(server.data), "-p", "0")
     assert done.returncode == 1
@@ -82,12 +87,14 @@ def test_a_folder_in_use_says_by_whom(server: RunningServer) -> None:
     assert len(done.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_other_machines_are_not_served_without_a_token(tmp_path: Path) -> None:
     done = rtask("serve", "--data", str(tmp_path / "store"), "-p", "0", "--host", "0.0.0.0")
     assert done.returncode == 2
     assert "rtask token create" in done.stderr
 
 
+@pytest.mark.slow
 def test_tokens_are_made_listed_and_revoked_by_command(tmp_path: Path) -> None:
     folder = str(tmp_path / "store")
     made = rtask("token", "create", "--data", folder, "--robot", "nao-1", "--json")

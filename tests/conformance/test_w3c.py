@@ -14,6 +14,8 @@ import pytest
 
 from tests.servers import RunningServer, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 HERE = Path(__file__).parent
 W3C_GROUPS = {"protocol": 34, "gsp-indirect": 9, "gsp-direct": 4, "sd": 3}
 

@@ -33,6 +33,7 @@ def test_every_relative_link_leads_to_a_file(page: Path) -> None:
     assert not missing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", REFERENCE, ids=_ids(REFERENCE))
 def test_python_examples_of_a_page_run_in_order(page: Path, tmp_path: Path) -> None:
     """A page's ```python blocks run as one program; ```python no-run ones are shown only."""

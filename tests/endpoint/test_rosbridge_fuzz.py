@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -66,6 +67,7 @@ MESSAGES = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(
     max_examples=200,
     deadline=None,

@@ -190,6 +190,7 @@ def test_a_camera_that_cannot_be_is_refused(
     assert "depth-unit" in failed(capsys, "segment", pair[0], "--depth-unit", "0")
 
 
+@pytest.mark.slow
 def test_recognition_names_what_it_knows_and_draws_it(
     pair: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,6 +9,8 @@ import pytest
 
 import ontology
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 QUERIES = ontology.queries()
 
 

@@ -90,6 +90,7 @@ def facts(sample: list[ox.Quad]) -> Triples:
     return [(q.subject, q.predicate, q.object) for q in sample]
 
 
+@pytest.mark.slow
 def test_no_class_is_impossible(hermit: Hermit, all_axioms: Triples) -> None:
     answer = hermit.ask("-U", all_axioms)
     assert answer.returncode == 0, answer.stderr
@@ -97,10 +98,12 @@ def test_no_class_is_impossible(hermit: Hermit, all_axioms: Triples) -> None:
     assert listed == ["owl:Nothing"]
 
 
+@pytest.mark.slow
 def test_the_sample_is_consistent(hermit: Hermit, all_axioms: Triples, facts: Triples) -> None:
     assert hermit.is_consistent(all_axioms + facts)
 
 
+@pytest.mark.slow
 def test_rule_results_are_consistent(
     hermit: Hermit,
     all_axioms: Triples,
@@ -114,6 +117,7 @@ def test_rule_results_are_consistent(
     assert hermit.is_consistent(all_axioms + facts + results)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extra", [(), ("cora-fullaxiom.owl",)], ids=["plain", "full axioms"])
 def test_together_with_the_published_cora(
     extra: tuple[str, ...],
@@ -161,6 +165,7 @@ BEYOND_RL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clash", {**CLASHES, **BEYOND_RL}.values(), ids=[*CLASHES, *BEYOND_RL])
 def test_hermit_finds_a_planted_clash(
     clash: str, hermit: Hermit, all_axioms: Triples, facts: Triples

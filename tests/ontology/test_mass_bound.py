@@ -10,6 +10,8 @@ import ontology
 import rtask
 from rtask.knowledge_base import KnowledgeBase
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 SCENE = """
 INSERT DATA {
   :strong a cora:Robot ; rt:hasEndEffector :strongHand .

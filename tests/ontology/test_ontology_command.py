@@ -121,6 +121,7 @@ def test_blank_node_labels_and_order_make_no_difference(tmp_path: Path) -> None:
     assert compare(old, read_source(str(path))).level == "none"
 
 
+@pytest.mark.slow
 def test_a_knowledge_base_is_compared_with_the_bundled_version(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

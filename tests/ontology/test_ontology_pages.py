@@ -141,6 +141,7 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
         assert len(page.ids) == len(set(page.ids))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here")
 def test_a_browser_shows_a_page(folder: Path, tmp_path: Path) -> None:
     """Chromium lays the page out; its own reading of it has the headings and the drawings."""

@@ -59,6 +59,7 @@ def _without_extras(folder: Path, *arguments: str) -> subprocess.CompletedProces
     )
 
 
+@pytest.mark.slow
 def test_every_library_that_is_imported_is_declared() -> None:
     base = _names(_PROJECT["dependencies"])
     for library in sorted(_imported_libraries()):
@@ -101,6 +102,7 @@ def test_a_missing_extra_is_one_line_that_names_it(
     assert done.returncode == 1
 
 
+@pytest.mark.slow
 def test_loading_and_asking_need_no_extra(tmp_path: Path) -> None:
     (tmp_path / "mug.ttl").write_text("<urn:mug> <urn:on> <urn:table> .")
     assert _without_extras(tmp_path, "load", "mug.ttl", "-d", "store").returncode == 0

@@ -30,6 +30,7 @@ def chain(p, letter: str, count: int) -> list:
 # Too much follows.
 
 
+@pytest.mark.slow
 def test_a_chain_of_a_hundred_thousand_subclasses_is_refused_with_the_bound_and_the_property():
     with pytest.raises(ClosureTooLargeError, match=r"more than \d+ facts follow.*subClassOf"):
         Closure.build(chain(rdfs("subClassOf"), "C", 100_000), [])
@@ -47,6 +48,7 @@ def test_a_shorter_chain_is_closed_whole():
     assert sum(1 for _ in closure.inferred()) == 600 * 601 // 2 - 600
 
 
+@pytest.mark.slow
 def test_a_chain_that_comes_as_a_small_change_is_closed_as_quickly():
     p = names("p", 1)[0]
     closure = Closure.build([(p, TYPE, owl("TransitiveProperty"))], chain(p, "j", 2))
@@ -54,6 +56,7 @@ def test_a_chain_that_comes_as_a_small_change_is_closed_as_quickly():
     assert sum(1 for _ in closure.inferred()) == 600 * 601 // 2 - 600 + 1
 
 
+@pytest.mark.slow
 def test_a_ring_with_a_tail_is_closed_whole():
     p = names("p", 1)[0]
     ring = [*chain(p, "i", 99), (names("i", 100)[-1], p, names("i", 1)[0])]

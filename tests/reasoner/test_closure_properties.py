@@ -29,6 +29,7 @@ def check_names(closure: Closure) -> set[str]:
 ONE_BY_ONE, IN_BULK = Config(bulk_from=10**9), Config(bulk_from=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", [ONE_BY_ONE, IN_BULK], ids=["one by one", "in bulk"])
 def test_closure_is_that_of_the_rules_as_printed(config):
     @MANY
@@ -69,6 +70,7 @@ def clashes(closure: Closure) -> set:
     return {(c.rule, c.triples) for c in closure.contradictions()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
 def test_every_stage_equals_a_rebuild(size):
     @MANY
@@ -92,6 +94,7 @@ RULES = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
 def test_every_stage_equals_a_rebuild_with_rules_that_negate(size):
     @MANY

@@ -34,6 +34,7 @@ ENGINES = pytest.mark.parametrize("engine", [hermit, pellet], ids=["hermit", "pe
 RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 
 
+@pytest.mark.slow
 @needs_java
 @ENGINES
 def test_unsatisfiable_classes_and_the_hierarchy_are_found(engine):
@@ -46,6 +47,7 @@ def test_unsatisfiable_classes_and_the_hierarchy_are_found(engine):
     )
 
 
+@pytest.mark.slow
 @needs_java
 @ENGINES
 def test_what_is_said_about_statements_is_left_out(engine):
@@ -56,12 +58,14 @@ def test_what_is_said_about_statements_is_left_out(engine):
     assert engine.check(triples(FAMILY + said), timeout_s=120).is_consistent
 
 
+@pytest.mark.slow
 @needs_java
 @ENGINES
 def test_an_inconsistency_is_found(engine):
     assert not engine.check(triples(FAMILY + ":a a :Nobody ."), timeout_s=120).is_consistent
 
 
+@pytest.mark.slow
 @needs_java
 @ENGINES
 def test_imports_that_cannot_be_fetched_are_dropped(engine):
@@ -69,6 +73,7 @@ def test_imports_that_cannot_be_fetched_are_dropped(engine):
     assert engine.check(triples(header + FAMILY), timeout_s=120).is_consistent
 
 
+@pytest.mark.slow
 def test_a_process_that_takes_too_long_is_killed_with_its_children(tmp_path):
     mark = tmp_path / "pids"
     code = (
@@ -115,6 +120,7 @@ def run(tmp_path: Path, turtle: str, *options: str):
     return CliRunner().invoke(reason, [str(path), *options])
 
 
+@pytest.mark.slow
 @needs_java
 def test_the_command_lists_subclasses_that_only_dl_finds(tmp_path):
     answer = run(tmp_path, HIDDEN, "--profile", "dl")
@@ -124,6 +130,7 @@ def test_the_command_lists_subclasses_that_only_dl_finds(tmp_path):
     assert "urn:t:Nobody" in answer.output
 
 
+@pytest.mark.slow
 @needs_java
 def test_the_command_ends_with_1_where_dl_finds_a_contradiction(tmp_path):
     answer = run(tmp_path, FAMILY + ":a a :Nobody .", "--profile", "dl", "--engine", "pellet")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import pytest
 from hypothesis import given, settings
 from naive import Graph as NaiveGraph
 from naive import consequences, rules
@@ -124,6 +125,7 @@ def is_schema(t) -> bool:
     return any("rdf-schema#" in n or "owl#" in n or "#first" in n or "#rest" in n for n in names)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(NARROW.worlds(10))
 def test_every_consequence_has_a_proof_whose_steps_hold(world):

@@ -133,6 +133,7 @@ def test_it_survives_closing_and_opening(tmp_path: Path) -> None:
             kb.update("INSERT DATA { <urn:nao> a <urn:Mug> }", agent="pr2")
 
 
+@pytest.mark.slow
 def test_the_command_lists_releases_and_forgets(tmp_path: Path) -> None:
     folder = tmp_path / "kb"
     with opened(folder) as kb:

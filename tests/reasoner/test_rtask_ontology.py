@@ -88,6 +88,7 @@ def test_properties_are_derived(closure, name, pairs):
     assert names(closure, rt(name)) == pairs
 
 
+@pytest.mark.slow
 def test_every_inferred_triple_of_the_sample_has_a_proof(closure):
     for triple in closure.inferred():
         proof = closure.explain(triple, budget_ms=5_000)

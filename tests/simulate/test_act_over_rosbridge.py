@@ -14,6 +14,8 @@ from simulate.act.service import ActService
 from simulate.grasping.workcell import Workcell
 from tests.servers import running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):

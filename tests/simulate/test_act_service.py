@@ -131,6 +131,7 @@ def test_reach_goes_there_stays_there_and_home_leaves(panda, service):
     )
 
 
+@pytest.mark.slow
 def test_pick_and_place_in_one_and_in_two_requests(panda, service):
     body = panda.world.spawn(product("can", 3), (0.47, -0.10))
     panda.world.step(0.2)
@@ -197,6 +198,7 @@ def test_random_goals_depend_on_seed_and_number_only(service):
     assert first != random_goal(service, 4, 7, "place")
 
 
+@pytest.mark.slow
 def test_the_test_interface_reaches_and_places(service, tmp_path):
     heard = []
     reached = reach_test(service, 3, seed=1, on_trial=heard.append)
@@ -226,6 +228,7 @@ def test_the_workspace_is_what_both_arms_reach_and_a_picture_of_it(tmp_path):
         np.testing.assert_array_equal(data["share"], found.share)
 
 
+@pytest.mark.slow
 def test_a_torso_that_leans_reaches_more_and_farther():
     maps = [
         map_workspace(ArmSpace(describe(n)), step=0.05, angles=4) for n in ("nao", "nao_leaning")

@@ -59,12 +59,14 @@ def run(cell, phase, happens):
     )
 
 
+@pytest.mark.slow
 def test_an_object_taken_away_during_the_approach_is_missed(cell, can):
     record = run(cell, "pregrasp", lambda: cell.world.remove(can))
     assert (record.reason, record.held, record.links_touching) == ("missed", False, 0)
     assert record.lifted_m == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_an_object_that_moves_during_the_approach_is_missed(cell, can):
     def move():
         cell.world.client.resetBasePositionAndOrientation(can, (0.47, 0.15, 0.24), (0, 0, 0, 1))
@@ -82,12 +84,14 @@ def test_an_object_that_moves_during_the_approach_is_missed(cell, can):
     assert watch.truth.pushed_m > 0.015  # it stood elsewhere when the hand closed
 
 
+@pytest.mark.slow
 def test_an_object_taken_from_the_hand_in_transport_is_named(cell, can):
     record = run(cell, "transport", lambda: cell.world.remove(can))
     assert (record.held, record.placed) == (True, False)
     assert record.place_reason in {"drop_outside", "slip_transport"}
 
 
+@pytest.mark.slow
 def test_a_hand_that_does_not_close_is_hardware(cell, can, monkeypatch):
     real = cell.robot.move_fingers
 
@@ -136,6 +140,7 @@ def test_a_world_that_breaks_down_names_the_joint(cell, can, monkeypatch):
     assert caught.value.details["reason"] == "not_judged"
 
 
+@pytest.mark.slow
 def test_an_object_taken_away_between_look_and_grasp_is_missed_once_and_told(tmp_path):
     """Camera, engine, planner and physics as they are; only somebody's hand is quicker."""
     body = SimulatedBody(

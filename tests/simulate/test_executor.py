@@ -60,6 +60,7 @@ def can(scene):
         executor.robot.reset_arm(arm, executor.robot.home(arm))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "side"), [("can", -1), ("box", 1)])
 def test_objects_are_grasped_held_and_placed(scene, kind, side):
     world, executor = scene
@@ -90,6 +91,7 @@ def test_objects_are_grasped_held_and_placed(scene, kind, side):
     )
 
 
+@pytest.mark.slow
 def test_without_placing_the_object_is_put_back(can):
     world, executor, body = can
     record = executor.execute(executor.plan(request_for(CAN, 0.15, -0.10)), place=False)
@@ -113,6 +115,7 @@ def test_planning_reads_no_ground_truth(can, monkeypatch):
     np.testing.assert_array_equal(executor.robot.arm_joints("right"), before)
 
 
+@pytest.mark.slow
 def test_nothing_where_something_was_seen_is_missed(can):
     world, executor, body = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))
@@ -123,6 +126,7 @@ def test_nothing_where_something_was_seen_is_missed(can):
     assert record.links_touching == 0
 
 
+@pytest.mark.slow
 def test_without_friction_the_object_slips_from_the_lift(can):
     world, executor, body = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))
@@ -132,6 +136,7 @@ def test_without_friction_the_object_slips_from_the_lift(can):
     assert record.lifted_m < 0.02
 
 
+@pytest.mark.slow
 def test_what_weighs_too_much_stays_on_the_table(scene):
     world, executor = scene
     heavy = replace(CAN, mass=2.0, friction=Friction(lateral=0.3))
@@ -142,6 +147,7 @@ def test_what_weighs_too_much_stays_on_the_table(scene):
     assert record.reason == "slip_lift"
 
 
+@pytest.mark.slow
 def test_a_loss_during_the_hold_is_named(can):
     world, executor, body = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))
@@ -155,6 +161,7 @@ def test_a_loss_during_the_hold_is_named(can):
     assert record.links["lift"] >= 2
 
 
+@pytest.mark.slow
 def test_a_loss_during_transport_keeps_held_and_is_named(can):
     world, executor, body = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))
@@ -168,6 +175,7 @@ def test_a_loss_during_transport_keeps_held_and_is_named(can):
     assert record.place_reason == "slip_transport"
 
 
+@pytest.mark.slow
 def test_landing_beside_the_box_is_drop_outside(can):
     world, executor, body = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))
@@ -193,6 +201,7 @@ def test_an_arm_that_is_stopped_is_a_tracking_failure(can):
     assert not record.held
 
 
+@pytest.mark.slow
 def test_no_box_means_no_place(can, monkeypatch):
     world, executor, _ = can
     monkeypatch.setattr(world, "place_boxes", {})
@@ -200,6 +209,7 @@ def test_no_box_means_no_place(can, monkeypatch):
     assert (record.held, record.placed, record.place_reason) == (True, False, "place_plan")
 
 
+@pytest.mark.slow
 def test_the_fast_preset_is_named_in_its_records():
     world, executor = make("fast")
     with world:
@@ -230,6 +240,7 @@ def digest_of_one_grasp():
         return numbers.hexdigest()
 
 
+@pytest.mark.slow
 def test_same_seed_same_bits_in_fresh_processes():
     """In one the world before was another, which must not matter."""
     digests = []

@@ -48,6 +48,7 @@ def test_the_hand_closes_as_asked_across_a_box(planner):
     assert abs(off) < 0.4
 
 
+@pytest.mark.slow
 def test_both_arms_plan_the_mirrored_grasp(planner):
     reached = {"left_arm": 0, "right_arm": 0}
     for x in (0.13, 0.15, 0.17):
@@ -94,6 +95,7 @@ WALL_THROUGH = Obstacle.box("neighbour", (0.15, -0.10, 0.33), (0.012, 0.30, 0.12
 LID = Obstacle.box("neighbour", (0.15, -0.10, 0.385), (0.30, 0.34, 0.01))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("request_", "obstacles", "reasons"),
     [

@@ -130,6 +130,7 @@ def test_samples_are_repeatable_and_know_their_object() -> None:
     assert len(collect_samples([], panda_hand())) == 0
 
 
+@pytest.mark.slow
 def test_a_filter_is_made_by_two_commands(tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
     from rtask.cli.grasping.learning import train

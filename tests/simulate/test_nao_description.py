@@ -16,6 +16,7 @@ from simulate.robots.nao import CAMERA_MASS, head_pitch_limits
 MIRROR = np.diag([1.0, -1.0, 1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("legs", "moving"), [("joints", 40), ("fixed", 28)])
 def test_urdf_has_the_published_joints_and_mass(legs, moving):
     root = ET.fromstring(urdf_text(describe_nao(legs=legs)))

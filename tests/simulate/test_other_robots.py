@@ -102,6 +102,7 @@ def test_seven_joints_meet_the_whole_pose(panda):
         assert (rotation[:, :, 2] @ DOWN).min() > math.cos(0.16)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "side", "scale"), [("can", -1, 1.6), ("box", 1, 1.0), ("pen", -1, 1.0)]
 )

@@ -9,6 +9,7 @@ from simulate.world.objects import sample_objects
 from simulate.world.scene import _outline, arrange
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 6, 12])
 def test_every_table_finds_room_and_leaves_some_for_a_hand(number: int) -> None:
     for seed in range(8):
@@ -23,6 +24,7 @@ def test_every_table_finds_room_and_leaves_some_for_a_hand(number: int) -> None:
         assert abs(sum(np.sign(p.y) for p in placed)) <= 1
 
 
+@pytest.mark.slow
 def test_six_objects_lie_where_arms_reach() -> None:
     for seed in range(30):
         specs = sample_objects(np.random.default_rng(seed), 6)
@@ -35,6 +37,7 @@ def test_the_same_seed_lays_the_same_table() -> None:
     assert arrange(specs, np.random.default_rng(1)) != arrange(specs, np.random.default_rng(2))
 
 
+@pytest.mark.slow
 def test_too_many_objects_are_refused() -> None:
     specs = sample_objects(np.random.default_rng(0), 60)
     with pytest.raises(ValueError, match="no room for 60 objects"):

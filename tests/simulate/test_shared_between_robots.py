@@ -11,6 +11,8 @@ from simulate.robots import describe
 from simulate.world.objects import product
 from simulate.world.scene import Placement
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 BOX = product("box", 174)
 
 

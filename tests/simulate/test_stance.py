@@ -75,6 +75,7 @@ def describe_camera():
         return other.robot.base_from_camera(np.zeros(2))[:3, 3]
 
 
+@pytest.mark.slow
 def test_what_is_out_of_reach_is_held_by_leaning_and_placed(cell):
     executor = cell.executor
     body = cell.world.spawn(CAN, FAR)

@@ -158,6 +158,7 @@ def test_ply_in_three_forms(order: str, body: bytes) -> None:
         decode(PLY_HEAD.format(order).encode() + body[:-5])
 
 
+@pytest.mark.slow
 def test_pcd_written_by_another_library(tmp_path) -> None:
     """Open3D writes what PCL reads: all three kinds of data."""
     o3d = pytest.importorskip("open3d")

@@ -14,6 +14,8 @@ from features.modelling import ObjectModel, mesh_to_ply
 from features.pose import PoseParams, estimate_pose
 from features.pose.rotations import rotation_about
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 CAMERA = Intrinsics(200, 160, 320.0, 320.0, 99.5, 79.5)
 HALF = np.array([0.045, 0.03, 0.02])
 KNOB, KNOB_AT = 0.014, np.array([0.03, 0.012, 0.028])

@@ -44,6 +44,7 @@ def test_views_come_back_in_the_order_of_adding(card_views) -> None:
     assert list(index.views())[1] == ViewName("view:1.0", "object:1", "class:card")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seal_rows", [10**9, 1000, 1])
 def test_everything_is_there_after_reopening(tmp_path: Path, card_views, seal_rows) -> None:
     with RecognitionIndex(tmp_path / "index", seal_rows=seal_rows) as index:

@@ -44,6 +44,7 @@ def small_view(card_views) -> ViewFeatures:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seal_rows", [10**9, 200])
 def test_kill_9_loses_nothing_that_was_acknowledged(tmp_path: Path, small_view, seal_rows) -> None:
     (tmp_path / "view.npz").write_bytes(small_view.to_bytes())
@@ -158,6 +159,7 @@ print("saved", flush=True)
 """
 
 
+@pytest.mark.slow
 def test_killed_at_any_step_of_a_seal_nothing_is_lost(tmp_path: Path, small_view) -> None:
     (tmp_path / "view.npz").write_bytes(small_view.to_bytes())
     with RecognitionIndex(tmp_path / "start") as index:

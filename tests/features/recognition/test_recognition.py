@@ -49,6 +49,7 @@ def test_a_card_is_recognised_at_another_yaw_tilt_light_and_noise(stocked, photo
     assert best.size_ok is True
 
 
+@pytest.mark.slow
 def test_open_set_every_known_card_is_found_and_no_unknown_one_accepted(stocked, photo) -> None:
     """Ten known and ten unknown cards of the same kind; one stored view, two queries each."""
     recogniser, answers = Recogniser(stocked), []
@@ -99,6 +100,7 @@ def test_a_single_stored_object_needs_no_rival(card_views, photo) -> None:
     assert not recogniser.recognise(card_views(1, 1)[0]).accepted
 
 
+@pytest.mark.slow
 def test_no_other_product_reaches_ten_places_of_the_only_one_stored(card_views, photo) -> None:
     """With one object stored nothing competes: callers then ask for ten places.
 

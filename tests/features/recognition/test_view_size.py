@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from features.geometry import Intrinsics
@@ -49,6 +50,7 @@ def test_a_large_photograph_is_described_as_a_small_one_in_its_own_pixels() -> N
     assert np.allclose(ends, 3, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_the_size_of_an_object_does_not_depend_on_the_resolution() -> None:
     small, large = _described(depth_m=0.8)
     assert abs(large.size_m / small.size_m - 1) < 0.01

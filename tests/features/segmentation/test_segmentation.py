@@ -82,6 +82,7 @@ def test_the_table_plane_is_found_to_a_degree_and_a_millimetre() -> None:
     assert plane.offset == pytest.approx(0.7 * np.sin(_TILT), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_three_things_give_three_labels() -> None:
     scene = segment_scene(_scene(*THREE, noise=0.001))
     assert scene.status == "ok"

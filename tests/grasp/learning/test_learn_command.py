@@ -14,6 +14,7 @@ from rtask.errors import UsageError
 _SMALL = ("learn", "benchmark", "--seeds", "2", "--objects", "8", "--worlds", "1", "--workers", "1")
 
 
+@pytest.mark.slow
 def test_learners_side_by_side_with_their_curves(tmp_path: Path) -> None:
     plot = tmp_path / "curves.svg"
     found = CliRunner().invoke(

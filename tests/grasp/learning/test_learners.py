@@ -48,6 +48,7 @@ _REFERENCE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", _REFERENCE)
 def test_a_learner_earns_what_its_reference_earns(kind: str) -> None:
     seeds = 8
@@ -58,6 +59,7 @@ def test_a_learner_earns_what_its_reference_earns(kind: str) -> None:
         assert abs(ours.mean() - mean) < max(3 * error, 0.1 * abs(mean))
 
 
+@pytest.mark.slow
 def test_texplore_needs_the_fewest_steps() -> None:
     rewards = _returns("texplore", 20, 2)
     # medians of -15 to -25 and means of -12.5 to -16.5 over 20 seeds; two seeds spread more: the
@@ -67,6 +69,7 @@ def test_texplore_needs_the_fewest_steps() -> None:
     assert rewards[:, :10].mean() > _REFERENCE["rmax"][0][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", _MAKERS)
 def test_a_learner_resumes_bit_for_bit(kind: str, tmp_path: Path) -> None:
     world = TwoRooms()
@@ -119,6 +122,7 @@ def test_a_file_of_another_version_says_what_to_do(
     assert agent.rng.bit_generator.state == before
 
 
+@pytest.mark.slow
 def test_texplore_goes_on_in_real_time_and_back(tmp_path: Path) -> None:
     first, path = _MAKERS["texplore"](1), tmp_path / "agent.npz"
     list(run_episodes(first, TwoRooms(), 1, seed=2))

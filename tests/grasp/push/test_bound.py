@@ -78,6 +78,7 @@ def accepted() -> dict[str, Pairs]:
     return {name: _accepted(name, 160) for name in NAMES}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.004, 0.002])
 def test_what_the_bound_accepts_closes_on_an_ellipsoidal_limit_surface(
     accepted: dict[str, Pairs], step: float

@@ -35,6 +35,7 @@ def test_a_part_gives_a_table(part: Path) -> None:
     assert [line.split()[0] for line in lines[2:5]] == ["1", "2", "3"]
 
 
+@pytest.mark.slow
 def test_json_and_drawings(part: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drawings"
     done = _run(str(part), "--samples", "20", "--eliminate", "5,0.8", "--json", "--plots",
@@ -70,6 +71,7 @@ def test_rounded_corners_of_a_drawing_are_not_what_perturbations_cross(tmp_path:
     assert "cross themselves and count as failures" in _run(str(rough), "--samples", "5").output
 
 
+@pytest.mark.slow
 def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     path = tmp_path / "box.npy"
@@ -145,6 +147,7 @@ def _seen_box() -> dict[str, object]:
 HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.08, "max_payload": 0.3}
 
 
+@pytest.mark.slow
 def test_planned_grasps_of_an_object_are_stored_recalled_and_offered(tmp_path: Path) -> None:
     data = tmp_path / "store"
     with rtask.open(data) as kb, Engine(kb) as engine:

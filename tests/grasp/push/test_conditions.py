@@ -60,6 +60,7 @@ def test_single_contacts_follow_mason() -> None:
     assert push(-1.9, 10) == -5  # centre of mass beyond the jaw
 
 
+@pytest.mark.slow
 def test_closure_modes_are_told_apart() -> None:
     flat = np.array([(0.0, 0), (2, 0), (2, 1), (0, 1.2)])
     roof = np.array([(0.0, 0), (2, 0), (2, 1), (1, 1.8), (0, 1)])

@@ -152,6 +152,7 @@ def _layered(layers: dict[str, tuple[int, int]], *entities: str, blocks: str = "
     return "\n".join([*head, *inside, _dxf(*entities)])
 
 
+@pytest.mark.slow
 def test_dxf_outlines_are_read() -> None:
     poly = _tags("LWPOLYLINE", (90, 4), *((c, v) for p in SQUARE for c, v in zip((10, 20), p)))  # noqa: B905
     assert _dxf_area(_dxf(poly)) == 2.0
@@ -305,6 +306,7 @@ def test_an_open_outline_is_closed_and_said_to_be(tmp_path: Path) -> None:
     assert "the outline is open: a straight line of 1 closes it" in outline.note
 
 
+@pytest.mark.slow
 def test_a_second_part_in_a_file_is_said_to_be_left_out(tmp_path: Path) -> None:
     """Also one of the same size; marks beside the part are none."""
     two = _dxf(_box(0, 0, 4, 2), _box(9, 0, 4, 2), _box(6, 0, 0.1, 0.1))

@@ -110,6 +110,7 @@ def test_elimination_does_not_depend_on_the_order_of_the_candidates() -> None:
     assert np.array_equal(one.codes[shuffled], other.codes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["threads", "processes"])
 def test_parallel_runs_equal_the_serial_run(kind: str) -> None:
     serial = _plan(samples=61, elimination=Elimination((11, 50), 0.5))
@@ -354,6 +355,7 @@ def test_a_threshold_out_of_reach_is_said_to_be() -> None:
     assert math.isnan(found.limit)
 
 
+@pytest.mark.slow
 def test_optimal_tolerance_has_the_right_limits() -> None:
     part = as_part(stand_in("rectangle"))
     grasps, test = sample_grasps(part), PushTest(0.25 * part.diameter)

@@ -75,6 +75,7 @@ def test_stored_boosting_says_what_scikit_learn_says(samples: GraspSamples, tmp_
     assert model.about["objects"] == 24
 
 
+@pytest.mark.slow
 def test_the_linear_machine_tells_pictures_apart(samples: GraspSamples, tmp_path: Path) -> None:
     pytest.importorskip("sklearn")
     model = train(samples, "svm")

@@ -26,6 +26,7 @@ def _at(x: float = 0.0, y: float = 0.0, yaw_deg: float = 0.0, **scores: float) -
     return GraspCandidate(pose, 0.04, contacts=contacts, normals=contacts / 0.02, scores=scores)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", [sphere_mesh(0.03, 20), cup_mesh(0.03, 0.08, 0.004, 24)],
                          ids=["sphere", "cup"])  # fmt: skip
 def test_boxes_meet_a_surface_where_its_points_lie_in_them(mesh) -> None:

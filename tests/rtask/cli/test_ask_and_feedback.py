@@ -10,6 +10,8 @@ import ontology
 import rtask
 from rtask.cli import main
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 FACTS = f"""
 PREFIX rt: <{ontology.NS}> PREFIX prov: <http://www.w3.org/ns/prov#>
 PREFIX cora: <{ontology.PREFIXES["cora"]}> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>

@@ -155,6 +155,7 @@ def test_text_comes_from_a_file_or_standard_input(
     assert filled("query", "-").out == "yes\n"
 
 
+@pytest.mark.slow
 def test_explain_names_who_asserts_and_what_follows(filled: Shell) -> None:
     assert filled("explain", "urn:mug", "a", "rt:Mug").out == (
         "asserted in <urn:lab/graph/agent/nao-1>\n"
@@ -191,6 +192,7 @@ def test_export_and_original(filled: Shell, tmp_path: Path) -> None:
     assert filled("export", "-", "--original").code == 2
 
 
+@pytest.mark.slow
 def test_verify_backup_restore_rebuild(filled: Shell, tmp_path: Path) -> None:
     assert filled("verify").out == "all well\n"
     assert filled("rebuild").out == "inferred: +0 -0\n"

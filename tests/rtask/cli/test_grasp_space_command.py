@@ -145,6 +145,7 @@ def test_a_broken_mesh_is_named(tmp_path: Path) -> None:
     assert "no STL mesh" in str(done.exception)
 
 
+@pytest.mark.slow
 def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
     from features.codec import encode_cloud, to_wire
     from grasp.spatial.meshes.shapes import box_mesh

@@ -70,6 +70,7 @@ def test_each_command_can_print_json() -> None:
     assert {name.split()[-1] for name in without} <= _WITHOUT_JSON
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

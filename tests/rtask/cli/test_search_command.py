@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 import rtask
@@ -25,6 +26,7 @@ def test_search_prints_what_fits(tmp_path: Path) -> None:
     assert CliRunner().invoke(cli, ["search", "pen", "--lang", "de", *options]).output == ""
 
 
+@pytest.mark.slow
 def test_a_query_ends_at_its_deadline(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb", ontologies=False, reason=False) as kb, kb.transaction() as tx:
         for number in range(1_000):

@@ -92,6 +92,7 @@ def cloud(seed: int) -> str:
     return base64.b64encode(f"{head}end_header\n{rows}\n".encode()).decode()
 
 
+@pytest.mark.slow
 def test_every_outcome_arrives_once_through_cuts_and_kills(
     tmp_path: Path, network: BadNetwork
 ) -> None:

@@ -41,6 +41,7 @@ def test_near_a_program_hears_what_it_follows():
             graph.follow(o='"unclosed')
 
 
+@pytest.mark.slow
 def test_far_nothing_is_missed_through_a_kill_and_a_restart(tmp_path: Path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = str(free.getsockname()[1])

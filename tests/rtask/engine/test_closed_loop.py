@@ -68,6 +68,7 @@ def test_asking_writes_nothing(bench, kb, first):
     assert kb.seq == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["BOX", "CAN", "PEN"])
 def test_a_second_robot_is_given_the_grasp_that_held(bench, first, second, name):
     thing = getattr(bench, name)

@@ -21,6 +21,8 @@ from rtask.engine import Engine, Policy
 from rtask.engine.memory.learners import experience, keep_learner, resume_learner
 from rtask.kb.commit.access import Access
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 ELSEWHERE = """
 import json, sys
 import rtask

@@ -32,6 +32,7 @@ def test_asking_twice_gives_the_same_order_and_another_seed_another(bench, robot
     assert len(orders) > 1
 
 
+@pytest.mark.slow
 def test_a_reloaded_graph_gives_the_same_choice_in_any_order_of_rows(bench, kb, engine, robots):
     robot = robots()
     some_history(bench, robot)

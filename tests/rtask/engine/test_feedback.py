@@ -16,6 +16,8 @@ from rtask.engine.policy import Policy
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 
 class Trial:
     """A reasoning store with one robot, one object and one attempt that held."""

@@ -15,6 +15,8 @@ from rtask.engine.memory.learners import experience
 from rtask.engine.records.shapes import object_shape
 from rtask.errors import UnknownTermError, UsageError
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 PLAN = {"samples": 40, "max_grasps": 30}
 Known = tuple[Any, str, dict[str, Any]]
 TALL = (0.050, 0.036, 0.110)

@@ -21,6 +21,7 @@ def fill(bench, engine):
     return robot
 
 
+@pytest.mark.slow
 def test_a_reopened_store_recognises_what_it_was_shown(bench, tmp_path):
     with rtask.open(tmp_path / "kb", reason=False) as kb, Engine(kb) as engine:
         robot = fill(bench, engine)
@@ -30,6 +31,7 @@ def test_a_reopened_store_recognises_what_it_was_shown(bench, tmp_path):
         assert bench.Robot("nao-1", engine).recognise(bench.sight(bench.BOX))["object"] == known
 
 
+@pytest.mark.slow
 def test_a_lost_or_damaged_index_is_made_again_from_the_graph(bench, tmp_path):
     import shutil
 
@@ -81,6 +83,7 @@ def test_a_view_withdrawn_from_the_graph_leaves_the_index(bench, kb, engine):
     assert robot.recognise(bench.sight(bench.BOX))["object"] == ""
 
 
+@pytest.mark.slow
 def test_a_view_given_to_another_object_is_found_under_that(bench, kb, engine):
     robot = fill(bench, engine)
     box = robot.recognise(bench.sight(bench.BOX))["object"]

@@ -11,6 +11,8 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 ANN = Access("ann", "teacher")
 
 

@@ -44,6 +44,7 @@ def told_thrice(bench, robot, thing):
     return name
 
 
+@pytest.mark.slow
 def test_a_model_grows_with_every_view_and_there_is_one_for_each_author(bench, engine, robot):
     name = told_thrice(bench, robot, bench.BOX)
     (stored,) = stored_models(engine.kb, iri(name))
@@ -59,6 +60,7 @@ def test_a_model_grows_with_every_view_and_there_is_one_for_each_author(bench, e
     assert len(engine.kb.match(None, None, RT.TriangleMesh)) == 1
 
 
+@pytest.mark.slow
 def test_the_answer_carries_the_pose_and_its_confidence(bench, engine, robot):
     name = told_thrice(bench, robot, bench.BOX)
     thing = bench.BOX.at(0.15, -0.05, 0.6)
@@ -84,6 +86,7 @@ def test_what_nobody_knows_has_no_pose(bench, robot):
     assert not recognition["pose_accepted"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(0.060, 0.032, 0.085), (0.046, 0.032, 0.072)])
 def test_a_look_alike_told_under_the_same_name_does_not_spoil_the_model(bench, engine, robot, size):
     name = robot.insert(bench.sight(bench.BOX))["objects"][0]["object"]
@@ -95,6 +98,7 @@ def test_a_look_alike_told_under_the_same_name_does_not_spoil_the_model(bench, e
     assert told["objects"][0]["view"] not in before.views
 
 
+@pytest.mark.slow
 def test_two_robots_grow_one_model_each_in_its_own_graph(bench, engine, robots):
     first, second = robots("nao-1"), robots("nao-2")
     seen = bench.sight(bench.BOX.at(0.16, -0.06, 0.3))
@@ -107,6 +111,7 @@ def test_two_robots_grow_one_model_each_in_its_own_graph(bench, engine, robots):
     assert [len(m.views) for m in stored_models(engine.kb, iri(name))] == [3, 1]
 
 
+@pytest.mark.slow
 def test_models_are_made_again_from_the_views(bench, engine, robot):
     name = told_thrice(bench, robot, bench.BOX)
     can = robot.insert(bench.sight(bench.CAN))["objects"][0]["object"]
@@ -125,6 +130,7 @@ def test_models_are_made_again_from_the_views(bench, engine, robot):
     assert not [f for f in engine.kb.verify(parts=("blobs",)) if f.severity == "error"]
 
 
+@pytest.mark.slow
 def test_a_model_outlives_the_process_and_a_missing_blob_is_no_error(bench, tmp_path):
     seen = bench.sight(bench.BOX)
     with rtask.open(tmp_path / "kb", reason=False) as kb, Engine(kb) as engine:
@@ -147,6 +153,7 @@ def test_a_model_outlives_the_process_and_a_missing_blob_is_no_error(bench, tmp_
         )
 
 
+@pytest.mark.slow
 def test_an_insertion_that_fails_leaves_no_model(bench, engine, robot, monkeypatch):
     name = robot.insert(bench.sight(bench.BOX))["objects"][0]["object"]
     before = model_of(engine, name)[0]
@@ -181,6 +188,7 @@ def test_an_empty_cloud_is_refused_by_name(robot):
         robot.recognise({"data": to_wire(encode_cloud(nothing))})
 
 
+@pytest.mark.slow
 def test_a_crop_without_depth_is_named_and_has_no_pose(bench, robot):
     told_thrice(bench, robot, bench.BOX)
     blind = changed(
@@ -192,6 +200,7 @@ def test_a_crop_without_depth_is_named_and_has_no_pose(bench, robot):
     assert answer["grasps"] == []
 
 
+@pytest.mark.slow
 def test_wrong_intrinsics_give_no_accepted_pose(bench, engine, robot):
     name = told_thrice(bench, robot, bench.BOX)
 
@@ -209,6 +218,7 @@ def test_wrong_intrinsics_give_no_accepted_pose(bench, engine, robot):
     assert model_of(engine, name)[0] == before
 
 
+@pytest.mark.slow
 def test_a_mirrored_picture_is_not_recognised(bench, robot):
     told_thrice(bench, robot, bench.BOX)
 
@@ -221,6 +231,7 @@ def test_a_mirrored_picture_is_not_recognised(bench, robot):
     assert answer["recognition"]["pose"] is None
 
 
+@pytest.mark.slow
 def test_an_object_that_the_border_cuts_is_placed_or_left_open(bench, engine, robot):
     name = told_thrice(bench, robot, bench.BOX)
     eye = bench.Eye(target=(0.16, -0.06, bench.TABLE))
@@ -235,6 +246,7 @@ def test_an_object_that_the_border_cuts_is_placed_or_left_open(bench, engine, ro
         assert np.linalg.norm(pose[:2, 3] - bench.BOX.position) < 0.01
 
 
+@pytest.mark.slow
 def test_holes_in_the_depth_do_not_hide_the_pose(bench, robot):
     told_thrice(bench, robot, bench.BOX)
 
@@ -248,6 +260,7 @@ def test_holes_in_the_depth_do_not_hide_the_pose(bench, robot):
     assert recognition["pose_accepted"]
 
 
+@pytest.mark.slow
 def test_a_million_points_without_a_picture_have_grasps_and_no_pose(bench, robot):
     told_thrice(bench, robot, bench.BOX)
     frame = bench.look(bench.BOX, bench.Eye(target=(*bench.BOX.position, bench.TABLE)))
@@ -260,6 +273,7 @@ def test_a_million_points_without_a_picture_have_grasps_and_no_pose(bench, robot
     assert answer["recognition"]["pose"] is None
 
 
+@pytest.mark.slow
 def test_two_identical_objects_in_one_scene_have_each_its_pose(bench, robot):
     name = told_thrice(bench, robot, bench.BOX)
     places = ((0.12, -0.06), (0.22, 0.02))

@@ -56,6 +56,7 @@ def folder(filled, tmp_path):
     return str(tmp_path / "kb"), things
 
 
+@pytest.mark.slow
 def test_everything_derived_is_made_again(capsys, folder):
     data, things = folder
     with rtask.open(data) as kb:
@@ -74,6 +75,7 @@ def test_everything_derived_is_made_again(capsys, folder):
         assert len({q.subject for q in kb.match(None, RT.statisticsOf)}) == 2
 
 
+@pytest.mark.slow
 def test_objects_are_merged_shown_taken_back_and_forgotten(capsys, folder):
     data, (one, other) = folder
     assert one in told(capsys, "objects", "name", one, "--as", "tin", "--kind", "box", "-d", data)

@@ -55,6 +55,7 @@ def test_words_filter_what_looks_alike(bench, engine):
     assert [e["label"] for e in found["similar_objects"] if e["confidence"] > 0.5] == []
 
 
+@pytest.mark.slow
 def test_teaching_a_known_object_of_the_class_adds_a_view(bench, engine):
     first = teach(engine, bench, bench.BOX, "juice carton")["objects"][0]
     teach(engine, bench, bench.CAN, "tin")

@@ -48,6 +48,7 @@ def test_a_persons_verdict_outweighs_the_robots(bench, kb, engine, robots):
         robot.call("teach_object", operation="reject", task_id=answer["task_id"])
 
 
+@pytest.mark.slow
 def test_what_the_engine_writes_has_the_shapes_of_the_ontology(bench, kb, engine, robots):
 
     one, two = robots("nao-1"), robots("nao-2")

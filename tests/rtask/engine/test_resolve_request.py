@@ -11,6 +11,8 @@ from rtask.engine.memory.meaning import meaning, stems
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 RT = ontology.NS
 ANN = Access("ann", "teacher")
 

@@ -7,6 +7,8 @@ import pytest
 from rtask.engine import Engine, Policy
 from rtask.errors import UsageError
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 
 @pytest.fixture
 def known(bench, robots):

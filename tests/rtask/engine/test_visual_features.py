@@ -90,6 +90,7 @@ def test_the_object_layer_reads_the_features_back_as_they_were_seen(store):
     assert np.array_equal(depth, expected.surface.coefficients)
 
 
+@pytest.mark.slow
 def test_after_rtask_rebuild_every_answer_is_the_same(bench, store):
     folder, _, _ = store
     before = _answers(bench, folder)

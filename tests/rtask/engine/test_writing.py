@@ -122,6 +122,7 @@ def test_the_same_outcome_told_at_once_from_many_threads_stores_once(bench, kb, 
     assert sorted(results) == [0, 0, 0, 0, 0, 1]
 
 
+@pytest.mark.slow
 def test_robots_that_ask_and_tell_at_once_do_not_disturb_each_other(bench, kb, robots):
     names = ("nao-1", "nao-2", "nao-3")
     all_robots = [robots(name) for name in names]

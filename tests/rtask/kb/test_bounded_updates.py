@@ -42,6 +42,7 @@ def test_a_literal_that_doubles_in_each_operation_is_refused_and_stores_nothing(
     assert (sorted(map(str, kb.match())), kb.seq) == (before, seq)
 
 
+@pytest.mark.slow
 def test_a_literal_that_doubles_within_one_where_ends_its_reader_not_this_process(
     kb: KnowledgeBase,
 ) -> None:
@@ -97,6 +98,7 @@ def test_a_reader_that_evaluated_an_update_answers_as_if_it_had_not(kb: Knowledg
     assert counted[0].value("n") == 2
 
 
+@pytest.mark.slow
 def test_a_change_too_large_to_be_undone_ends_its_reader_and_is_stored(kb: KnowledgeBase) -> None:
     rows = " ".join(map(str, range(MAX_UNDONE)))
     text = f"INSERT {{ ?s <urn:n> ?i }} WHERE {{ ?s <urn:p>|<urn:q> ?o VALUES ?i {{ {rows} }} }}"

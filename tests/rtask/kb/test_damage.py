@@ -141,6 +141,7 @@ def test_a_damaged_store_is_named_and_made_again_from_the_journal(
         assert kb.update("INSERT DATA { <urn:after> <urn:p> 1 }").seq == COMMITS + 2
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_in_the_store_is_never_a_bare_error_of_the_store(
     closed: Path, tmp_path: Path
 ) -> None:

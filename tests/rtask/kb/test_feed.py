@@ -114,6 +114,7 @@ def test_who_was_away_catches_up_without_gap_or_repetition(kb: KnowledgeBase) ->
     assert kb.subscribe(since=kb.seq).drain() == []
 
 
+@pytest.mark.slow
 def test_the_past_is_told_as_the_present_was(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb", flush="os") as kb:
         start = kb.seq
@@ -279,6 +280,7 @@ def test_a_standing_query_may_not_grow_without_bound(kb: KnowledgeBase) -> None:
         kb.subscribe_query("ASK { ?s ?p ?o }")
 
 
+@pytest.mark.slow
 def test_a_standing_query_that_takes_too_long_is_refused(kb: KnowledgeBase) -> None:
     with kb.transaction() as tx:
         for number in range(2_000):

@@ -47,6 +47,7 @@ def _count(kb: KnowledgeBase) -> object:
     return kb.select("SELECT (COUNT(*) AS ?n) { ?s <urn:p> ?o }")[0].value("n")
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_writes_until_there_is_room(small_disk: Path) -> None:
     folder = small_disk / "kb"
     with rtask.open(folder, ontologies=False, reason=False) as kb:
@@ -64,6 +65,7 @@ def test_a_full_disk_stops_writes_until_there_is_room(small_disk: Path) -> None:
         assert [f for f in kb.verify() if f.severity == "error"] == []
 
 
+@pytest.mark.slow
 def test_a_folder_closed_on_a_full_disk_opens_again(small_disk: Path) -> None:
     folder = small_disk / "kb"
     with rtask.open(folder, ontologies=False, reason=False) as kb:

@@ -22,6 +22,8 @@ from rtask.rdf.terms import iri
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.syntax import check_query
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 
 @pytest.fixture
 def kb() -> Iterator[KnowledgeBase]:

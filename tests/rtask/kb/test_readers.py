@@ -81,6 +81,7 @@ def memory() -> Iterator[KnowledgeBase]:
         yield opened
 
 
+@pytest.mark.slow
 def test_a_query_is_ended_at_its_deadline_and_the_next_one_works(kb: KnowledgeBase) -> None:
     kb.warm_up()
     started = time.monotonic()
@@ -109,6 +110,7 @@ def _read_all(kb: KnowledgeBase, seen: set[int]) -> None:
             seen.update(kb.stats()["readers"]["processes"])
 
 
+@pytest.mark.slow
 def test_thirty_deadlines_in_a_row_leave_nothing(tmp_path: Path) -> None:
     seen: set[int] = set()
     with rtask.open(tmp_path / "kb", reason=False, ontologies=False) as kb:
@@ -160,6 +162,7 @@ def _is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_every_acknowledged_commit_is_seen(kb: KnowledgeBase) -> None:
     for number in range(20):
         kb.update(f"INSERT DATA {{ <urn:last> <urn:is> {number} }}")
@@ -224,6 +227,7 @@ def _state(rows: object) -> set[str]:
     return {" ".join(map(str, row)) for row in rows}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_replica_equals_the_store_after_random_commits(memory: KnowledgeBase, seed: int) -> None:
     _compare_random_commits(memory, seed)
@@ -270,6 +274,7 @@ def _equal(kb: KnowledgeBase) -> bool:
     return asked.to_dicts() == known.to_dicts()
 
 
+@pytest.mark.slow
 def test_a_reader_killed_in_the_middle_of_a_commit_loses_none(memory: KnowledgeBase) -> None:
     memory.warm_up()
     _, reader = memory.stats()["readers"]["processes"]
@@ -411,6 +416,7 @@ def test_waiting_for_a_reader_counts(memory: KnowledgeBase) -> None:
             memory.query("ASK {}", timeout_s=0.2)
 
 
+@pytest.mark.slow
 def test_a_deadline_can_be_moved_while_an_answer_is_read(memory: KnowledgeBase) -> None:
     memory.readers.start()
     with memory.stream(_PAIRS, timeout_s=1.0) as stream:
@@ -501,6 +507,7 @@ def test_readers_do_not_share_chance(memory: KnowledgeBase) -> None:
         assert one.read() != two.read()
 
 
+@pytest.mark.slow
 def test_a_folder_open_for_reading_is_read_by_readers(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb", reason=False, ontologies=False) as kb:
         _fill(kb)

@@ -157,6 +157,7 @@ def test_a_new_knowledge_base_knows_the_ontology(tmp_path: Path) -> None:
         assert kb.seq == 2  # it is not loaded again
 
 
+@pytest.mark.slow
 def test_a_newer_bundled_ontology_replaces_the_stores_as_one_commit(tmp_path: Path) -> None:
     graph = iri(ontology.ONTOLOGY + "/grasp")
     version = iri(_OWL + "versionInfo")

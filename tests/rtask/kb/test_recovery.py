@@ -64,6 +64,7 @@ with kb.transaction() as tx:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", ["before", "between"])
 def test_a_large_change_killed_between_its_steps_is_completed(tmp_path: Path, moment: str) -> None:
     done = subprocess.run([sys.executable, "-c", _HALF, str(tmp_path), moment], check=False)

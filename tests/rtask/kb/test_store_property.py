@@ -69,6 +69,7 @@ def _quad(rng: random.Random) -> ox.Quad:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_disk", [True, False])
 def test_patterns_yield_what_a_set_yields(tmp_path: Path, on_disk: bool) -> None:
     rng = random.Random(3)

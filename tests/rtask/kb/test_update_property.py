@@ -124,6 +124,7 @@ def _union_is_exact(kb: KnowledgeBase) -> bool:
     return sorted(named) == sorted(union)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [None, UpdateLimits(60.0)], ids=["in-process", "in-reader"])
 @pytest.mark.parametrize("seed", range(6))
 def test_the_default_graph_stays_the_exact_union_of_all_graphs(

@@ -81,6 +81,7 @@ def test_a_change_reaches_the_node_that_points_at_it() -> None:
         assert "<urn:posture>" in {one.focus for one in commit.warnings if one.value}
 
 
+@pytest.mark.slow
 def test_warnings_come_with_the_commit_and_the_whole_is_validated_on_demand() -> None:
     with rtask.open(":memory:", validate="warn") as kb:
         commit = _update(kb, "INSERT DATA { <urn:cup> a rt:Mug }")

@@ -174,6 +174,7 @@ def test_progress_tells_bytes_of_the_file(tmp_path: Path, kb: KnowledgeBase) -> 
     assert all(0 <= read <= size for _, read, _ in told)
 
 
+@pytest.mark.slow
 def test_all_real_ontologies_load(ontologies_dir: Path) -> None:
     with rtask.open(":memory:", ontologies=False, reason=False) as kb:
         report = kb.load(ontologies_dir, missing_imports="ignore")

@@ -371,6 +371,7 @@ def test_plain_stores_load_into_the_default_graph(tmp_path: Path) -> None:
         assert isinstance(quad.object, BlankNode)
 
 
+@pytest.mark.slow
 def test_real_ontologies_in_many_syntaxes_load(ontologies_dir: Path) -> None:
     with rtask.open(":memory:", ontologies=False, reason=False) as kb:
         for name in ("soma/SOMA-OBJ.owl", "w3c/time.jsonld", "w3c/ssn.ttl", "cora/corax.owl"):

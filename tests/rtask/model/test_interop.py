@@ -12,6 +12,8 @@ import ontology
 from rtask.errors import ForbiddenError
 from rtask.knowledge_base import KnowledgeBase
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 RT = rdflib.Namespace(ontology.NS)
 
 

@@ -17,6 +17,8 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, LazyLoadError
 from rtask.model.dynamic import Vocabulary
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 ODD = r"""
 @prefix : <http://example.org/odd#> .
 @prefix x: <http://example.org/other#> .

@@ -16,6 +16,8 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, Session, avg, count, maximum, total
 from rtask.model import compile as compiled
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 G = RTASK.GraspConfiguration
 THING = RTASK.ManipulableObject
 

@@ -17,6 +17,8 @@ from rtask.model.generate import generate_rtask
 from rtask.model.instance import required
 from rtask.model.schema import read_schema
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 SHOP = """
 @prefix : <http://example.org/shop#> .
 @prefix owl: <http://www.w3.org/2002/07/owl#> .

@@ -13,6 +13,8 @@ from rtask.errors import UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, OwnershipError, Session, avg, count, maximum
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 G = RTASK.GraspConfiguration
 THING = RTASK.ManipulableObject
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from simulate.fleet.request import Request, carry_out
 
 
+@pytest.mark.slow
 def test_of_a_ball_and_a_bottle_the_bottle_is_to_drink_from() -> None:
     done = carry_out(Request("something to drink from", seed=3, objects=2, preset="fast"))
     assert len(done["seen"]) == 2

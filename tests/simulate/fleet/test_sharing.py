@@ -47,6 +47,7 @@ class _Notes:
         return [_met(name, 1) for name in self.job.tables[number]]
 
 
+@pytest.mark.slow
 def test_one_after_the_other_in_one_graph_then_each_in_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

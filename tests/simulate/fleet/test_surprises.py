@@ -43,6 +43,7 @@ def _clear(body: SimulatedBody, meddle: Meddle) -> list[Encounter]:
         return Agent(body, cast(Server, client), AgentConfig(max_attempts=3)).clear_table()
 
 
+@pytest.mark.slow
 def test_an_object_that_is_moved_is_missed_looked_for_and_taken_where_it_is(
     body: SimulatedBody,
 ) -> None:
@@ -59,6 +60,7 @@ def test_an_object_that_is_moved_is_missed_looked_for_and_taken_where_it_is(
     assert any(attempt.reason != "missed" for attempt in met.attempts[1:])
 
 
+@pytest.mark.slow
 def test_an_object_that_is_taken_away_is_missed_once_and_not_waited_for(
     body: SimulatedBody,
 ) -> None:

@@ -126,6 +126,7 @@ def test_every_object_comes_late_as_often_as_early_so_a_hard_one_does_not_look_l
     assert json.dumps(once, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> None:
     quick = [one for one in LEARNERS if one.name in ("bandit, graph only", "bandit, neither")]
     summary, curves = summarise_learning(_world(24), range(100, 120), quick)
@@ -143,6 +144,7 @@ def test_the_second_half_less_the_first_has_an_interval_over_the_objects() -> No
     assert {len(row) for row in learning_rows(summary)} == {len(COLUMNS)}
 
 
+@pytest.mark.slow
 def test_the_report_has_figures_and_a_chart_for_each_kind_of_grasp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from simulate.grasping.record import UNREACHABLE, phase_of
 from simulate.study.grasping import grasping_trial
 from simulate.study.grasping_report import (
@@ -20,6 +22,7 @@ from simulate.study.learning_report import outcome_study
 from simulate.study.outcomes import outcome_trial
 
 
+@pytest.mark.slow
 def test_a_trial_is_the_same_in_any_process_and_the_command_prints_nothing_but_figures(
     tmp_path: Path,
 ) -> None:
@@ -36,6 +39,7 @@ def test_a_trial_is_the_same_in_any_process_and_the_command_prints_nothing_but_f
     assert kept["tries"] >= 1
 
 
+@pytest.mark.slow
 def test_every_grasp_of_an_object_has_its_outcome_from_the_same_start() -> None:
     study = outcome_study(1, 3, proposed=2, blind=1, preset="fast")
     result = outcome_trial(study.settings, 1)

@@ -62,6 +62,7 @@ def _study(trials: int, seed: int = 1, **settings: Any) -> Study:
     return Study("numbers", "test_runner:draw", {"seed": seed, **settings}, trials)
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_how_many_processes_there_are(tmp_path: Path) -> None:
     one = run(_study(5), tmp_path / "one", 1, progress=io.StringIO())
     three = run(_study(5), tmp_path / "three", 3, progress=io.StringIO())
@@ -69,6 +70,7 @@ def test_results_do_not_depend_on_how_many_processes_there_are(tmp_path: Path) -
     assert len({result["value"] for result in one}) == 5
 
 
+@pytest.mark.slow
 def test_going_on_does_only_what_is_missing_and_ends_alike(tmp_path: Path) -> None:
     run(_study(2), tmp_path / "a", 1, progress=io.StringIO())
     with (tmp_path / "a" / "journal.jsonl").open("a") as file:
@@ -82,6 +84,7 @@ def test_going_on_does_only_what_is_missing_and_ends_alike(tmp_path: Path) -> No
     assert sorted(json.loads(line)["trial"] for line in lines[1:]) == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_another_seed_or_setting_is_refused_by_name_and_nothing_changes(tmp_path: Path) -> None:
     run(_study(1), tmp_path, 1, progress=io.StringIO())
     before = (tmp_path / "journal.jsonl").read_bytes()
@@ -102,6 +105,7 @@ def test_a_file_that_is_no_journal_is_left_alone(tmp_path: Path) -> None:
     assert path.read_text() == "years of work\n"
 
 
+@pytest.mark.slow
 def test_a_trial_that_kills_its_process_or_raises_is_named_and_the_others_are_kept(
     tmp_path: Path,
 ) -> None:
@@ -115,6 +119,7 @@ def test_a_trial_that_kills_its_process_or_raises_is_named_and_the_others_are_ke
     assert [result["value"] for result in again] == [0, 1, 2, 3, 4]
 
 
+@pytest.mark.slow
 def test_killed_outright_it_leaves_no_process_and_goes_on_later(tmp_path: Path) -> None:
     program = (
         "import sys; from pathlib import Path; \n"
