@@ -201,7 +201,9 @@ class _Runner:
         removed: list[Quad] = []
         added: list[Quad] = []
         for solution in self._solutions(operation, names):
-            removed += self.meter.quads(templates.fill(delete, solution, home, fresh=False))
+            removed += self.meter.quads(
+                templates.fill(delete, solution, home, fresh=False), stored=True
+            )
             added += self.meter.quads(templates.fill(insert, solution, home, fresh=True))
         for quad in removed:
             self.overlay.remove(stored_quad(quad))
@@ -321,7 +323,7 @@ class _Runner:
         quads = list(self.overlay.quads(source))
         if operation.kind != "ADD":
             self.overlay.clear(target, drop=False)
-        for quad in self.meter.quads(quads):
+        for quad in self.meter.quads(quads, stored=True):
             self.overlay.add(Quad(quad.subject, quad.predicate, quad.object, target))
         self.overlay.create(target)
         if operation.kind == "MOVE":

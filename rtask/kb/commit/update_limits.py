@@ -57,15 +57,23 @@ class Meter:
                 raise _beyond("solutions", limits.solutions, "solutions of one WHERE")
             yield row
 
-    def quads(self, quads: Iterable[Quad]) -> Iterator[Quad]:
-        """Yield statements, up to the limits of number and length."""
+    def quads(self, quads: Iterable[Quad], stored: bool = False) -> Iterator[Quad]:
+        """Yield statements, up to the limits of number and length.
+
+        Parameters
+        ----------
+        quads
+            Statements that are added or removed.
+        stored
+            Whether they are in the store already: a long literal may be removed or copied.
+        """
         limits = self._limits
         if limits is None:
             yield from quads
             return
         for quad in quads:
             size = _characters(quad.object)
-            if size > limits.literal_bytes:
+            if size > limits.literal_bytes and not stored:
                 raise _beyond("literal", limits.literal_bytes, "characters in one literal")
             self._statements += 1
             self._bytes += size + _QUAD_BYTES

@@ -84,6 +84,15 @@ def test_too_many_statements_solutions_or_bytes_are_refused_by_name(kb: Knowledg
     assert kb.update(text, limits=UpdateLimits(30.0, statements=2_000)).added == 2_000
 
 
+def test_a_literal_beyond_the_limit_that_is_stored_may_be_copied_and_removed(
+    kb: KnowledgeBase,
+) -> None:
+    limits = UpdateLimits(30.0, literal_bytes=5)
+    copied = kb.update(f"COPY {kb.graphs.shared} TO <urn:copy>", limits=limits)
+    assert copied.added == 2
+    assert kb.update("DELETE WHERE { GRAPH <urn:copy> { ?s ?p ?o } }", limits=limits).removed == 2
+
+
 def test_a_reader_that_evaluated_an_update_answers_as_if_it_had_not(kb: KnowledgeBase) -> None:
     small = "INSERT { GRAPH <urn:fresh> { ?s <urn:seen> true } } WHERE { ?s <urn:p>|<urn:q> ?o }"
     with pytest.raises(ForbiddenError):
