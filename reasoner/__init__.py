@@ -7,7 +7,7 @@ from reasoner.entail import Entailment, entails
 from reasoner.fixpoint.delta import ClosureTooLargeError
 from reasoner.proofs import Proof
 from reasoner.rules.strata import StratificationError
-from reasoner.rules.user_rules import RuleError
+from reasoner.rules.user_rules import LabelledRule, RuleError
 from reasoner.shacl import ShaclReport, validate
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "Contradiction",
     "Entailment",
     "InconsistentError",
+    "LabelledRule",
     "ProfileViolation",
     "Proof",
     "RuleError",

@@ -14,6 +14,7 @@ from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
 from reasoner.proofs import GraphsOf, Proof
 from reasoner.reading import Reading, differences
+from reasoner.rules.user_rules import LabelledRule
 from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact, Term, Triple
 from reasoner.terms.digest import Digest, digest_of
@@ -74,9 +75,12 @@ class Staged:
         What the change newly contradicts.
     """
 
-    def __init__(self, closure: Closure, draft: Draft) -> None:
+    def __init__(
+        self, closure: Closure, draft: Draft, rules: tuple[str | LabelledRule, ...]
+    ) -> None:
         self._closure = closure
         self._draft: Draft | None = draft
+        self._rules = rules
         self._version = closure._version
         decode = closure._terms.decode_fact
         added, removed = closure._difference(draft)
@@ -99,6 +103,7 @@ class Staged:
         if self._version != self._closure._version:
             raise RuntimeError("another change was applied since this one was staged")
         self._draft.apply_to(self._closure._state)
+        self._closure._rules = self._rules
         self._closure._version += 1
         self._draft = None
 
@@ -125,7 +130,9 @@ class Closure:
     True
     """
 
-    def __init__(self, rules: Iterable[str] = (), config: Config | None = None) -> None:
+    def __init__(
+        self, rules: Iterable[str | LabelledRule] = (), config: Config | None = None
+    ) -> None:
         self._config = config or Config()
         self._rules = tuple(rules)
         self._terms = Dictionary()
@@ -139,7 +146,7 @@ class Closure:
         cls,
         schema: Iterable[Triple],
         data: Iterable[Triple],
-        rules: Iterable[str] = (),
+        rules: Iterable[str | LabelledRule] = (),
         config: Config | None = None,
     ) -> Closure:
         """Derive all that follows.
@@ -148,7 +155,7 @@ class Closure:
         ----------
         schema, data : iterable of Triple
             Asserted triples; which of them are schema is seen from their predicates.
-        rules : iterable of str
+        rules : iterable of str or LabelledRule
             SPARQL CONSTRUCT texts.
         config : Config, optional
 
@@ -162,10 +169,15 @@ class Closure:
         closure = cls(rules, config)
         facts = frozenset(closure._encode(schema)) | frozenset(closure._encode(data))
         asserted = Asserted(closure._state.asserted, facts)
-        closure._maintainer(len(facts)).rebuild(asserted).apply_to(closure._state)
+        closure._maintainer(len(facts), closure._rules).rebuild(asserted).apply_to(closure._state)
         return closure
 
-    def stage(self, add: Iterable[Triple] = (), remove: Iterable[Triple] = ()) -> Staged:
+    def stage(
+        self,
+        add: Iterable[Triple] = (),
+        remove: Iterable[Triple] = (),
+        rules: Iterable[str | LabelledRule] | None = None,
+    ) -> Staged:
         """Think a change of the asserted triples through; nothing visible changes yet.
 
         Parameters
@@ -173,9 +185,14 @@ class Closure:
         add, remove : iterable of Triple
             Triples that no graph asserted before, and those that none asserts any more. What is
             there already or was never there is ignored; what is in both is added.
+        rules : iterable of str or LabelledRule, optional
+            All rules of the user from now on. More rules are derived from what is known; when one
+            is gone, or triples change too, everything is derived anew.
 
         Raises
         ------
+        RuleError, StratificationError
+            If a rule cannot be used.
         InconsistentError
             If the change contradicts what is known and `Config.on_contradiction` is "reject".
         """
@@ -185,8 +202,10 @@ class Closure:
         changed = Asserted(
             asserted, frozenset(plus - asserted), frozenset((minus - plus) & asserted)
         )
-        maintainer = self._maintainer(len(asserted) + len(plus))
-        staged = Staged(self, maintainer.draft(self._state, changed))
+        former, now = self._rules, self._rules if rules is None else tuple(rules)
+        maintainer = self._maintainer(len(asserted) + len(plus), now)
+        draft = maintainer.draft(self._state, changed, former if now != former else None)
+        staged = Staged(self, draft, now)
         if staged.contradictions and self._config.on_contradiction == "reject":
             staged.discard()
             raise InconsistentError(staged.contradictions)
@@ -293,12 +312,12 @@ class Closure:
 
     # Inside.
 
-    def _maintainer(self, size: int) -> Maintainer:
+    def _maintainer(self, size: int, rules: tuple[str | LabelledRule, ...]) -> Maintainer:
         settings = Settings(
             max_facts=51 * size + self._config.max_inferred,
             bulk_from=self._config.bulk_from,
             keep_ill_typed=self._config.ill_typed == "keep",
-            user_rules=self._rules,
+            user_rules=rules,
         )
         return Maintainer(self._terms, settings)
 

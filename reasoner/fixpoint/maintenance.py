@@ -26,7 +26,7 @@ from reasoner.rules.compile import compile_lists, compile_schema
 from reasoner.rules.rule import Rule, solve
 from reasoner.rules.schema import CLOSING_RULES, SchemaProblem
 from reasoner.rules.strata import Program, Stratum
-from reasoner.rules.user_rules import compile_rule
+from reasoner.rules.user_rules import LabelledRule, compile_rule
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import SAME, is_schema
 
@@ -52,7 +52,7 @@ class Settings:
     max_facts: int
     bulk_from: int
     keep_ill_typed: bool
-    user_rules: tuple[str, ...]
+    user_rules: tuple[str | LabelledRule, ...]
 
 
 @dataclass
@@ -103,15 +103,28 @@ class Maintainer:
         self.terms = terms
         self.settings = settings
 
-    def draft(self, state: State, asserted: Asserted) -> Draft:
-        """Return the state after a change of what is asserted; the state itself stays."""
+    def draft(
+        self,
+        state: State,
+        asserted: Asserted,
+        former_rules: tuple[str | LabelledRule, ...] | None = None,
+    ) -> Draft:
+        """Return the state after a change of what is asserted; the state itself stays.
+
+        Parameters
+        ----------
+        former_rules : tuple, optional
+            The users' rules behind the state, where the settings hold others.
+        """
         size = len(asserted.added) + len(asserted.removed)
+        if former_rules is not None and (size or set(former_rules) - set(self.settings.user_rules)):
+            return self.rebuild(asserted)
         if size >= self.settings.bulk_from and size * BULK_RATIO > len(state.asserted):
             return self.rebuild(asserted)
         try:
             if any(is_schema(p, o) for _, p, o in asserted.removed):
                 raise CannotRetractError("schema is retracted")
-            return _Revision(self, state, asserted).run()
+            return _Revision(self, state, asserted).run(former_rules is not None)
         except CannotRetractError as reason:
             log.info("deriving all anew: %s", reason)
             return self.rebuild(asserted)
@@ -265,12 +278,12 @@ class _Revision:
         self.come_back: dict[int, list[Fact]] = defaultdict(list)
         self.was_split = False
 
-    def run(self) -> Draft:
+    def run(self, has_new_rules: bool = False) -> Draft:
         level, new_rules = 0, frozenset[Rule]()
         while level < len(self.draft.program.strata):
             self.retract(level)
             self.insert(level, new_rules)
-            if level == 0 and self.derivation.schema_changed:
+            if level == 0 and (has_new_rules or self.derivation.schema_changed):
                 new_rules = self.grow()
             level += 1
         self.check(new_rules)

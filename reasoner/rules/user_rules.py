@@ -45,13 +45,36 @@ class RuleError(ValueError):
 
     Attributes
     ----------
-    line : int or None
+    reason : str
+        What is wrong and what to do, without the position.
+    line, column : int or None
         Where in the text, counted from 1.
     """
 
-    def __init__(self, message: str, line: int | None = None) -> None:
-        super().__init__(message if line is None else f"line {line}: {message}")
+    def __init__(self, reason: str, line: int | None = None, column: int | None = None) -> None:
+        place = "" if line is None else f"line {line}"
+        if line is not None and column is not None:
+            place += f", column {column}"
+        super().__init__(f"{place}: {reason}" if place else reason)
+        self.reason = reason
         self.line = line
+        self.column = column
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledRule:
+    """A rule's text under the label by which proofs name it.
+
+    Attributes
+    ----------
+    text : str
+        SPARQL CONSTRUCT query.
+    label : str
+        Without one, proofs name the rule after what it derives.
+    """
+
+    text: str
+    label: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,12 +108,12 @@ class _Scope:
         return _Scope(self.all_names, dict(self.numbers))
 
 
-def compile_rule(text: str, encode: Encode) -> list[Rule]:
+def compile_rule(rule: str | LabelledRule, encode: Encode) -> list[Rule]:
     """Compile a CONSTRUCT text.
 
     Parameters
     ----------
-    text : str
+    rule : str or LabelledRule
         SPARQL 1.1 CONSTRUCT query.
     encode : callable
         Returns the id of a term.
@@ -105,10 +128,11 @@ def compile_rule(text: str, encode: Encode) -> list[Rule]:
     RuleError
         If the text does not parse or says more than a rule can.
     """
-    algebra = _parse(text)
+    given = LabelledRule(rule) if isinstance(rule, str) else rule
+    algebra = _parse(given.text)
     if algebra.name != "ConstructQuery":
         raise RuleError("a rule is a CONSTRUCT query", 1)
-    return list(_Translator(text, encode).rules(algebra))
+    return list(_Translator(given, encode).rules(algebra))
 
 
 @lru_cache(maxsize=256)
@@ -121,14 +145,15 @@ def _parse(text: str) -> Any:
     try:
         return translateQuery(parseQuery(text)).algebra
     except ParseBaseException as error:
-        raise RuleError(f"not a SPARQL query: {error.msg}", error.lineno) from error
+        raise RuleError(f"not a SPARQL query: {error.msg}", error.lineno, error.column) from error
     except Exception as error:
         raise RuleError(f"not a SPARQL query: {error}") from error
 
 
 class _Translator:
-    def __init__(self, text: str, encode: Encode) -> None:
-        self.text = text
+    def __init__(self, rule: LabelledRule, encode: Encode) -> None:
+        self.text = rule.text
+        self.label = rule.label
         self.encode = encode
         self.names: list[str] = []
 
@@ -137,7 +162,7 @@ class _Translator:
         branches = self.pattern(algebra.p, scope)
         template = algebra.template or []
         if not template:
-            raise RuleError("the template is empty", self.line("CONSTRUCT"))
+            raise RuleError("the template is empty", *self.place("CONSTRUCT"))
         for branch, (s, p, o) in itertools.product(branches, template):
             head = Atom(self.head(s, scope), self.predicate(p), self.head(o, scope))
             known = {v for atom in branch.atoms for v in atom.variables}
@@ -145,21 +170,20 @@ class _Translator:
             if not head.variables <= known:
                 continue  # SPARQL leaves out template triples with an unbound variable
             local_name = re.split(r"[#/:]", str(o if head.p == TYPE else p))[-1]
-            rule = Rule(
-                f"rule:{local_name}", branch.atoms, head, (), branch.conditions, tuple(self.names)
-            )
+            name = f"rule:{self.label or local_name}"
+            rule = Rule(name, branch.atoms, head, (), branch.conditions, tuple(self.names))
             self.check_termination(rule)
             yield rule
 
     def check_termination(self, rule: Rule) -> None:
         assert rule.head is not None
         if not rule.body:
-            raise RuleError("the pattern has no triples", self.line("WHERE"))
+            raise RuleError("the pattern has no triples", *self.place("WHERE"))
         minted = {v for c in rule.conditions if isinstance(c, Assign) for v in c.gives}
         if minted & rule.head.variables and any(a.key == rule.head.key for a in rule.body):
             raise RuleError(
                 "the rule makes new values from its own results and would not end",
-                self.line("BIND"),
+                *self.place("BIND"),
             )
 
     # Patterns.
@@ -188,7 +212,7 @@ class _Translator:
             return self.minus(node, scope)
         what, instead = _REFUSED.get(name, (name, "rephrase the rule"))
         raise RuleError(
-            f"{what} cannot be used in a rule; {instead}", self.line(_KEYWORDS.get(name))
+            f"{what} cannot be used in a rule; {instead}", *self.place(_KEYWORDS.get(name))
         )
 
     def filter(self, part: Any, branches: list[_Branch], scope: _Scope) -> list[_Branch]:
@@ -246,9 +270,9 @@ class _Translator:
         if isinstance(p, paths.MulPath):
             raise RuleError(
                 "paths with * + ? cannot be used in a rule; declare the property transitive",
-                self.line(r"[\w)>][*+?]"),
+                *self.place(r"[\w)>][*+?]"),
             )
-        raise RuleError("a predicate must be an IRI or a path of IRIs", self.line("WHERE"))
+        raise RuleError("a predicate must be an IRI or a path of IRIs", *self.place("WHERE"))
 
     # Terms and expressions.
 
@@ -256,7 +280,7 @@ class _Translator:
         from rdflib import URIRef
 
         if not isinstance(p, URIRef):
-            raise RuleError("a predicate must be an IRI; write one rule per predicate", None)
+            raise RuleError("a predicate must be an IRI; write one rule per predicate")
         return self.encode(NamedNode(str(p)))
 
     def head(self, node: Any, scope: _Scope) -> int:
@@ -301,7 +325,7 @@ class _Translator:
             result = self.expression(node.expr, scope)
             for operator, other in zip(node.op, node.other, strict=True):
                 if operator == "/":
-                    raise RuleError("division cannot be used in a rule", self.line("/"))
+                    raise RuleError("division cannot be used in a rule", *self.place("/"))
                 result = Operation(str(operator), (result, self.expression(other, scope)))
             return result
         if name == "UnaryNot":
@@ -316,18 +340,19 @@ class _Translator:
         raise RuleError(
             f"{function} cannot be used in a rule; allowed are comparisons, && || ! IN, + - *, "
             "ABS, STR, DATATYPE, IF and NOT EXISTS as a whole filter",
-            self.line(function),
+            *self.place(function),
         )
 
-    def line(self, pattern: str | None) -> int | None:
-        """Return the line of the first match of a keyword, outside comments."""
+    def place(self, pattern: str | None) -> tuple[int, int] | tuple[None, None]:
+        """Return line and column of the first match of a keyword, outside IRIs and comments."""
         if pattern is None:
-            return None
+            return None, None
         for number, line in enumerate(self.text.splitlines(), 1):
-            code = re.sub(r"#.*", "", re.sub(r"<[^>]*>", "<>", line))
-            if re.search(pattern, code, re.IGNORECASE):
-                return number
-        return None
+            code = re.sub(r"<[^>]*>", lambda iri: "<" + " " * (len(iri[0]) - 2) + ">", line)
+            found = re.search(pattern, re.sub(r"#.*", "", code), re.IGNORECASE)
+            if found:
+                return number, found.start() + 1
+        return None, None
 
 
 def _conjuncts(expression: Any) -> Iterator[Any]:

@@ -103,3 +103,29 @@ def test_every_stage_equals_a_rebuild_with_rules_that_negate(size):
         run_script(*world, script, RULES)
 
     check()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
+def test_changing_the_rules_equals_a_rebuild(size):
+    chosen = st.lists(st.sampled_from(RULES), unique=True, max_size=4)
+
+    @MANY
+    @given(size.worlds(), st.lists(chosen, min_size=1, max_size=4), st.data())
+    def check(world, steps, data):
+        schema, facts = world
+        closure = Closure.build(schema, facts, data.draw(chosen))
+        asserted = {*schema, *facts}
+        for rules in steps:
+            add = set(data.draw(st.lists(size.facts(), max_size=2)))
+            before = set(closure.inferred())
+            staged = closure.stage(rules=rules)
+            assert set(closure.inferred()) == before
+            staged.apply()
+            closure.stage(add=add).apply()  # the rules stay in force
+            asserted |= add
+            fresh = Closure.build(asserted, [], rules, IN_BULK)
+            assert set(closure.inferred()) == set(fresh.inferred())
+            assert clashes(closure) == clashes(fresh)
+
+    check()

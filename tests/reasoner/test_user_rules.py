@@ -9,7 +9,7 @@ from naive import consequences
 from ttl import triple, triples
 from worlds import NARROW
 
-from reasoner import Closure, RuleError, StratificationError
+from reasoner import Closure, LabelledRule, RuleError, StratificationError
 
 PREFIX = "PREFIX : <urn:t:> PREFIX xsd: <http://www.w3.org/2001/XMLSchema#>\n"
 
@@ -171,3 +171,37 @@ def test_rules_derive_what_sparql_constructs_from_the_closure(world):
         return {t for t in found if t[1].value.removeprefix("urn:t:") in heads}
 
     assert own(closure.match()) == own(expected)
+
+
+def test_a_proof_names_a_rule_by_its_label():
+    rule = LabelledRule(PREFIX + "CONSTRUCT { ?a :out ?b } WHERE { ?a :p ?b }", "what p leads to")
+    closure = Closure.build([], triples(":a :p :b ."), [rule])
+    proof = closure.explain(triple(":a :out :b"))
+    assert proof is not None
+    assert proof.rule == "rule:what p leads to"
+
+
+def test_a_rule_with_negation_that_comes_later_withdraws_nothing_and_sees_what_was_derived():
+    old = PREFIX + "CONSTRUCT { ?a :q ?b } WHERE { ?a :p ?b }"
+    new = PREFIX + "CONSTRUCT { ?a :r ?b } WHERE { ?b :p ?a FILTER NOT EXISTS { ?a :q ?x } }"
+    closure = Closure.build([], triples(":a :p :b . :b :p :c ."), [old])
+    staged = closure.stage(rules=[old, new])
+    assert staged.inferred_added == [triple(":c :r :b")]
+    assert staged.inferred_removed == []
+    staged.apply()
+    assert closure.stage(rules=[new]).inferred_removed == triples(":a :q :b . :b :q :c .")
+
+
+def test_a_rule_that_cannot_be_used_changes_nothing():
+    closure = Closure.build([], triples(":a :p :b ."))
+    with pytest.raises(RuleError):
+        closure.stage(rules=[PREFIX + "CONSTRUCT { ?a :q ?b } WHERE { ?a :p* ?b }"])
+    assert list(closure.inferred()) == []
+    assert closure.stage(add=[triple(":b :p :c")]).inferred_added == []
+
+
+def test_an_error_tells_line_and_column():
+    prefix, head = "PREFIX : <urn:t:OPTIONAL>\n", "CONSTRUCT { ?a :q ?b }\n"
+    text = prefix + head + "WHERE { ?a :p ?b OPTIONAL { ?b :p ?c } }"
+    with pytest.raises(RuleError, match="line 3, column 18: OPTIONAL cannot be used"):
+        Closure.build([], [], [text])
