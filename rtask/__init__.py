@@ -11,7 +11,6 @@ Importing this package loads nothing heavy; what is not used is not imported.
 
 from __future__ import annotations
 
-import importlib.metadata
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from rtask import errors, shadowing
@@ -27,7 +26,7 @@ __all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
 
 shadowing.check_packages()
 
-__version__ = importlib.metadata.version("rtask-kg")
+__version__: str  # read on first use: the processes that answer queries import this file, too
 
 
 @overload
@@ -61,6 +60,11 @@ def connect(target: Any, **options: Any) -> Client:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        import importlib.metadata
+
+        globals()[name] = importlib.metadata.version("rtask-kg")
+        return globals()[name]
     if name == "KnowledgeBase":
         from rtask.knowledge_base import KnowledgeBase
 

@@ -1,8 +1,9 @@
 """Answers to queries, streamed from the reader processes of the knowledge base.
 
 A reader is a process that is killed at the query's deadline, when its client leaves, or when
-somebody stops the query. Two readers are reserved for quick queries, so that a robot's look-up
-never waits for a long report.
+somebody stops the query. Some readers are reserved for quick queries
+(:class:`rtask.kb.readers.request.ReaderLimits`), so that a robot's look-up never waits for a long
+report.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ GRACE_S = 5.0
 QUICK_S = 1.0  # until a query that looks quick has answered, or its answer has turned out long
 MAX_QUICK_BYTES = 256 << 10
 _FILE_PIECE = 256 << 10
-POINT_READERS = 2
 LAST_PIECE = 8 << 10  # a reader's first piece is smaller only if it is all there is
 # XML 1.0 has no way to write these; the store writes them raw.
 _CONTROL = bytes(code for code in range(32) if code not in (9, 10, 13))
@@ -86,7 +86,7 @@ class Answers:
     def __init__(self, kb: KnowledgeBase, config: Config) -> None:
         self._kb = kb
         self._config = config
-        self._slow = threading.BoundedSemaphore(max(1, kb.readers.limits.count - POINT_READERS))
+        self._slow = threading.BoundedSemaphore(kb.readers.limits.long)
 
     def open(self, question: Question, *, point: bool) -> Response:
         """Open an answer; its first piece is available on return.

@@ -20,22 +20,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyoxigraph as ox
-from pyoxigraph import NamedNode, Quad, RdfFormat
+from pyoxigraph import NamedNode, RdfFormat
 
 from rtask.errors import ClosedError
-from rtask.kb.commit.apply import Writes
 from rtask.kb.readers import main as reader_main
-from rtask.kb.readers.main import Incoming, encode_commit, message
+from rtask.kb.readers.frames import CommitFrame, DumpSink
+from rtask.kb.readers.messages import Incoming, message
 from rtask.kb.store.graph_store import GraphStore
 
 if TYPE_CHECKING:
     import subprocess
 
-__all__ = ["CommitFrame", "KeeperProcess", "ReaderGone", "ReaderProcess"]
+__all__ = ["KeeperProcess", "ReaderGone", "ReaderProcess"]
 
 _log = logging.getLogger(__name__)
 _PIPE_BYTES = 1 << 20
-_DUMP_PIECE = 256 << 10
 _SEND_TIMEOUT_S = 30.0
 _COALESCE_S = 0.005
 _FEW = 64
@@ -53,41 +52,6 @@ runpy.run_path(script, None, "__main__")
 
 class ReaderGone(Exception):
     """A reader ended before its answer did."""
-
-
-class CommitFrame:
-    """A commit for the replicas; encoded once, when it is first sent."""
-
-    __slots__ = ("_data", "_writes", "weight")
-
-    def __init__(self, writes: Writes) -> None:
-        self._writes: Writes | None = writes
-        self._data = b""
-        self.weight = 256 * (1 + len(writes.added) + len(writes.removed))
-
-    def encode(self) -> bytes:
-        """Return the message."""
-        writes = self._writes
-        if writes is not None:
-            names = [
-                [graph.value for graph in graphs if isinstance(graph, NamedNode)]
-                for graphs in (writes.created, writes.dropped)
-            ]
-            payload = encode_commit(_n_quads(writes.removed), _n_quads(writes.added), *names)
-            self._data, self._writes = message(b"F", payload), None
-        return self._data
-
-
-def _n_quads(quads: Any) -> bytes:
-    if not quads:
-        return b""
-    text = ox.serialize(_quads(quads), format=RdfFormat.N_QUADS)
-    assert text is not None
-    return text
-
-
-def _quads(quads: Any) -> list[Quad]:
-    return quads if isinstance(quads, list) else list(quads)
 
 
 class ReaderProcess:
@@ -210,27 +174,6 @@ class ReaderProcess:
                 os.close(self._pid_handle)
 
 
-class _DumpSink:
-    """File-like writer that sends a dump of the store to the keeper as ``D`` messages."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-        self._parts: list[bytes] = []
-        self._size = 0
-
-    def write(self, data: bytes) -> int:
-        self._parts.append(data)
-        self._size += len(data)
-        if self._size >= _DUMP_PIECE:
-            self.flush()
-        return len(data)
-
-    def flush(self) -> None:
-        if self._parts:
-            self._connection.sendall(message(b"D", b"".join(self._parts)))
-        self._parts, self._size = [], 0
-
-
 class KeeperProcess:
     """Handle of the process that forks readers.
 
@@ -341,7 +284,7 @@ class KeeperProcess:
         # in order leads to the same state.
         graphs = [g.value for g in store.named_graphs() if isinstance(g, NamedNode)]
         self._connection.sendall(message(b"L", json.dumps(graphs).encode()))
-        sink: Any = _DumpSink(self._connection)
+        sink: Any = DumpSink(self._connection)
         store.raw.dump(sink, RdfFormat.N_QUADS)
         sink.flush()
         self._connection.sendall(message(b"D"))

@@ -78,3 +78,8 @@ class ReaderLimits:
     queue: int = 64
     memory_bytes: int = 2 << 30
     replica_max: int = 1_000_000
+
+    @property
+    def long(self) -> int:
+        """How many queries that are not quick run at a time."""
+        return max(1, self.count - self.reserved)

@@ -26,7 +26,7 @@ from rtask.errors import (
     UsageError,
 )
 from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
-from rtask.kb.readers.main import HEADER
+from rtask.kb.readers.messages import HEADER
 from rtask.sparql.syntax import syntax_error
 
 __all__ = ["Deadlines", "ReaderStream", "Stream", "WholeStream"]

@@ -12,15 +12,13 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
-import pyoxigraph as ox
-from pyoxigraph import NamedNode, RdfFormat
-
 from rtask.errors import BusyError, QueryTimeout
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.delta import UpdateDataset
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.commit.writer import Writer
+from rtask.kb.readers.messages import decode_change
 from rtask.kb.readers.pool import Readers
 from rtask.kb.store.overlay import Overlay
 from rtask.sparql.update_outline import read_update
@@ -157,14 +155,12 @@ def _change(
 
 def _fill(overlay: Overlay, change: bytes) -> None:
     """Copy a change computed by a reader into an overlay of the same state."""
-    line, _, body = change.partition(b"\n")
-    head = json.loads(line)
-    cut = head["removed"]
-    for graph in head["dropped"]:
-        overlay.dropped[NamedNode(graph)] = None
-    for quad in ox.parse(body[:cut], format=RdfFormat.N_QUADS):
+    received = decode_change(change)
+    for graph in received.dropped:
+        overlay.dropped[graph] = None
+    for quad in received.removed:
         overlay.remove(quad)
-    for quad in ox.parse(body[cut:], format=RdfFormat.N_QUADS):
+    for quad in received.added:
         overlay.add(quad)
-    for graph in head["created"]:
-        overlay.create(NamedNode(graph))
+    for graph in received.created:
+        overlay.create(graph)

@@ -19,7 +19,7 @@ from rtask.errors import (
     QueryTooExpensive,
 )
 from rtask.kb.commit.update_limits import UpdateLimits
-from rtask.kb.readers.update_main import MAX_UNDONE
+from rtask.kb.readers.update_answering import MAX_UNDONE
 from rtask.knowledge_base import KnowledgeBase
 
 LIMITS = UpdateLimits(30.0)

@@ -1,0 +1,180 @@
+"""Evaluation of a query inside a reader process, and the answer that it sends through its pipe.
+
+This file is part of the keeper's script and needs only the standard library and pyoxigraph.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import pyoxigraph as ox
+
+from rtask.kb.readers.memory import resident_bytes
+from rtask.kb.readers.messages import HEADER, message
+
+__all__ = ["PIECES", "answer_query", "refuse", "send_all"]
+
+PIECES = (8 << 10, 32 << 10, 128 << 10, 256 << 10)
+_MIN_GZIP = 1 << 10
+_ANSWERS = ("application/sparql-results+json", "application/n-triples")
+
+
+class _LimitExceeded(Exception):
+    """A limit on the size of the answer was exceeded."""
+
+    def __init__(self, limit: str, value: int, allowed: int) -> None:
+        super().__init__(limit)
+        self.facts = {"limit": limit, "value": value, "allowed": allowed}
+
+
+class _Answer:
+    """File-like writer that sends an answer through a pipe in pieces of growing size.
+
+    A small first piece arrives early; large later pieces give throughput.
+    """
+
+    def __init__(self, pipe: int, question: dict[str, Any], facts: dict[str, Any]) -> None:
+        self._pipe = pipe
+        self._facts = facts
+        self._parts: list[bytes] = []
+        self._size = self._total = self._sent = 0
+        self._max_rows, self._max_bytes = question["rows"], question["bytes"]
+        self._mark, self._rows = b"", 0
+        if self._max_rows is not None:
+            self._mark, self._rows = _row_mark(facts["type"])
+        self._overlap = b""
+        self._packer: Any = None
+        self._wants_gzip = question["gzip"]
+        self.error: _LimitExceeded | None = None
+
+    def write(self, data: bytes) -> int:
+        self._parts.append(data)
+        self._size += len(data)
+        if self._size >= PIECES[min(self._sent, len(PIECES) - 1)]:
+            self._send(last=False)
+        return len(data)
+
+    def flush(self) -> None:
+        """Do nothing; pieces are sent when they are large enough."""
+
+    def finish(self) -> None:
+        """Send the remaining data and the end message."""
+        self._send(last=True)
+
+    def _send(self, last: bool) -> None:
+        data = b"".join(self._parts)
+        self._parts.clear()
+        self._size = 0
+        self._total += len(data)
+        self._check(data)
+        head = tail = b""
+        if self._sent == 0:
+            packed = self._wants_gzip and not (last and len(data) < _MIN_GZIP)
+            if packed:
+                self._packer = zlib.compressobj(1, zlib.DEFLATED, 31)
+            head = message(b"M", json.dumps({**self._facts, "gzip": packed}).encode())
+        if self._packer is not None:
+            data = self._packer.compress(data)
+            mode = zlib.Z_FINISH if last else zlib.Z_SYNC_FLUSH
+            if last or self._sent == 0:
+                data += self._packer.flush(mode)
+        self._sent += 1
+        if data:
+            head += HEADER.pack(b"C", len(data))
+        if last:
+            facts = {"bytes": self._total, "rss": resident_bytes()}
+            tail = message(b"E", json.dumps(facts).encode())
+        send_all(self._pipe, b"".join((head, data, tail)))
+
+    def _check(self, data: bytes) -> None:
+        if self._max_bytes is not None and self._total > self._max_bytes:
+            self.error = _LimitExceeded("bytes", self._total, self._max_bytes)
+        if self._mark:
+            seen = self._overlap + data
+            self._rows += seen.count(self._mark)
+            self._overlap = seen[len(seen) - len(self._mark) + 1 :] if len(self._mark) > 1 else b""
+            if self._rows > self._max_rows:
+                self.error = _LimitExceeded("rows", self._rows, self._max_rows)
+        if self.error is not None:
+            raise self.error
+
+
+def _row_mark(media_type: str) -> tuple[bytes, int]:
+    """Return the byte string that separates rows of a format, and the initial row count.
+
+    Rows are counted in the output; creating an object for each row would halve the throughput.
+    """
+    if media_type.endswith("results+json"):
+        return b'"}},{"', 1
+    if media_type.endswith("results+xml"):
+        return b"<result>", 0
+    return b"\n", -1 if media_type.endswith("values") or media_type == "text/csv" else 0
+
+
+def answer_query(store: ox.Store, question: dict[str, Any], pipe: int) -> None:
+    """Evaluate a query; send its answer or an error."""
+    answer: _Answer | None = None
+    try:
+        result: Any = store.query(question["text"], **_dataset(question))
+        facts, form = _form(result, question["type"])
+        answer = _Answer(pipe, question, facts)
+        sink: Any = answer
+        result.serialize(sink, form)
+        del result
+        answer.finish()
+    except BrokenPipeError:
+        raise
+    except MemoryError:
+        refuse(pipe, "memory", "")
+    except SyntaxError as error:
+        refuse(pipe, "syntax", str(error))
+    except LookupError as error:
+        refuse(pipe, "type", str(error.args[0]))
+    except Exception as error:  # noqa: BLE001 - whatever it is, the other side must know
+        over = answer.error if answer is not None else None
+        if over is not None:
+            refuse(pipe, "limit", str(over), **over.facts)
+        else:
+            refuse(pipe, "evaluation", str(error))
+
+
+def _dataset(question: dict[str, Any]) -> dict[str, Any]:
+    options: dict[str, Any] = {"base_iri": question["base"]}
+    if question["default"] is not None:
+        options["default_graph"] = [ox.NamedNode(name) for name in question["default"]]
+    if question["named"] is not None:
+        options["named_graphs"] = [ox.NamedNode(name) for name in question["named"]]
+    if question["union"]:
+        options["use_default_graph_as_union"] = True
+    return options
+
+
+def _form(result: Any, media_type: str | None) -> tuple[dict[str, Any], Any]:
+    """Return the kind and media type of the answer, and its serialization format."""
+    known: Callable[[str], Any]
+    if isinstance(result, ox.QueryTriples):
+        kind, known, own = "triples", ox.RdfFormat.from_media_type, _ANSWERS[1]
+    else:
+        kind = "boolean" if isinstance(result, ox.QueryBoolean) else "rows"
+        known, own = ox.QueryResultsFormat.from_media_type, _ANSWERS[0]
+    form = known(media_type or own)
+    if form is None:
+        carried = "triples" if kind == "triples" else "rows or a truth value"
+        raise LookupError(f"{media_type!r} cannot represent {carried}")
+    return {"kind": kind, "type": media_type or own}, form
+
+
+def refuse(pipe: int, reason: str, text: str, **facts: Any) -> None:
+    """Send an error instead of an answer."""
+    send_all(pipe, message(b"X", json.dumps({"reason": reason, "text": text, **facts}).encode()))
+
+
+def send_all(pipe: int, data: bytes) -> None:
+    """Write all of ``data``, waiting for the other side to read."""
+    view = memoryview(data)
+    while view:
+        view = view[os.write(pipe, view) :]

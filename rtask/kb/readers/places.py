@@ -1,0 +1,146 @@
+"""Admission of queries: places at the readers, the wait for one, and texts that are refused."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import threading
+import time
+from collections.abc import Callable
+
+from rtask.errors import BusyError, ClosedError, QueryTimeout, QueryTooExpensive
+from rtask.kb.readers.request import ReaderLimits
+
+__all__ = ["Places", "RefusedTexts", "require_time"]
+
+_REFUSE_S = 600.0
+
+
+class Places:
+    """Places for queries that run at a time, some of them reserved for quick ones.
+
+    Attributes
+    ----------
+    limits
+        How many there are; may be replaced at any time.
+    waiting
+        Number of queries that wait for a place.
+    """
+
+    def __init__(self) -> None:
+        self.limits = ReaderLimits()
+        self.waiting = 0
+        self._changed = threading.Condition()
+        self._taken = self._heavy = self._updating = 0
+        self._closed = False
+
+    def enter(
+        self, heavy: bool, at: float | None, timeout_s: float | None, update: bool = False
+    ) -> Callable[[], None]:
+        """Wait for a free place; return a function that releases it.
+
+        Parameters
+        ----------
+        heavy
+            Whether the reserved places are barred to it.
+        at, timeout_s
+            Deadline on the monotonic clock, and the time limit to report in the error.
+
+        Raises
+        ------
+        QueryTimeout
+            There was no place in time.
+        BusyError
+            Too many queries are waiting.
+        """
+        with self._changed:
+            if not self._is_room(heavy, update) and self.waiting >= self.limits.queue:
+                raise BusyError(f"too many queries are waiting ({self.waiting}); try again later")
+            self.waiting += 1
+            try:
+                while not self._is_room(heavy, update) and not self._closed:
+                    require_time(at, timeout_s)
+                    self._changed.wait(None if at is None else at - time.monotonic())
+            finally:
+                self.waiting -= 1
+            self._require_open()
+            return self._take(heavy, update)
+
+    def enter_now(self) -> Callable[[], None] | None:
+        """Take a place for a quick query; return a function that releases it, or none if full."""
+        with self._changed:
+            self._require_open()
+            return self._take(False, False) if self._is_room(False, False) else None
+
+    def _take(self, heavy: bool, update: bool) -> Callable[[], None]:
+        self._taken += 1
+        self._heavy += heavy
+        self._updating += update
+        return functools.partial(self._leave, heavy, update)
+
+    def _is_room(self, heavy: bool, update: bool) -> bool:
+        limits = self.limits
+        if update and self._updating >= limits.updates:
+            return False
+        if heavy and self._heavy >= limits.long:
+            return False
+        return self._taken < limits.count
+
+    def _leave(self, heavy: bool, update: bool) -> None:
+        with self._changed:
+            self._taken -= 1
+            self._heavy -= heavy
+            self._updating -= update
+            self._changed.notify_all()
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise ClosedError("the knowledge base is closed")
+
+    def close(self) -> None:
+        """Let nobody in; those that wait get a :class:`ClosedError`."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+
+class RefusedTexts:
+    """Texts that ended a reader lately; they are not tried again for ten minutes."""
+
+    def __init__(self) -> None:
+        self._reasons: dict[bytes, tuple[float, str]] = {}
+
+    def check(self, kind: bytes, text: str) -> None:
+        """Refuse a text that ended a reader lately.
+
+        Raises
+        ------
+        QueryTooExpensive
+            With the reason given then.
+        """
+        if not self._reasons:
+            return
+        key = _key(kind, text)
+        if key in self._reasons:
+            until, reason = self._reasons[key]
+            if time.monotonic() < until:
+                raise QueryTooExpensive(reason + "; the same text is refused for ten minutes")
+            del self._reasons[key]
+
+    def add(self, kind: bytes, text: str, reason: str) -> None:
+        """Refuse a text from now on."""
+        self._reasons[_key(kind, text)] = (time.monotonic() + _REFUSE_S, reason)
+
+
+def _key(kind: bytes, text: str) -> bytes:
+    return hashlib.sha256(kind + text.encode()).digest()
+
+
+def require_time(at: float | None, timeout_s: float | None) -> None:
+    """Raise :class:`QueryTimeout` if a deadline passed while waiting for a reader."""
+    if at is not None and time.monotonic() >= at:
+        raise QueryTimeout(
+            f"the query did not end within {timeout_s:g} s, all of it spent waiting for a reader; "
+            "try again later or allow more time",
+            timeout_s=timeout_s,
+        )

@@ -1,0 +1,24 @@
+"""Waiting for processes to be as expected."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process is there, a zombie included."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_until(condition: Callable[[], bool], within_s: float = 20.0) -> None:
+    """Wait for a condition, or fail."""
+    end = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.01)
