@@ -17,6 +17,7 @@ from endpoint.context import ServerContext
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.monitoring.metrics import CONTENT_TYPE
+from endpoint.served import embedded
 from rtask.errors import UnsupportedError
 
 _HISTORY = 200
@@ -69,7 +70,7 @@ class AdminRoutes:
 
         def run() -> Response:
             target = context.config.backups_of(context.kb.folder) / backup_name()
-            record = context.kb.backup(target)
+            record = embedded(context.kb, "a backup").backup(target)
             context.audit.event("backup", folder=str(target), by=caller.name, seq=record["seq"])
             members = {**record, "folder": str(target)}
             return Response(201, json.dumps(members).encode(), JSON_TYPE)

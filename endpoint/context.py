@@ -17,8 +17,8 @@ from endpoint.monitoring.metrics import Metrics
 from endpoint.monitoring.request_log import RequestLog
 from endpoint.monitoring.running_queries import RunningQueries
 from endpoint.rosbridge.services import Engine
+from endpoint.served import ServedGraph
 from endpoint.settings import Config
-from rtask.knowledge_base import KnowledgeBase
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class ServerContext:
         Further values for ``/metrics``, measured when asked for.
     """
 
-    kb: KnowledgeBase
+    kb: ServedGraph
     engine: Engine
     tokens: TokenStore
     config: Config
@@ -62,7 +62,7 @@ class ServerContext:
     @classmethod
     def create(
         cls,
-        kb: KnowledgeBase,
+        kb: ServedGraph,
         engine: Engine,
         tokens: TokenStore,
         config: Config,

@@ -9,6 +9,7 @@ from typing import Any, Protocol, Self
 
 from pyoxigraph import Quad, RdfFormat
 
+from rtask.errors import UnsupportedError
 from rtask.kb.commit.commit import Commit
 from rtask.loader.load import LoadReport
 from rtask.rdf.terms import NamedNode, Subject, Value
@@ -42,7 +43,8 @@ class Changes(Protocol):
     def update(self, text: str) -> None:
         """Run a SPARQL update on the pending state."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self,
@@ -56,7 +58,7 @@ class Graph(Protocol):
     """A knowledge base, wherever its statements are stored.
 
     :class:`rtask.KnowledgeBase` is the embedded one and has more methods; on a server,
-    :class:`rtask.kb.remote.knowledge_base.RemoteKnowledgeBase` raises
+    :class:`rtask.remote.knowledge_base.RemoteKnowledgeBase` raises
     :class:`~rtask.errors.UnsupportedError` for what SPARQL 1.1 Protocol cannot express.
     """
 
@@ -77,7 +79,11 @@ class Graph(Protocol):
         """Evaluate a SPARQL query."""
 
     def select(self, text: str, **options: Any) -> Solutions:
-        """Evaluate a SELECT; options as in :meth:`query`."""
+        """Evaluate a SELECT; the same as :meth:`query`, typed for rows."""
+        answer = self.query(text, **options)
+        if not isinstance(answer, Solutions):
+            raise UnsupportedError("select() is for SELECT queries")
+        return answer
 
     def serialize(self, text: str, media_type: str, *, bindings: Bindings | None = None) -> bytes:
         """Evaluate a query and return its answer in a media type."""
@@ -125,11 +131,13 @@ class Graph(Protocol):
     def close(self) -> None:
         """Make everything durable and release the folder or the connection."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
         trace: TracebackType | None,
-    ) -> None: ...
+    ) -> None:
+        self.close()

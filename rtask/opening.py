@@ -100,7 +100,7 @@ def open_knowledge_base(
     Returns
     -------
     A :class:`~rtask.knowledge_base.KnowledgeBase` for a folder or memory. A server gives a
-    :class:`~rtask.kb.remote.knowledge_base.RemoteKnowledgeBase`. Both are a
+    :class:`~rtask.remote.knowledge_base.RemoteKnowledgeBase`. Both are a
     :class:`~rtask.graph.Graph`.
 
     Raises
@@ -120,7 +120,7 @@ def open_knowledge_base(
         )
     text = str(target)
     if text.startswith(("http://", "https://", "sparql+http")):
-        from rtask.kb.remote.knowledge_base import open_remote
+        from rtask.remote.knowledge_base import open_remote
 
         return open_remote(text, token, timeout_s)
     quarantines = on_inconsistency == "quarantine"

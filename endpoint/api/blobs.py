@@ -6,8 +6,8 @@ import re
 
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
+from endpoint.served import ServedGraph, embedded
 from rtask.errors import MissingBlobError
-from rtask.knowledge_base import KnowledgeBase
 
 Headers = tuple[tuple[str, str], ...]
 _DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -25,7 +25,7 @@ _SAFE = (
 )
 
 
-def plan_blob(kb: KnowledgeBase, request: Request, digest: str) -> Plan:
+def plan_blob(kb: ServedGraph, request: Request, digest: str) -> Plan:
     """Plan the answer with the bytes of one blob.
 
     Parameters
@@ -51,11 +51,11 @@ def plan_blob(kb: KnowledgeBase, request: Request, digest: str) -> Plan:
     return Plan(lambda: _answer(kb, request, digest))
 
 
-def _answer(kb: KnowledgeBase, request: Request, digest: str) -> Response:
+def _answer(kb: ServedGraph, request: Request, digest: str) -> Response:
     etag = f'"{digest}"'
     headers: Headers = (*_SAFE, ("ETag", etag), ("Accept-Ranges", "bytes"))
     try:
-        data = kb.blobs.read(f"urn:sha256:{digest}")
+        data = embedded(kb, "blobs").blobs.read(f"urn:sha256:{digest}")
     except MissingBlobError:
         raise RefusedError(404, "not-found", f"no blob {digest}") from None
     if request.header("if-none-match") in (etag, "*"):

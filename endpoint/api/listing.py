@@ -23,10 +23,10 @@ from endpoint.api.collections import COLLECTIONS, Collection, Kind, Member
 from endpoint.http.conditional import Versions, is_known
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
+from endpoint.served import ServedGraph
 from endpoint.sparql.negotiation import CSV, JSON_LD, choose, content_type
 from rtask.engine.curation.merging import present_name
 from rtask.errors import DataError, UsageError
-from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.namespaces import PREFIXES, PROV
 from rtask.rdf.terms import iri, literal
 
@@ -74,7 +74,7 @@ def is_listing(address: str) -> bool:
     return address == CONTEXT_ADDRESS or name in COLLECTIONS
 
 
-def plan_listing(kb: KnowledgeBase, versions: Versions, request: Request, timeout_s: float) -> Plan:
+def plan_listing(kb: ServedGraph, versions: Versions, request: Request, timeout_s: float) -> Plan:
     """Plan a list or one item, for an address that :func:`is_listing` accepts.
 
     Parameters
@@ -285,7 +285,7 @@ def _moment(value: Any) -> str:
     return value.isoformat() if isinstance(value, dt.datetime) else str(value)
 
 
-def _single(kb: KnowledgeBase, wanted: _Wanted, items: list[Item], answer: _Answer) -> Response:
+def _single(kb: ServedGraph, wanted: _Wanted, items: list[Item], answer: _Answer) -> Response:
     """Return one item, redirect to its present name, or say why it is gone."""
     if items:
         return answer.of(items[0])

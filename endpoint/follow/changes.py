@@ -31,6 +31,7 @@ from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.response_stream import SEND_IDLE_S, Wire
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
+from endpoint.served import embedded
 from rtask.errors import (
     ClosedError,
     EpochChangedError,
@@ -39,6 +40,7 @@ from rtask.errors import (
     RtaskError,
     UsageError,
 )
+from rtask.knowledge_base import KnowledgeBase
 
 _log = logging.getLogger(__name__)
 
@@ -60,13 +62,16 @@ class Changes:
 
     def __init__(self, context: ServerContext) -> None:
         self._context = context
-        self._kb = context.kb
         self._streams: set[Stream] = set()
         self._sockets: set[ChangeSocket] = set()
         self._held: Counter[str] = Counter()
 
     def __len__(self) -> int:
         return len(self._streams) + len(self._sockets)
+
+    @property
+    def _kb(self) -> KnowledgeBase:
+        return embedded(self._context.kb, "the change feed")
 
     @staticmethod
     def serves(path: str) -> bool:
@@ -123,11 +128,12 @@ class Changes:
             self._context.auth.check_origin(request, caller)
             require_scope(caller.access, "read")
             self._admit(caller)
+            kb = self._kb
         except RtaskError as error:
             await refuse_handshake(scope, transmit, error)
             return
         await transmit({"type": "websocket.accept"})
-        socket = ChangeSocket(self._kb, caller, receive, transmit)
+        socket = ChangeSocket(kb, caller, receive, transmit)
         self._sockets.add(socket)
         self._held[caller.key] += 1
         try:
@@ -193,7 +199,7 @@ class Changes:
 
     def position(self, seq: int) -> str:
         """Return the version after a commit."""
-        return f"{self._kb.settings.epoch}:{seq}"
+        return f"{self._kb.epoch}:{seq}"
 
 
 class Stream:

@@ -48,13 +48,7 @@ class Pattern:
 
 
 def version_of(kb: KnowledgeBase) -> str:
-    """Return the version announced last, so that following from it misses nothing.
-
-    Raises
-    ------
-    UnsupportedError
-        The store is a remote one.
-    """
+    """Return the version announced last, so that following from it misses nothing."""
     return kb.feed.position(kb.feed.last_seq)
 
 
@@ -132,8 +126,6 @@ class Follower:
     ------
     GoneError, EpochChangedError
         Commits after ``since`` are not kept, or are numbered anew.
-    UnsupportedError
-        The store is a remote one.
     """
 
     def __init__(

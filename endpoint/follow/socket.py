@@ -72,7 +72,7 @@ class ChangeSocket:
     async def run(self) -> None:
         """Read until the client leaves."""
         writer = asyncio.create_task(self._write())
-        self._tell({"op": "hello", "version": self._version(), "epoch": self._kb.settings.epoch})
+        self._tell({"op": "hello", "version": self._version(), "epoch": self._kb.epoch})
         try:
             while (message := await self._receive())["type"] != "websocket.disconnect":
                 self._take(message)
@@ -140,7 +140,7 @@ class ChangeSocket:
             return Follower(self._kb, patterns, begin if since is None else str(since), on_ready)
 
         def words(change: Any) -> JsonObject:
-            version = f"{self._kb.settings.epoch}:{change.commit.seq}"
+            version = f"{self._kb.epoch}:{change.commit.seq}"
             return {"op": "change", "id": id_, "version": version, **change_data(change)}
 
         self._follow(id_, open_, words)

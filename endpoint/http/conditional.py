@@ -7,8 +7,8 @@ import re
 import threading
 
 from endpoint.http.messages import Request
+from endpoint.served import ServedGraph
 from rtask.kb.commit.commit import Change
-from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import GraphName
 
 # A query that calls these has another answer each time, though nothing was written.
@@ -28,9 +28,9 @@ class Versions:
         The knowledge base.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: ServedGraph) -> None:
         self._kb = kb
-        self._epoch = kb.settings.epoch
+        self._epoch = kb.epoch
         self._started_at = kb.seq
         self._graphs: dict[GraphName, int] = {}
         self._lock = threading.Lock()

@@ -8,8 +8,8 @@ from typing import Any
 
 from endpoint.http.messages import JSON_TYPE, RefusedError, Response
 from endpoint.http.plan import Plan
+from endpoint.served import ServedGraph
 from rtask import __version__
-from rtask.knowledge_base import KnowledgeBase
 
 _MIN_FREE_BYTES = 1 << 30
 _TIMEOUT_S = 5.0
@@ -33,7 +33,7 @@ class Health:
         Whether the server is shutting down.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
+    def __init__(self, kb: ServedGraph) -> None:
         self._kb = kb
         self.draining = False
 
@@ -54,7 +54,7 @@ class Health:
             "ready": not failing,
             "failing": failing,
             "version": __version__,
-            "epoch": self._kb.settings.epoch,
+            "epoch": self._kb.epoch,
             "seq": self._kb.seq,
         }
         return _answer(members, not failing)

@@ -11,9 +11,9 @@ from endpoint.http.plan import Plan
 from endpoint.monitoring.audit import Audit
 from endpoint.monitoring.log import LineWriter, redacted, timestamp
 from endpoint.monitoring.metrics import Metrics
+from endpoint.served import ServedGraph
 from endpoint.settings import Config
 from rtask.kb.commit.commit import Change
-from rtask.knowledge_base import KnowledgeBase
 
 SLOW_S = 1.0
 _MAX_TEXT = 10_000
@@ -39,7 +39,7 @@ class RequestLog:
         metrics: Metrics,
         audit: Audit,
         config: Config,
-        kb: KnowledgeBase,
+        kb: ServedGraph,
         writer: LineWriter | None,
     ) -> None:
         self._metrics = metrics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from endpoint.pages.render import knowledge_base
+from endpoint.pages.render import embedded_graph
 from rtask.engine.terms import folded
 from rtask.rdf.terms import iri, literal
 
@@ -60,6 +60,6 @@ def unnamed() -> str:
 FILTER NOT EXISTS {{
   GRAPH ?where {{ ?object a ?kind }}
   ?kind rdfs:subClassOf rt:ManipulableObject
-  FILTER(?where != {knowledge_base().graphs.inferred} && ?kind != rt:ManipulableObject)
+  FILTER(?where != {embedded_graph().graphs.inferred} && ?kind != rt:ManipulableObject)
   FILTER NOT EXISTS {{ ?guess rdf:reifies <<( ?object a ?kind )>> ; rt:confidence ?sure }}
 }}"""

@@ -17,7 +17,7 @@ from endpoint.pages.render import (
     blueprint,
     context,
     current_request,
-    knowledge_base,
+    embedded_graph,
     page,
     select,
 )
@@ -75,7 +75,7 @@ def curation() -> Model:
 
 def list_changes() -> list[Model]:
     """Return recent changes by people, and whether each was undone."""
-    kb = knowledge_base()
+    kb = embedded_graph()
     since = max(0, kb.seq - _RECENT_COMMITS)
     entries = [e for e in kb.history(since=since) if (e.note or "").startswith(NOTE)]
     told = [(entry, (entry.note or "").removeprefix(NOTE)) for entry in entries]

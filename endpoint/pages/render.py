@@ -18,6 +18,7 @@ from endpoint.application import Application
 from endpoint.context import ServerContext
 from endpoint.http.messages import JSON_TYPE, Request, Response
 from endpoint.http.problems import details_of
+from endpoint.served import ServedGraph, embedded
 from rtask.errors import RtaskError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import NamedNode
@@ -41,9 +42,20 @@ _HEADERS = {
 }
 
 
-def knowledge_base() -> KnowledgeBase:
+def knowledge_base() -> ServedGraph:
     """Return the knowledge base of the current application."""
     return context().kb
+
+
+def embedded_graph() -> KnowledgeBase:
+    """Return the embedded knowledge base of the current application.
+
+    Raises
+    ------
+    UnsupportedError
+        The graph is stored at another server.
+    """
+    return embedded(knowledge_base(), "this page")
 
 
 def application() -> Application:

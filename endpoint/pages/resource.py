@@ -8,7 +8,7 @@ import flask
 
 import ontology
 from endpoint.http.messages import RefusedError
-from endpoint.pages.render import Model, knowledge_base, page, solutions
+from endpoint.pages.render import Model, embedded_graph, knowledge_base, page, solutions
 from rtask.rdf.terms import Literal, NamedNode, iri
 
 MAX_INCOMING = 50
@@ -25,7 +25,7 @@ def resource() -> Model:
     incoming = solutions("resource_incoming", resource=iri(name))
     if not outgoing and not incoming:
         raise RefusedError(404, "not-found", f"the graph says nothing about {name}")
-    inferred = knowledge_base().graphs.inferred.value
+    inferred = embedded_graph().graphs.inferred.value
     statements = [
         {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
         for row in outgoing

@@ -68,7 +68,7 @@ class _Cache:
 def entries() -> list[Entry]:
     """Return all entries; they are read again after a commit."""
     kb = knowledge_base()
-    version = (kb.settings.epoch, kb.seq)
+    version = (kb.epoch, kb.seq)
     cache: _Cache = flask.current_app.extensions.setdefault("rtask.search", _Cache())
     with cache.lock:
         if cache.version != version:

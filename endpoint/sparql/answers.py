@@ -16,12 +16,12 @@ from typing import BinaryIO
 
 from endpoint.http.messages import Response
 from endpoint.http.plan import RunningQuery
+from endpoint.served import ServedGraph
 from endpoint.settings import Config
 from endpoint.sparql import negotiation
 from endpoint.sparql.request import QueryRequest
 from rtask.errors import ClosedError, QueryTimeout
 from rtask.kb.readers.streams import Stream
-from rtask.knowledge_base import KnowledgeBase
 
 # A reader is killed at its deadline; whoever waits for it allows so much more.
 GRACE_S = 5.0
@@ -83,7 +83,7 @@ class Answers:
         Limits of one answer.
     """
 
-    def __init__(self, kb: KnowledgeBase, config: Config) -> None:
+    def __init__(self, kb: ServedGraph, config: Config) -> None:
         self._kb = kb
         self._config = config
         self._slow = threading.BoundedSemaphore(kb.readers.limits.long)

@@ -147,8 +147,8 @@ def update_with_loads(
     note: str,
     outgoing: Outgoing,
     deadline: float,
-    run_bounded: Callable[[str], Commit],
-) -> Commit:
+    run_bounded: Callable[[str], Commit | None],
+) -> Commit | None:
     """Run an update with permitted LOADs, as one commit.
 
     Where other operations read the store, the documents become INSERT DATA of the same request, so

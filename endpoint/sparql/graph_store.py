@@ -20,6 +20,7 @@ from endpoint.http.compression import wants_gzip
 from endpoint.http.conditional import Versions, is_known, names
 from endpoint.http.messages import RefusedError, Request, Response, split_media_type
 from endpoint.http.plan import Plan, RunningQuery
+from endpoint.served import ServedGraph, embedded
 from endpoint.settings import Config
 from endpoint.sparql import negotiation
 from endpoint.sparql.answers import GRACE_S, Answers, FilePieces, Question
@@ -80,17 +81,21 @@ class GraphStore:
 
     def __init__(
         self,
-        kb: KnowledgeBase,
+        kb: ServedGraph,
         auth: Authenticator,
         config: Config,
         versions: Versions,
         answers: Answers,
     ) -> None:
-        self._kb = kb
+        self._served = kb
         self._auth = auth
         self._config = config
         self._versions = versions
         self._answers = answers
+
+    @property
+    def _kb(self) -> KnowledgeBase:
+        return embedded(self._served, "the graph store")
 
     def plan(self, request: Request, caller: Caller) -> Plan:
         """Plan the answer to a request.

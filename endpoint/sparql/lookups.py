@@ -14,6 +14,7 @@ from typing import Any
 from pyoxigraph import QueryResultsFormat
 
 from endpoint.http.messages import Response
+from endpoint.served import ServedGraph
 from endpoint.sparql import negotiation
 from endpoint.sparql.answers import Question, xml_safe
 from rtask.knowledge_base import KnowledgeBase
@@ -60,9 +61,8 @@ class Lookups:
         The knowledge base.
     """
 
-    def __init__(self, kb: KnowledgeBase) -> None:
-        self._kb = kb
-        self._possible = kb.readers.possible
+    def __init__(self, kb: ServedGraph) -> None:
+        self._store = kb.store if isinstance(kb, KnowledgeBase) and kb.readers.possible else None
         self._slow: OrderedDict[str, None] = OrderedDict()
 
     def try_now(self, question: Question) -> Response | None:
@@ -75,12 +75,12 @@ class Lookups:
         """
         text = question.query.text
         form = _FORMATS.get(question.media_type)
-        if not self._possible or form is None or text in self._slow:
+        if self._store is None or form is None or text in self._slow:
             return None
         started = time.thread_time()  # of this thread: the work of others does not count
         sink: Any = _Sink(started + BUDGET_S)
         try:
-            answer: Any = self._kb.store.query(text, base_iri=question.query.base)
+            answer: Any = self._store.query(text, base_iri=question.query.base)
             answer.serialize(sink, form)
         except (_EnoughError, SyntaxError, ValueError, RuntimeError, OSError):
             self._remember_slow(text)

@@ -13,6 +13,7 @@ from endpoint.http.conditional import Versions, is_known
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.outbound_http import Outgoing
 from endpoint.http.plan import Plan, RunningQuery
+from endpoint.served import ServedGraph, embedded
 from endpoint.settings import Config, Limits
 from endpoint.sparql import federation, negotiation
 from endpoint.sparql.answers import GRACE_S, Answers, Question
@@ -24,7 +25,6 @@ from endpoint.sparql.update_trial import try_where
 from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.update_limits import UpdateLimits
-from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.service import without_services
 
@@ -151,7 +151,7 @@ def timed_out(seconds: float, config: Config) -> RefusedError:
 
 
 def plan_update(
-    kb: KnowledgeBase, update: UpdateRequest, request: Request, caller: Caller, config: Config
+    kb: ServedGraph, update: UpdateRequest, request: Request, caller: Caller, config: Config
 ) -> Plan:
     """Plan an update; the knowledge base checks rights on the exact change.
 
@@ -173,11 +173,12 @@ def plan_update(
         commit = _commit(kb, update, caller, caller.note(request), config)
         if not wants_json:
             return Response(204)
+        # Another server does not say what it changed.
         counts = {
-            "seq": commit.seq,
-            "added": commit.added,
-            "removed": commit.removed,
-            "derived": commit.derived,
+            "seq": commit.seq if commit else kb.seq,
+            "added": commit and commit.added,
+            "removed": commit and commit.removed,
+            "derived": commit and commit.derived,
         }
         return Response(200, json.dumps(counts).encode(), JSON_TYPE)
 
@@ -185,8 +186,8 @@ def plan_update(
 
 
 def _commit(
-    kb: KnowledgeBase, update: UpdateRequest, caller: Caller, note: str, config: Config
-) -> Commit:
+    kb: ServedGraph, update: UpdateRequest, caller: Caller, note: str, config: Config
+) -> Commit | None:
     """Carry out an update, including its requests to other servers if those are allowed."""
     text = update.text
     deadline = time.monotonic() + config.timeout_s
@@ -195,7 +196,7 @@ def _commit(
         text = federation.answer_services(text, outgoing, deadline, update.base)
     limit_s = config.max_timeout_s if caller.access.role == "admin" else config.write_timeout_s
 
-    def run(text: str) -> Commit:
+    def run(text: str) -> Commit | None:
         text = without_services(text)
         if not kb.readers.evaluate_updates:
             try_where(kb, update, text, limit_s)
@@ -211,11 +212,14 @@ def _commit(
 
     if config.allow_load and federation.mentions(text, "LOAD"):
         outgoing = Outgoing("LOAD", config.allow_load)
-        return federation.update_with_loads(kb, update, text, caller, note, outgoing, deadline, run)
+        own = embedded(kb, "LOAD")
+        return federation.update_with_loads(
+            own, update, text, caller, note, outgoing, deadline, run
+        )
     return run(text)
 
 
-def plan_description(kb: KnowledgeBase, request: Request, config: Config, *, updates: bool) -> Plan:
+def plan_description(kb: ServedGraph, request: Request, config: Config, *, updates: bool) -> Plan:
     """Plan the service description."""
     media_type = negotiation.choose(request.header("accept"), negotiation.GRAPH_TYPES)
 

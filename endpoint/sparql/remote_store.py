@@ -10,59 +10,35 @@ import itertools
 import secrets
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 from endpoint.rosbridge.messages import JsonObject
 from endpoint.rosbridge.services import Operation
 from rtask.engine.operations.table import OPERATIONS
 from rtask.errors import ForbiddenError, QueryTimeout, RemoteUnavailableError, UnsupportedError
 from rtask.kb.commit.access import Access
-from rtask.kb.readers.streams import WholeStream
-from rtask.kb.remote.knowledge_base import open_remote
-from rtask.kb.remote.transport import Connection
-from rtask.sparql.bindings import bind
-from rtask.sparql.results import Solutions
+from rtask.kb.commit.commit import Change
+from rtask.kb.commit.update_limits import UpdateLimits
+from rtask.kb.readers.request import ReaderLimits
+from rtask.kb.readers.streams import Stream, WholeStream
+from rtask.rdf.terms import NamedNode
+from rtask.remote.knowledge_base import RemoteKnowledgeBase, addresses
 from rtask.sparql.syntax import check_query
 
 READERS = 32
 
 
 @dataclass(frozen=True)
-class _Settings:
-    """The settings of a knowledge base that a server shows."""
-
-    epoch: str
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """Number of simultaneous queries."""
-
-    count: int = READERS
-
-
-@dataclass(frozen=True)
 class _Readers:
     """No reader processes: the other server does the work."""
 
-    limits: _Limits
+    limits: ReaderLimits = field(default_factory=lambda: ReaderLimits(count=READERS))
     possible: bool = False
     evaluate_updates: bool = False
 
 
-@dataclass(frozen=True)
-class _Passed:
-    """An update that was passed on; only the other server knows what it changed."""
-
-    seq: int
-    added: int | None = None
-    removed: int | None = None
-    derived: int | None = None
-
-
-class RemoteStore:
-    """A SPARQL server in the place of a knowledge base.
+class RemoteStore(RemoteKnowledgeBase):
+    """A SPARQL server in the place of an embedded graph: an ``endpoint.served.ServedGraph``.
 
     Parameters
     ----------
@@ -81,52 +57,40 @@ class RemoteStore:
     """
 
     plain = True
-    folder = None
 
     def __init__(self, address: str, token: str | None = None, timeout_s: float = 30.0) -> None:
-        self._remote = open_remote(address, token, timeout_s)
-        self._connection = Connection(token, timeout_s)
-        self.settings = _Settings(secrets.token_hex(4))
-        self.readers = _Readers(_Limits())
+        super().__init__(*addresses(address), token, timeout_s)
+        self.epoch = secrets.token_hex(4)
+        self.readers = _Readers()
         self._numbers = itertools.count(1)
 
     @property
     def base(self) -> str:
         """Base against which relative IRIs are resolved."""
-        return self._remote.query_url
+        return self.query_url
 
     @property
     def seq(self) -> int:
         """A number that never repeats."""
         return next(self._numbers)
 
-    def query(self, text: str, **options: Any) -> Any:
-        """Evaluate a query on the other server."""
-        options.pop("inferred", None)
-        return self._remote.query(text, **options)
-
-    def select(self, text: str, **options: Any) -> Solutions:
-        """Evaluate a SELECT on the other server."""
-        return self._remote.select(text, **options)
-
-    def serialize(
-        self, text: str, media_type: str, bindings: Mapping[str, Any] | None = None
-    ) -> bytes:
-        """Evaluate a query and return its answer in a media type."""
-        return self._remote.serialize(text, media_type, bindings)
-
     def stream(
         self,
         text: str,
-        media_type: str,
+        media_type: str | None = None,
         *,
-        timeout_s: float,
-        default_graphs: Iterable[Any] | None = None,
-        named_graphs: Iterable[Any] | None = None,
+        timeout_s: float | None = None,
+        inferred: bool = True,
+        default_graphs: Iterable[NamedNode | str] | None = None,
+        named_graphs: Iterable[NamedNode | str] | None = None,
         base_iri: str | None = None,
-        **options: Any,
+        gzip: bool = False,
+        max_rows: int | None = None,
+        max_bytes: int | None = None,
+        on_start: Callable[[Stream], None] | None = None,
+        quick: bool | None = None,
     ) -> WholeStream:
-        """Evaluate a query; its answer comes in one piece.
+        """Evaluate a query; its answer comes in one piece, within the other server's limits.
 
         Raises
         ------
@@ -135,43 +99,33 @@ class RemoteStore:
         RemoteUnavailableError
             It does not answer at all.
         """
-        text = bind(text, {})
         check_query(text, base_iri or self.base)
-        parameters = [
-            (name, str(getattr(graph, "value", graph)))
-            for name, graphs in (
-                ("default-graph-uri", default_graphs),
-                ("named-graph-uri", named_graphs),
-            )
-            for graph in graphs or ()
-        ]
-        headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
-        until = time.monotonic() + timeout_s
+        form = media_type or "application/sparql-results+json"
+        until = None if timeout_s is None else time.monotonic() + timeout_s
         try:
-            data = self._connection.send(
-                self._remote.query_url, parameters, text, headers, True, timeout_s
-            )
+            data = self.ask(text, form, default_graphs, named_graphs, timeout_s)
         except RemoteUnavailableError:
-            if time.monotonic() >= until:
+            if until is not None and time.monotonic() >= until:
                 raise QueryTimeout(
                     f"no answer from the store within {timeout_s:g} s; it may go on working"
                 ) from None
             raise
-        return WholeStream(data, media_type)
+        return WholeStream(data, form)
 
     def update(
         self,
         text: str,
-        *,
-        access: Access | None = None,
-        using: Iterable[Any] = (),
-        named: Iterable[Any] = (),
-        base: str | None = None,
-        if_version: int | None = None,
+        agent: str | None = None,
         note: str | None = None,
-        limits: object = None,
-    ) -> _Passed:
-        """Pass an update on, at most once; the other server sets its own limits.
+        using: Iterable[NamedNode | str] = (),
+        named: Iterable[NamedNode | str] = (),
+        *,
+        base: str | None = None,
+        access: Access | None = None,
+        if_version: int | None = None,
+        limits: UpdateLimits | None = None,
+    ) -> None:
+        """Pass an update on, at most once; the other server sets its own limits, takes no note.
 
         Raises
         ------
@@ -187,24 +141,13 @@ class RemoteStore:
             )  # fmt: skip
         if if_version is not None:
             raise UnsupportedError("If-Match needs the embedded store")
-        self._remote.update(text, using=using, named=named, base=base)
-        return _Passed(self.seq)
+        super().update(text, agent, using=using, named=named, base=base)
 
-    def on_commit(self, listener: Callable[[Any], None]) -> Callable[[], None]:
+    def on_commit(self, listener: Callable[[Change], None]) -> Callable[[], None]:
         """Do nothing: commits of another server are not observed."""
         return lambda: None
 
-    def subscribe(self, *patterns: Any, **options: Any) -> Any:
-        """Refuse.
-
-        Raises
-        ------
-        UnsupportedError
-            Always.
-        """
-        raise UnsupportedError("the change feed needs the embedded store")
-
-    def publish(self, **facts: Any) -> None:
+    def publish(self, **facts: object) -> None:
         """Do nothing: there is no folder."""
 
     def warm_up(self) -> None:
@@ -215,27 +158,11 @@ class RemoteStore:
         """An object whose length is the number of statements."""
         return _Count(self)
 
-    def close(self) -> None:
-        """Close the connections."""
-        self._connection.close()
-        self._remote.close()
-
-    def __enter__(self) -> RemoteStore:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        raise UnsupportedError(f"{name} needs the embedded store: rtask serve --data DIR")
-
 
 class _Count:
     """Counts the statements of the other server."""
 
-    def __init__(self, kb: RemoteStore) -> None:
+    def __init__(self, kb: RemoteKnowledgeBase) -> None:
         self._kb = kb
 
     def __len__(self) -> int:

@@ -9,18 +9,18 @@ what the same request writes cannot be tried that way and is refused.
 from __future__ import annotations
 
 from endpoint.http.messages import RefusedError
+from endpoint.served import ServedGraph
 from endpoint.sparql.request import UpdateRequest
 from rtask.errors import QueryTimeout, RtaskError
 from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.updating import needs_reader
-from rtask.knowledge_base import KnowledgeBase
 from rtask.sparql.results import Solutions
 from rtask.sparql.service import without_services
 from rtask.sparql.templates import resolve
 from rtask.sparql.update_outline import Operation, read_update
 
 
-def try_where(kb: KnowledgeBase, update: UpdateRequest, text: str, seconds: float) -> None:
+def try_where(kb: ServedGraph, update: UpdateRequest, text: str, seconds: float) -> None:
     """Evaluate the WHERE part of an update where the evaluation can be stopped.
 
     Parameters
@@ -53,7 +53,7 @@ def try_where(kb: KnowledgeBase, update: UpdateRequest, text: str, seconds: floa
 
 
 def _try(
-    kb: KnowledgeBase, update: UpdateRequest, operation: Operation, where: str, seconds: float
+    kb: ServedGraph, update: UpdateRequest, operation: Operation, where: str, seconds: float
 ) -> None:
     default = [_iri(name, operation, update) for name in operation.using] or list(update.using)
     named = [_iri(n, operation, update) for n in operation.using_named] or list(update.using_named)

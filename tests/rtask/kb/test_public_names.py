@@ -11,7 +11,7 @@ import pytest
 import rtask
 from rtask.graph import Changes, Graph
 from rtask.kb.commit.transaction import Transaction
-from rtask.kb.remote.knowledge_base import RemoteKnowledgeBase, RemoteTransaction
+from rtask.remote.knowledge_base import RemoteKnowledgeBase, RemoteTransaction
 
 
 def test_the_packages_public_names() -> None:

@@ -23,9 +23,9 @@ from rtask.errors import (
     UnsupportedError,
     UsageError,
 )
-from rtask.kb.remote import knowledge_base as remote
-from rtask.kb.remote import transport as wire
 from rtask.rdf.terms import BlankNode, iri
+from rtask.remote import knowledge_base as remote
+from rtask.remote import transport as wire
 from rtask.sparql.results import Triples
 
 

@@ -15,8 +15,8 @@ import pytest
 
 import rtask
 from rtask.errors import QuerySyntaxError, RemoteUnavailableError
-from rtask.kb.remote import transport as wire
 from rtask.rdf.terms import iri, literal
+from rtask.remote import transport as wire
 
 _START_S = 30.0
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 from urllib.parse import parse_qs, urljoin, urlsplit
 
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
 
 from rtask.errors import UnsupportedError, UsageError
-from rtask.kb.remote.transport import Connection, read_rows, read_triples
+from rtask.graph import Changes, Graph
 from rtask.rdf.terms import (
     Subject,
     Value,
@@ -26,13 +26,14 @@ from rtask.rdf.terms import (
     subject_term,
     written,
 )
+from rtask.remote.transport import Connection, read_rows, read_triples
 from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.lexer import query_form
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.syntax import check_query, check_update
 from rtask.sparql.update_outline import read_update
 
-__all__ = ["RemoteKnowledgeBase", "open_remote"]
+__all__ = ["RemoteKnowledgeBase", "addresses", "open_remote"]
 
 _ROWS = "application/sparql-results+json"
 _TRIPLES = "application/n-triples"
@@ -60,7 +61,7 @@ _WITHOUT = {
 }
 
 
-class RemoteKnowledgeBase:
+class RemoteKnowledgeBase(Graph):
     """A SPARQL 1.1 server, used like an embedded knowledge base.
 
     Parameters
@@ -73,7 +74,7 @@ class RemoteKnowledgeBase:
         Time limit for one answer.
     """
 
-    folder: Path | None = None
+    folder = None
 
     def __init__(
         self,
@@ -110,31 +111,31 @@ class RemoteKnowledgeBase:
         text = bind(text, bindings or {})
         check_query(text, base or self.query_url)
         rows = query_form(text) in ("select", "ask")
-        parameters = _dataset("default-graph-uri", default_graphs)
-        parameters += _dataset("named-graph-uri", named_graphs)
-        answer = self._connection.send(
-            self.query_url,
-            parameters,
-            text,
-            {"Content-Type": "application/sparql-query", "Accept": _ROWS if rows else _TRIPLES},
-            repeat=True,
-            timeout_s=timeout_s,
-        )
+        form = _ROWS if rows else _TRIPLES
+        answer = self.ask(text, form, default_graphs, named_graphs, timeout_s)
         return read_rows(answer) if rows else read_triples(answer)
 
-    def select(self, text: str, **options: Any) -> Solutions:
-        """Evaluate a SELECT; the same as :meth:`query`, typed for rows."""
-        answer = self.query(text, **options)
-        if not isinstance(answer, Solutions):
-            raise UnsupportedError("select() is for SELECT queries")
-        return answer
+    def ask(
+        self,
+        text: str,
+        media_type: str,
+        default_graphs: Iterable[NamedNode | str] | None = None,
+        named_graphs: Iterable[NamedNode | str] | None = None,
+        timeout_s: float | None = None,
+    ) -> bytes:
+        """Send a query that has been checked; return its answer in a media type."""
+        parameters = _dataset("default-graph-uri", default_graphs)
+        parameters += _dataset("named-graph-uri", named_graphs)
+        headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
+        return self._connection.send(
+            self.query_url, parameters, text, headers, repeat=True, timeout_s=timeout_s
+        )
 
     def serialize(self, text: str, media_type: str, bindings: Bindings | None = None) -> bytes:
         """Evaluate a query and return its answer in a media type."""
         text = bind(text, bindings or {})
         check_query(text, self.query_url)
-        headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
-        return self._connection.send(self.query_url, [], text, headers, repeat=True)
+        return self.ask(text, media_type)
 
     def match(
         self,
@@ -219,17 +220,6 @@ class RemoteKnowledgeBase:
         """Close the connection."""
         self._connection.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def __getattr__(self, name: str) -> Any:
         if name in _WITHOUT:
             raise UnsupportedError(f"{name} needs the embedded store; {_WITHOUT[name]}")
@@ -239,7 +229,7 @@ class RemoteKnowledgeBase:
         return f"<RemoteKnowledgeBase {self.query_url}>"
 
 
-class RemoteTransaction:
+class RemoteTransaction(Changes):
     """Changes that are collected and sent as one update."""
 
     def __init__(self, kb: RemoteKnowledgeBase) -> None:
@@ -285,9 +275,6 @@ class RemoteTransaction:
         check_update(read_update(text))
         self._operations.append(text)
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(
         self,
         kind: type[BaseException] | None,
@@ -306,8 +293,17 @@ def open_remote(
     >>> open_remote("sparql+http://host:81/?query=/q&update=/u").update_url
     'http://host:81/u'
     """
+    return RemoteKnowledgeBase(*addresses(address), token, timeout_s)
+
+
+def addresses(address: str) -> tuple[str, str | None]:
+    """Return the query and update endpoints of an address; ``None`` if one takes both.
+
+    >>> addresses("http://host/sparql")
+    ('http://host/sparql', None)
+    """
     if not address.startswith("sparql+"):
-        return RemoteKnowledgeBase(address, token=token, timeout_s=timeout_s)
+        return address, None
     plain = address.removeprefix("sparql+")
     named = parse_qs(urlsplit(plain).query)
     if "query" not in named:
@@ -315,7 +311,7 @@ def open_remote(
             f"{address} names no query endpoint; give its address as the parameter ?query="
         )
     query, update = (urljoin(plain, named.get(key, [""])[0]) for key in ("query", "update"))
-    return RemoteKnowledgeBase(query, update if "update" in named else None, token, timeout_s)
+    return query, update if "update" in named else None
 
 
 def _refuse_agent(agent: str | None, note: str | None) -> None:
