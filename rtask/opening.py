@@ -8,11 +8,10 @@ from pathlib import Path
 
 from rtask.errors import UsageError
 from rtask.graph import Graph
-from rtask.kb.checks.statistics import closure_state
-from rtask.kb.checks.validation import Validator, policy
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.commit import Committer
 from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.validation import Validator, policy
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import (
     Files,
@@ -24,6 +23,7 @@ from rtask.kb.durability.folder import (
 )
 from rtask.kb.durability.recovery import fill_gap
 from rtask.kb.durability.settings import Settings
+from rtask.kb.maintenance.statistics import closure_state
 from rtask.kb.store.graphs import Graphs
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.bundled import refresh
@@ -108,7 +108,7 @@ def open_knowledge_base(
     StoreLockedError
         Another process has the folder open; says which.
     StoreFormatError
-        The folder is no knowledge base, or one of another format.
+        The folder is not a knowledge base, or has another format.
     """
     if mode not in _MODES:
         raise UsageError(f"unknown mode {mode!r}; one of {', '.join(_MODES)}")

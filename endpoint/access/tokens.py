@@ -330,7 +330,7 @@ def parse_lifetime(text: str, what: str = "") -> timedelta:
     match = _LIFETIME.fullmatch(text)
     if not match or int(match.group(1)) > 876_000:
         raise UsageError(
-            f"{what}{text!r} is no lifetime: expected hours, days or weeks: 12h, 30d, 4w"
+            f"{what}expected a lifetime in hours, days or weeks (12h, 30d, 4w), got {text!r}"
         )
     return timedelta(hours=min(876_000, int(match.group(1)) * _HOURS[match.group(2)]))
 

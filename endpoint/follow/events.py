@@ -83,7 +83,7 @@ def filter_of(pattern: Pattern) -> Filter:
     Raises
     ------
     UsageError
-        A term that is none, in the name of its field.
+        A value is not a term; the error names its field.
     """
     terms: dict[str, Any] = {}
     for field in fields(Pattern)[:-1]:
@@ -105,7 +105,9 @@ def _term(text: str, name: str) -> Any:
         (triple,) = parse(f"<urn:s> <urn:p> {text} .".encode(), format=RdfFormat.N_TRIPLES)
         return stored(triple.object)
     except (RtaskError, ValueError, SyntaxError) as error:
-        raise UsageError(f"{name}: {text[:100]!r} is no term: {error}") from None
+        raise UsageError(
+            f"{name}: expected an IRI or a term in N-Triples syntax, got {text[:100]!r}: {error}"
+        ) from None
 
 
 class Follower:

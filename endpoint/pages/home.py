@@ -1,10 +1,9 @@
-"""Home page: counts, the workbench, objects and robots."""
+"""Home page (counts, the workbench, objects and robots) and the page about robots."""
 
 from __future__ import annotations
 
 from endpoint.pages.objects import list_objects
 from endpoint.pages.render import Model, current_request, knowledge_base, page, select
-from endpoint.pages.robots import list_robots
 from endpoint.pages.workbench import DEFAULT_QUERY, samples
 from rtask import __version__
 
@@ -29,3 +28,21 @@ def home() -> Model:
         "query": DEFAULT_QUERY,
         "samples": samples(),
     }
+
+
+def list_robots() -> list[Model]:
+    """Return each robot with its last outcome."""
+    rows: dict[str, Model] = {}
+    for row in select("robots"):
+        robot = str(row["robot"])
+        row["attempts"] = int(row.get("attempts") or 0)
+        row["successes"] = int(row.get("successes") or 0)
+        row["mean"] = row["successes"] / row["attempts"] if row["attempts"] else None
+        rows.setdefault(robot, row)
+    return list(rows.values())
+
+
+@page("/robots", "robots.html")
+def robots() -> Model:
+    """Return all robots; one query."""
+    return {"robots": list_robots()}

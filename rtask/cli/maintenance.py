@@ -41,7 +41,7 @@ def backup(target: Path, data: Path, as_json: bool) -> None:
 @json_option
 def restore(source: Path, target: Path, as_json: bool) -> None:
     """Restore the backup SOURCE to TARGET, a new folder."""
-    from rtask.kb.durability.backup import restore as restore_backup
+    from rtask.kb.maintenance.backup import restore as restore_backup
 
     with Working("copying"):
         record = restore_backup(source, target)
@@ -118,7 +118,7 @@ def rebuild(what: str, data: Path, as_json: bool) -> None:
     journal; "journal" starts a new journal in place of a lost one. What is replaced is set aside.
     """
     if what in _FILES:
-        from rtask.kb.durability.rebuild import rebuild_journal, rebuild_store
+        from rtask.kb.maintenance.rebuild import rebuild_journal, rebuild_store
 
         with Working(f"rebuilding the {what}"):
             last = rebuild_store(data) if what == "store" else rebuild_journal(data)

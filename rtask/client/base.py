@@ -11,8 +11,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rtask.client.calls import Calls
+from rtask.client.failures import TEMPORARY
 from rtask.client.outbox import Outbox
-from rtask.client.patience import TEMPORARY
 from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
 
 if TYPE_CHECKING:

@@ -1,7 +1,9 @@
-"""What an answer that is no success means."""
+"""What a failed answer means, and how long to wait before a call is sent again."""
 
 from __future__ import annotations
 
+import random
+import time
 from typing import TYPE_CHECKING
 
 from rtask.errors import AuthenticationError, CallFailedError, ForbiddenError
@@ -9,7 +11,13 @@ from rtask.errors import AuthenticationError, CallFailedError, ForbiddenError
 if TYPE_CHECKING:
     import httpx
 
-__all__ = ["failure_of"]
+__all__ = ["TEMPORARY", "Patience", "failure_of"]
+
+TEMPORARY = frozenset((429, 502, 503, 504, 507))
+"""Statuses of answers after which another try may succeed; nothing has been done yet."""
+
+_FIRST_S = 0.1
+_MAX_S = 2.0
 
 
 def failure_of(answer: httpx.Response) -> Exception:
@@ -24,3 +32,40 @@ def failure_of(answer: httpx.Response) -> Exception:
     if answer.status_code == 403:
         return ForbiddenError(words)
     return CallFailedError(words, http_status=answer.status_code)
+
+
+class Patience:
+    """Pauses that grow until a deadline.
+
+    Each pause is drawn between half and the whole of what is due, so that robots which lost one
+    server do not all come back at the same moment.
+
+    Parameters
+    ----------
+    timeout_s
+        From now until the deadline.
+
+    Examples
+    --------
+    >>> Patience(0.0).wait()
+    False
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self.timeout_s = timeout_s
+        self._deadline = time.monotonic() + timeout_s
+        self._pause_s = _FIRST_S
+
+    @property
+    def left_s(self) -> float:
+        """Time until the deadline, s; negative afterwards."""
+        return self._deadline - time.monotonic()
+
+    def wait(self) -> bool:
+        """Pause before another try; tell whether there is time for one."""
+        pause_s = self._pause_s * random.uniform(0.5, 1.0)
+        self._pause_s = min(2 * self._pause_s, _MAX_S)
+        if self.left_s <= pause_s:
+            return False
+        time.sleep(pause_s)
+        return True

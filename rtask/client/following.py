@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rtask.client.failures import failure_of
-from rtask.client.patience import Patience
+from rtask.client.failures import Patience, failure_of
 from rtask.errors import EpochChangedError, GoneError, RemoteUnavailableError
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from rtask.client.base import Client
-from rtask.client.failures import failure_of
+from rtask.client.failures import TEMPORARY, Patience, failure_of
 from rtask.client.following import FollowedChange, Pattern, follow_remote
-from rtask.client.patience import TEMPORARY, Patience
 from rtask.client.websocket import ServiceSocket
 from rtask.errors import (
     CallFailedError,

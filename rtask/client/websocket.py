@@ -8,7 +8,7 @@ import json
 import threading
 from typing import Any
 
-from rtask.client.patience import TEMPORARY, Patience
+from rtask.client.failures import TEMPORARY, Patience
 from rtask.errors import (
     AuthenticationError,
     CallFailedError,

@@ -7,8 +7,7 @@ import threading
 import unicodedata
 from typing import TYPE_CHECKING
 
-from rtask.rdf.identifiers import uuid7
-from rtask.rdf.namespaces import PREFIXES
+from rtask.rdf.namespaces import PREFIXES, uuid7
 from rtask.rdf.terms import NamedNode, iri
 
 if TYPE_CHECKING:

@@ -9,14 +9,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from rtask.kb.checks import statistics, validation
-from rtask.kb.checks import verify as verification
-from rtask.kb.checks.validation import Violation
-from rtask.kb.checks.verify import Finding
-from rtask.kb.durability.backup import backup
+from rtask.kb.commit import validation
+from rtask.kb.commit.validation import Violation
 from rtask.kb.feed.as_of import copy_as_of
 from rtask.kb.feed.live_queries import RowChange, require_select
 from rtask.kb.feed.subscriptions import Subscription
+from rtask.kb.maintenance import statistics
+from rtask.kb.maintenance import verify as verification
+from rtask.kb.maintenance.backup import backup
+from rtask.kb.maintenance.verify import Finding
 from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
 from rtask.kb.retraction import Retraction
@@ -77,7 +78,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         return statistics.collect(self)
 
     def validate(self) -> list[Violation]:
-        """Check all data against the SHACL shapes; see :mod:`rtask.kb.checks.validation`."""
+        """Check all data against the SHACL shapes; see :mod:`rtask.kb.commit.validation`."""
         return validation.everything(self.store, self.graphs)
 
     def as_of(self, seq: int) -> Self:
@@ -94,7 +95,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         return type(self)(files, catalogue, None, writer)
 
     def verify(self, repair: bool = False, parts: Collection[str] | None = None) -> list[Finding]:
-        """Compare derived data with their sources; see :mod:`rtask.kb.checks.verify`."""
+        """Compare derived data with their sources; see :mod:`rtask.kb.maintenance.verify`."""
         chosen = parts or verification.PARTS
         return verification.verify(self, self._writer, self._inference, repair, chosen)
 
@@ -103,7 +104,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         return verification.collect_blobs(self, self._writer, older_than_s)
 
     def backup(self, target: Path | str) -> dict[str, Any]:
-        """Copy to a new folder; see :func:`rtask.kb.durability.backup.backup`."""
+        """Copy to a new folder; see :func:`rtask.kb.maintenance.backup.backup`."""
         return backup(self._files, self._writer, Path(target))
 
     def publish(self, **facts: Any) -> None:

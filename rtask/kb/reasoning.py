@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from rtask.errors import UnsupportedError, UsageError
-from rtask.kb.checks.quarantine import Quarantined, reinstate, statements
 from rtask.kb.commit.bulk import complete, finish_bulk
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.inference import Inference
+from rtask.kb.commit.quarantine import Quarantined, reinstate, statements
 from rtask.kb.writing import Writing
 from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
 

@@ -25,7 +25,7 @@ from rtask.loader.headers import Header, Terms, header_of, peek
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.guards import undefined_json_terms
-from rtask.rdf.identifiers import uuid7
+from rtask.rdf.namespaces import uuid7
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, iri
 
 if TYPE_CHECKING:

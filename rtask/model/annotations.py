@@ -13,7 +13,7 @@ from rtask.model.fields import Field
 from rtask.model.fields import term as item_term
 from rtask.model.instance import Item, Model
 from rtask.model.plan import short
-from rtask.rdf.identifiers import mint
+from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import Literal, NamedNode, Term, Triple, stored
 
 if TYPE_CHECKING:

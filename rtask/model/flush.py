@@ -10,7 +10,7 @@ from rtask.errors import FieldError, OwnershipError, VersionConflictError
 from rtask.model.fields import Field, term
 from rtask.model.instance import Model, Pending, class_iris, required
 from rtask.model.plan import RDF_TYPE
-from rtask.rdf.identifiers import mint
+from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import BlankNode, GraphName, NamedNode, Subject, Term, stored
 
 if TYPE_CHECKING:

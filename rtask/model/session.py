@@ -17,7 +17,7 @@ from rtask.model.instance import Model
 from rtask.model.plan import Plan, finished
 from rtask.model.query import Query
 from rtask.model.reading import Lazy, Reader
-from rtask.rdf.identifiers import mint
+from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import GraphName, NamedNode, iri
 from rtask.sparql.results import Solutions
 

@@ -1,8 +1,11 @@
-"""The ontology's terms as Python attributes: ``RT.GraspAttempt`` is an IRI."""
+"""IRIs: the ontology's terms as Python attributes (``RT.GraspAttempt``), and new ones."""
 
 from __future__ import annotations
 
+import os
 import re
+import time
+import uuid
 from collections.abc import Iterable
 
 import ontology
@@ -19,7 +22,9 @@ __all__ = [
     "SOSA",
     "Namespace",
     "local_name",
+    "mint",
     "reason",
+    "uuid7",
     "values",
 ]
 
@@ -84,3 +89,25 @@ def values(iris: Iterable[NamedNode | str]) -> str:
     """
     terms = {iri if isinstance(iri, NamedNode) else NamedNode(iri) for iri in iris}
     return " ".join(sorted(str(term) for term in terms))
+
+
+def uuid7() -> uuid.UUID:
+    """Return a UUID that sorts by creation time (RFC 9562, 5.7).
+
+    >>> uuid7().version
+    7
+    """
+    number = (time.time_ns() // 1_000_000) << 80 | int.from_bytes(os.urandom(10), "big")
+    number = number & ~(0xF << 76) | 7 << 76
+    number = number & ~(0x3 << 62) | 2 << 62
+    return uuid.UUID(int=number)
+
+
+def mint(base: str, name: str) -> str:
+    """Return a new IRI whose local name begins with ``name``.
+
+    >>> mint("urn:lab/", "GraspAttempt").startswith("urn:lab/grasp-attempt/")
+    True
+    """
+    kind = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", name).lower()
+    return f"{base}{kind}/{uuid7()}"

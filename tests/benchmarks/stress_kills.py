@@ -25,8 +25,8 @@ from pathlib import Path
 
 import rtask
 from rtask.errors import StoreFormatError
-from rtask.kb.durability.backup import restore
 from rtask.kb.durability.journal import JournalFile
+from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "rtask" / "kb"))

@@ -19,14 +19,14 @@ from rtask.errors import (
     TooLargeError,
     VersionConflictError,
 )
-from rtask.kb.checks.quarantine import set_aside
-from rtask.kb.checks.validation import Validator, Violation
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.apply import LARGE, Writes, apply
 from rtask.kb.commit.catalogue import Catalogue, CommitRecord, GraphFacts
 from rtask.kb.commit.inference import Inference, Staged
+from rtask.kb.commit.quarantine import set_aside
+from rtask.kb.commit.validation import Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import Journal
+from rtask.kb.store.apply import LARGE, Writes, apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay

@@ -20,8 +20,8 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad
 
 from rtask.errors import DataError, ForbiddenError, QuerySyntaxError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.apply import Functions, Writes, as_update
 from rtask.kb.commit.update_limits import Meter, UpdateLimits
+from rtask.kb.store.apply import Functions, Writes, as_update
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import NetChange, Overlay, apply_change
 from rtask.kb.store.union import union_change

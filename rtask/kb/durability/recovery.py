@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import StoreError, StoreFormatError
-from rtask.kb.commit.apply import Writes, apply
 from rtask.kb.durability.blobs import sync_folder
 from rtask.kb.durability.journal import JournalFile, Record, encode
 from rtask.kb.durability.seal import Seal, require_sealed, seal
 from rtask.kb.durability.settings import Settings, write_durably
+from rtask.kb.store.apply import Writes, apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change

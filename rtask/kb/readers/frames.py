@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import socket
 
-from rtask.kb.commit.apply import Writes
 from rtask.kb.readers.messages import encode_change, message
+from rtask.kb.store.apply import Writes
 
 __all__ = ["CommitFrame", "DumpSink"]
 

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from rtask.errors import QueryTooExpensive
-from rtask.kb.commit.apply import Writes
 from rtask.kb.readers.keeper import ReaderGone, ReaderProcess
 from rtask.kb.readers.places import Places, RefusedTexts, require_time
 from rtask.kb.readers.request import Question, ReaderLimits
 from rtask.kb.readers.streams import Deadlines, ReaderStream
 from rtask.kb.readers.supply import ReaderSupply
+from rtask.kb.store.apply import Writes
 from rtask.kb.store.graph_store import GraphStore
 from rtask.sparql.query_cost import is_quick
 

@@ -15,10 +15,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rtask.errors import ClosedError, UnsupportedError
-from rtask.kb.commit.apply import Writes
 from rtask.kb.readers.frames import CommitFrame
 from rtask.kb.readers.keeper import KeeperProcess, ReaderGone, ReaderProcess
 from rtask.kb.readers.places import Places
+from rtask.kb.store.apply import Writes
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.snapshots import Snapshot, Snapshots
 

@@ -41,7 +41,7 @@ class GraphStore:
         Whether the default graph is a view of all named graphs, computed by each query instead of
         stored; see :mod:`rtask.kb.store.union`.
     followers
-        Functions that :func:`rtask.kb.commit.apply.apply` calls with the changes of each commit.
+        Functions that :func:`rtask.kb.store.apply.apply` calls with the changes of each commit.
     """
 
     __slots__ = ("_path", "_store", "followers", "is_stuck", "is_view")

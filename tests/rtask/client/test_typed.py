@@ -9,7 +9,7 @@ import pytest
 
 import rtask.client.calls
 from rtask.client.base import Client
-from rtask.client.patience import Patience
+from rtask.client.failures import Patience
 from rtask.engine.client_calls import source
 from rtask.engine.operations.table import OPERATIONS
 

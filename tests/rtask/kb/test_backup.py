@@ -10,7 +10,7 @@ import pytest
 
 import rtask
 from rtask.errors import StoreFormatError, UnsupportedError, UsageError
-from rtask.kb.durability.backup import restore
+from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import rtask
 from rtask.cli import cli
 from rtask.errors import StoreError, StoreFormatError, StoreLockedError
-from rtask.kb.durability.rebuild import rebuild_journal, rebuild_store
+from rtask.kb.maintenance.rebuild import rebuild_journal, rebuild_store
 from rtask.knowledge_base import KnowledgeBase
 
 COMMITS = 40

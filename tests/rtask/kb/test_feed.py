@@ -22,8 +22,8 @@ from rtask.errors import (
     UsageError,
 )
 from rtask.kb.commit.commit import Change
-from rtask.kb.durability.backup import restore
 from rtask.kb.feed.live_queries import predicates_of
+from rtask.kb.maintenance.backup import restore
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import iri
 

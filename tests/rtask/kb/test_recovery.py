@@ -15,10 +15,10 @@ import pytest
 
 import rtask
 from rtask.errors import StorageFullError, StoreError, StoreFormatError
-from rtask.kb.commit.apply import LARGE, apply
 from rtask.kb.durability import journal as journal_module
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint
+from rtask.kb.store.apply import LARGE, apply
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, iri
 
@@ -48,7 +48,7 @@ def test_twenty_kills_lose_nothing_acknowledged_and_tear_nothing() -> None:
 _HALF = """
 import os, sys
 import rtask
-from rtask.kb.commit.apply import LARGE
+from rtask.kb.store.apply import LARGE
 from rtask.kb.store.graph_store import GraphStore
 
 kb = rtask.open(sys.argv[1], ontologies=False, reason=False)

@@ -6,7 +6,7 @@ import pytest
 
 import rtask
 from rtask.errors import UsageError, ValidationError
-from rtask.kb.checks import validation
+from rtask.kb.commit import validation
 from rtask.knowledge_base import KnowledgeBase
 
 _RT = "https://w3id.org/rtask-kg/ns#"

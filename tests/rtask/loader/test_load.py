@@ -26,7 +26,7 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.catalogue import MAX_PEEKED_BYTES, OntologyCatalogue
 from rtask.loader.export import original
 from rtask.rdf.documents import Document
-from rtask.rdf.identifiers import uuid7
+from rtask.rdf.namespaces import uuid7
 from rtask.rdf.terms import BlankNode, NamedNode, iri
 
 _OWL = "http://www.w3.org/2002/07/owl#"

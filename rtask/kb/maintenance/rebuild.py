@@ -14,6 +14,7 @@ from pyoxigraph import Literal, NamedNode, Store
 
 import ontology
 from rtask.errors import StoreError, StoreFormatError
+from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.durability.journal import JournalFile, Record, encode
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.recovery import Checkpoint, boot_id, replay
@@ -154,8 +155,6 @@ def _stored_seq(folder: Path, settings: Settings) -> int:
             f"{folder} has neither checkpoint nor journal, and a plain store does not number its "
             "commits; export it with pyoxigraph and load it into a new one"
         )
-    from rtask.kb.commit.catalogue import Catalogue
-
     store = GraphStore(Store.read_only(str(folder / "store")))
     try:
         return Catalogue(store, Graphs(settings.base)).seq

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode, Quad
 
 from rtask.errors import StoreError
-from rtask.kb.commit.apply import Writes, apply
 from rtask.kb.commit.commit import Request
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.blobs import PREFIX, digest_of
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.reasoning import Reasoning
+from rtask.kb.store.apply import Writes, apply
 from rtask.kb.store.union import is_joined
 from rtask.rdf.terms import DEFAULT, GraphName, triple_key
 

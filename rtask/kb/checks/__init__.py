@@ -1,1 +1,0 @@
-"""Checks of stored data: SHACL validation, quarantine and verification."""

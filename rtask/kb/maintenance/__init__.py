@@ -1,0 +1,1 @@
+"""Upkeep of a graph: backups, comparison of derived data with their sources, rebuilding, counts."""
