@@ -87,6 +87,13 @@ def token() -> None:
 @click.option("--name", metavar="NAME", help="Person to whom the token belongs.")
 @click.option("--role", help="reader, robot, teacher or admin; with --robot, robot by default.")
 @click.option("--expires", metavar="30d", help="Lifetime in hours, days or weeks: 12h, 30d, 4w.")
+@click.option(
+    "--right",
+    "rights",
+    multiple=True,
+    metavar="RIGHT",
+    help="What it allows beyond its role: rules, to add and remove rules of the reasoner.",
+)
 @json_option
 def create(
     data: Path,
@@ -94,6 +101,7 @@ def create(
     name: str | None,
     role: str | None,
     expires: str | None,
+    rights: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Create a token and print it, this once."""
@@ -106,8 +114,9 @@ def create(
 
     lifetime = parse_lifetime(expires, "--expires ") if expires else None
     with closing(_tokens(data, make=True)) as tokens:
-        text, made = tokens.create(role, agent=robot or name, lifetime=lifetime)
-    _told(data, "token-created", made.id, role=made.role, agent=made.agent, expires=made.expires)
+        text, made = tokens.create(role, agent=robot or name, lifetime=lifetime, rights=rights)
+    facts = {"role": made.role, "agent": made.agent, "expires": made.expires}
+    _told(data, "token-created", made.id, **facts, rights=list(made.rights))
     if as_json:
         click.echo(json.dumps({"token": text, **_members(made)}))
         return
@@ -181,7 +190,7 @@ def _told(folder: Path, event: str, token_id: str, **facts: Any) -> None:
         audit.event(event, token=token_id, by="command line", **facts)
 
 
-def _members(one: Token) -> dict[str, str | None]:
+def _members(one: Token) -> dict[str, Any]:
     return {
         "id": one.id,
         "agent": one.agent,
@@ -189,9 +198,13 @@ def _members(one: Token) -> dict[str, str | None]:
         "created": one.created,
         "expires": one.expires,
         "revoked": one.revoked,
+        "rights": list(one.rights),
     }
 
 
 def _words(one: Token) -> str:
     state = f"revoked {one.revoked[:19]}" if one.revoked else f"expires {one.expires or 'never'}"
-    return f"{one.id}  {one.role:8}  {one.agent or '-':16}  made {one.created[:19]}  {state}"
+    rights = f"  may {', '.join(one.rights)}" if one.rights else ""
+    return (
+        f"{one.id}  {one.role:8}  {one.agent or '-':16}  made {one.created[:19]}  {state}{rights}"
+    )

@@ -13,10 +13,13 @@ from endpoint.api.listing import is_listing, plan_listing
 from endpoint.api.openapi import ADDRESSES as DESCRIPTIONS
 from endpoint.api.openapi import plan_openapi
 from endpoint.api.operations import plan_operation
+from endpoint.api.reasoner import ADDRESS as REASONER
+from endpoint.api.reasoner import methods_of, plan_reasoner
 from endpoint.context import ServerContext
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
+from endpoint.served import embedded
 from endpoint.sparql import graph_store, protocol
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
@@ -37,7 +40,7 @@ _PROTOCOL = {
 }
 _ADMIN = ("/metrics", "/queries", "/api/history", "/backup")
 _EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_ADMIN, *DESCRIPTIONS, TICKET))
-_PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/")
+_PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/", REASONER)
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
 
@@ -90,6 +93,9 @@ class Router:
             return self._store.plan(request, caller)
         if address.startswith("/engine/"):
             return plan_operation(context.engine, context.auth, request, caller, self._keys)
+        if address.startswith(REASONER):
+            kb = embedded(context.kb, "the reasoner")
+            return plan_reasoner(kb, context.auth, request, caller)
         if address in DESCRIPTIONS:
             return plan_openapi(context.engine, request)
         if address.startswith(_ADMIN):
@@ -109,6 +115,8 @@ class Router:
             methods = METHODS[_PROTOCOL[address]]
         elif address.startswith("/engine/") or address == TICKET:
             methods = ("POST", "OPTIONS")
+        elif address.startswith(REASONER):
+            methods = (*methods_of(address), "OPTIONS")
         elif address.startswith(graph_store.ADDRESS):
             methods = graph_store.METHODS
         else:

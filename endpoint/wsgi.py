@@ -30,6 +30,7 @@ _PROGRAMS = (
     "/store",
     "/store/<path:rest>",
     "/engine/<path:rest>",
+    "/reasoner/<path:rest>",
     "/openapi",
     "/tokens/ticket",
     "/openapi.json",

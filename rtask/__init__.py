@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
     from rtask.client import Client
     from rtask.graph import Graph
+    from rtask.kb.rules.rule import Rule
     from rtask.knowledge_base import KnowledgeBase
 
-__all__ = ["KnowledgeBase", "__version__", "connect", "errors", "open"]
+__all__ = ["KnowledgeBase", "Rule", "__version__", "connect", "errors", "open"]
 
 shadowing.check_packages()
 
@@ -69,6 +70,10 @@ def __getattr__(name: str) -> Any:
         from rtask.knowledge_base import KnowledgeBase
 
         return KnowledgeBase
+    if name == "Rule":
+        from rtask.kb.rules.rule import Rule
+
+        return Rule
     raise AttributeError(f"module 'rtask' has no attribute {name!r}")
 
 

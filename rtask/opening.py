@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from rtask.kb.durability.folder import (
 from rtask.kb.durability.recovery import fill_gap
 from rtask.kb.durability.settings import Settings
 from rtask.kb.maintenance.statistics import closure_state
+from rtask.kb.rules.rule import Rule, Source, read_rules
 from rtask.kb.store.graphs import Graphs
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.bundled import refresh
@@ -43,6 +45,7 @@ class _Options:
     ontologies: bool
     quarantines: bool
     validate: str
+    rules: Sequence[Rule]
 
 
 def open_knowledge_base(
@@ -57,6 +60,7 @@ def open_knowledge_base(
     validate: bool | str = False,
     on_inconsistency: str = "error",
     ontologies: bool = True,
+    rules: Source | Iterable[Source] = (),
     token: str | None = None,
     timeout_s: float = 30.0,
 ) -> Graph:
@@ -93,6 +97,10 @@ def open_knowledge_base(
     ontologies
         Load the ontology that comes with RTASK into a new knowledge base, and its newer version
         into an old one.
+    rules
+        Rules of the user to add: :class:`rtask.Rule` objects, files or folders of rules, or text.
+        They are stored and stay in force when the folder is opened without them; one of the same
+        label and another text is replaced.
     token, timeout_s
         Of a remote server: who asks, and how long to wait for an answer. The other options are
         the server's own.
@@ -120,11 +128,20 @@ def open_knowledge_base(
         )
     text = str(target)
     if text.startswith(("http://", "https://", "sparql+http")):
+        if rules:
+            raise UsageError("rules belong to the server; add them there: POST /reasoner/rules")
         from rtask.remote.knowledge_base import open_remote
 
         return open_remote(text, token, timeout_s)
     quarantines = on_inconsistency == "quarantine"
-    options = _Options(mode, flush == "commit", reason, ontologies, quarantines, policy(validate))
+    found = read_rules(rules)
+    if found and (plain or mode == "r"):
+        raise UsageError(
+            f"rules cannot be added to {'a plain dataset' if plain else 'what is open for reading'}"
+        )
+    options = _Options(
+        mode, flush == "commit", reason, ontologies, quarantines, policy(validate), found
+    )
     if text == ":memory:":
         return _assemble(open_in_memory(Settings.new(base, plain, union)), options)
     folder = Path(text)
@@ -196,3 +213,5 @@ def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> Non
     if closure_state(kb) == "behind":
         commit = kb.rebuild("inferred")
         _log.info("derived again: +%d -%d", commit.added, commit.removed)
+    if options.rules:
+        kb.add_rules(options.rules, replace=True)

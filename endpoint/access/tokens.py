@@ -16,7 +16,7 @@ import secrets
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -33,6 +33,7 @@ _LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
 _MAX_KNOWN = 10_000
+Row = tuple[str, bytes, str | None, str, str, str | None, str | None, str | None]
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS tokens (
     id TEXT PRIMARY KEY,
@@ -41,7 +42,8 @@ CREATE TABLE IF NOT EXISTS tokens (
     role TEXT NOT NULL,
     created TEXT NOT NULL,
     expires TEXT,
-    revoked TEXT
+    revoked TEXT,
+    rights TEXT
 ) STRICT
 """
 
@@ -60,6 +62,8 @@ class Token:
         ``reader``, ``robot``, ``teacher`` or ``admin``.
     created, expires, revoked
         ISO 8601, UTC; the last two may be missing.
+    rights
+        What the token allows beyond its role; see :class:`rtask.kb.commit.access.Access`.
     """
 
     id: str
@@ -68,11 +72,12 @@ class Token:
     created: str
     expires: str | None = None
     revoked: str | None = None
+    rights: tuple[str, ...] = ()
 
     @property
     def access(self) -> Access:
         """The rights that the token grants."""
-        return Access(self.agent, cast(Role, self.role))
+        return Access(self.agent, cast(Role, self.role), frozenset(self.rights))
 
     def is_valid(self, now: datetime) -> bool:
         """Tell whether the token is neither revoked nor expired."""
@@ -123,11 +128,19 @@ class TokenStore:
             self._open.append(self._memory)
         with self._lock, self._connection() as connection:
             connection.execute(_SCHEMA)
+            columns = connection.execute("PRAGMA table_info(tokens)").fetchall()
+            if not any(column[1] == "rights" for column in columns):
+                connection.execute("ALTER TABLE tokens ADD COLUMN rights TEXT")
         if self._path:
             self._handle = os.open(self._path, os.O_RDONLY)
 
     def create(
-        self, role: str, *, agent: str | None = None, lifetime: timedelta | None = None
+        self,
+        role: str,
+        *,
+        agent: str | None = None,
+        lifetime: timedelta | None = None,
+        rights: Iterable[str] = (),
     ) -> tuple[str, Token]:
         """Create a token.
 
@@ -139,6 +152,8 @@ class TokenStore:
             Name of the robot or person; required for ``robot`` and ``teacher``.
         lifetime
             Time from now until it expires; none for a token that never does.
+        rights
+            What the token allows beyond its role: ``rules``.
 
         Returns
         -------
@@ -148,7 +163,7 @@ class TokenStore:
         Raises
         ------
         UsageError
-            The role is unknown, or the name is missing or invalid.
+            The role or a right is unknown, or the name is missing or invalid.
         """
         if role not in ROLES:
             raise UsageError(f"unknown role {role!r}; one of {', '.join(ROLES)}")
@@ -160,13 +175,15 @@ class TokenStore:
             raise UsageError(f"a token of role {role} needs the name of its {role}")
         now = datetime.now(UTC)
         expires = (now + lifetime).isoformat() if lifetime else None
-        token = Token(secrets.token_hex(6), agent, role, now.isoformat(), expires)
+        granted = tuple(sorted(set(rights)))
+        token = Token(secrets.token_hex(6), agent, role, now.isoformat(), expires, rights=granted)
+        require_rights(token)
         secret = secrets.token_hex(16)
         with self._lock, self._connection() as connection:
             connection.execute(
-                "INSERT INTO tokens (id, digest, agent, role, created, expires)"
-                " VALUES (?, ?, ?, ?, ?, ?)",
-                (token.id, _digest(secret), agent, role, token.created, expires),
+                "INSERT INTO tokens (id, digest, agent, role, created, expires, rights)"
+                " VALUES (?, ?, ?, ?, ?, ?, ?)",
+                (token.id, _digest(secret), agent, role, token.created, expires, _joined(granted)),
             )
         self._ever_issued = True
         return f"rtk_{token.id}_{secret}", token
@@ -277,12 +294,10 @@ class TokenStore:
         while self._open:
             self._open.pop().close()
 
-    def _row(
-        self, token_id: str
-    ) -> tuple[str, bytes, str | None, str, str, str | None, str] | None:
+    def _row(self, token_id: str) -> Row | None:
         with self._reading() as connection:
             found = connection.execute("SELECT * FROM tokens WHERE id = ?", (token_id,)).fetchone()
-        return cast("tuple[str, bytes, str | None, str, str, str | None, str] | None", found)
+        return cast("Row | None", found)
 
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
@@ -339,6 +354,24 @@ def _digest(secret: str) -> bytes:
     return hashlib.sha256(secret.encode()).digest()
 
 
-def _token(row: tuple[str, bytes, str | None, str, str, str | None, str | None]) -> Token:
-    token_id, _, agent, role, created, expires, revoked = row
-    return Token(token_id, agent, role, created, expires, revoked)
+def _token(row: Row) -> Token:
+    token_id, _, agent, role, created, expires, revoked, rights = row
+    granted = tuple(rights.split()) if rights else ()
+    return Token(token_id, agent, role, created, expires, revoked, granted)
+
+
+def _joined(rights: tuple[str, ...]) -> str | None:
+    return " ".join(rights) or None
+
+
+def require_rights(token: Token) -> None:
+    """Refuse rights that do not exist, and those that a reader cannot have.
+
+    Raises
+    ------
+    UsageError
+        Naming the right.
+    """
+    if token.rights and token.role == "reader":
+        raise UsageError("a reader writes nothing; give the right to another role")
+    _ = token.access

@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from endpoint.api.openapi_page import page
+from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
@@ -214,6 +215,7 @@ def _fixed_paths() -> JsonObject:
                 [digest],
             )
         },
+        **reasoner_paths(_get, _parameter, _problems),
         "/changes": {"get": _changes(text)},
         "/tokens/ticket": {"post": _ticket()},
         "/health": {"get": _health("Is the server well?")},

@@ -42,6 +42,7 @@ _BUILT_IN = {
     "rebuild": "rtask.cli.maintenance:rebuild",
     "recognise": "rtask.cli.perception.recognise:recognise",
     "restore": "rtask.cli.maintenance:restore",
+    "rules": "rtask.cli.rules:rules",
     "search": "rtask.cli.query:search",
     "segment": "rtask.cli.perception.segment:segment",
     "stats": "rtask.cli.contents:stats",

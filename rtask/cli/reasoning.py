@@ -67,11 +67,12 @@ def reason(
     """
     with announce_compilation(), Working("reasoning"):
         if files:
-            triples = _read(files)
+            triples, rules = _read(files), _rules()
         else:
             with open_to_read(data) as kb:
                 triples = _asserted(kb, ontologies_only=profile == "dl" and not with_data)
-        report = _rl(triples) if profile == "rl" else _dl(triples, engine, timeout)
+                rules = _rules(kb)
+        report = _rl(triples, rules) if profile == "rl" else _dl(triples, engine, timeout)
     if as_json:
         print_json(report)
     else:
@@ -108,10 +109,10 @@ def _asserted(kb: KnowledgeBase, ontologies_only: bool) -> list[Any]:
     )
 
 
-def _rl(triples: list[Any]) -> dict[str, Any]:
+def _rl(triples: list[Any], rules: list[Any]) -> dict[str, Any]:
     from reasoner import Closure, check_profile
 
-    closure = Closure.build(triples, [], rules=_rules())
+    closure = Closure.build(triples, [], rules=rules)
     clashes = closure.contradictions()
     outside = Counter(f"{v.construct} in {v.position}" for v in check_profile(triples))
     return {
@@ -158,10 +159,11 @@ def _node(iri: str) -> Any:
     return NamedNode(iri)
 
 
-def _rules() -> list[str]:
-    from rtask.kb.commit.inference import rule_texts
+def _rules(kb: KnowledgeBase | None = None) -> list[Any]:
+    """Return the rules that ship with the ontology, and those of a knowledge base."""
+    from rtask.kb.commit.inference import labelled, shipped_rules
 
-    return rule_texts()
+    return [*shipped_rules(), *(map(labelled, kb.rules()) if kb is not None else ())]
 
 
 def _empty_classes(closure: Any) -> list[str]:

@@ -1,15 +1,20 @@
-"""Methods of the reasoner: proofs, contradictions, quarantine and rebuilding."""
+"""Methods of the reasoner: rules, proofs, contradictions, quarantine and rebuilding."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rtask.errors import UnsupportedError, UsageError
+from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import complete, finish_bulk
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.quarantine import Quarantined, reinstate, statements
+from rtask.kb.rules import rulebook
+from rtask.kb.rules.rule import Rule, Source, read_rules
+from rtask.kb.rules.rulebook import stored_rules
+from rtask.kb.store.overlay import Overlay
 from rtask.kb.writing import Writing
 from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
 
@@ -35,6 +40,85 @@ class Reasoning(Writing):
         triple = (subject_term(subject), iri(predicate), stored(object_term(value)))
         with self._writer.exclusive():
             return self._reasoner().explain(triple)
+
+    def rules(self) -> list[Rule]:
+        """Return the rules of the user, sorted by label."""
+        return stored_rules(self.store.quads_for_pattern(None, None, None, self.graphs.rules))
+
+    def add_rules(
+        self,
+        rules: Source | Iterable[Source],
+        agent: str | None = None,
+        *,
+        access: Access | None = None,
+        replace: bool = False,
+        note: str | None = "add rules",
+    ) -> Commit:
+        """Add rules of the user, as one commit with what follows from them.
+
+        Parameters
+        ----------
+        rules
+            Rules, files or folders of rules, or text; see :func:`rtask.kb.rules.rule.read_rules`.
+        agent, access
+            The author: a name, which has a robot's rights, or rights assigned by a server.
+        replace
+            Replace rules of the same label and another text.
+
+        Raises
+        ------
+        ParseError
+            A rule cannot be used; gives line and column. Nothing is stored.
+        ForbiddenError
+            The author may not add rules.
+        ConflictError
+            There is another rule of that label.
+        InconsistentError
+            What follows contradicts the ontology.
+        """
+        found = read_rules(rules)
+        rights = self.access(agent, access)
+        author = self.graphs.agent_iri(rights.agent, rights.role) if rights.agent else None
+        return self._change_rules(
+            lambda change: rulebook.add(change, found, self.graphs, author, replace), rights, note
+        )
+
+    def remove_rules(
+        self,
+        names: str | Iterable[str],
+        agent: str | None = None,
+        *,
+        access: Access | None = None,
+        note: str | None = "remove rules",
+    ) -> Commit:
+        """Remove rules, named by label or IRI, with what followed from them alone.
+
+        Raises
+        ------
+        UnknownTermError
+            There is no such rule.
+        ForbiddenError
+            The author may not remove rules.
+        """
+        wanted = [names] if isinstance(names, str) else list(names)
+        rights = self.access(agent, access)
+        return self._change_rules(
+            lambda change: rulebook.remove(change, wanted, self.graphs), rights, note
+        )
+
+    def _change_rules(
+        self, edit: Callable[[Overlay], None], rights: Access, note: str | None
+    ) -> Commit:
+        if self.plain:
+            raise UnsupportedError("a plain SPARQL dataset has no rules")
+        rights.require_write(self.graphs.rules, "rules")
+        overlay = self._writer.begin()
+        try:
+            edit(overlay)
+        except BaseException:
+            self._writer.cancel()
+            raise
+        return self._writer.finish(overlay, Request(rights, note=note))
 
     def quarantined(self) -> list[Quarantined]:
         """Return the contradictory statements in quarantine."""

@@ -19,6 +19,7 @@ from rtask.errors import DataError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Request
 from rtask.kb.durability.blobs import digest_of
+from rtask.kb.rules.rule import is_rule_file, read_rules
 from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.headers import Header, Terms, header_of, peek
@@ -48,7 +49,7 @@ class FileReport:
     graph
         IRI of the target graph; empty for documents that name their graphs themselves.
     read
-        Number of statements in the document.
+        Number of statements in the document, or of rules.
     added, removed, derived
         Numbers of statements added to, removed from and derived in the knowledge base.
     """
@@ -222,8 +223,33 @@ class _Loader:
     def _places(self, beside: Path | None = None) -> str:
         return "searched " + ", ".join(map(str, self.catalogue.searched(beside)))
 
+    def load_rules(self, document: Document) -> None:
+        """Load a file of rules as one commit."""
+        started = time.perf_counter()
+        if self.options.graph is not None:
+            raise UsageError(f"{document.name}: rules have a graph of their own; leave out --graph")
+        assert document.path is not None
+        rules = read_rules(document.path)
+        commit = None
+        if not self.options.dry_run:
+            commit = self.kb.add_rules(
+                rules,
+                access=self.options.access,
+                replace=self.options.replace,
+                note=f"load {document.name}",
+            )
+        counts = (commit.added, commit.removed, commit.derived) if commit else (0, 0, 0)
+        where = self.kb.graphs.rules.value
+        elapsed = round(time.perf_counter() - started, 3)
+        self.report.files.append(
+            FileReport(document.name, "rules", where, len(rules), *counts, elapsed)
+        )
+
     def load(self, document: Document) -> None:
         """Load one document after its imports."""
+        if document.path is not None and is_rule_file(document.path):
+            self.load_rules(document)
+            return
         if document.path is not None:
             if document.path.resolve() in self._done:
                 return

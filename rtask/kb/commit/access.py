@@ -11,9 +11,10 @@ from rtask.errors import ForbiddenError, UsageError
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 
-__all__ = ["Access", "Role"]
+__all__ = ["RIGHTS", "Access", "Role"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
+RIGHTS = frozenset(("rules",))
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 
@@ -29,6 +30,9 @@ class Access:
         ``reader`` writes nothing; ``robot`` and ``teacher`` write their own agent graph;
         ``anonymous`` (a server without tokens) writes everything unprotected but ontologies;
         ``admin`` writes everything unprotected.
+    rights
+        What the caller may do beyond its role. ``rules``: add and remove rules of the reasoner,
+        which of the roles only an ``admin`` may.
 
     Examples
     --------
@@ -41,6 +45,7 @@ class Access:
 
     agent: str | None = None
     role: Role = "admin"
+    rights: frozenset[str] = frozenset()
     graphs: Graphs | None = field(default=None, compare=False, repr=False)
     is_ontology: Callable[[GraphName], bool] | None = field(default=None, compare=False, repr=False)
     plain: bool = field(default=False, compare=False, repr=False)
@@ -50,6 +55,9 @@ class Access:
             raise UsageError(f"unknown role {self.role!r}; one of {', '.join(_ROLES)}")
         if self.role in ("robot", "teacher") and not self.agent:
             raise UsageError(f"a {self.role} needs a name")
+        if not self.rights <= RIGHTS:
+            unknown = min(self.rights - RIGHTS)
+            raise UsageError(f"unknown right {unknown!r}; one of {', '.join(sorted(RIGHTS))}")
 
     def bind(
         self,
@@ -76,6 +84,8 @@ class Access:
         graphs = self._bound()
         if not isinstance(graph, NamedNode) or graphs.is_kept_by_commits(graph):
             return False
+        if graph == graphs.rules:
+            return self.role == "admin" or "rules" in self.rights
         if self.role in ("robot", "teacher"):
             return graphs.owner(graph) == self.agent
         if self.role == "anonymous":
@@ -97,6 +107,8 @@ class Access:
         protected = not self.plain and self._bound().is_kept_by_commits(graph)
         if protected:
             reason = "only the knowledge base itself writes it"
+        elif not self.plain and graph == self._bound().rules:
+            reason = "adding and removing rules is a right of its own; ask an admin for it"
         elif self.role in ("robot", "teacher"):
             reason = f"it may write {self.home()} only"
         else:

@@ -16,6 +16,7 @@ from typing import IO
 
 from pyoxigraph import Quad, RdfFormat
 
+from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Commit, Committer, Request
 from rtask.kb.commit.inference import Inference
@@ -66,6 +67,7 @@ def bulk_add(
     committer = writer.committer
     inferred = committer.graphs.inferred
     before = committer.catalogue.triple_count(inferred)
+    _refuse_rules(committer, graph)
     with writer.exclusive():
         request.access.require_write(graph, "load")
         _checkpoint(files, committer.last_seq)
@@ -73,7 +75,7 @@ def bulk_add(
         if isinstance(data, TripleText):
             touched = _add_text(files, committer, data, graph)
         else:
-            touched = _add_quads(files, data, graph, request.access)
+            touched = _add_quads(files, data, graph, request.access, committer)
         _checkpoint(files, committer.last_seq)
     if not files.settings.plain:
         named = frozenset(g for g in touched if isinstance(g, NamedNode))
@@ -99,8 +101,16 @@ def _add_text(
     return {graph}
 
 
+def _refuse_rules(committer: Committer, graph: GraphName) -> None:
+    """Refuse rules in bulk: each is checked when it is added."""
+    if not committer.plain and graph == committer.graphs.rules:
+        raise UsageError(
+            f"{graph} takes no bulk loads; add rules with kb.add_rules() or `rtask rules add`"
+        )
+
+
 def _add_quads(
-    files: Files, quads: Iterable[Quad], graph: GraphName, access: Access
+    files: Files, quads: Iterable[Quad], graph: GraphName, access: Access, committer: Committer
 ) -> set[GraphName]:
     joined: dict[GraphName, bool] = {graph: files.settings.is_merged and is_joined(graph)}
 
@@ -108,6 +118,7 @@ def _add_quads(
         for quad in quads:
             name = quad.graph_name
             if name not in joined:
+                _refuse_rules(committer, name)
                 access.require_write(name, "load")
                 joined[name] = files.settings.is_merged and is_joined(name)
             yield quad

@@ -26,6 +26,7 @@ from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.validation import Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import Journal
+from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import LARGE, Writes, apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
@@ -218,11 +219,12 @@ class Committer:
                 )
 
     def _derive(self, change: Overlay, request: Request) -> tuple[Overlay, Staged | None, int]:
+        rules = None if self.plain else changed(change, self.graphs)
         if self.inference is None:
             return Overlay(self.store), None, 0
         if self.quarantines and not request.strict:
-            return set_aside(change, self.inference, self.graphs, self.last_seq + 1)
-        return *self.inference.stage(change), 0
+            return set_aside(change, self.inference, self.graphs, self.last_seq + 1, rules)
+        return *self.inference.stage(change, rules), 0
 
     def _store(
         self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request
@@ -273,7 +275,8 @@ class Committer:
         if staged is not None or (request.trusted and self.inference is not None):
             return True
         touched = change.touched_graphs() | request.recount
-        return False if any(map(self.graphs.is_input, touched)) else None
+        concerned = self.graphs.rules in touched or any(map(self.graphs.is_input, touched))
+        return False if concerned else None
 
     def _sizes(self, request: Request, change: Overlay) -> dict[GraphName, int]:
         return {

@@ -10,13 +10,15 @@ from pyoxigraph import NamedNode, Quad
 
 import ontology
 from rtask.errors import InconsistentError, TooLargeError
+from rtask.kb.rules.rule import Rule
+from rtask.kb.rules.rulebook import blamed, stored_rules
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
-__all__ = ["Inference", "Staged"]
+__all__ = ["Inference", "Staged", "labelled", "shipped_rules"]
 
 _log = logging.getLogger(__name__)
 
@@ -77,13 +79,19 @@ class Inference:
         _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
         try:
             # the reasoner leaves out triple terms, which its signature does not include
-            closure = Closure.build(cast("Any", schema), cast("Any", data), rules=rule_texts())
+            rules = [*shipped_rules(), *map(labelled, self.rules())]
+            closure = Closure.build(cast("Any", schema), cast("Any", data), rules=rules)
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
         clashes = closure.contradictions()
         if clashes:
             _log.warning("%d contradictions, e.g. %s", len(clashes), clashes[0].message)
         return closure
+
+    def rules(self) -> list[Rule]:
+        """Return the rules of the user that the graph holds."""
+        here = self._graphs.rules
+        return stored_rules(self._store.quads_for_pattern(None, None, None, here))
 
     def forget(self) -> None:
         """Discard the closure; it is rebuilt when it is next needed."""
@@ -93,24 +101,31 @@ class Inference:
         """Whether the reasoner reads a graph."""
         return self._graphs.is_input(graph)
 
-    def stage(self, change: Overlay) -> tuple[Overlay, Staged]:
+    def stage(self, change: Overlay, rules: Sequence[Rule] | None = None) -> tuple[Overlay, Staged]:
         """Return the statements that a change adds to and removes from the inferred graph.
+
+        Parameters
+        ----------
+        rules
+            All rules of the user from now on, if the change concerns any.
 
         Raises
         ------
         InconsistentError
             If the change contradicts stored data or the ontology; the derivation is discarded.
         """
-        derived, staged, clashes = self.try_stage(change)
+        derived, staged, clashes = self.try_stage(change, rules)
         if staged is None:
             raise self.inconsistent(clashes)
         return derived, staged
 
-    def try_stage(self, change: Overlay) -> tuple[Overlay, Staged | None, list[Any]]:
+    def try_stage(
+        self, change: Overlay, rules: Sequence[Rule] | None = None
+    ) -> tuple[Overlay, Staged | None, list[Any]]:
         """Like :meth:`stage`, but return contradictions instead of raising."""
         closure = self.closure()
         gained, lost = input_change(change, self._graphs.is_input)
-        staged = _stage(closure, gained, lost)
+        staged = self._stage(closure, gained, lost, rules)
         if staged.contradictions:
             staged.discard()
             return Overlay(self._store), None, staged.contradictions
@@ -166,17 +181,34 @@ class Inference:
             Quad(s, p, o, graph) for s, p, o in surplus
         ]
 
+    def _stage(
+        self,
+        closure: Any,
+        gained: list[TripleKey],
+        lost: list[TripleKey],
+        rules: Sequence[Rule] | None,
+    ) -> Staged:
+        from reasoner import ClosureTooLargeError, RuleError, StratificationError
 
-def _stage(closure: Any, gained: list[TripleKey], lost: list[TripleKey]) -> Staged:
-    from reasoner import ClosureTooLargeError
+        now = None if rules is None else [*shipped_rules(), *map(labelled, rules)]
+        try:
+            staged: Staged = closure.stage(add=gained, remove=lost, rules=now)
+        except ClosureTooLargeError as error:
+            raise TooLargeError(str(error)) from error
+        except (RuleError, StratificationError) as error:
+            if rules is None:
+                raise
+            raise blamed(rules, self.rules(), error) from error
+        return staged
 
-    try:
-        staged: Staged = closure.stage(add=gained, remove=lost)
-    except ClosureTooLargeError as error:
-        raise TooLargeError(str(error)) from error
-    return staged
+
+def labelled(rule: Rule) -> Any:
+    """Return a rule as the reasoner takes it."""
+    from reasoner import LabelledRule
+
+    return LabelledRule(rule.text, rule.label)
 
 
-def rule_texts() -> list[str]:
+def shipped_rules() -> list[str]:
     """Return the CONSTRUCT rules that ship with the ontology."""
     return [path.read_text("utf-8") for path in ontology.rules()]

@@ -16,6 +16,7 @@ from pyoxigraph import Quad
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.inference import Inference, Staged
+from rtask.kb.rules.rule import Rule
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
@@ -56,9 +57,18 @@ class Quarantined:
 
 
 def set_aside(
-    change: Overlay, inference: Inference, graphs: Graphs, seq: int
+    change: Overlay,
+    inference: Inference,
+    graphs: Graphs,
+    seq: int,
+    rules: Sequence[Rule] | None = None,
 ) -> tuple[Overlay, Staged, int]:
     """Move contradictory statements from a pending change into the quarantine graph.
+
+    Parameters
+    ----------
+    rules
+        All rules of the user from now on, if the change concerns any.
 
     Returns
     -------
@@ -71,7 +81,7 @@ def set_aside(
     """
     moved = 0
     for _ in range(_ROUNDS):
-        derived, staged, clashes = inference.try_stage(change)
+        derived, staged, clashes = inference.try_stage(change, rules)
         if staged is not None:
             return derived, staged, moved
         blamed = _blamed(change, clashes, inference)

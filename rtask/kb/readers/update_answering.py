@@ -76,7 +76,7 @@ def evaluate(raw: ox.Store, order: dict[str, Any]) -> tuple[bytes | Exception, b
     store = GraphStore(raw)
     store.is_view = order["view"]
     ontologies = frozenset(order["ontologies"])
-    access = Access(order["agent"], order["role"]).bind(
+    access = Access(order["agent"], order["role"], frozenset(order["rights"])).bind(
         Graphs(order["graphs"]),
         lambda graph: isinstance(graph, NamedNode) and graph.value in ontologies,
         order["plain"],

@@ -73,6 +73,7 @@ class UpdateOrder:
                 "text": self.text,
                 "agent": self.access.agent,
                 "role": self.access.role,
+                "rights": sorted(self.access.rights),
                 "graphs": graphs.base if graphs else "",
                 "ontologies": self.ontologies,
                 "plain": self.access.plain,

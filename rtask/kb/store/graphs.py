@@ -62,6 +62,11 @@ class Graphs:
         return self._named("provenance")
 
     @property
+    def rules(self) -> NamedNode:
+        """Graph of the users' rules; writing it is a right of its own."""
+        return self._named("rules")
+
+    @property
     def quarantine(self) -> NamedNode:
         """Graph of contradictory statements, outside of the union; written by commits only."""
         return self._named(_QUARANTINE)
@@ -112,6 +117,7 @@ class Graphs:
             "shared": "SharedGraph",
             "meta": "MetaGraph",
             "provenance": "ProvenanceGraph",
+            "rules": "RuleBaseGraph",
             _QUARANTINE: "QuarantineGraph",
         }
         if path in fixed:
@@ -131,9 +137,11 @@ class Graphs:
         """Whether the reasoner reads this graph.
 
         Records of commits are excluded: they grow with every write and say nothing about the
-        world.
+        world. Rules are read as rules.
         """
-        return isinstance(graph, NamedNode) and not self.is_kept_by_commits(graph)
+        if not isinstance(graph, NamedNode) or graph == self.rules:
+            return False
+        return not self.is_kept_by_commits(graph)
 
 
 def graph_class(kind: str) -> NamedNode:

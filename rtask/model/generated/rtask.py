@@ -1583,6 +1583,22 @@ class RobotModel(InformationEntity):
     urdf: Links[Blob] = Links(_RT + "urdf", _RT + "Blob")
 
 
+class Rule(InformationEntity):
+    """A rule of the user, which the reasoner applies from the commit on that adds it.
+
+    ``rt:Rule``
+
+    Attributes
+    ----------
+    rule_text
+        What follows from what, as a SPARQL CONSTRUCT query.
+    """
+
+    __iri__: ClassVar[str] = _RT + "Rule"
+
+    rule_text: Many[str] = Many(_RT + "ruleText", _XSD + "string")
+
+
 class Service(InformationEntity):
     """A collection of methods at one address (Kehoe 2014, 5.5).
 
@@ -2277,6 +2293,15 @@ class RobotAction(Action):
     """
 
     __iri__: ClassVar[str] = _RT + "RobotAction"
+
+
+class RuleBaseGraph(NamedGraph):
+    """The graph of the users' rules: who may write it adds rules to the reasoner.
+
+    ``rt:RuleBaseGraph``
+    """
+
+    __iri__: ClassVar[str] = _RT + "RuleBaseGraph"
 
 
 class RuleGraph(NamedGraph):

@@ -15,7 +15,9 @@ from rtask.remote.knowledge_base import RemoteKnowledgeBase, RemoteTransaction
 
 
 def test_the_packages_public_names() -> None:
-    assert sorted(rtask.__all__) == ["KnowledgeBase", "__version__", "connect", "errors", "open"]
+    assert sorted(rtask.__all__) == [
+        *("KnowledgeBase", "Rule", "__version__", "connect", "errors", "open")
+    ]
     for name in rtask.__all__:
         assert getattr(rtask, name) is not None
     assert dir(rtask) == sorted(rtask.__all__)

@@ -1,0 +1,72 @@
+"""The description of the reasoner's addresses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from endpoint.api.reasoner import RULES, SPARQL_TYPE
+from endpoint.http.messages import JSON_TYPE
+
+JsonObject = dict[str, Any]
+_TEXT: JsonObject = {"type": "string"}
+_RULE: JsonObject = {
+    "type": "object",
+    "properties": {
+        "label": {"type": "string", "minLength": 1},
+        "text": {"type": "string", "description": "SPARQL CONSTRUCT query"},
+        "comment": _TEXT,
+    },
+    "required": ["label", "text"],
+}
+_CHANGE_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 503)
+
+
+def reasoner_paths(
+    get: Callable[..., JsonObject],
+    parameter: Callable[..., JsonObject],
+    problems: Callable[..., JsonObject],
+) -> JsonObject:
+    """Return the paths of the reasoner.
+
+    Parameters
+    ----------
+    get, parameter, problems
+        Describe a GET, a parameter, and what may go wrong.
+    """
+    name = parameter("name", "path", "label of the rule, or the last part of its IRI", _TEXT)
+    single = get("One rule of the user", (JSON_TYPE,), [name])
+    single["responses"] |= problems((422,))
+    label = parameter("label", "query", "label of a rule sent as SPARQL", _TEXT)
+    replace = parameter("replace", "query", "1: replace a rule of this label", {"enum": ["0", "1"]})
+    sent = {**_RULE, "properties": {**_RULE["properties"], "replace": {"type": "boolean"}}}
+    return {
+        RULES: {
+            "get": get("Rules of the user", (JSON_TYPE,)),
+            "post": {
+                "summary": "Add a rule",
+                "description": "Needs the right `rules`.",
+                "parameters": [label, replace],
+                "requestBody": {
+                    "required": True,
+                    "content": {JSON_TYPE: {"schema": sent}, SPARQL_TYPE: {"schema": _TEXT}},
+                },
+                "responses": {
+                    "201": {"description": "added", "content": {JSON_TYPE: {"schema": _RULE}}},
+                    **problems(_CHANGE_PROBLEMS),
+                },
+            },
+        },
+        f"{RULES}/{{name}}": {
+            "get": single,
+            "delete": {
+                "summary": "Remove a rule",
+                "description": "Needs the right `rules`.",
+                "parameters": [name],
+                "responses": {
+                    "200": {"description": "removed", "content": {JSON_TYPE: {}}},
+                    **problems(_CHANGE_PROBLEMS),
+                },
+            },
+        },
+    }

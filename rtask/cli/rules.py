@@ -1,0 +1,132 @@
+"""``rtask rules``: add, list, show and remove rules of the user."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rtask.cli.connection import open_to_read
+from rtask.cli.options import agent_option, data_option, exit_if_empty, json_option, print_json
+from rtask.cli.progress import announce_compilation
+
+if TYPE_CHECKING:
+    from rtask.kb.rules.rule import Rule
+
+
+@click.group()
+def rules() -> None:
+    """Add, list, show and remove rules of the user."""
+
+
+@rules.command()
+@click.argument("sources", nargs=-1, required=True, metavar="FILE...")
+@data_option
+@click.option("--label", metavar="LABEL", help="Label of the rule, where there is one FILE or -.")
+@click.option("--replace", is_flag=True, help="Replace rules of the same label.")
+@agent_option("The author, who needs the right to add rules.  [default: the operator]")
+@json_option
+def add(
+    sources: tuple[str, ...],
+    data: Path,
+    label: str | None,
+    replace: bool,
+    agent: str | None,
+    as_json: bool,
+) -> None:
+    """Add rules from files or folders; - reads one rule from standard input.
+
+    A rule is a SPARQL CONSTRUCT query. It is labelled with the file's name or, where a file holds
+    several, by the line "# rule: LABEL" before each. What follows from the rules is derived in the
+    same commit, from now on with every commit, and named by their labels in proofs.
+    """
+    import dataclasses
+    import sys
+
+    import rtask
+    from rtask.errors import UsageError
+    from rtask.kb.rules.rule import read_rules
+
+    found: list[Rule] = []
+    for source in sources:
+        if source == "-":
+            if not label:
+                raise UsageError("a rule from standard input needs --label")
+            found.append(rtask.Rule(label, sys.stdin.read()))
+        else:
+            found += read_rules(Path(source))
+    if label:
+        if len(found) != 1:
+            raise UsageError(f"--label is for one rule, not {len(found)}")
+        found = [dataclasses.replace(found[0], label=label)]
+    with announce_compilation(), rtask.open(data) as kb:
+        commit = kb.add_rules(found, agent, replace=replace)
+    facts = {"rules": [rule.label for rule in found], "commit": commit.seq}
+    if as_json:
+        print_json({**facts, "derived": commit.derived, "changed": commit.added > 0})
+    elif commit.added:
+        click.echo(f"{_counted(len(found))} added, {commit.derived} statements derived")
+    else:
+        click.echo("nothing new: these rules are there already")
+
+
+@rules.command("list")
+@data_option
+@json_option
+def list_rules(data: Path, as_json: bool) -> None:
+    """List the rules of the user with author and date."""
+    with open_to_read(data) as kb:
+        found = kb.rules()
+    if as_json:
+        print_json([rule.to_dict() for rule in found])
+    else:
+        for rule in found:
+            click.echo(f"{rule.label:32s} {_origin(rule)}  {rule.comment}".rstrip())
+    exit_if_empty(found)
+
+
+@rules.command()
+@click.argument("name", metavar="LABEL")
+@data_option
+@json_option
+def show(name: str, data: Path, as_json: bool) -> None:
+    """Show the text of a rule, named by label or IRI."""
+    from rtask.kb.rules.rulebook import find
+
+    with open_to_read(data) as kb:
+        found = kb.rules()
+    wanted = find(found, name)
+    rule = next(rule for rule in found if rule.iri == wanted)
+    if as_json:
+        print_json(rule.to_dict())
+    else:
+        click.echo(f"# rule: {rule.label}\n# {_origin(rule)}\n{rule.text}")
+
+
+@rules.command()
+@click.argument("names", nargs=-1, required=True, metavar="LABEL...")
+@data_option
+@agent_option("Who removes it, with the right to.  [default: the operator]")
+@json_option
+def remove(names: tuple[str, ...], data: Path, agent: str | None, as_json: bool) -> None:
+    """Remove rules, named by label or IRI, with what followed from them alone."""
+    import rtask
+
+    with announce_compilation(), rtask.open(data) as kb:
+        before = kb.catalogue.triple_count(kb.graphs.inferred)
+        commit = kb.remove_rules(names, agent)
+        gone = before - kb.catalogue.triple_count(kb.graphs.inferred)
+    if as_json:
+        print_json({"removed": list(names), "commit": commit.seq, "withdrawn": gone})
+    else:
+        click.echo(f"{_counted(len(names))} removed, {gone} derived statements withdrawn")
+
+
+def _counted(number: int) -> str:
+    return f"{number} rule{'' if number == 1 else 's'}"
+
+
+def _origin(rule: Rule) -> str:
+    author = rule.author.value.rpartition("/")[2] if rule.author else "operator"
+    return f"{author:16s} {rule.time:%Y-%m-%d %H:%M}" if rule.time else author

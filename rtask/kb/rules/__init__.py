@@ -1,0 +1,1 @@
+"""Rules of the user: read, checked, and kept in the graph."""

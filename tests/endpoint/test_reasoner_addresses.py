@@ -1,0 +1,149 @@
+"""`/reasoner/rules`: who may add rules of the user, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+from flask.testing import FlaskClient
+
+import rtask
+from endpoint.access.tokens import TokenStore
+from endpoint.settings import Config
+from endpoint.wsgi import create_app
+from rtask.engine import Engine
+from tests.servers import new_application
+
+TEXT = "CONSTRUCT { ?a <urn:t:above> ?b } WHERE { ?a <urn:t:on> ?b }"
+RULE = {"label": "on is above", "text": TEXT, "comment": "for stacking"}
+Bearer = dict[str, str]
+
+
+@pytest.fixture(scope="module")
+def tokens() -> Iterator[TokenStore]:
+    with closing(TokenStore(None)) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def client(tokens: TokenStore) -> Iterator[FlaskClient]:
+    with rtask.open(":memory:", base="urn:lab/") as kb, Engine(kb) as engine:
+        kb.update("INSERT DATA { <urn:t:a> <urn:t:on> <urn:t:b> }")
+        app = create_app(new_application(kb, engine, tokens, Config()))
+        yield app.test_client()
+        app.extensions["rtask"].close()
+
+
+def bearer(tokens: TokenStore, role: str, *rights: str, agent: str | None = None) -> Bearer:
+    text, _ = tokens.create(role, agent=agent, rights=rights)
+    return {"Authorization": f"Bearer {text}"}
+
+
+def test_without_tokens_nobody_may_add_rules(client: FlaskClient) -> None:
+    refused = client.post("/reasoner/rules", json=RULE)
+    assert (refused.status_code, refused.json["type"]) == (403, "/errors/graph-forbidden")
+    assert client.get("/reasoner/rules").json == {"rules": []}
+
+
+def test_ordinary_tokens_may_not_add_rules_whichever_way(
+    client: FlaskClient, tokens: TokenStore
+) -> None:
+    robot = bearer(tokens, "robot", agent="nao-1")
+    teacher = bearer(tokens, "teacher", agent="ada")
+    insert = (
+        "INSERT DATA { GRAPH <urn:lab/graph/rules> "
+        f"{{ <urn:r> <https://w3id.org/rtask-kg/ns#ruleText> '{TEXT}' }} }}"
+    )
+    for who in (robot, teacher):
+        assert client.post("/reasoner/rules", json=RULE, headers=who).status_code == 403
+        assert client.post("/update", data={"update": insert}, headers=who).status_code == 403
+        triple = "<urn:r> <https://w3id.org/rtask-kg/ns#ruleText> 'x' ."
+        put = client.put(
+            "/store?graph=urn:lab/graph/rules",
+            data=triple,
+            headers={**who, "Content-Type": "text/turtle"},
+        )
+        assert put.status_code == 403
+        assert client.delete("/reasoner/rules/none", headers=who).status_code == 403
+    reader = bearer(tokens, "reader")
+    assert client.post("/reasoner/rules", json=RULE, headers=reader).status_code == 403
+    assert client.post("/reasoner/rules", json=RULE).status_code == 401
+    assert client.get("/reasoner/rules").json == {"rules": []}
+
+
+def test_a_rule_is_added_shown_and_removed(client: FlaskClient, tokens: TokenStore) -> None:
+    may = bearer(tokens, "robot", "rules", agent="nao-2")
+    added = client.post("/reasoner/rules", json=RULE, headers=may)
+    assert added.status_code == 201, added.text
+    assert added.json["derived"] == 1
+    assert added.json["author"] == "urn:lab/robot/nao-2"
+    place = added.headers["Location"]
+    assert client.get(place).json["text"] == TEXT
+    ask = client.get("/sparql", query_string={"query": "ASK { <urn:t:a> <urn:t:above> ?b }"})
+    assert ask.json["boolean"] is True
+    again = client.post("/reasoner/rules", json={**RULE, "text": TEXT + " "}, headers=may)
+    assert again.status_code == 201
+    assert again.json["derived"] == 0
+    other = {**RULE, "text": TEXT.replace("on>", "under>")}
+    assert client.post("/reasoner/rules", json=other, headers=may).status_code == 409
+    replaced = client.post(
+        "/reasoner/rules?label=on is above&replace=1",
+        data=TEXT,
+        headers={**may, "Content-Type": "application/sparql-query"},
+    )
+    assert replaced.status_code == 201
+    removed = client.delete(place, headers=may)
+    assert (removed.status_code, removed.json["removed"]) == (200, "on is above")
+    assert client.get("/reasoner/rules").json == {"rules": []}
+    assert client.get(place).status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "words"),
+    [
+        ({**RULE, "text": "CONSTRCUT { }"}, 400, "did you mean 'CONSTRUCT'"),
+        ({"label": "x"}, 400, "label and text"),
+        ({**RULE, "text": 3}, 400, "label and text"),
+        ({**RULE, "label": " "}, 400, "label"),
+        ({**RULE, "txet": ""}, 400, "unknown field 'txet'"),
+    ],
+)
+def test_a_bad_rule_is_refused_with_reason_and_place(
+    client: FlaskClient, tokens: TokenStore, sent: dict[str, object], status: int, words: str
+) -> None:
+    answer = client.post("/reasoner/rules", json=sent, headers=bearer(tokens, "admin"))
+    assert answer.status_code == status, answer.text
+    assert words in answer.json["detail"]
+    if "CONSTRCUT" in str(sent.get("text", "")):
+        assert (answer.json["line"], answer.json["column"]) == (1, 1)
+
+
+def test_other_methods_media_types_and_addresses_are_refused(
+    client: FlaskClient, tokens: TokenStore
+) -> None:
+    admin = bearer(tokens, "admin")
+    assert client.put("/reasoner/rules", json=RULE, headers=admin).status_code == 405
+    assert client.post("/reasoner/rules", data="x", headers=admin).status_code == 415
+    assert client.get("/reasoner/nothing").status_code == 404
+    assert "POST" in client.options("/reasoner/rules").headers["Allow"]
+
+
+def test_a_token_file_of_an_earlier_version_gains_the_column(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    import sqlite3
+
+    with closing(sqlite3.connect(tmp_path / "tokens.sqlite")) as connection:
+        connection.execute(
+            "CREATE TABLE tokens (id TEXT PRIMARY KEY, digest BLOB NOT NULL, agent TEXT, "
+            "role TEXT NOT NULL, created TEXT NOT NULL, expires TEXT, revoked TEXT) STRICT"
+        )
+        connection.execute(
+            "INSERT INTO tokens (id, digest, agent, role, created) "
+            "VALUES ('0123456789ab', x'00', 'nao-1', 'robot', '2026')"
+        )
+        connection.commit()
+    with closing(TokenStore(tmp_path)) as tokens:
+        (old,) = tokens.all()
+        assert (old.agent, old.rights) == ("nao-1", ())
+        text, _ = tokens.create("teacher", agent="ada", rights=["rules"])
+        assert tokens.authenticate(text).access.rights == {"rules"}
