@@ -9,12 +9,13 @@ from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from reasoner.contradictions import Contradiction, describe
-from reasoner.facts.asserted import Asserted
+from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
 from reasoner.proofs import GraphsOf, Proof
 from reasoner.reading import Reading, differences
 from reasoner.rules.user_rules import LabelledRule
+from reasoner.saved.image import Contents, Image, fingerprint
 from reasoner.terms import vocabulary as v
 from reasoner.terms.dictionary import Dictionary, Fact, Term, Triple
 from reasoner.terms.digest import Digest, digest_of
@@ -102,6 +103,7 @@ class Staged:
             raise RuntimeError("this change was already applied or discarded")
         if self._version != self._closure._version:
             raise RuntimeError("another change was applied since this one was staged")
+        self._closure._changes += self._draft.size
         self._draft.apply_to(self._closure._state)
         self._closure._rules = self._rules
         self._closure._version += 1
@@ -138,6 +140,7 @@ class Closure:
         self._terms = Dictionary()
         self._state = State()
         self._version = 0
+        self._changes = 0
         self._reifiers: set[Term] = set()
         self._skipped = 0
 
@@ -200,7 +203,9 @@ class Closure:
         minus = set(self._terms.encode_all(t for t in remove if not _is_triple_term(t[2])))
         asserted = self._state.asserted
         changed = Asserted(
-            asserted, frozenset(plus - asserted), frozenset((minus - plus) & asserted)
+            asserted,
+            frozenset(fact for fact in plus if fact not in asserted),
+            frozenset(fact for fact in minus - plus if fact in asserted),
         )
         former, now = self._rules, self._rules if rules is None else tuple(rules)
         maintainer = self._maintainer(len(asserted) + len(plus), now)
@@ -210,6 +215,35 @@ class Closure:
             staged.discard()
             raise InconsistentError(staged.contradictions)
         return staged
+
+    @classmethod
+    def from_image(
+        cls, image: Image, rules: Iterable[str | LabelledRule] = (), config: Config | None = None
+    ) -> Closure:
+        """Return the closure of an image, which must have the same :meth:`fingerprint`."""
+        closure = cls(rules, config)
+        contents = image.contents()
+        closure._terms, closure._state = contents.terms, contents.state
+        closure._reifiers, closure._skipped = contents.reifiers, contents.skipped
+        return closure
+
+    def image(self) -> Image:
+        """Return all that the closure holds as arrays and data, to be written to a folder."""
+        return Image.of(Contents(self._terms, self._state, self._reifiers, self._skipped))
+
+    def fingerprint(self) -> dict[str, str]:
+        """Return what the closure depends on besides the asserted triples, as JSON-able data."""
+        return fingerprint(self._rules, self._config.ill_typed)
+
+    @property
+    def size(self) -> int:
+        """Number of asserted triples."""
+        return len(self._state.asserted)
+
+    @property
+    def changes(self) -> int:
+        """Number of facts that came or went since the closure was built or read."""
+        return self._changes
 
     def contains(self, triple: Triple) -> bool:
         """Tell whether a triple is asserted, derived, or true of everything."""

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from itertools import islice, product
 from typing import Any
 
-from reasoner.facts.asserted import Asserted
 from reasoner.facts.equality import Equality
-from reasoner.facts.layer import Layer
+from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
 from reasoner.glosses import Glossary, Shorten
 from reasoner.rules.rule import Bindings, Rule, bind, ground, solve

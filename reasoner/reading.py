@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from reasoner.facts.asserted import Asserted
 from reasoner.facts.equality import Equality
-from reasoner.facts.layer import Layer
+from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
 from reasoner.glosses import Glossary
 from reasoner.proofs import GraphsOf, Proof, Prover

@@ -173,7 +173,7 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
     catalogue = Catalogue(files.store, graphs)
     inference = None
     if options.reason and not files.settings.plain:
-        inference = Inference(files.store, graphs, catalogue.is_ontology)
+        inference = Inference(files.store, graphs, catalogue, files.saved_closures())
     committer = Committer(
         files.store,
         graphs,
@@ -187,6 +187,8 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
         last_time=catalogue.last_time() or LONG_AGO,
         quarantines=options.quarantines,
     )
+    if inference is not None:
+        inference.follow(lambda: committer.last_seq)
     writer = Writer(committer, files.checkpoints)
     if options.mode == "r":
         writer.close()

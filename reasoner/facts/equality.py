@@ -7,7 +7,7 @@ owl:sameAs via Rewriting"). Literals are never members.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from reasoner.terms.dictionary import Dictionary, Fact
 from reasoner.terms.vocabulary import RESERVED, SAME
@@ -80,6 +80,12 @@ class Equality:
         self._members[winner] = joined
         for member in joined:
             self._representative[member] = winner
+
+    def adopt(self, representative: int, members: Iterable[int]) -> None:
+        """Add a class whose members and representative are known."""
+        group = tuple(sorted(members))
+        self._members[representative] = group
+        self._representative.update(dict.fromkeys(group, representative))
 
     def dissolve(self, number: int) -> tuple[int, ...]:
         """Take a class apart; return its former members."""

@@ -1,4 +1,4 @@
-"""A set of facts seen through changes that have not been applied."""
+"""Sets of facts seen through changes that have not been applied."""
 
 from __future__ import annotations
 
@@ -105,6 +105,53 @@ class Layer:
         for fact in self.added:
             self.base.add(*fact)
         self.added, self.removed = Facts(), Facts()
+
+
+class Asserted:
+    """Asserted facts in original terms, with staged changes.
+
+    Examples
+    --------
+    >>> asserted = Asserted(Facts([(300, 301, 302)]), added=frozenset({(300, 301, 303)}))
+    >>> (300, 301, 303) in asserted, (300, 301, 303) in asserted.facts
+    (True, False)
+    >>> asserted.apply()
+    >>> (300, 301, 303) in asserted.facts
+    True
+    """
+
+    __slots__ = ("added", "facts", "removed")
+
+    def __init__(
+        self,
+        facts: Facts,
+        added: frozenset[Fact] = frozenset(),
+        removed: frozenset[Fact] = frozenset(),
+    ) -> None:
+        self.facts = facts
+        self.added = added
+        self.removed = removed
+
+    def __contains__(self, fact: Fact) -> bool:
+        return fact in self.added or (fact in self.facts and fact not in self.removed)
+
+    def __iter__(self) -> Iterator[Fact]:
+        yield from self.added
+        yield from (fact for fact in self.facts if fact not in self.removed)
+
+    def is_unchanged(self) -> bool:
+        """Tell whether nothing is staged."""
+        return not self.added and not self.removed
+
+    def apply(self) -> None:
+        """Write the changes into the facts."""
+        if not len(self.facts):
+            self.facts.replace(self.added)
+            return
+        for fact in self.removed:
+            self.facts.discard(*fact)
+        for fact in self.added:
+            self.facts.add(*fact)
 
 
 def _overlay(base: Ids, added: Ids, removed: Ids) -> Ids:

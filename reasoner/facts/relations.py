@@ -199,6 +199,17 @@ class Facts:
         facts._size = sum(map(len, columns.values()))
         return facts
 
+    def replace(self, facts: Iterable[Fact]) -> None:
+        """Hold these facts instead, as columns until they are probed."""
+        subjects: dict[int, list[int]] = {}
+        objects: dict[int, list[int]] = {}
+        for s, p, o in facts:
+            subjects.setdefault(p, []).append(s)
+            objects.setdefault(p, []).append(o)
+        self._relations = {}
+        self._columns = {p: Column.of(values, objects[p]) for p, values in subjects.items()}
+        self._size = sum(map(len, self._columns.values()))
+
     def _relation(self, p: int) -> Relation | None:
         relation = self._relations.get(p)
         column = self._columns.get(p)
@@ -285,7 +296,10 @@ class Facts:
     def about(self, number: int) -> list[Fact]:
         """Return the facts that mention an id as subject, predicate or object."""
         found: list[Fact] = [(s, number, o) for s, o in self.pairs(number)]
-        for p in self.predicates():
-            found += [(number, p, o) for o in self.objects(p, number)]
-            found += [(s, p, number) for s in self.subjects(p, number) if s != number]
+        for p, column in tuple(self._columns.items()):  # not worth a relation
+            found += [(number, p, o) for o in column.objects(number).tolist()]
+            found += [(s, p, number) for s in column.subjects(number).tolist() if s != number]
+        for p, relation in tuple(self._relations.items()):
+            found += [(number, p, o) for o in relation.objects(number)]
+            found += [(s, p, number) for s in relation.subjects(number) if s != number]
         return found

@@ -7,9 +7,8 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from reasoner.facts.asserted import Asserted
 from reasoner.facts.equality import Equality
-from reasoner.facts.layer import Layer
+from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
 from reasoner.fixpoint.bulk import Bulk
 from reasoner.fixpoint.checks import (
@@ -59,7 +58,7 @@ class Settings:
 class State:
     """Everything that a commit may change."""
 
-    asserted: set[Fact] = field(default_factory=set)
+    asserted: Facts = field(default_factory=Facts)
     facts: Facts = field(default_factory=Facts)
     equality: Equality = field(default_factory=Equality)
     program: Program = field(default_factory=lambda: Program(CLOSING_RULES))
@@ -86,6 +85,14 @@ class Draft:
     problems: tuple[SchemaProblem, ...]
     clashes: dict[object, Inconsistency] = field(default_factory=dict)
     is_rebuilt: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of facts, asserted and derived, that come or go."""
+        asserted, layer = self.asserted, self.layer
+        return sum(
+            len(facts) for facts in (asserted.added, asserted.removed, layer.added, layer.removed)
+        )
 
     def apply_to(self, state: State) -> None:
         """Make the draft the state."""

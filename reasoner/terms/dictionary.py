@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pyoxigraph import BlankNode, Literal, NamedNode
 
 from reasoner.terms.datatypes import BITS, Value, value_of
+from reasoner.terms.table import HashIndex, TermTable, TextTable, value_hash
 from reasoner.terms.vocabulary import IRIS, LITERAL, RESERVED
 
 Term = NamedNode | BlankNode | Literal
@@ -21,6 +22,11 @@ class Dictionary:
     IRIs and blank nodes count from 0, literals from `LITERAL`; the vocabulary has fixed ids. Ids
     are never reused.
 
+    Parameters
+    ----------
+    table : TermTable, optional
+        Terms that have ids already; they are looked up there until they are first met.
+
     Examples
     --------
     >>> terms = Dictionary()
@@ -29,16 +35,23 @@ class Dictionary:
     (False, <Literal value=1 datatype=<NamedNode value=http://www.w3.org/2001/XMLSchema#integer>>)
     """
 
-    def __init__(self) -> None:
-        self._resources: list[NamedNode | BlankNode] = [NamedNode(iri) for iri in IRIS]
-        self._resources += [
-            NamedNode(f"urn:rtask:reserved:{i}") for i in range(len(IRIS), RESERVED)
-        ]
-        self._literals: list[Literal] = []
-        self._values: list[Value] = []
-        self._ids: dict[Term, int] = {term: i for i, term in enumerate(self._resources)}
+    def __init__(self, table: TermTable | None = None) -> None:
+        fixed = [NamedNode(iri) for iri in IRIS]
+        fixed += [NamedNode(f"urn:rtask:reserved:{i}") for i in range(len(IRIS), RESERVED)]
+        self._table = self._saved = table
+        self._ids: dict[Term, int] = {term: i for i, term in enumerate(fixed)}
+        self._resources: list[NamedNode | BlankNode | None] = [*fixed]
+        self._literals: list[Literal | None] = []
+        self._values: list[Value | None] = []
         self._by_value: dict[tuple[object, ...], int] = {}
         self._variants: dict[int, tuple[int, ...]] = {}
+        if table is not None:
+            self._resources += [None] * (len(table.resources) - len(fixed))
+            self._literals = [None] * len(table.literals)
+            self._values = [None] * len(table.literals)
+            for group in table.variants:
+                ids = tuple(LITERAL + position for position in group)
+                self._variants.update(dict.fromkeys(ids, ids))
 
     def __len__(self) -> int:
         return len(self._resources) + len(self._literals)
@@ -50,14 +63,42 @@ class Dictionary:
 
     def find(self, term: Term) -> int | None:
         """Return the id of a term, None if it was never seen."""
-        return self._ids.get(term)
+        found = self._ids.get(term)
+        return self._in_table(term) if found is None else found
+
+    def _in_table(self, term: Term) -> int | None:
+        """Look a term up among those that had ids from the start, and remember it."""
+        table = self._table
+        if table is None:
+            return None
+        if isinstance(term, Literal):
+            position = table.literals.find(term)
+            if position is None:
+                return None
+            self._literals[position] = term
+            self._ids[term] = LITERAL + position
+            return LITERAL + position
+        position = table.resources.find(term)
+        if position is not None and isinstance(term, NamedNode | BlankNode):
+            self._resources[position] = term
+            self._ids[term] = position
+        return position
 
     def find_equal(self, term: Term) -> int | None:
         """Return the id of a term, or of a literal of the same value; None if there is neither."""
-        found = self._ids.get(term)
+        found = self.find(term)
         if found is None and isinstance(term, Literal):
-            value = value_of(term.value, term.datatype.value, term.language)
-            return self._by_value.get(value.key)
+            return self._first(value_of(term.value, term.datatype.value, term.language))
+        return found
+
+    def _first(self, value: Value) -> int | None:
+        """Return the first literal with a value, None if there is none."""
+        found = self._by_value.get(value.key)
+        if found is None and self._table is not None:
+            for position in self._table.values.candidates(value_hash(value.key)):
+                if self.value(LITERAL + position).key == value.key:
+                    found = self._by_value[value.key] = LITERAL + position
+                    break
         return found
 
     def encode_all(self, triples: Iterable[Triple]) -> list[Fact]:
@@ -77,7 +118,7 @@ class Dictionary:
 
     def _new(self, term: Term) -> int:
         # A triple may bring one new term twice, hence the second look.
-        found = self._ids.get(term)
+        found = self.find(term)
         if found is not None:
             return found
         if isinstance(term, Literal):
@@ -95,8 +136,10 @@ class Dictionary:
         self._literals.append(literal)
         value = value_of(literal.value, literal.datatype.value, literal.language)
         self._values.append(value)
-        first = self._by_value.setdefault(value.key, number)
-        if first != number:
+        first = self._first(value)
+        if first is None:
+            self._by_value[value.key] = number
+        else:
             variants = (*self._variants.get(first, (first,)), number)
             for each in variants:
                 self._variants[each] = variants
@@ -105,8 +148,22 @@ class Dictionary:
     def decode(self, number: int) -> Term:
         """Return the term of an id."""
         if number >= LITERAL:
-            return self._literals[number - LITERAL]
-        return self._resources[number]
+            return self._literal(number - LITERAL)
+        return self._resource(number)
+
+    def _resource(self, position: int) -> NamedNode | BlankNode:
+        found = self._resources[position]
+        if found is None:
+            assert self._table is not None
+            found = self._resources[position] = self._table.resource(position)
+        return found
+
+    def _literal(self, position: int) -> Literal:
+        found = self._literals[position]
+        if found is None:
+            assert self._table is not None
+            found = self._literals[position] = self._table.literal(position)
+        return found
 
     def decode_fact(self, fact: Fact) -> Triple:
         """Return the terms of a fact."""
@@ -115,16 +172,21 @@ class Dictionary:
 
     def iri(self, number: int) -> str:
         """Return the IRI of an id, or `_:label` of a blank node."""
-        term = self._resources[number]
+        term = self._resource(number)
         return term.value if isinstance(term, NamedNode) else str(term)
 
     def is_blank(self, number: int) -> bool:
         """Tell whether an id is a blank node."""
-        return number < LITERAL and isinstance(self._resources[number], BlankNode)
+        return number < LITERAL and isinstance(self._resource(number), BlankNode)
 
     def value(self, number: int) -> Value:
         """Return the value of a literal's id."""
-        return self._values[number - LITERAL]
+        found = self._values[number - LITERAL]
+        if found is None:
+            literal = self._literal(number - LITERAL)
+            found = value_of(literal.value, literal.datatype.value, literal.language)
+            self._values[number - LITERAL] = found
+        return found
 
     def variants(self, number: int) -> tuple[int, ...]:
         """Return the ids of all known literals with the value of this one, itself included."""
@@ -143,3 +205,25 @@ class Dictionary:
         """Tell whether a literal lies in a datatype; None where the datatype is not supported."""
         bit = BITS.get(self.iri(datatype))
         return None if bit is None else bool(self.value(number).mask & bit)
+
+    def table(self) -> TermTable:
+        """Return all terms as a table; what an earlier table holds is not encoded again."""
+        before = self._saved
+        known, known_literals = (
+            (0, 0) if before is None else (len(before.resources), len(before.literals))
+        )
+        resources = TextTable.of(self._resources[known:], known)
+        literals = TextTable.of(self._literals[known_literals:], known_literals)
+        fresh = [
+            (key, number - LITERAL)
+            for key, number in self._by_value.items()
+            if number - LITERAL >= known_literals
+        ]
+        values = HashIndex.of([value_hash(key) for key, _ in fresh], [at for _, at in fresh])
+        if before is not None:
+            resources = before.resources.joined(resources)
+            literals = before.literals.joined(literals)
+            values = before.values.joined(values)
+        groups = {tuple(n - LITERAL for n in ids) for ids in self._variants.values()}
+        self._saved = TermTable(resources, literals, values, tuple(sorted(groups)))
+        return self._saved

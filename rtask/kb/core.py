@@ -131,7 +131,18 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         if self._writer.committer.interrupted:
             self._files.abandon()
         else:
+            self._save_closure()
             self._files.close(self.seq)
+
+    def _save_closure(self) -> None:
+        """Save the closure for the next opening."""
+        checkpoints = self._files.checkpoints
+        if self._inference is None or checkpoints is None or self.store.is_stuck:
+            return
+        checkpoints.journal.sync(self.seq)
+        save = self._inference.prepare_save()
+        if save is not None:
+            save()
 
     def __enter__(self) -> Self:
         return self

@@ -171,7 +171,7 @@ class Reasoning(Writing):
         """
         if what not in ("inferred", "all"):
             raise UsageError(f"cannot rebuild {what!r}; one of inferred, all")
-        self._reasoner()
+        self._reasoner().discard_saved()
         request = Request(self.access(), note="rebuild inferred", trusted=True)
         try:
             return finish_bulk(self._writer, self._inference, request)

@@ -22,6 +22,7 @@ from rtask.kb.commit.commit import MAX_QUADS, Commit, Committer, Request
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
+from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.settings import write_durably
 from rtask.kb.store.union import is_joined
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
@@ -71,6 +72,8 @@ def bulk_add(
     with writer.exclusive():
         request.access.require_write(graph, "load")
         _checkpoint(files, committer.last_seq)
+        if files.folder is not None:
+            discard_saved(files.folder)
         _mark(files, graph)
         if isinstance(data, TripleText):
             touched = _add_text(files, committer, data, graph)
@@ -80,7 +83,11 @@ def bulk_add(
     if not files.settings.plain:
         named = frozenset(g for g in touched if isinstance(g, NamedNode))
         finish_bulk(writer, inference, replace(request, trusted=True, recount=named))
-        _checkpoint(files, committer.last_seq)
+        with writer.exclusive():
+            _checkpoint(files, committer.last_seq)
+            save = None if inference is None else inference.prepare_save(always=True)
+        if save is not None:
+            save()
     _unmark(files)
     return committer.catalogue.triple_count(inferred) - before
 

@@ -10,6 +10,8 @@ from pyoxigraph import NamedNode, Quad
 
 import ontology
 from rtask.errors import InconsistentError, TooLargeError
+from rtask.kb.commit.catalogue import Catalogue
+from rtask.kb.durability.saved_closures import Held, SavedClosures
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import blamed, stored_rules
 from rtask.kb.store.graph_store import GraphStore
@@ -40,30 +42,85 @@ class Staged(Protocol):
 class Inference:
     """Keeps the closure of all asserted graphs current.
 
-    The closure is built from the asserted graphs when a write or a proof first needs it. The
-    inferred graph itself is in the store, so queries do not need the closure.
+    When a write or a proof first needs the closure, it is read from the folder, if one that fits
+    was saved there, and built from the asserted graphs otherwise. The inferred graph itself is in
+    the store, so queries do not need the closure.
 
     Parameters
     ----------
     store, graphs
         The knowledge base.
-    is_ontology
-        Whether a graph holds schema.
+    catalogue
+        Which graphs hold schema, and how many triples each graph holds.
+    saved
+        Closures saved in the folder; ``None`` for a store in memory.
     """
 
     def __init__(
-        self, store: GraphStore, graphs: Graphs, is_ontology: Callable[[GraphName], bool]
+        self,
+        store: GraphStore,
+        graphs: Graphs,
+        catalogue: Catalogue,
+        saved: SavedClosures | None = None,
     ) -> None:
         self._store = store
         self._graphs = graphs
-        self._is_ontology = is_ontology
+        self._catalogue = catalogue
+        self.saved = saved
         self._closure: Any = None
+        self._seq: Callable[[], int] = lambda: catalogue.seq
+
+    def follow(self, last_seq: Callable[[], int]) -> None:
+        """Take the number of the last commit from a function."""
+        self._seq = last_seq
 
     def closure(self) -> Any:
-        """Return the closure of the asserted statements."""
+        """Return the closure of the asserted statements, as of the last commit."""
         if self._closure is None:
-            self._closure = self._build()
+            self._closure = self._restore() or self._build()
         return self._closure
+
+    def _restore(self) -> Any:
+        if self.saved is None:
+            return None
+        return self.saved.restore(self._held(), self._rules_in_force())
+
+    def _held(self) -> Held:
+        return Held(self._seq(), self._sizes(), self._graphs.is_input, self._holds)
+
+    def _sizes(self) -> dict[str, int]:
+        """Return the number of triples of each graph that the reasoner reads and that has any."""
+        sizes = {
+            graph.value: self._catalogue.triple_count(graph)
+            for graph in self._store.named_graphs()
+            if isinstance(graph, NamedNode) and self._graphs.is_input(graph)
+        }
+        return {name: size for name, size in sizes.items() if size}
+
+    def _holds(self, triple: TripleKey) -> bool:
+        quads = self._store.quads_for_pattern(*triple, None)
+        return any(self._graphs.is_input(quad.graph_name) for quad in quads)
+
+    def prepare_save(self, always: bool = False) -> Callable[[], None] | None:
+        """Copy the closure if it is there and has changed; return a function that saves the copy.
+
+        Call this while nobody writes, after the journal is durable; the function may be called
+        later.
+        """
+        if self.saved is None or self._closure is None:
+            return None
+        return self.saved.prepare(self._closure, self._seq(), self._sizes(), always)
+
+    def is_save_due(self) -> bool:
+        """Whether enough has changed since the closure was saved."""
+        if self.saved is None or self._closure is None:
+            return False
+        return self.saved.is_due(self._closure)
+
+    def discard_saved(self) -> None:
+        """Delete the saved closures, before statements change that no journal record holds."""
+        if self.saved is not None:
+            self.saved.discard()
 
     def _build(self) -> Any:
         from reasoner import Closure, ClosureTooLargeError
@@ -73,14 +130,15 @@ class Inference:
         for graph in self._store.named_graphs():
             if not self._graphs.is_input(graph):
                 continue
-            target = schema if self._is_ontology(graph) else data
+            target = schema if self._catalogue.is_ontology(graph) else data
             for quad in self._store.quads_for_pattern(None, None, None, graph):
                 target.append((quad.subject, quad.predicate, quad.object))
         _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
         try:
             # the reasoner leaves out triple terms, which its signature does not include
-            rules = [*shipped_rules(), *map(labelled, self.rules())]
-            closure = Closure.build(cast("Any", schema), cast("Any", data), rules=rules)
+            closure = Closure.build(
+                cast("Any", schema), cast("Any", data), rules=self._rules_in_force()
+            )
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
         clashes = closure.contradictions()
@@ -88,14 +146,13 @@ class Inference:
             _log.warning("%d contradictions, e.g. %s", len(clashes), clashes[0].message)
         return closure
 
+    def _rules_in_force(self) -> list[Any]:
+        return [*shipped_rules(), *map(labelled, self.rules())]
+
     def rules(self) -> list[Rule]:
         """Return the rules of the user that the graph holds."""
         here = self._graphs.rules
         return stored_rules(self._store.quads_for_pattern(None, None, None, here))
-
-    def forget(self) -> None:
-        """Discard the closure; it is rebuilt when it is next needed."""
-        self._closure = None
 
     def is_input(self, graph: GraphName) -> bool:
         """Whether the reasoner reads a graph."""
@@ -173,8 +230,9 @@ class Inference:
 
     def difference(self) -> tuple[Iterator[Quad], list[Quad]]:
         """Rebuild the closure; return the missing and the surplus quads of the inferred graph."""
-        self.forget()
-        closure, graph = self.closure(), self._graphs.inferred
+        self._closure = None
+        closure = self._closure = self._build()
+        graph = self._graphs.inferred
         found = self._store.quads_for_pattern(None, None, None, graph)
         missing, surplus = closure.compare(map(triple_key, found))
         return (Quad(s, p, o, graph) for s, p, o in missing), [

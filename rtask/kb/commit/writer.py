@@ -81,9 +81,18 @@ class Writer:
         self.committer.journal.sync(change.commit.seq)
         self._announce(change.commit.seq)
         if self._checkpoints is not None and self._checkpoints.is_due():
-            with self.exclusive():
-                self._checkpoints.make(self.committer.last_seq)
+            self._checkpoint(self._checkpoints)
         return change.commit
+
+    def _checkpoint(self, checkpoints: Checkpoints) -> None:
+        inference = self.committer.inference
+        save: Callable[[], None] | None = None
+        with self.exclusive():
+            checkpoints.make(self.committer.last_seq)
+            if inference is not None and inference.is_save_due():
+                save = inference.prepare_save()
+        if save is not None:
+            save()
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:

@@ -7,6 +7,7 @@
         store/            the quads
         journal/          every commit as text
         checkpoint.json   last commit that the store holds durably without the journal
+        closure-<seq>/    what the reasoner had derived at a commit, to go on from
         blobs/            byte strings by digest
 """
 
@@ -22,6 +23,7 @@ from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.journal import JournalFile, NoJournal
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
+from rtask.kb.durability.saved_closures import SavedClosures
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.graph_store import GraphStore
 
@@ -46,6 +48,12 @@ class Files:
     lock: FolderLock | None = None
     checkpoints: Checkpoints | None = None
     last_seq: int = 0
+
+    def saved_closures(self) -> SavedClosures | None:
+        """Return the closures saved in the folder; ``None`` for a store in memory."""
+        if self.folder is None or not isinstance(self.journal, JournalFile):
+            return None
+        return SavedClosures(self.folder, self.journal, self.settings.epoch)
 
     def close(self, seq: int) -> None:
         """Force everything to disk and release the files."""

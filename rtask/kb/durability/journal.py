@@ -118,6 +118,7 @@ class JournalFile:
         self._handle = -1
         self._size = self._before = 0
         self._written = self._written_before = self._synced = 0
+        self._path: Path | None = None
         self.written_bytes = 0
 
     def append(self, record: CommitRecord, change: Overlay) -> None:
@@ -185,6 +186,7 @@ class JournalFile:
             path = self._folder / f"{seq:016d}.log"
         with self._syncing:
             self._close_segment()
+            self._path = path
             self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC)
             self._size = os.fstat(self._handle).st_size
         sync_folder(self._folder)
@@ -222,6 +224,42 @@ class JournalFile:
             for record, _ in read_segment(path, torn_end=following is None):
                 if record.seq > since:
                     yield record
+
+    def records_from(self, segment: str, start: int) -> Iterator[Record]:
+        """Yield the record at an offset of a segment, and all after it.
+
+        Parameters
+        ----------
+        segment, start
+            As returned by :meth:`place_of`.
+        """
+        paths = [path for path in self.segments() if path.name >= segment]
+        if not paths or paths[0].name != segment:
+            raise StoreError(f"the journal in {self._folder} has no segment {segment}")
+        for path in paths:
+            torn_end = path == paths[-1]
+            for record, _ in read_segment(path, torn_end, start if path == paths[0] else 0):
+                yield record
+
+    def place_of(self, seq: int) -> tuple[str, int, list[Any]] | None:
+        """Return where the record of a commit is, and what tells it from another one.
+
+        Returns
+        -------
+        Name of the segment, offset, and number, time and checksum of the record; ``None`` if the
+        journal does not hold the commit.
+        """
+        if self._path is not None and self._written == seq and self._before < self._size:
+            segments, start = [self._path], self._before
+        else:
+            segments, start = self.segments()[-1:], 0
+        for path in segments:
+            for record, end in read_segment(path, torn_end=True, start=start):
+                if record.seq == seq:
+                    header = record.header
+                    return path.name, start, [seq, header.get("time"), header.get("crc32")]
+                start = end
+        return None
 
     def cut_torn_end(self) -> None:
         """Remove an incomplete record that a crash left at the end."""
@@ -276,15 +314,18 @@ def _lines(mark: bytes, quads: Sequence[Quad]) -> bytes:
     return mark + text.rstrip(b"\n").replace(b"\n", b"\n" + mark) + b"\n"
 
 
-def read_segment(path: Path, torn_end: bool) -> Iterator[tuple[Record, int]]:
+def read_segment(path: Path, torn_end: bool, start: int = 0) -> Iterator[tuple[Record, int]]:
     """Yield each record of a segment and the offset of its end.
 
     Parameters
     ----------
     torn_end
         Whether the last record may be incomplete, in which case it is left out.
+    start
+        Offset of the first record to read.
     """
     with path.open("rb") as file:
+        file.seek(start)
         while line := file.readline():
             record = None
             with contextlib.suppress(ValueError, KeyError, TypeError):

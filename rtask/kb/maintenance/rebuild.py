@@ -18,6 +18,7 @@ from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.durability.journal import JournalFile, Record, encode
 from rtask.kb.durability.lock import FolderLock
 from rtask.kb.durability.recovery import Checkpoint, boot_id, replay
+from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.graph_store import GraphStore
@@ -57,6 +58,7 @@ def rebuild_store(folder: Path) -> int:
             store.close()
         if (folder / "store").exists():
             _set_aside(folder / "store")
+        discard_saved(folder)
         fresh.rename(folder / "store")
         Checkpoint(last, True, boot_id(), journal=seal(journal)).save(folder)
     finally:

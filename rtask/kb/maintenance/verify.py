@@ -179,6 +179,11 @@ def _catalogue(kb: Reasoning, repair: bool) -> Iterator[Finding]:
 def _closure(
     kb: Reasoning, writer: Writer, inference: Inference, repair: bool
 ) -> Iterator[Finding]:
+    if inference.saved is not None:
+        damaged = list(inference.saved.damaged())
+        yield from (Finding("note", "closure", detail) for detail in damaged)
+        if damaged and repair:
+            inference.saved.discard()
     with writer.exclusive():
         iterator, surplus = inference.difference()
         missing = list(iterator)
