@@ -54,7 +54,7 @@ def plan_operation(
         answer = keys.once(
             request, name, caller.name, lambda: engine.call(name, args, caller.access)
         )
-        return Response(200, json.dumps(answer, allow_nan=False).encode(), JSON_TYPE)
+        return Response(200, answer.to_json(), JSON_TYPE)
 
     return Plan(run)
 

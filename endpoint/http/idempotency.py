@@ -19,13 +19,13 @@ from typing import Any
 
 from endpoint.http.messages import RefusedError, Request
 from rtask.errors import UsageError
+from rtask.wire.message import Answer
 
 HEADER = "idempotency-key"
 KEPT = 10_000
 _KEY = re.compile(r"[A-Za-z0-9._:-]{1,200}")
 _TOLD = ("insert_object", "report_outcome", "teach_object")
 _CHANGED = ("curate_object",)
-Answer = dict[str, Any]
 
 
 class IdempotencyKeys:

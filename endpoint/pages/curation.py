@@ -23,6 +23,7 @@ from endpoint.pages.render import (
 )
 from endpoint.pages.signin import require_form
 from rtask.engine.curation.edit import NOTE
+from rtask.wire.message import Answer
 
 _ADDRESS = "/curation"
 MAX_FOUND = 24
@@ -112,7 +113,7 @@ def curate() -> WerkzeugResponse:
     return back_to("/object" if shown else _ADDRESS, arguments, told)
 
 
-def carry_out(operation: str, told: dict[str, Any]) -> dict[str, Any]:
+def carry_out(operation: str, told: dict[str, Any]) -> Answer:
     """Call an operation with the fields of a form, for the person who sent it, and audit that.
 
     Raises

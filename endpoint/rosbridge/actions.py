@@ -282,7 +282,7 @@ def plan_grasps_action(engine: Engine) -> list[Action]:
         _check_samples(args.get("samples"))
         request = {name: value for name, value in args.items() if name != "samples"}
         progress.report(0.05, "sampling", candidates=0, best_quality=0.0)
-        answer = engine.call("recognise_for_grasp", {**request, "propose": True}, access)
+        answer = engine.call("recognise_for_grasp", {**request, "propose": True}, access).as_json()
         grasps: list[JsonObject] = answer["grasps"]
         best = max((float(grasp.get("grasp_quality") or 0.0) for grasp in grasps), default=0.0)
         progress.report(1.0, "ranking", candidates=len(grasps), best_quality=best)

@@ -66,7 +66,7 @@ def _search(message: JsonObject, engine: Engine, access: Access) -> JsonObject:
         raise UsageError("args: the point cloud as base64 text is wanted, or an object with `data`")
     require_scope(access, "read")
     try:
-        found = engine.call("search_object", args, access)
+        found = engine.call("search_object", args, access).as_json()
     except RtaskError as error:
         raise UsageError(f"args: {error}") from error
     # The thesis's robot expects numbers; an empty list sends it to its learner.
@@ -82,7 +82,7 @@ def _insert(message: JsonObject, engine: Engine, access: Access) -> JsonObject:
         raise UsageError("new_object: a list of objects is wanted")
     require_scope(access, "write")
     objects = [_new_object(entry, f"new_object[{index}]") for index, entry in enumerate(entries)]
-    stored = engine.call("insert_object", {"objects": objects}, access)
+    stored = engine.call("insert_object", {"objects": objects}, access).as_json()
     return {
         **_frame(message, True),
         "stored": stored["stored"],

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rtask.errors import RtaskError, UsageError
+from rtask.wire.message import strict_json
 
 JsonObject = dict[str, Any]
 
@@ -24,7 +25,7 @@ def encode(message: JsonObject) -> str:
     ValueError
         A number is not finite.
     """
-    return json.dumps(message, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    return strict_json(message).decode()
 
 
 def parse(text: str) -> JsonObject:

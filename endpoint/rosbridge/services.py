@@ -43,7 +43,7 @@ class Engine(Protocol):
     def operations(self) -> Mapping[str, Operation]:
         """All operations by name."""
 
-    def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
+    def call(self, name: str, args: JsonObject, access: Access) -> Answer:
         """Carry out one operation."""
 
 
@@ -52,7 +52,7 @@ class NoEngine:
 
     operations: ClassVar[Mapping[str, Operation]] = {}
 
-    def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
+    def call(self, name: str, args: JsonObject, access: Access) -> Answer:
         """Refuse."""
         raise UnsupportedError(f"{name}: a plain dataset has no ontology for it")
 
@@ -147,7 +147,7 @@ def engine_services(engine: Engine) -> list[Service]:
     """Return one service for each operation of the engine."""
 
     def handler(operation: str) -> Handler:
-        return lambda args, access: engine.call(operation, args, access)
+        return lambda args, access: engine.call(operation, args, access).as_json()
 
     return [
         Service(

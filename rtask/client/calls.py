@@ -1,4 +1,4 @@
-"""The operations of the engine as methods; made by ``python -m rtask.engine.client_calls``."""
+"""The operations of the engine as methods; made by ``python -m rtask.engine.operations.table``."""
 
 from __future__ import annotations
 
@@ -54,17 +54,17 @@ class EndEffector(TypedDict, total=False):
     max_opening: Required[float]
     """largest width that it can hold (m)"""
     jaw_width: float
-    """width of a jaw face (m)"""
+    """width of a jaw face; default: 0.0124 (m)"""
     finger_length: float
-    """reach of the fingers (m)"""
+    """reach of the fingers; default: 0.05 (m)"""
     max_force: float
-    """largest closing force (N)"""
+    """largest closing force; default: not known (N)"""
     max_payload: Required[float]
     """largest mass that it can lift (kg)"""
     parent_link: str
-    """link that a grasp pose refers to"""
+    """link that a grasp pose refers to; default: the pose is that of the gripper itself"""
     planning_group: str
-    """MoveIt group of its arm"""
+    """MoveIt group of its arm; default: none"""
 
 
 class Camera(TypedDict, total=False):
@@ -75,50 +75,50 @@ class Camera(TypedDict, total=False):
     frame_id: Required[str]
     """optical frame, as in tf"""
     width: int
-    """image width (px)"""
+    """image width; default: not known (px)"""
     height: int
-    """image height (px)"""
+    """image height; default: not known (px)"""
     fx: float
-    """focal length (px)"""
+    """focal length; default: not known (px)"""
     fy: float
-    """focal length (px)"""
+    """focal length; default: not known (px)"""
     cx: float
-    """principal point (px)"""
+    """principal point; default: not known (px)"""
     cy: float
-    """principal point (px)"""
+    """principal point; default: not known (px)"""
     min_range: float
-    """nearest depth (m)"""
+    """nearest depth; default: not known (m)"""
     max_range: float
-    """farthest depth (m)"""
+    """farthest depth; default: not known (m)"""
 
 
 class StepTimes(TypedDict, total=False):
     """Durations of the steps of an attempt."""
 
     segmentation_s: float
-    """duration of segmentation (s)"""
+    """duration of segmentation; default: not measured (s)"""
     transfer_s: float
-    """duration of transfer (s)"""
+    """duration of transfer; default: not measured (s)"""
     decode_s: float
-    """duration of decode (s)"""
+    """duration of decode; default: not measured (s)"""
     extraction_s: float
-    """duration of extraction (s)"""
+    """duration of extraction; default: not measured (s)"""
     matching_s: float
-    """duration of matching (s)"""
+    """duration of matching; default: not measured (s)"""
     query_s: float
-    """duration of query (s)"""
+    """duration of query; default: not measured (s)"""
     pose_s: float
-    """duration of pose (s)"""
+    """duration of pose; default: not measured (s)"""
     generation_s: float
-    """duration of generation (s)"""
+    """duration of generation; default: not measured (s)"""
     choice_s: float
-    """duration of choice (s)"""
+    """duration of choice; default: not measured (s)"""
     planning_s: float
-    """duration of planning (s)"""
+    """duration of planning; default: not measured (s)"""
     execution_s: float
-    """duration of execution (s)"""
+    """duration of execution; default: not measured (s)"""
     total_s: float
-    """duration of total (s)"""
+    """duration of total; default: not measured (s)"""
 
 
 class Picture(TypedDict, total=False):
@@ -136,45 +136,45 @@ class OutcomeReport(TypedDict, total=False):
     success: Required[bool]
     """whether the object was held"""
     placed: bool
-    """whether it arrived where it was to go"""
+    """whether it arrived where it was to go; default: not known"""
     reason: str
-    """why it ended as it did: ok, missed, slip_lift, ..."""
+    """why it ended so: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
     lifted_m: float
-    """height reached (m)"""
+    """height reached; default: not known (m)"""
     slip: float
-    """distance that the object slipped in the hand (m)"""
+    """distance that the object slipped in the hand; default: not known (m)"""
     duration_s: float
-    """of the attempt (s)"""
+    """of the attempt; default: not known (s)"""
     links_touching: int
-    """hand links in contact at the end of the hold"""
+    """hand links in contact at the end of the hold; default: not known"""
     contact_force: float
-    """force at the jaws (N)"""
+    """force at the jaws; default: not known (N)"""
     jaw_gap: float
-    """opening after closing (m)"""
+    """opening after closing; default: not known (m)"""
     hold_s: float
-    """time held (s)"""
+    """time held; default: not known (s)"""
     place_offset: float
-    """distance from where it was to be put (m)"""
+    """distance from where it was to be put; default: not known (m)"""
     approach_tilt: float
-    """angle of the approach to the vertical (rad)"""
+    """angle of the approach to the vertical; default: not known (rad)"""
     preset: Literal["faithful", "fast", "real"]
-    """physics: faithful, fast, or real"""
+    """physics: faithful, fast, or real; default: not known"""
     seed: int
-    """of the simulation"""
+    """of the simulation; default: none"""
     attempt_number: int
-    """counted from 1 for each object and episode"""
+    """counted from 1 for each object and episode; default: not known"""
     candidate_count: int
-    """grasps that there were to choose from"""
+    """grasps that there were to choose from; default: not known"""
     candidate_rank: int
-    """place of the one taken"""
+    """place of the one taken; default: not known"""
     confirmed_by: Literal["physics", "human"]
-    """who says so"""
+    """who says so; default: nobody"""
     operator: str
-    """the person, when a person says so"""
+    """the person, when a person says so; default: nobody"""
     comment: str
-    """words of the person or the robot"""
+    """words of the person or the robot; default: none"""
     times: StepTimes | Mapping[str, Any]
-    """durations of the steps"""
+    """durations of the steps; default: not known"""
     images: Sequence[Picture | Mapping[str, Any]]
     """pictures of the attempt"""
 
@@ -186,47 +186,47 @@ class NewObject(TypedDict, total=False):
     """base64 of one object's compressed cloud"""
     new_point_cloud: Bytes
     image: Bytes
-    """base64 PNG or JPEG of the object"""
+    """base64 PNG or JPEG of the object; default: the colours of the cloud"""
     sensor_pose: Mapping[str, Any]
     """pose of the camera in frame_id; default: identity"""
     frame_id: str
-    """frame of the robot with z up, e.g. base_footprint"""
+    """frame of the robot with z up, e.g. base_footprint; default: that of the camera"""
     support_height: float
     """height of the table in frame_id; default: lowest point (m)"""
     stamp: float | Mapping[str, int]
-    """when the cloud was taken (s)"""
+    """when the cloud was taken; default: now (s)"""
     object: str
-    """IRI of the object, when the robot followed it and knows"""
+    """IRI of the object, when the robot followed it and knows; default: recognised, or new"""
     name: str
-    """what people call this one object"""
+    """what people call this one object; default: made of kind and number"""
     class_description: str
-    """what kind of thing it is, in words"""
+    """what kind of thing it is, in words; default: guessed from the shape"""
     function: str
-    """what it is for: write, contain liquid, ..."""
+    """what it is for: write, contain liquid, ...; default: not known"""
     gripper_id: str
-    """name or IRI of the end effector that tried"""
+    """name or IRI of the end effector that tried; default: the robot's only one"""
     task: str
     """what it was for: pick, place, push; default: pick"""
     grasp: str | Mapping[str, Any]
-    """the grasp that was tried, as received"""
+    """the grasp that was tried, as received; default: given by X, Y, Z and rad"""
     X: float
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     Y: float
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     Z: float
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     rad: float
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     success: bool
     """whether the grasp held, when no outcome is given; default: True"""
     confirmed_by: Literal["physics", "human"]
-    """who says so"""
+    """who says so; default: a person"""
     operator: str
-    """the person, when a person says so"""
+    """the person, when a person says so; default: nobody"""
     outcome: OutcomeReport | Mapping[str, Any]
-    """what came of it"""
+    """what came of it; default: given by success"""
     task_id: str
-    """from recognise_for_grasp, or any id: the same id stores once"""
+    """from recognise_for_grasp, or any id: the same id stores once; default: a new task"""
     merge: bool
     """add the view to a recognised object; default: True"""
 
@@ -593,19 +593,19 @@ class Calls(ABC):
         data, new_point_cloud
             base64 of one object's compressed cloud
         image
-            base64 PNG or JPEG of the object
+            base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
-            frame of the robot with z up, e.g. base_footprint
+            frame of the robot with z up, e.g. base_footprint; default: that of the camera
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken (s)
+            when the cloud was taken; default: now (s)
         object
-            IRI of the object, when the robot followed it and knows
+            IRI, when the robot followed the object; default: the one that is recognised
         min_confidence
-            for the object to count as recognised
+            for the object to count as recognised; default: by the policy
         max_grasps
             length of the answer's list; default: 10
         propose
@@ -617,15 +617,15 @@ class Calls(ABC):
         seed
             of the choice; default: 0
         neighbours
-            points of what stands around, frame_id
+            points of what stands around, frame_id; default: none
         decide
             answer with a grasp or with the confidence that was too low; default: False
         min_identity
-            c_I, that it is this object; asks to decide
+            c_I, that it is this object; asks to decide; default: no decision is asked for
         min_pose
-            c_T, that it is where it seems; asks to decide
+            c_T, that it is where it seems; asks to decide; default: no decision is asked for
         min_grasp
-            c_G, that the grasp will hold; asks to decide
+            c_G, that the grasp will hold; asks to decide; default: no decision is asked for
         """
         answer: Recognition = self._operate("recognise_for_grasp", locals())
         return answer
@@ -645,7 +645,7 @@ class Calls(ABC):
         object
             IRI, objectId or name of the object
         gripper_id
-            only grasps of this gripper's type
+            only grasps of this gripper's type; default: grasps of all types
         max_grasps
             length of the answer's list; default: 10
         in_space
@@ -679,7 +679,7 @@ class Calls(ABC):
         mass
             of the object, whose weight must be held; default: as stored (kg)
         friction
-            between pads and object
+            between pads and object; default: that of the gripper
         position_std
             of the object's position (m); default: 0.004
         rotation_std
@@ -717,21 +717,21 @@ class Calls(ABC):
         data, new_point_cloud
             base64 of one object's compressed cloud
         image
-            base64 PNG or JPEG of the object
+            base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
-            frame of the robot with z up, e.g. base_footprint
+            frame of the robot with z up, e.g. base_footprint; default: that of the camera
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken (s)
+            when the cloud was taken; default: now (s)
         class_description
-            only objects of the kinds that these words mean
+            only objects of the kinds that these words mean; default: objects of all kinds
         max_results
             length of the answer's list; default: 10
         min_confidence
-            least confidence of an entry
+            least confidence of an entry; default: by the policy
         """
         answer: SimilarObjects = self._operate("search_object", locals())
         return answer
@@ -754,9 +754,9 @@ class Calls(ABC):
         wanted
             words, or the IRI of a class or function
         gripper_id
-            name or IRI of the end effector that is to hold it
+            name or IRI of the end effector that is to hold it; default: the robot's only one
         objects
-            IRIs of the objects seen now; an empty list: none
+            IRIs of the objects seen now, perhaps none; default: those seen within seen_within_s
         seen_within_s
             without objects: how fresh a look counts (s); default: 600.0
         exclude
@@ -807,47 +807,47 @@ class Calls(ABC):
         data, new_point_cloud
             base64 of one object's compressed cloud
         image
-            base64 PNG or JPEG of the object
+            base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
-            frame of the robot with z up, e.g. base_footprint
+            frame of the robot with z up, e.g. base_footprint; default: that of the camera
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken (s)
+            when the cloud was taken; default: now (s)
         object
-            IRI of the object, when the robot followed it and knows
+            IRI of the object, when the robot followed it and knows; default: recognised, or new
         name
-            what people call this one object
+            what people call this one object; default: made of kind and number
         class_description
-            what kind of thing it is, in words
+            what kind of thing it is, in words; default: guessed from the shape
         function
-            what it is for: write, contain liquid, ...
+            what it is for: write, contain liquid, ...; default: not known
         gripper_id
-            name or IRI of the end effector that tried
+            name or IRI of the end effector that tried; default: the robot's only one
         task
             what it was for: pick, place, push; default: pick
         grasp
-            the grasp that was tried, as received
+            the grasp that was tried, as received; default: given by X, Y, Z and rad
         X
-            grasp in the frame of the cloud, m and rad
+            grasp in the frame of the cloud, m and rad; default: no grasp
         Y
-            grasp in the frame of the cloud, m and rad
+            grasp in the frame of the cloud, m and rad; default: no grasp
         Z
-            grasp in the frame of the cloud, m and rad
+            grasp in the frame of the cloud, m and rad; default: no grasp
         rad
-            grasp in the frame of the cloud, m and rad
+            grasp in the frame of the cloud, m and rad; default: no grasp
         success
             whether the grasp held, when no outcome is given; default: True
         confirmed_by
-            who says so
+            who says so; default: a person
         operator
-            the person, when a person says so
+            the person, when a person says so; default: nobody
         outcome
-            what came of it
+            what came of it; default: given by success
         task_id
-            from recognise_for_grasp, or any id: the same id stores once
+            from recognise_for_grasp, or any id: the same id stores once; default: a new task
         merge
             add the view to a recognised object; default: True
         """
@@ -878,33 +878,34 @@ class Calls(ABC):
         Parameters
         ----------
         task_id
-            of the decision; the same id stores once
+            of the decision; the same id stores once; default: a new task
         object
             IRI of the object; default: the one of the decision
         grasp
-            its id, or the whole grasp as received
+            its id, or the whole grasp as received; default: given by grasp_pose
         grasp_pose
-            geometry_msgs/PoseStamped of a grasp that was never offered
+            geometry_msgs/PoseStamped of a grasp that was never offered; default: given by grasp
         gripper_id
-            name or IRI of the end effector
+            name or IRI of the end effector; default: the robot's only one
         task
             what it was for: pick, place, push; default: pick
         outcome
-            what came of it
+            what came of it; default: given by success and the fields after it
         success
-            whether it held, when there is no outcome
+            whether it held, when there is no outcome; default: given by outcome
         reason
-            why it ended as it did, when there is no outcome
+            why it ended as it did, when there is no outcome; default: ok if it held, else not
+            judged
         lifted_m
-            height reached, when there is no outcome (m)
+            height reached, when there is no outcome; default: not known (m)
         slip
-            slip in the hand, when there is no outcome (m)
+            slip in the hand, when there is no outcome; default: not known (m)
         duration_s
-            of the attempt, when there is no outcome (s)
+            of the attempt, when there is no outcome; default: not known (s)
         confirmed_by
-            who says so
+            who says so; default: nobody
         operator
-            the person, when a person says so
+            the person, when a person says so; default: nobody
         stamp
             when the attempt ended; default: now (s)
         """
@@ -930,19 +931,19 @@ class Calls(ABC):
         verdict
             what the person thinks of the report
         task_id
-            of the attempt that is judged
+            of the attempt that is judged; default: found by grasp or object
         object
-            IRI of the object whose last attempt is meant
+            IRI of the object whose last attempt is meant; default: found by task_id or grasp
         grasp
-            IRI of the grasp whose last attempt is meant
+            IRI of the grasp whose last attempt is meant; default: found by task_id or object
         held
-            whether it held; to correct
+            whether it held; to correct; default: as the verdict says
         reason
-            code of why it ended so, in the person's opinion
+            code of why it ended so, in the person's opinion; default: none
         operator
-            who says so; with a token, the token's person
+            who says so; with a token, the token's person; default: the caller
         comment
-            in the person's words
+            in the person's words; default: none
         """
         answer: Feedback = self._operate("give_feedback", locals())
         return answer
@@ -973,31 +974,32 @@ class Calls(ABC):
         operation
             what the person wants
         class_description
-            what the person called it
+            what the person called it; default: no kind
         data, new_point_cloud
-            base64 of one object's compressed cloud
+            base64 of one object's compressed cloud; default: given by object
         image
-            base64 PNG or JPEG of the object
+            base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
-            frame of the robot with z up, e.g. base_footprint
+            frame of the robot with z up, e.g. base_footprint; default: that of the camera
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken (s)
+            when the cloud was taken; default: now (s)
         name
-            what the person calls this one object
+            what the person calls this one object; default: made of kind and number
         task_id
-            of the attempt that is judged; of what is taught, stored once
+            of the attempt to judge, or of what is taught; default: found by grasp or object
         object
-            IRI of the object, in place of data; or whose last attempt counts
+            IRI of the object, in place of data; or whose last attempt counts; default: given by
+            data
         grasp
-            IRI of the grasp whose last attempt is meant
+            IRI of the grasp whose last attempt is meant; default: found by task_id or object
         operator
-            who says so
+            who says so; default: the caller
         comment
-            in the person's words
+            in the person's words; default: none
         """
         answer: Taught = self._operate("teach_object", locals())
         return answer
@@ -1021,19 +1023,19 @@ class Calls(ABC):
         operation
             what the person wants
         object
-            IRI of the object, or its name
+            IRI of the object, or its name; default: none, as for undo
         into
-            merge: IRI or name of the object that it turned out to be
+            merge: IRI or name of the object that it turned out to be; default: none
         views
             split: IRIs of the views that show another object; forget: only these views
         name
-            split: what people call the new object
+            split: what people call the new object; default: made of kind and number
         purge
             forget: with all that was tried on it, and the bytes at once; default: False
         commit
-            undo: the commit to take back, as answered
+            undo: the commit to take back, as answered; default: none
         operator
-            who says so
+            who says so; default: the caller
         """
         answer: Curated = self._operate("curate_object", locals())
         return answer

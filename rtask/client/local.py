@@ -41,7 +41,7 @@ class LocalClient(Client):
     def _call(
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
     ) -> dict[str, Any]:
-        return self.engine.call(operation, args, self._access)
+        return self.engine.call(operation, args, self._access).as_json()
 
     def query(self, sparql: str) -> list[dict[str, Any]]:
         """Return the rows of a SELECT; see :meth:`Client.query`."""

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rtask.engine.engine import Engine
-    from rtask.engine.operations.table import Operation
+    from rtask.engine.operations.operation import Operation
     from rtask.engine.policy import Policy
 
 __all__ = ["Engine", "Operation", "Policy"]
 
 _PLACES = {
     "Engine": "rtask.engine.engine",
-    "Operation": "rtask.engine.operations.table",
+    "Operation": "rtask.engine.operations.operation",
     "Policy": "rtask.engine.policy",
 }
 

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.context import Context
 from rtask.engine.memory.statistics import rebuild
-from rtask.engine.operations.table import OPERATIONS, Operation
+from rtask.engine.operations.operation import Operation
+from rtask.engine.operations.table import OPERATIONS
 from rtask.engine.perception.growth import rebuild_models
 from rtask.engine.policy import Policy
 from rtask.errors import UnknownTermError, UnsupportedError, nearest
 from rtask.extras import naming_extras
 from rtask.kb.commit.access import Access
+from rtask.wire.message import Answer
 
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
@@ -45,7 +47,7 @@ class Engine:
     Attributes
     ----------
     operations
-        By name; see :class:`rtask.engine.operations.table.Operation`.
+        By name; see :class:`rtask.engine.operations.operation.Operation`.
     context
         What the operations work with.
 
@@ -58,7 +60,7 @@ class Engine:
     ['curate_object', 'give_feedback']
     """
 
-    operations: Mapping[str, Operation[Any]] = OPERATIONS
+    operations: Mapping[str, Operation[Any, Any]] = OPERATIONS
 
     def __init__(
         self,
@@ -108,7 +110,7 @@ class Engine:
 
     def call(
         self, name: str, args: Mapping[str, Any] | None = None, access: Access | None = None
-    ) -> dict[str, Any]:
+    ) -> Answer:
         """Carry out one operation.
 
         Parameters
@@ -122,7 +124,8 @@ class Engine:
 
         Returns
         -------
-        JSON-able.
+        Its fields are read as attributes or by their names in JSON; ``as_json()`` gives plain
+        dictionaries.
 
         Raises
         ------
@@ -141,7 +144,8 @@ class Engine:
         access = access or Access()
         self.context.require(access, operation.scope)
         with naming_extras(operation.name):
-            return operation.carry_out(self.context, args or {}, access)
+            answer: Answer = operation.carry_out(self.context, args or {}, access)
+        return answer
 
     def sync_index(self) -> int:
         """Bring the index in step with the graph; return how many views were added."""

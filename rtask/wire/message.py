@@ -6,21 +6,36 @@ blank text in a field that may be left out count as left out.
 
 from __future__ import annotations
 
+import json
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticSerializationError, to_json
 
 from rtask.errors import UsageError, nearest
+from rtask.wire.types import Carried
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-__all__ = ["Also", "Answer", "Kind", "Message", "kind_of", "named", "read", "wire_name"]
+__all__ = [
+    "Also",
+    "Answer",
+    "Kind",
+    "Message",
+    "absence",
+    "kind_of",
+    "named",
+    "parts_of",
+    "read",
+    "strict_json",
+    "wire_name",
+]
 
 _SHOWN = 60
 M = TypeVar("M", bound=BaseModel)
@@ -62,6 +77,12 @@ class Message(BaseModel):
     """Name of the list whose one entry may stand at top level in its place."""
     wire_names: ClassVar[Mapping[str, str]] = {}
     """Every name under which a field may come, and the field's own."""
+    at_most_one: ClassVar[frozenset[str]] = frozenset()
+    """Names of the fields that may also come as a list of one value, or of none when left out.
+
+    Typed ROS messages send every field, and zero is a legal value of most numbers, false of every
+    flag: what was left out must not arrive as one of these.
+    """
     _optional: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
@@ -77,6 +98,7 @@ class Message(BaseModel):
             )
         }
         cls._optional = frozenset(n for n, field in fields.items() if not field.is_required())
+        cls.at_most_one = frozenset(n for n, field in fields.items() if _is_ambiguous(field))
 
     @model_validator(mode="before")
     @classmethod
@@ -89,6 +111,8 @@ class Message(BaseModel):
         given = {}
         for key, value in message.items():
             name = cls.wire_names.get(key)
+            if name in cls.at_most_one and isinstance(value, list) and len(value) < 2:
+                value = value[0] if value else None
             if name is None:
                 given[key] = value  # refused by its name
             elif value is not None and not (
@@ -115,28 +139,50 @@ class Answer(BaseModel):
     """
 
     model_config = ConfigDict(
+        extra="forbid",
         frozen=True,
         use_attribute_docstrings=True,
         defer_build=True,
         arbitrary_types_allowed=True,
         validate_by_name=True,
         validate_by_alias=True,
+        allow_inf_nan=False,
+        # Clients must not refuse the fields of a later release.
+        json_schema_extra=lambda schema: schema.pop("additionalProperties", None),
     )
 
+    _by_wire_name: ClassVar[Mapping[str, str]] = {}
+    """Own name of each field by its name in JSON."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        super().__pydantic_init_subclass__(**kwargs)
+        fields = cls.__pydantic_fields__
+        cls._by_wire_name = {wire_name(own, field): own for own, field in fields.items()}
+
     def as_json(self) -> dict[str, Any]:
-        """Return the answer as JSON carries it."""
+        """Return the answer as an object of JSON."""
         return self.model_dump(by_alias=True, exclude_unset=True)
 
-    def keys(self) -> Iterator[str]:
-        """Yield the names of the fields that are set, as in JSON."""
-        fields = type(self).__pydantic_fields__
-        return (wire_name(name, fields[name]) for name in fields if name in self.model_fields_set)
+    def to_json(self) -> bytes:
+        """Return the answer as JSON text.
+
+        Raises
+        ------
+        ValueError
+            A number in free JSON is not finite.
+        """
+        return strict_json(self.as_json())
+
+    def keys(self) -> list[str]:
+        """Return the names of the fields that are set, as in JSON."""
+        return [name for name, own in self._by_wire_name.items() if own in self.model_fields_set]
 
     def __getitem__(self, name: str) -> Any:
-        for own, field in type(self).__pydantic_fields__.items():
-            if wire_name(own, field) == name and own in self.model_fields_set:
-                return getattr(self, own)
-        raise KeyError(name)
+        own = self._by_wire_name.get(name, "")
+        if own not in self.model_fields_set:
+            raise KeyError(name)
+        return getattr(self, own)
 
     def __contains__(self, name: object) -> bool:
         return name in set(self.keys())
@@ -209,6 +255,75 @@ def _taken_apart(kind: Kind) -> Kind:
         if len(present) == 1:
             return _taken_apart(replace(kind, type=present[0], is_nullable=True))
     return kind
+
+
+def strict_json(value: Any) -> bytes:
+    """Return a value as JSON text without spaces.
+
+    Raises
+    ------
+    ValueError
+        A number is not finite; browsers could not read it.
+
+    Examples
+    --------
+    >>> strict_json({"a": [1, 0.5, None, "\u00e9"]}).decode()
+    '{"a":[1,0.5,null,"\u00e9"]}'
+    """
+    try:
+        text = to_json(value, inf_nan_mode="constants")
+    except PydanticSerializationError:  # half of a surrogate pair, which JSON can escape
+        return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    if b"NaN" in text or b"Infinity" in text:  # perhaps only as words
+        json.dumps(value, allow_nan=False)
+    return text
+
+
+def _is_ambiguous(field: FieldInfo) -> bool:
+    """Tell whether the zero of a field's ROS type is a legal value and not the default."""
+    kind = kind_of(field)
+    carried = next((one for one in kind.metadata if isinstance(one, Carried)), None)
+    if kind.is_list or (carried is not None and carried.is_list):
+        return False
+    if field.is_required():
+        return kind.type is bool
+    if kind.type in (bool, int, float) and carried is None:
+        return bool(field.default) or field.default is None
+    return kind.message is not None or (carried is not None and carried.ros != "string")
+
+
+def absence(field: FieldInfo) -> str:
+    """Return in words what leaving a field out means; empty where it must be given.
+
+    A default that is no value of its own is named at the end of the field's summary.
+
+    Examples
+    --------
+    >>> from pydantic.fields import FieldInfo
+    >>> absence(FieldInfo(annotation=float, default=0.1))
+    '0.1'
+    >>> absence(FieldInfo(annotation=str | None, default=None, description="who; default: nobody"))
+    'nobody'
+    """
+    if field.is_required():
+        return ""
+    default = field.get_default(call_default_factory=True)
+    if default == []:
+        return "none"
+    if default is not None:
+        return default if isinstance(default, str) else json.dumps(default)
+    return (field.description or "").partition("; default: ")[2]
+
+
+def parts_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
+    """Return the messages in a message by their names, the inner ones first, without itself."""
+    found: dict[str, type[BaseModel]] = {}
+    for field in model.model_fields.values():
+        part = kind_of(field).message
+        if part is not None and part.__name__ not in found:
+            found.update(parts_of(part))
+            found[part.__name__] = part
+    return found
 
 
 # Errors

@@ -1,7 +1,8 @@
 """JSON Schema (draft 2020-12) of messages, as the components of an OpenAPI 3.1 document.
 
 The schema is the canonical form of a message: one name for each field, numbers as numbers. What is
-accepted besides is said in words.
+accepted besides is said in words. ``x-unit``, ``x-ros-type`` and ``x-absent`` give the unit, the
+ROS type and what leaving the field out means.
 """
 
 from __future__ import annotations
@@ -11,6 +12,9 @@ from typing import Any
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
+
+from rtask.wire.message import Message, absence, parts_of
+from rtask.wire.ros import ros_types
 
 __all__ = ["components"]
 
@@ -46,7 +50,7 @@ def components(models: Mapping[str, type[BaseModel]]) -> JsonObject:
     ...     '''A cup.'''
     ...     height: float = 0.1
     >>> components({"CupRequest": Cup})["CupRequest"]["properties"]
-    {'height': {'default': 0.1, 'type': 'number'}}
+    {'height': {'default': 0.1, 'type': 'number', 'x-ros-type': 'float64[]', 'x-absent': '0.1'}}
     """
     wanted = list(dict.fromkeys(models.values()))
     found = models_json_schema(
@@ -57,8 +61,25 @@ def components(models: Mapping[str, type[BaseModel]]) -> JsonObject:
     names = {model.__name__: name for name, model in models.items()}
     if len(names) < len(wanted) or "__" in "".join(found):
         raise ValueError(f"two messages have one name, among {', '.join(sorted(found))}")
-    described = {names.get(name, name): _schema(schema, names) for name, schema in found.items()}
+    parts = {name: part for model in wanted for name, part in parts_of(model).items()}
+    classes = {**parts, **{model.__name__: model for model in wanted}}
+    described = {}
+    for name, schema in found.items():
+        clean = described[names.get(name, name)] = _schema(schema, names)
+        _add_absence(clean, names.get(name, name), classes[name])
     return dict(sorted(described.items()))
+
+
+def _add_absence(schema: JsonObject, name: str, model: type[BaseModel]) -> None:
+    """Add to each field of a request its ROS type and what leaving it out means."""
+    if not issubclass(model, Message):
+        return
+    members = ros_types(f"rtask/{name}", model)[f"rtask/{name}"]
+    for member, field in zip(members, model.model_fields.values(), strict=True):
+        published = schema["properties"][member.name]
+        published["x-ros-type"] = str(member)
+        if not field.is_required():
+            published["x-absent"] = absence(field)
 
 
 def _schema(schema: JsonObject, names: Mapping[str, str]) -> JsonObject:

@@ -1,6 +1,8 @@
 """ROS types of messages, by the rules of ``.msg`` files.
 
-What has no ROS type of its own, such as free JSON and bytes, travels as ``string``.
+What has no ROS type of its own, such as free JSON and bytes, travels as ``string``. Typed messages
+carry every field: where zero would be a legal value, a field of a request that may be left out is a
+list of one value or none.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from typing import NamedTuple
 
 from pydantic import BaseModel
 
-from rtask.wire.message import Answer, Kind, kind_of, wire_name
+from rtask.wire.message import Answer, Kind, Message, kind_of, wire_name
 from rtask.wire.types import Carried
 
 __all__ = ["LIST", "SCALAR", "Member", "ros_types"]
@@ -26,6 +28,9 @@ class Member(NamedTuple):
     name: str
     type: str
     length: int
+
+    def __str__(self) -> str:
+        return self.type + ("[]" if self.length == LIST else "")
 
 
 def ros_types(name: str, model: type[BaseModel]) -> dict[str, list[Member]]:
@@ -53,13 +58,14 @@ def _add(name: str, model: type[BaseModel], found: dict[str, list[Member]]) -> N
     members = found[name] = []
     for own, field in model.model_fields.items():
         kind = kind_of(field)
-        if kind.message is None:
-            members.append(_member(wire_name(own, field), kind))
-            continue
-        held = _held(name, own, kind.message)
-        if held not in found:
-            _add(held, kind.message, found)
-        members.append(Member(wire_name(own, field), held, LIST if kind.is_list else SCALAR))
+        of, is_list = ("", kind.is_list) if kind.message else _carried(kind)
+        if kind.message is not None:
+            of = _held(name, own, kind.message)
+            if of not in found:
+                _add(of, kind.message, found)
+        if issubclass(model, Message) and own in model.at_most_one:
+            is_list = True
+        members.append(Member(wire_name(own, field), of, LIST if is_list else SCALAR))
 
 
 def _held(name: str, field: str, model: type[BaseModel]) -> str:
@@ -69,10 +75,10 @@ def _held(name: str, field: str, model: type[BaseModel]) -> str:
     return name + "".join(part.capitalize() for part in field.split("_"))
 
 
-def _member(name: str, kind: Kind) -> Member:
+def _carried(kind: Kind) -> tuple[str, bool]:
+    """Return the ROS type of a value that is no message, and whether it is a list."""
     for one in kind.metadata:
         if isinstance(one, Carried):
-            return Member(name, one.ros, LIST if one.is_list else SCALAR)
+            return one.ros, one.is_list
     is_text = not isinstance(kind.type, type)
-    of = _JSON if is_text else _PYTHON.get(kind.type, _JSON)
-    return Member(name, of, LIST if kind.is_list else SCALAR)
+    return _JSON if is_text else _PYTHON.get(kind.type, _JSON), kind.is_list

@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rtask.wire.message import Also, Answer, Kind, Message, kind_of, wire_name
+from rtask.wire.message import Also, Answer, Kind, Message, kind_of, parts_of, wire_name
 from rtask.wire.types import Carried, Unit
 
 __all__ = ["Declared", "source_of"]
@@ -76,26 +76,14 @@ def source_of(operations: Iterable[Declared], maker: str) -> str:
     operations = list(operations)
     held: dict[str, type[BaseModel]] = {}
     for one in operations:
-        _collect(one.request, held, is_whole=True)
+        held.update(parts_of(one.request))
     for one in operations:
-        _collect(one.answer, held)
+        held.update({**parts_of(one.answer), one.answer.__name__: one.answer})
     names = "\n".join(f'    "{name}",' for name in sorted([*held, "Calls"]))
     parts = [_HEAD.format(maker=maker, names=names)]
     parts += [_typed_dict(model) for model in held.values()]
     methods = [_CLASS, *(_method(one) for one in operations)]
     return "\n\n".join([*parts, "\n".join(methods)])
-
-
-def _collect(
-    model: type[BaseModel], held: dict[str, type[BaseModel]], is_whole: bool = False
-) -> None:
-    """Collect the messages in a message, the inner ones first."""
-    for field in model.model_fields.values():
-        part = kind_of(field).message
-        if part is not None and part.__name__ not in held:
-            _collect(part, held)
-    if not is_whole:
-        held[model.__name__] = model
 
 
 def _type(kind: Kind) -> str:

@@ -33,6 +33,10 @@ class StandInOperation:
     answer: type[Answer] = Answer
 
 
+class Known(Answer, extra="allow"):
+    """An answer of any members."""
+
+
 class StandInEngine:
     """An engine whose answers are known; it remembers what it was asked."""
 
@@ -47,25 +51,25 @@ class StandInEngine:
         self.asked: list[tuple[str, dict[str, Any], Access]] = []
         self.gate = threading.Event()
 
-    def call(self, name: str, args: dict[str, Any], access: Access) -> dict[str, Any]:
+    def call(self, name: str, args: dict[str, Any], access: Access) -> Answer:
         """Answer an operation."""
         self.asked.append((name, args, access))
         if name == "wait":
             self.gate.wait(10)
-            return {"waited": True}
+            return Known(waited=True)
         if name == "fail":
             raise RuntimeError("a secret of the inside")
         if name == "not_a_number":
-            return {"value": float("nan")}
+            return Known(value=float("nan"))
         if name == "search_object":
             if args.get("data", "").startswith("zc5p81"):
                 raise DataError("not a point cloud (unknown first bytes)")
-            return {"similar_objects": SIMILAR}
+            return Known(similar_objects=SIMILAR)
         stored = [
             {"object": f"urn:object:{i}", "class": "4", "new": True, "features": 212, "grasp": None}
             for i, _ in enumerate(args["objects"])
         ]
-        return {"stored": len(stored), "commit": 1, "objects": stored}
+        return Known(stored=len(stored), commit=1, objects=stored)
 
     def close(self) -> None:
         """Nothing to let go."""

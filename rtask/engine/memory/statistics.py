@@ -62,14 +62,14 @@ def lower_95(successes: int, attempts: int) -> float:
     return float(betaincinv(successes, attempts - successes + 1, 0.05))
 
 
-def summary(successes: int, attempts: int) -> dict[str, Any]:
-    """Return the statistics of a grasp in the form used in messages."""
-    return {
-        "attempts": attempts,
-        "successes": successes,
-        "mean": successes / attempts if attempts else 0.0,
-        "lower_95": lower_95(successes, attempts),
-    }
+def summary(successes: int, attempts: int) -> GraspStatistics:
+    """Return the statistics of a grasp from its counts."""
+    return GraspStatistics(
+        attempts=attempts,
+        successes=successes,
+        mean=successes / attempts if attempts else 0.0,
+        lower_95=lower_95(successes, attempts),
+    )
 
 
 def statistics_of(context: Context, grasp: NamedNode, robot: NamedNode) -> NamedNode:
@@ -152,7 +152,7 @@ def state(
     )
 
 
-def over_all_robots(context: Context, grasp: NamedNode) -> dict[str, Any]:
+def over_all_robots(context: Context, grasp: NamedNode) -> GraspStatistics:
     """Return the statistics of one grasp, counted from the attempts of all robots."""
     rows = judged(context, grasp=[grasp])
     held = sum(n for *_, won, n in rows if won)
@@ -170,10 +170,10 @@ SELECT ?held ?fast (COUNT(DISTINCT ?attempt) AS ?n) WHERE {{ VALUES ?grasp {{ {g
     }
 
 
-def totalled(counts: Mapping[tuple[bool, bool], int]) -> dict[str, Any]:
+def totalled(counts: Mapping[tuple[bool, bool], int]) -> GraspStatistics:
     """Sum counts by (held, in coarse physics) to statistics.
 
-    >>> totalled({(True, False): 2, (False, True): 1})["successes"]
+    >>> totalled({(True, False): 2, (False, True): 1}).successes
     2
     """
     held = sum(n for (success, _), n in counts.items() if success)

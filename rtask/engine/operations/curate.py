@@ -6,7 +6,7 @@ merge the same objects, or each into the other, the second one hears what the fi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from annotated_types import MaxLen
 from pydantic import Field
@@ -14,6 +14,7 @@ from pydantic import Field
 from rtask.engine.curation.merging import merge_objects, present_name
 from rtask.engine.curation.splitting import forget_object, forget_views, split_object
 from rtask.engine.curation.undoing import undo
+from rtask.engine.operations.operation import operation
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
 from rtask.rdf.namespaces import PREFIXES
 from rtask.rdf.terms import NamedNode, literal
@@ -34,19 +35,19 @@ class CurateObject(Message):
     operation: Literal["merge", "split", "forget", "undo"]
     """what the person wants"""
     object: Text | None = None
-    """IRI of the object, or its name"""
+    """IRI of the object, or its name; default: none, as for undo"""
     into: Text | None = None
-    """merge: IRI or name of the object that it turned out to be"""
+    """merge: IRI or name of the object that it turned out to be; default: none"""
     views: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
     """split: IRIs of the views that show another object; forget: only these views"""
     name: Text | None = None
-    """split: what people call the new object"""
+    """split: what people call the new object; default: made of kind and number"""
     purge: Flag = False
     """forget: with all that was tried on it, and the bytes at once"""
     commit: Text | None = None
-    """undo: the commit to take back, as answered"""
+    """undo: the commit to take back, as answered; default: none"""
     operator: Text | None = None
-    """who says so"""
+    """who says so; default: the caller"""
 
 
 class Curated(Answer):
@@ -58,7 +59,8 @@ class Curated(Answer):
     removed: int
 
 
-def curate_object(context: Context, request: CurateObject, access: Access) -> dict[str, Any]:
+@operation("teach", "merge two objects, split one, forget one, take it back")
+def curate_object(context: Context, request: CurateObject, access: Access) -> Curated:
     """Carry out what a person wants; robots have no right to it."""
     author = author_of(context, request.operator, access)
     with context.writing:
@@ -80,7 +82,7 @@ def author_of(context: Context, operator: str | None, access: Access) -> Access:
     return context.author(access, operator, "teacher")
 
 
-def _curate(context: Context, request: CurateObject, author: Access) -> dict[str, Any]:
+def _curate(context: Context, request: CurateObject, author: Access) -> Curated:
     operation = request.operation
     if operation == "undo":
         if not request.commit:
@@ -129,10 +131,10 @@ SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:
     raise UnknownTermError(f"{field}: the graph knows no object {name}{hint}", field=field)
 
 
-def _answer(context: Context, commit: Commit, thing: str) -> dict[str, Any]:
-    return {
-        "object": thing,
-        "commit": context.commit_id(commit),
-        "added": commit.added,
-        "removed": commit.removed,
-    }
+def _answer(context: Context, commit: Commit, thing: str) -> Curated:
+    return Curated(
+        object=thing,
+        commit=context.commit_id(commit),
+        added=commit.added,
+        removed=commit.removed,
+    )

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
 from rtask.engine.memory.statistics import GraspStatistics, Pending, count, judged_counts, totalled
 from rtask.engine.memory.verdicts import Judged, Verdict, find_attempt, label_of
 from rtask.engine.names import tail
+from rtask.engine.operations.operation import operation
 from rtask.engine.records.attempts import state_verdict
 from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
@@ -36,19 +37,19 @@ class GiveFeedback(Message):
     verdict: Literal["confirm", "refuse", "correct"]
     """what the person thinks of the report"""
     task_id: Text | None = None
-    """of the attempt that is judged"""
+    """of the attempt that is judged; default: found by grasp or object"""
     object: Iri | None = None
-    """IRI of the object whose last attempt is meant"""
+    """IRI of the object whose last attempt is meant; default: found by task_id or grasp"""
     grasp: Iri | None = None
-    """IRI of the grasp whose last attempt is meant"""
+    """IRI of the grasp whose last attempt is meant; default: found by task_id or object"""
     held: Flag | None = None
-    """whether it held; to correct"""
+    """whether it held; to correct; default: as the verdict says"""
     reason: Text | None = None
-    """code of why it ended so, in the person's opinion"""
+    """code of why it ended so, in the person's opinion; default: none"""
     operator: Text | None = None
-    """who says so; with a token, the token's person"""
+    """who says so; with a token, the token's person; default: the caller"""
     comment: Text | None = None
-    """in the person's words"""
+    """in the person's words; default: none"""
 
 
 class GivenVerdict(Answer):
@@ -90,7 +91,8 @@ class _Recounting(Access):
         return super().may_write(graph) or graph == self.counts
 
 
-def give_feedback(context: Context, request: GiveFeedback, access: Access) -> dict[str, Any]:
+@operation("teach", "confirm, correct or refuse what a robot reported")
+def give_feedback(context: Context, request: GiveFeedback, access: Access) -> Feedback:
     """Store a person's verdict; answer with everything that is said and what follows from it."""
     operator = _operator(request.operator, access)
     with context.writing:
@@ -183,29 +185,30 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
     return context.commit_id(tx.commit)
 
 
-def _answer(context: Context, judged: Judged, stored: int, commit: str) -> dict[str, Any]:
+def _answer(context: Context, judged: Judged, stored: int, commit: str) -> Feedback:
     label, (held, lost) = label_of(judged), judged.votes
     known = stored_confidences(context, [judged.grasp.value]).get(judged.grasp.value, Confidence())
-    return {
-        "stored": stored,
-        "commit": commit,
-        "attempt": judged.attempt.value,
-        "grasp": judged.grasp.value,
-        "decided": judged.decided,
-        "reason": judged.reason,
-        "held": label,
-        "disputed": held == lost and bool(judged.verdicts),
-        "held_votes": held,
-        "lost_votes": lost,
-        "verdicts": [
-            {"by": v.by, "held": v.held, "reason": v.reason, "comment": v.comment,
-             "time": v.time.isoformat()}
+    return Feedback(
+        stored=stored,
+        commit=commit,
+        attempt=judged.attempt.value,
+        grasp=judged.grasp.value,
+        decided=judged.decided,
+        reason=judged.reason,
+        held=label,
+        disputed=held == lost and bool(judged.verdicts),
+        held_votes=held,
+        lost_votes=lost,
+        verdicts=[
+            GivenVerdict(
+                by=v.by, held=v.held, reason=v.reason, comment=v.comment, time=v.time.isoformat()
+            )
             for v in judged.verdicts
         ],
-        "text": _sentence(judged),
-        "statistics": totalled(judged_counts(context, judged.grasp)),
-        "confidence": known.belief.mean if known.belief else None,
-    }  # fmt: skip
+        text=_sentence(judged),
+        statistics=totalled(judged_counts(context, judged.grasp)),
+        confidence=known.belief.mean if known.belief else None,
+    )
 
 
 def _sentence(judged: Judged) -> str:

@@ -14,6 +14,7 @@ from rtask.engine.memory.confidence import Confidence, posterior, stored_confide
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import GraspStatistics, lower_95, summary
+from rtask.engine.operations.operation import operation
 from rtask.engine.records.objects import frame_id_of, known_object
 from rtask.engine.remembered import Remembered
 from rtask.wire.message import Answer, Message
@@ -43,7 +44,7 @@ class RecallGrasps(Message):
     object: Text
     """IRI, objectId or name of the object"""
     gripper_id: Text | None = None
-    """only grasps of this gripper's type"""
+    """only grasps of this gripper's type; default: grasps of all types"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
     """length of the answer's list"""
     in_space: Flag = True
@@ -118,7 +119,8 @@ class RecalledGrasps(Answer):
     grasps: list[RecalledGrasp]
 
 
-def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> dict[str, Any]:
+@operation("read", "list the known grasps of a known object")
+def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> RecalledGrasps:
     """Return the grasps of an object in its own frame, the surest first."""
     name = known_object(context, request.object)
     memory = recall(context.kb, Question(objects=(name,), in_space=request.in_space))
@@ -127,15 +129,15 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> di
     if request.gripper_id:
         wanted = context.grippers.find(request.gripper_id, access.agent).gripper.gripper_type
         grasps = [g for g in grasps if g.gripper_type == wanted]
-    return {
-        "object": name,
-        "class_iri": known.class_iri,
-        "label": known.label,
-        "grasps": recalled(context, grasps, request.max_grasps),
-    }
+    return RecalledGrasps(
+        object=name,
+        class_iri=known.class_iri,
+        label=known.label,
+        grasps=recalled(context, grasps, request.max_grasps),
+    )
 
 
-def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[dict[str, Any]]:
+def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[RecalledGrasp]:
     """Return grasps in their object's frame as messages carry them, the surest first.
 
     Surest is the best lower bound on what happened, then the stored quality.
@@ -146,25 +148,23 @@ def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[
     return as_messages(context, order)
 
 
-def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[dict[str, Any]]:
+def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[RecalledGrasp]:
     """Return grasps in their object's frame as messages carry them, in the given order."""
     stored = stored_confidences(context, [g.grasp for g in grasps])
     return [
-        {
-            **_message(context, g),
-            "id": g.grasp,
-            "kind": "planar" if g.quaternion is None else "spatial",
-            "gripper_type": g.gripper_type,
-            "x": g.x,
-            "y": g.y,
-            "z": g.z,
-            "theta": g.theta,
-            "width": g.width,
-            "opening": g.opening,
-            "grasp_quality": g.quality,
-            "statistics": summary(g.successes, g.attempts),
-            "confidence": _confidence(context, g, stored.get(g.grasp, Confidence())),
-        }
+        RecalledGrasp(
+            **{**_message(context, g), "id": g.grasp, "grasp_quality": g.quality},
+            kind="planar" if g.quaternion is None else "spatial",
+            gripper_type=g.gripper_type,
+            x=g.x,
+            y=g.y,
+            z=g.z,
+            theta=g.theta,
+            width=g.width,
+            opening=g.opening,
+            statistics=summary(g.successes, g.attempts),
+            confidence=_confidence(context, g, stored.get(g.grasp, Confidence())),
+        )
         for g in grasps
     ]
 
@@ -182,7 +182,7 @@ def _message(context: Context, known: Remembered) -> dict[str, Any]:
     return spatial_grasp_message(candidate, hand, frame_id_of(context, known.object))
 
 
-def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> dict[str, Any]:
+def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> GraspConfidence:
     """Return prior and posterior of a grasp; before the first outcome the two are one.
 
     A belief that was stored under other rules is computed anew from the attempts.
@@ -196,13 +196,13 @@ def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> dict
         counts = [(t.held, t.count * policy.weight_of(t.is_fast)) for t in grasp.tallies]
         belief = posterior(policy, prior, counts)
         note = f"computed anew: stored by the rules {stored.policy or 'of an older release'}"
-    return {
-        "mean": belief.mean,
-        "alpha": belief.alpha,
-        "beta": belief.beta,
-        "prior": prior,
-        "evaluation": stored.evaluation,
-        "updated": stored.updated,
-        "policy": policy.version,
-        "note": note,
-    }
+    return GraspConfidence(
+        mean=belief.mean,
+        alpha=belief.alpha,
+        beta=belief.beta,
+        prior=prior,
+        evaluation=stored.evaluation,
+        updated=stored.updated,
+        policy=policy.version,
+        note=note,
+    )

@@ -20,6 +20,7 @@ from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import Pending
 from rtask.engine.names import slug, tail
 from rtask.engine.observation import Observation
+from rtask.engine.operations.operation import operation
 from rtask.engine.perception.growth import grow, old_models, state_model
 from rtask.engine.records.objects import (
     ObjectRecord,
@@ -91,7 +92,8 @@ class Inserted(Answer):
     objects: list[InsertedObject]
 
 
-def insert_object(context: Context, request: InsertObject, access: Access) -> dict[str, Any]:
+@operation("write", "store what was seen and what came of grasping it")
+def insert_object(context: Context, request: InsertObject, access: Access) -> Inserted:
     """Store a list of objects as one commit; the first bad entry refuses all."""
     prepared = []
     for k, item in enumerate(request.objects):
@@ -115,9 +117,8 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> di
             context.views.learn(view, thing, class_iri, seen.features)
         for blob, model in writer.models:
             context.models.keep(blob, model)
-    for entry in entries:
-        entry["commit"] = commit
-    return {"stored": writer.stored, "commit": commit, "objects": entries}
+    objects = [InsertedObject(**entry, commit=commit) for entry in entries]
+    return Inserted(stored=writer.stored, commit=commit, objects=objects)
 
 
 class _Writer:
@@ -281,7 +282,7 @@ def _entry(
 ) -> dict[str, Any]:  # fmt: skip
     return {
         "object": thing,
-        "class": short_id,
+        "class_": short_id,
         "class_iri": class_iri,
         "label": label,
         "grasp": grasp,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from annotated_types import Ge
 
 from rtask.engine.memory.statistics import GraspStatistics, Pending, over_all_robots, totalled
+from rtask.engine.operations.operation import operation
 from rtask.engine.records.received import Outcome, OutcomeReport, received
 from rtask.engine.records.record import Entry, earlier, record
 from rtask.engine.triples import Triples
@@ -30,33 +31,33 @@ class ReportOutcome(Message):
     """What came of a grasp on a known object."""
 
     task_id: Text | None = None
-    """of the decision; the same id stores once"""
+    """of the decision; the same id stores once; default: a new task"""
     object: Iri | None = None
     """IRI of the object; default: the one of the decision"""
     grasp: Grasp | None = None
-    """its id, or the whole grasp as received"""
+    """its id, or the whole grasp as received; default: given by grasp_pose"""
     grasp_pose: Grasp | None = None
-    """geometry_msgs/PoseStamped of a grasp that was never offered"""
+    """geometry_msgs/PoseStamped of a grasp that was never offered; default: given by grasp"""
     gripper_id: Text | None = None
-    """name or IRI of the end effector"""
+    """name or IRI of the end effector; default: the robot's only one"""
     task: Text = "pick"
     """what it was for: pick, place, push"""
     outcome: OutcomeReport | None = None
-    """what came of it"""
+    """what came of it; default: given by success and the fields after it"""
     success: Flag | None = None
-    """whether it held, when there is no outcome"""
+    """whether it held, when there is no outcome; default: given by outcome"""
     reason: Text | None = None
-    """why it ended as it did, when there is no outcome"""
+    """why it ended as it did, when there is no outcome; default: ok if it held, else not judged"""
     lifted_m: Annotated[Number, Unit("m")] | None = None
-    """height reached, when there is no outcome"""
+    """height reached, when there is no outcome; default: not known"""
     slip: Annotated[Number, Unit("m")] | None = None
-    """slip in the hand, when there is no outcome"""
+    """slip in the hand, when there is no outcome; default: not known"""
     duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """of the attempt, when there is no outcome"""
+    """of the attempt, when there is no outcome; default: not known"""
     confirmed_by: Literal["physics", "human"] | None = None
-    """who says so"""
+    """who says so; default: nobody"""
     operator: Text | None = None
-    """the person, when a person says so"""
+    """the person, when a person says so; default: nobody"""
     stamp: Stamp | None = None
     """when the attempt ended; default: now"""
 
@@ -71,7 +72,8 @@ class ReportedOutcome(Answer):
     grasp: str
 
 
-def report_outcome(context: Context, request: ReportOutcome, access: Access) -> dict[str, Any]:
+@operation("write", "store what came of a grasp on a known object")
+def report_outcome(context: Context, request: ReportOutcome, access: Access) -> ReportedOutcome:
     """Store an attempt and its outcome; answer with the grasp's statistics over all robots."""
     gripper = context.grippers.find(request.gripper_id, access.agent)
     outcome = Outcome.of(_report(request), context.reasons, "outcome")
@@ -86,7 +88,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
             before = earlier(context, task_id, [context.agent_iri(author), gripper.robot])
         if before is not None and before.has_attempt:
             statistics = over_all_robots(context, iri(before.grasp))
-            return {"stored": 0, "commit": "", "statistics": statistics, "grasp": before.grasp}
+            return ReportedOutcome(stored=0, commit="", statistics=statistics, grasp=before.grasp)
         triples = Triples()
         recorded = record(
             context,
@@ -109,12 +111,12 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
                 tx.remove(subject, predicate, value)
             triples.write(tx)
     node, counts = recorded.grasp, recorded.counts
-    return {
-        "stored": 1,
-        "commit": context.commit_id(tx.commit),
-        "statistics": over_all_robots(context, node) if counts is None else totalled(counts),
-        "grasp": node.value,
-    }
+    return ReportedOutcome(
+        stored=1,
+        commit=context.commit_id(tx.commit),
+        statistics=over_all_robots(context, node) if counts is None else totalled(counts),
+        grasp=node.value,
+    )
 
 
 def _report(request: ReportOutcome) -> OutcomeReport:

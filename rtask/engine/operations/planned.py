@@ -14,6 +14,7 @@ from grasp.spatial.frames import tilt
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import RecalledGrasp, as_messages
+from rtask.engine.operations.operation import operation
 from rtask.engine.perception.placement import MAX_TILT
 from rtask.engine.records.attempts import find_grasp, state_grasp
 from rtask.engine.records.objects import state_frame
@@ -58,7 +59,7 @@ class PlanInSpace(Message):
     mass: Annotated[Number, Unit("kg"), Ge(0.001), Le(1000)] | None = None
     """of the object, whose weight must be held; default: as stored"""
     friction: Annotated[Number, Ge(0.01), Le(2)] | None = None
-    """between pads and object"""
+    """between pads and object; default: that of the gripper"""
     position_std: Annotated[Number, Unit("m"), Ge(0), Le(0.1)] = 0.004
     """of the object's position"""
     rotation_std: Annotated[Number, Unit("rad"), Ge(0), Le(1)] = 0.1
@@ -141,7 +142,8 @@ class PlannedSpatialGrasp:
     orientation_sigma: float
 
 
-def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> dict[str, Any]:
+@operation("write", "plan grasps in space of a known object and store them")
+def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> PlannedGrasps:
     """Plan grasps in space on the best stored shape of an object, store them and return them.
 
     Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
@@ -174,14 +176,14 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> dic
         )
     memory = recall(context.kb, Question(objects=(shape.thing,), in_space=True))
     known = {one.grasp: one for one in memory.of(shape.thing)}
-    return {
-        "object": shape.thing,
-        "shape": shape.kind,
-        "reason": reason,
-        "commit": stored["commit"],
-        "tried": dict(found.counts),
-        "grasps": as_messages(context, [known[name] for name in dict.fromkeys(stored["grasps"])]),
-    }
+    return PlannedGrasps(
+        object=shape.thing,
+        shape=shape.kind,
+        reason=reason,
+        commit=stored["commit"],
+        tried=dict(found.counts),
+        grasps=as_messages(context, [known[name] for name in dict.fromkeys(stored["grasps"])]),
+    )
 
 
 def _mass(context: Context, shape: ObjectShape) -> float | None:

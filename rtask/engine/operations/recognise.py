@@ -28,6 +28,7 @@ from rtask.engine.memory.statistics import GraspStatistics, summary
 from rtask.engine.memory.thresholds import Assessment, Thresholds, asked, decide, grasps_above
 from rtask.engine.observation import Observation
 from rtask.engine.operations.grasps import GraspFields, GraspMessage
+from rtask.engine.operations.operation import operation
 from rtask.engine.operations.search import SimilarObject, match_message, similar_objects
 from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Look, observe_once
@@ -72,9 +73,9 @@ class RecogniseForGrasp(Look, _Wanted):
     """A question: which object is this, and how is it grasped?"""
 
     object: Iri | None = None
-    """IRI of the object, when the robot followed it and knows"""
+    """IRI, when the robot followed the object; default: the one that is recognised"""
     min_confidence: Probability | None = None
-    """for the object to count as recognised"""
+    """for the object to count as recognised; default: by the policy"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
     """length of the answer's list"""
     propose: Flag = False
@@ -86,15 +87,15 @@ class RecogniseForGrasp(Look, _Wanted):
     seed: Annotated[Whole, Ge(0)] = 0
     """of the choice"""
     neighbours: Points | None = None
-    """points of what stands around, frame_id"""
+    """points of what stands around, frame_id; default: none"""
     decide: Flag = False
     """answer with a grasp or with the confidence that was too low"""
     min_identity: Probability | None = None
-    """c_I, that it is this object; asks to decide"""
+    """c_I, that it is this object; asks to decide; default: no decision is asked for"""
     min_pose: Probability | None = None
-    """c_T, that it is where it seems; asks to decide"""
+    """c_T, that it is where it seems; asks to decide; default: no decision is asked for"""
     min_grasp: Probability | None = None
-    """c_G, that the grasp will hold; asks to decide"""
+    """c_G, that the grasp will hold; asks to decide; default: no decision is asked for"""
 
 
 class OfferedGrasp(GraspMessage):
@@ -182,9 +183,10 @@ class Situation:
     chosen: Sequence[Option] = ()
 
 
+@operation("read", "name an object and the grasps to try, in order")
 def recognise_for_grasp(
     context: Context, request: RecogniseForGrasp, access: Access
-) -> dict[str, Any]:
+) -> Recognition:
     """Answer with the object, its grasps in the learner's order, and why."""
     clock = Clock(*_STEPS)
     find_task(request.task)
@@ -210,9 +212,9 @@ def recognise_for_grasp(
     situation, decision = _decided(situation, thresholds)
     known = situation.known
     task = context.names.unique("task").value
-    answer = {**_answer(context, situation, request.max_grasps, task), "decision": decision}
+    fields = _fields(situation, request.max_grasps)
     clock.times["total_s"] = clock.total()
-    answer["times"] = {name: round(seconds, 6) for name, seconds in clock.times.items()}
+    times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     context.decisions.put(
         task,
         Decision(
@@ -223,7 +225,7 @@ def recognise_for_grasp(
             request.seed,
         ),
     )
-    return answer
+    return Recognition(**fields, task_id=task, decision=decision, times=times)
 
 
 def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownObject | None:
@@ -307,7 +309,8 @@ def _identity(situation: Situation) -> float:
     return float(found[0].confidence)
 
 
-def _answer(context: Context, situation: Situation, max_grasps: int, task: str) -> dict[str, Any]:
+def _fields(situation: Situation, max_grasps: int) -> dict[str, Any]:
+    """Return the fields of the answer that follow from a situation."""
     seen, known = situation.observation, situation.known
     grasps = [_grasp(option, situation) for option in situation.chosen[:max_grasps]]
     first = situation.chosen[0] if situation.chosen else None
@@ -315,18 +318,17 @@ def _answer(context: Context, situation: Situation, max_grasps: int, task: str) 
         kind = "no_grasp" if known else "unknown"
     else:
         kind = "grasp" if first.remembered is not None else "candidate"
-    top = grasps[0] if grasps else empty_grasp_message(seen.frame_id)
+    top = dict(grasps[0]) if grasps else empty_grasp_message(seen.frame_id)
     shape = seen.shape
     return {
         "task_response": kind,
-        "task_id": task,
         "object": known.iri if known else "",
-        "class": known.short_id if known else "",
+        "class_": known.short_id if known else "",
         "class_iri": known.class_iri if known else "",
         "label": known.label if known else "",
         "confidence": 0.0 if known is None else _identity(situation),
-        "statistics": top.get("statistics") or summary(0, 0),
-        **{name: top[name] for name in empty_grasp_message(seen.frame_id)},
+        "statistics": grasps[0].statistics if grasps else summary(0, 0),
+        **{name: top[name] for name in GraspFields.model_fields},
         "grasps": grasps,
         "shape": None if shape is None else {
             "x": float(shape.centre[0]),
@@ -350,7 +352,7 @@ def _answer(context: Context, situation: Situation, max_grasps: int, task: str) 
     }  # fmt: skip
 
 
-def _grasp(option: Option, situation: Situation) -> dict[str, Any]:
+def _grasp(option: Option, situation: Situation) -> OfferedGrasp:
     """Return one entry of ``grasps``."""
     assert option.choice is not None
     assert situation.observation.shape is not None
@@ -367,19 +369,18 @@ def _grasp(option: Option, situation: Situation) -> dict[str, Any]:
     in_object = dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True))
     if option.quaternion is not None:
         in_object.update(zip(("qx", "qy", "qz", "qw"), option.quaternion, strict=True))
-    return {
-        **message,
-        "id": option.id,
-        "kind": kind,
-        "source": "memory" if known is not None else "candidate",
+    return OfferedGrasp(
+        **{**message, "id": option.id},
+        kind=kind,
+        source="memory" if known is not None else "candidate",
         **dict(zip(("x", "y", "z", "theta"), at, strict=True)),
-        "width": grasp.width,
-        "opening": option.opening,
-        "mean": choice.mean,
-        "interval90": list(choice.interval90),
-        "alpha": choice.alpha,
-        "beta": choice.beta,
-        "statistics": summary(known.successes, known.attempts) if known else summary(0, 0),
-        "explanation": option.explanation,
-        "in_object": in_object,
-    }
+        width=grasp.width,
+        opening=option.opening,
+        mean=choice.mean,
+        interval90=list(choice.interval90),
+        alpha=choice.alpha,
+        beta=choice.beta,
+        statistics=summary(known.successes, known.attempts) if known else summary(0, 0),
+        explanation=option.explanation,
+        in_object=in_object,
+    )

@@ -23,6 +23,7 @@ from rtask.engine.memory.meaning import Meaning, Sense, meaning
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import RecalledGrasp, recalled
+from rtask.engine.operations.operation import operation
 from rtask.engine.remembered import KnownObject, Memory, Remembered
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import PREFIXES, RDF, RT, local_name, values
@@ -49,9 +50,9 @@ class ResolveRequest(Message):
     wanted: Text
     """words, or the IRI of a class or function"""
     gripper_id: Text | None = None
-    """name or IRI of the end effector that is to hold it"""
+    """name or IRI of the end effector that is to hold it; default: the robot's only one"""
     objects: Annotated[Texts, MaxLen(_MOST_SEEN)] | None = None
-    """IRIs of the objects seen now; an empty list: none"""
+    """IRIs of the objects seen now, perhaps none; default: those seen within seen_within_s"""
     seen_within_s: Annotated[Number, Unit("s"), Ge(0)] = 600.0
     """without objects: how fresh a look counts"""
     exclude: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
@@ -134,23 +135,24 @@ class Found:
     class_iri: str = ""
     chance: float | None = None
 
-    def message(self) -> dict[str, Any]:
-        """Return the object as messages carry it."""
-        return {
-            "object": self.iri,
-            "class_iri": self.class_iri,
-            "label": self.label,
-            "capability": self.verdict.capability,
-            "text": f"{self.label} {self.verdict.text}",
-            "width": self.bounds.width,
-            "mass": self.bounds.mass,
-            "mass_bound": self.bounds.mass_bound,
-            "chance": self.chance,
-            "seen": self.seen,
-        }
+    def message(self) -> OfferedObject:
+        """Return the object as the answer carries it."""
+        return OfferedObject(
+            object=self.iri,
+            class_iri=self.class_iri,
+            label=self.label,
+            capability=self.verdict.capability,
+            text=f"{self.label} {self.verdict.text}",
+            width=self.bounds.width,
+            mass=self.bounds.mass,
+            mass_bound=self.bounds.mass_bound,
+            chance=self.chance,
+            seen=self.seen,
+        )
 
 
-def resolve_request(context: Context, request: ResolveRequest, access: Access) -> dict[str, Any]:
+@operation("read", "choose a seen object that serves a request, and its grasps")
+def resolve_request(context: Context, request: ResolveRequest, access: Access) -> ResolvedRequest:
     """Answer with one object that is seen and can be held, and its grasps, or say why not."""
     gripper = context.grippers.find(request.gripper_id, access.agent)
     meant = meaning(context, request.wanted)
@@ -168,25 +170,25 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
     best = offered[0] if offered else None
     known = memory.objects.get(best.iri, KnownObject(best.iri)) if best else KnownObject("")
     reasons = _reasons(context, request.wanted, meant, found, excluded)
-    return {
-        "task_response": "object" if best else "unmet",
-        "object": best.iri if best else "",
-        "class_iri": known.class_iri,
-        "label": known.label,
-        "grasps": _grasps(context, memory, best, gripper, request.max_grasps),
-        "objects": [one.message() for one in offered],
-        "reasons": reasons,
-        "understood": {
+    return ResolvedRequest(
+        task_response="object" if best else "unmet",
+        object=best.iri if best else "",
+        class_iri=known.class_iri,
+        label=known.label,
+        grasps=_grasps(context, memory, best, gripper, request.max_grasps),
+        objects=[one.message() for one in offered],
+        reasons=reasons,
+        understood={
             "classes": meant.terms("class"),
             "functions": meant.terms("function"),
             "ignored": list(meant.ignored),
         },
-        "explanation": {
+        explanation={
             "text": _sentence(context, meant, best, reasons),
             "proof": _proof(context, meant, best, gripper) if best and request.prove else [],
         },
-        "suggestions": list(meant.suggestions),
-    }
+        suggestions=list(meant.suggestions),
+    )
 
 
 # What the graph knows
@@ -307,7 +309,7 @@ def _order(one: Found) -> tuple[bool, bool, float, str]:
 
 def _grasps(
     context: Context, memory: Memory, best: Found | None, gripper: KnownGripper, most: int
-) -> list[dict[str, Any]]:
+) -> list[RecalledGrasp]:
     if best is None:
         return []
     kind = gripper.gripper.gripper_type
@@ -320,7 +322,7 @@ def _grasps(
 
 def _reasons(
     context: Context, wanted: str, meant: Meaning, found: list[Found], excluded: set[str]
-) -> list[dict[str, Any]]:
+) -> list[Reason]:
     """Return why what was asked for is not there, or why another object was not taken."""
     if not meant.senses:
         near = f"; did you mean {meant.suggestions[0]!r}?" if meant.suggestions else ""
@@ -354,18 +356,18 @@ def _last_seen(one: Found) -> str:
     return f"{said}, at ({x:.2f}, {y:.2f}, {z:.2f}) of {frame}"
 
 
-def _reason(code: str, text: str, one: Found | None = None) -> dict[str, Any]:
-    return {
-        "code": code,
-        "text": text,
-        "object": one.iri if one else "",
-        "label": one.label if one else "",
-        "value": one.verdict.value if one else None,
-        "limit": one.verdict.limit if one else None,
-        "seen": one.seen if one else "",
-        "seen_by": one.seen_by if one else "",
-        "place": one.place if one else None,
-    }
+def _reason(code: str, text: str, one: Found | None = None) -> Reason:
+    return Reason(
+        code=code,
+        text=text,
+        object=one.iri if one else "",
+        label=one.label if one else "",
+        value=one.verdict.value if one else None,
+        limit=one.verdict.limit if one else None,
+        seen=one.seen if one else "",
+        seen_by=one.seen_by if one else "",
+        place=one.place if one else None,
+    )
 
 
 def _asked(context: Context, meant: Meaning) -> str:
@@ -384,11 +386,11 @@ def _asked(context: Context, meant: Meaning) -> str:
 
 
 def _sentence(
-    context: Context, meant: Meaning, best: Found | None, reasons: Sequence[dict[str, Any]]
+    context: Context, meant: Meaning, best: Found | None, reasons: Sequence[Reason]
 ) -> str:
     """Return the answer in words."""
     if best is None:
-        return "; ".join(reason["text"] for reason in reasons)
+        return "; ".join(reason.text for reason in reasons)
     chance = "no grasp of it is known yet"
     if best.chance is not None:
         chance = f"its surest grasp holds with a chance of {best.chance:.2f}"

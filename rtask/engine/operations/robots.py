@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 from urllib.parse import quote
 
 from annotated_types import Ge, MaxLen, MinLen
@@ -10,6 +10,7 @@ from pydantic import Field
 
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.names import slug
+from rtask.engine.operations.operation import operation
 from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UsageError
 from rtask.rdf.namespaces import CORA, RT
@@ -44,17 +45,17 @@ class EndEffector(Message):
     max_opening: Annotated[Number, Unit("m"), Ge(1e-3)]
     """largest width that it can hold"""
     jaw_width: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
-    """width of a jaw face"""
+    """width of a jaw face; default: 0.0124"""
     finger_length: Annotated[Number, Unit("m"), Ge(1e-4)] | None = None
-    """reach of the fingers"""
+    """reach of the fingers; default: 0.05"""
     max_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
-    """largest closing force"""
+    """largest closing force; default: not known"""
     max_payload: Annotated[Number, Unit("kg"), Ge(1e-6)]
     """largest mass that it can lift"""
     parent_link: Text | None = None
-    """link that a grasp pose refers to"""
+    """link that a grasp pose refers to; default: the pose is that of the gripper itself"""
     planning_group: Text | None = None
-    """MoveIt group of its arm"""
+    """MoveIt group of its arm; default: none"""
 
 
 class Camera(Message):
@@ -65,21 +66,21 @@ class Camera(Message):
     frame_id: Text
     """optical frame, as in tf"""
     width: Annotated[Whole, Unit("px"), Ge(1)] | None = None
-    """image width"""
+    """image width; default: not known"""
     height: Annotated[Whole, Unit("px"), Ge(1)] | None = None
-    """image height"""
+    """image height; default: not known"""
     fx: Annotated[Number, Unit("px"), Ge(1e-6)] | None = None
-    """focal length"""
+    """focal length; default: not known"""
     fy: Annotated[Number, Unit("px"), Ge(1e-6)] | None = None
-    """focal length"""
+    """focal length; default: not known"""
     cx: Annotated[Number, Unit("px")] | None = None
-    """principal point"""
+    """principal point; default: not known"""
     cy: Annotated[Number, Unit("px")] | None = None
-    """principal point"""
+    """principal point; default: not known"""
     min_range: Annotated[Number, Unit("m"), Ge(0)] | None = None
-    """nearest depth"""
+    """nearest depth; default: not known"""
     max_range: Annotated[Number, Unit("m"), Ge(0)] | None = None
-    """farthest depth"""
+    """farthest depth; default: not known"""
 
 
 class RegisterRobot(Message):
@@ -110,13 +111,9 @@ class RegisteredRobot(Answer):
     """empty when nothing changed"""
 
 
-def register_robot(context: Context, request: RegisterRobot, access: Access) -> dict[str, Any]:
-    """Write down what a robot is made of; the same message again changes nothing.
-
-    Returns
-    -------
-    ``robot`` (IRI), ``graph`` (its own), ``commit`` (empty when nothing changed).
-    """
+@operation("write", "introduce a robot: grippers, cameras, frames")
+def register_robot(context: Context, request: RegisterRobot, access: Access) -> RegisteredRobot:
+    """Store what a robot is made of; the same message again changes nothing."""
     name = request.name
     if access.role == "robot" and name != access.agent:
         raise ForbiddenError(
@@ -143,11 +140,11 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
                 tx.remove(quad.subject, quad.predicate, quad.object)
             tx.add_quads(wanted - present)
         changed = tx.commit.added or tx.commit.removed
-    return {
-        "robot": robot.value,
-        "graph": graph.value,
-        "commit": context.commit_id(tx.commit) if changed else "",
-    }
+    return RegisteredRobot(
+        robot=robot.value,
+        graph=graph.value,
+        commit=context.commit_id(tx.commit) if changed else "",
+    )
 
 
 def _check(effector: EndEffector, path: str) -> None:

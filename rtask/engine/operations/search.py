@@ -10,10 +10,11 @@ from rtask.engine.memory.question import Question, question_for
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import lower_95
 from rtask.engine.observation import Observation
+from rtask.engine.operations.operation import operation
 from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import place
-from rtask.engine.remembered import Memory, Remembered
+from rtask.engine.remembered import KnownObject, Memory, Remembered
 from rtask.engine.stored import view_features
 from rtask.errors import UnknownTermError
 from rtask.rdf.namespaces import RT
@@ -42,11 +43,11 @@ class SearchObject(Look):
     """A question: what looks like this?"""
 
     class_description: Text | None = None
-    """only objects of the kinds that these words mean"""
+    """only objects of the kinds that these words mean; default: objects of all kinds"""
     max_results: Annotated[Whole, Ge(1), Le(50)] = 10
     """length of the answer's list"""
     min_confidence: Probability | None = None
-    """least confidence of an entry"""
+    """least confidence of an entry; default: by the policy"""
 
 
 class SimilarObject(Answer):
@@ -71,7 +72,8 @@ class SimilarObjects(Answer):
     suggestions: list[str]
 
 
-def search_object(context: Context, request: SearchObject, access: Access) -> dict[str, Any]:
+@operation("read", "list known objects that look like this one")
+def search_object(context: Context, request: SearchObject, access: Access) -> SimilarObjects:
     """Answer with the known objects that look alike, best first; writes nothing.
 
     A description narrows the answer to its kinds of objects, in the same query.
@@ -86,17 +88,17 @@ def search_object(context: Context, request: SearchObject, access: Access) -> di
     )
     description = request.class_description
     kinds = context.classes.find(description) if description else []
-    answer: dict[str, Any] = {"similar_objects": [], "suggestions": []}
     if description and not kinds:
-        answer["suggestions"] = context.classes.suggestions(description)
-        return answer
+        suggestions = context.classes.suggestions(description)
+        return SimilarObjects(similar_objects=[], suggestions=suggestions)
     only = tuple(kind.iri.value for kind in kinds)
     memory = recall(context.kb, question_for(context.policy, seen, recognition, None, None, only))
     recognition = settle(recognition, memory, seen, context.policy)
     least = request.min_confidence or 0.0
     similar = similar_objects(seen, recognition, memory)
-    answer["similar_objects"] = [entry for entry in similar if entry["confidence"] >= least]
-    return answer
+    return SimilarObjects(
+        similar_objects=[entry for entry in similar if entry.confidence >= least], suggestions=[]
+    )
 
 
 def match_message(match: Match, memory: Memory) -> dict[str, Any]:
@@ -113,29 +115,34 @@ def match_message(match: Match, memory: Memory) -> dict[str, Any]:
 
 def similar_objects(
     seen: Observation, recognition: Recognition, memory: Memory
-) -> list[dict[str, Any]]:
+) -> list[SimilarObject]:
     """Return the matches with the position of each object's best grasp, or nulls without one."""
     answer = []
     for match in recognition.matches:
         known = memory.objects.get(match.object_iri)
         if known is None:
             continue
-        entry: dict[str, Any] = {
-            "class": known.short_id,
-            "class_iri": known.class_iri,
-            "object": known.iri,
-            "label": known.label,
-            "confidence": float(match.confidence),
-            **dict.fromkeys(("X", "Y", "Z", "rad", "grasp")),
-        }
+        at: dict[str, Any] = {}
         best = best_grasp(memory.of(known.iri))
         placement = place(seen, known.is_round)
         if best is not None and placement is not None:
             x, y, theta = placement.to_frame(best.x, best.y, best.theta)
             z = float(placement.frame_from_object[2, 3]) + best.z
-            entry.update(X=x, Y=y, Z=z, rad=theta, grasp=best.grasp)
-        answer.append(entry)
+            at = {"X": x, "Y": y, "Z": z, "rad": theta, "grasp": best.grasp}
+        answer.append(_entry(known, float(match.confidence), **at))
     return answer
+
+
+def _entry(known: KnownObject, confidence: float, **at: Any) -> SimilarObject:
+    """Return an entry of the answer, with the place of its best grasp or nulls."""
+    return SimilarObject(
+        class_=known.short_id,
+        class_iri=known.class_iri,
+        object=known.iri,
+        label=known.label,
+        confidence=confidence,
+        **{**dict.fromkeys(("X", "Y", "Z", "rad", "grasp")), **at},
+    )
 
 
 def best_grasp(grasps: list[Remembered]) -> Remembered | None:
@@ -147,7 +154,7 @@ def best_grasp(grasps: list[Remembered]) -> Remembered | None:
     )
 
 
-def look_alikes(context: Context, thing: NamedNode, description: str | None) -> dict[str, Any]:
+def look_alikes(context: Context, thing: NamedNode, description: str | None) -> SimilarObjects:
     """Answer with the other objects that look like a stored one, best first; writes nothing.
 
     Its newest view is compared as if the object itself were not stored, for it would outdo all
@@ -166,9 +173,9 @@ def look_alikes(context: Context, thing: NamedNode, description: str | None) -> 
     from features.recognition.confidence import confidences
 
     kinds = context.classes.find(description) if description else []
-    answer: dict[str, Any] = {"similar_objects": [], "suggestions": []}
     if description and not kinds:
-        return {**answer, "suggestions": context.classes.suggestions(description)}
+        suggestions = context.classes.suggestions(description)
+        return SimilarObjects(similar_objects=[], suggestions=suggestions)
     snapshot = context.views.index.snapshot()
     found = [
         (candidate, snapshot.object_iris[candidate.object_number])
@@ -181,20 +188,12 @@ def look_alikes(context: Context, thing: NamedNode, description: str | None) -> 
         objects=tuple(name for _, name in others), only=tuple(kind.iri.value for kind in kinds)
     )
     memory = recall(context.kb, question).objects
-    for k in sorted(range(len(others)), key=lambda k: -sure[k]):
-        known = memory.get(others[k][1])
-        if known is not None:
-            answer["similar_objects"].append(
-                {
-                    "class": known.short_id,
-                    "class_iri": known.class_iri,
-                    "object": known.iri,
-                    "label": known.label,
-                    "confidence": float(sure[k]),
-                    **dict.fromkeys(("X", "Y", "Z", "rad", "grasp")),
-                }
-            )
-    return answer
+    similar = [
+        _entry(memory[others[k][1]], float(sure[k]))
+        for k in sorted(range(len(others)), key=lambda k: -sure[k])
+        if others[k][1] in memory
+    ]
+    return SimilarObjects(similar_objects=similar, suggestions=[])
 
 
 def _newest(context: Context, thing: NamedNode) -> ViewFeatures:

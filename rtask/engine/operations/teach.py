@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
@@ -13,6 +13,7 @@ from rtask.engine.memory.statistics import GraspStatistics
 from rtask.engine.operations.curate import author_of, object_meant
 from rtask.engine.operations.feedback import GiveFeedback, give_feedback
 from rtask.engine.operations.insert import InsertedObject, InsertObject, insert_object
+from rtask.engine.operations.operation import operation
 from rtask.engine.operations.search import SearchObject, SimilarObject, look_alikes, search_object
 from rtask.engine.perception.observation import Look, OptionalLook
 from rtask.engine.records.prepared import NewObject
@@ -33,24 +34,24 @@ class _Wish(Message):
     operation: Literal["search", "teach", "confirm", "reject"]
     """what the person wants"""
     class_description: Text | None = None
-    """what the person called it"""
+    """what the person called it; default: no kind"""
 
 
 class TeachObject(OptionalLook, _Wish):
     """What a person wants to look up or to say about an object or a grasp."""
 
     name: Text | None = None
-    """what the person calls this one object"""
+    """what the person calls this one object; default: made of kind and number"""
     task_id: Text | None = None
-    """of the attempt that is judged; of what is taught, stored once"""
+    """of the attempt to judge, or of what is taught; default: found by grasp or object"""
     object: Text | None = None
-    """IRI of the object, in place of data; or whose last attempt counts"""
+    """IRI of the object, in place of data; or whose last attempt counts; default: given by data"""
     grasp: Iri | None = None
-    """IRI of the grasp whose last attempt is meant"""
+    """IRI of the grasp whose last attempt is meant; default: found by task_id or object"""
     operator: Text | None = None
-    """who says so"""
+    """who says so; default: the caller"""
     comment: Text | None = None
-    """in the person's words"""
+    """in the person's words; default: none"""
 
 
 class Taught(Answer):
@@ -65,7 +66,8 @@ class Taught(Answer):
     statistics: GraspStatistics | None = None
 
 
-def teach_object(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
+@operation("read", "search by words, name an object, confirm or reject a grasp")
+def teach_object(context: Context, request: TeachObject, access: Access) -> Taught:
     """Carry out what a person wants; all but ``search`` write, and need the scope ``teach``."""
     operation = request.operation
     if operation == "search":
@@ -76,17 +78,17 @@ def teach_object(context: Context, request: TeachObject, access: Access) -> dict
     return _judge(context, request, access, held=operation == "confirm")
 
 
-def _search(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
+def _search(context: Context, request: TeachObject, access: Access) -> Taught:
     if request.data is None and request.object:
         thing = object_meant(context, request.object, "object")
-        return look_alikes(context, thing, request.class_description)
+        return Taught(**look_alikes(context, thing, request.class_description))
     _wanted(request, "class_description", "data")
     names = (*Look.model_fields, "class_description")
     asked = read(SearchObject, {name: getattr(request, name) for name in names})
-    return search_object(context, asked, access)
+    return Taught(**search_object(context, asked, access))
 
 
-def _teach(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
+def _teach(context: Context, request: TeachObject, access: Access) -> Taught:
     if request.data is None and request.object:
         return _name(context, request, access)
     _wanted(request, "class_description", "data")
@@ -94,10 +96,10 @@ def _teach(context: Context, request: TeachObject, access: Access) -> dict[str, 
     item = read(NewObject, {name: getattr(request, name) for name in names})
     author = context.author(access, request.operator, "teacher")
     stored = insert_object(context, InsertObject(objects=[item]), author)
-    return {"similar_objects": [], "suggestions": [], **stored}
+    return Taught(similar_objects=[], suggestions=[], **stored)
 
 
-def _name(context: Context, request: TeachObject, access: Access) -> dict[str, Any]:
+def _name(context: Context, request: TeachObject, access: Access) -> Taught:
     """Say what an object is that is stored already."""
     author = author_of(context, request.operator, access)
     with context.writing:
@@ -105,39 +107,42 @@ def _name(context: Context, request: TeachObject, access: Access) -> dict[str, A
         done = name_object(context, thing, request.class_description, request.name, author)
     commit = context.commit_id(done) if done.added or done.removed else ""
     known = recall(context.kb, Question(objects=(thing.value,))).objects[thing.value]
-    entry = {
-        "object": thing.value,
-        "class": known.short_id,
-        "class_iri": known.class_iri,
-        "label": known.label,
-        "grasp": "",
-        "view": "",
-        "new": False,
-        "features": 0,
-        "commit": commit,
-    }
-    return {
-        "similar_objects": [],
-        "suggestions": [],
-        "stored": int(bool(commit)),
-        "commit": commit,
-        "objects": [entry],
-    }
+    entry = InsertedObject(
+        object=thing.value,
+        class_=known.short_id,
+        class_iri=known.class_iri,
+        label=known.label,
+        grasp="",
+        view="",
+        new=False,
+        features=0,
+        commit=commit,
+    )
+    return Taught(
+        similar_objects=[],
+        suggestions=[],
+        stored=int(bool(commit)),
+        commit=commit,
+        objects=[entry],
+    )
 
 
-def _judge(context: Context, request: TeachObject, access: Access, held: bool) -> dict[str, Any]:
+def _judge(context: Context, request: TeachObject, access: Access, held: bool) -> Taught:
     """Store a person's verdict that a grasp was good, or not, whatever the robot reported."""
     names = ("task_id", "object", "grasp", "operator", "comment")
     said = {name: getattr(request, name) for name in names}
     told = give_feedback(
         context, read(GiveFeedback, {**said, "verdict": "correct", "held": held}), access
     )
-    return {
-        "similar_objects": [],
-        "suggestions": [],
-        "objects": [],
-        **{name: told[name] for name in ("stored", "commit", "grasp", "statistics")},
-    }
+    return Taught(
+        similar_objects=[],
+        suggestions=[],
+        objects=[],
+        stored=told.stored,
+        commit=told.commit,
+        grasp=told.grasp,
+        statistics=told.statistics,
+    )
 
 
 def _wanted(request: TeachObject, *names: str) -> None:

@@ -29,17 +29,17 @@ class OptionalLook(Message):
     """One look at one object, where the object may be named instead."""
 
     data: Annotated[Cloud, Also("new_point_cloud")] | None = None
-    """base64 of one object's compressed cloud"""
+    """base64 of one object's compressed cloud; default: given by object"""
     image: Image | None = None
-    """base64 PNG or JPEG of the object"""
+    """base64 PNG or JPEG of the object; default: the colours of the cloud"""
     sensor_pose: Pose | None = None
     """pose of the camera in frame_id; default: identity"""
     frame_id: Text | None = None
-    """frame of the robot with z up, e.g. base_footprint"""
+    """frame of the robot with z up, e.g. base_footprint; default: that of the camera"""
     support_height: Annotated[Number, Unit("m")] | None = None
     """height of the table in frame_id; default: lowest point"""
     stamp: Stamp | None = None
-    """when the cloud was taken"""
+    """when the cloud was taken; default: now"""
 
 
 class Look(OptionalLook):

@@ -40,37 +40,37 @@ class NewObject(Look):
     """An object that was seen, and what came of grasping it."""
 
     object: Iri | None = None
-    """IRI of the object, when the robot followed it and knows"""
+    """IRI of the object, when the robot followed it and knows; default: recognised, or new"""
     name: Text | None = None
-    """what people call this one object"""
+    """what people call this one object; default: made of kind and number"""
     class_description: Text | None = None
-    """what kind of thing it is, in words"""
+    """what kind of thing it is, in words; default: guessed from the shape"""
     function: Text | None = None
-    """what it is for: write, contain liquid, ..."""
+    """what it is for: write, contain liquid, ...; default: not known"""
     gripper_id: Text | None = None
-    """name or IRI of the end effector that tried"""
+    """name or IRI of the end effector that tried; default: the robot's only one"""
     task: Text = "pick"
     """what it was for: pick, place, push"""
     grasp: Grasp | None = None
-    """the grasp that was tried, as received"""
+    """the grasp that was tried, as received; default: given by X, Y, Z and rad"""
     X: Number | None = None
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     Y: Number | None = None
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     Z: Number | None = None
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     rad: Number | None = None
-    """grasp in the frame of the cloud, m and rad"""
+    """grasp in the frame of the cloud, m and rad; default: no grasp"""
     success: Flag = True
     """whether the grasp held, when no outcome is given"""
     confirmed_by: Literal["physics", "human"] | None = None
-    """who says so"""
+    """who says so; default: a person"""
     operator: Text | None = None
-    """the person, when a person says so"""
+    """the person, when a person says so; default: nobody"""
     outcome: OutcomeReport | None = None
-    """what came of it"""
+    """what came of it; default: given by success"""
     task_id: Text | None = None
-    """from recognise_for_grasp, or any id: the same id stores once"""
+    """from recognise_for_grasp, or any id: the same id stores once; default: a new task"""
     merge: Flag = True
     """add the view to a recognised object"""
 

@@ -55,29 +55,29 @@ class StepTimes(Message):
     """Durations of the steps of an attempt."""
 
     segmentation_s: Annotated[Number, Unit("s")] | None = None
-    """duration of segmentation"""
+    """duration of segmentation; default: not measured"""
     transfer_s: Annotated[Number, Unit("s")] | None = None
-    """duration of transfer"""
+    """duration of transfer; default: not measured"""
     decode_s: Annotated[Number, Unit("s")] | None = None
-    """duration of decode"""
+    """duration of decode; default: not measured"""
     extraction_s: Annotated[Number, Unit("s")] | None = None
-    """duration of extraction"""
+    """duration of extraction; default: not measured"""
     matching_s: Annotated[Number, Unit("s")] | None = None
-    """duration of matching"""
+    """duration of matching; default: not measured"""
     query_s: Annotated[Number, Unit("s")] | None = None
-    """duration of query"""
+    """duration of query; default: not measured"""
     pose_s: Annotated[Number, Unit("s")] | None = None
-    """duration of pose"""
+    """duration of pose; default: not measured"""
     generation_s: Annotated[Number, Unit("s")] | None = None
-    """duration of generation"""
+    """duration of generation; default: not measured"""
     choice_s: Annotated[Number, Unit("s")] | None = None
-    """duration of choice"""
+    """duration of choice; default: not measured"""
     planning_s: Annotated[Number, Unit("s")] | None = None
-    """duration of planning"""
+    """duration of planning; default: not measured"""
     execution_s: Annotated[Number, Unit("s")] | None = None
-    """duration of execution"""
+    """duration of execution; default: not measured"""
     total_s: Annotated[Number, Unit("s")] | None = None
-    """duration of total"""
+    """duration of total; default: not measured"""
 
 
 class Picture(Message):
@@ -95,45 +95,45 @@ class OutcomeReport(Message):
     success: Flag
     """whether the object was held"""
     placed: Flag | None = None
-    """whether it arrived where it was to go"""
+    """whether it arrived where it was to go; default: not known"""
     reason: Text | None = None
-    """why it ended as it did: ok, missed, slip_lift, ..."""
+    """why it ended so: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
     lifted_m: Annotated[Number, Unit("m")] | None = None
-    """height reached"""
+    """height reached; default: not known"""
     slip: Annotated[Number, Unit("m")] | None = None
-    """distance that the object slipped in the hand"""
+    """distance that the object slipped in the hand; default: not known"""
     duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """of the attempt"""
+    """of the attempt; default: not known"""
     links_touching: Annotated[Whole, Ge(0)] | None = None
-    """hand links in contact at the end of the hold"""
+    """hand links in contact at the end of the hold; default: not known"""
     contact_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
-    """force at the jaws"""
+    """force at the jaws; default: not known"""
     jaw_gap: Annotated[Number, Unit("m"), Ge(0)] | None = None
-    """opening after closing"""
+    """opening after closing; default: not known"""
     hold_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """time held"""
+    """time held; default: not known"""
     place_offset: Annotated[Number, Unit("m"), Ge(0)] | None = None
-    """distance from where it was to be put"""
+    """distance from where it was to be put; default: not known"""
     approach_tilt: Annotated[Number, Unit("rad")] | None = None
-    """angle of the approach to the vertical"""
+    """angle of the approach to the vertical; default: not known"""
     preset: Literal["faithful", "fast", "real"] | None = None
-    """physics: faithful, fast, or real"""
+    """physics: faithful, fast, or real; default: not known"""
     seed: Annotated[Whole, Ge(0)] | None = None
-    """of the simulation"""
+    """of the simulation; default: none"""
     attempt_number: Annotated[Whole, Ge(1)] | None = None
-    """counted from 1 for each object and episode"""
+    """counted from 1 for each object and episode; default: not known"""
     candidate_count: Annotated[Whole, Ge(1)] | None = None
-    """grasps that there were to choose from"""
+    """grasps that there were to choose from; default: not known"""
     candidate_rank: Annotated[Whole, Ge(1)] | None = None
-    """place of the one taken"""
+    """place of the one taken; default: not known"""
     confirmed_by: Literal["physics", "human"] | None = None
-    """who says so"""
+    """who says so; default: nobody"""
     operator: Text | None = None
-    """the person, when a person says so"""
+    """the person, when a person says so; default: nobody"""
     comment: Text | None = None
-    """words of the person or the robot"""
+    """words of the person or the robot; default: none"""
     times: StepTimes | None = None
-    """durations of the steps"""
+    """durations of the steps; default: not known"""
     images: Annotated[list[Picture], MaxLen(32)] = Field(default_factory=list)
     """pictures of the attempt"""
 

@@ -10,13 +10,14 @@ import pytest
 import rtask.client.calls
 from rtask.client.base import Client
 from rtask.client.failures import Patience
-from rtask.engine.client_calls import source
-from rtask.engine.operations.table import OPERATIONS
+from rtask.engine.operations.table import OPERATIONS, client_source
 
 
 def test_the_file_is_what_the_declarations_make():
     made = Path(rtask.client.calls.__file__).read_text(encoding="utf-8")
-    assert made == source(), "python -m rtask.engine.client_calls > rtask/client/calls.py"
+    assert made == client_source(), (
+        "python -m rtask.engine.operations.table > rtask/client/calls.py"
+    )
 
 
 @pytest.mark.parametrize("name", sorted(OPERATIONS))

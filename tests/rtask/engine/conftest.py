@@ -184,7 +184,7 @@ class Robot:
         return Access(self.name, "robot")
 
     def call(self, operation: str, /, **args: Any) -> dict[str, Any]:
-        return self.engine.call(operation, args, self.access)
+        return self.engine.call(operation, args, self.access).as_json()
 
     def register(self, gripper_type: str = "nao_hand") -> dict[str, Any]:
         return self.call("register_robot", **registration(self.name, self.gripper, gripper_type))

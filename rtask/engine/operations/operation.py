@@ -1,0 +1,120 @@
+"""Declaration of an operation: one decorator on its handler.
+
+The annotations of the handler name the classes of request and answer; everything else about both
+follows from these classes.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from rtask.engine.context import SCOPES, Context
+from rtask.engine.curation.merging import followed
+from rtask.kb.commit.access import Access
+from rtask.wire.message import Answer, Message, read
+
+__all__ = ["Operation", "operation"]
+
+Q = TypeVar("Q", bound=Message)
+A = TypeVar("A", bound=Answer)
+Handler = Callable[[Context, Q, Access], A]
+
+
+@dataclass(frozen=True)
+class Operation(Generic[Q, A]):
+    """One operation; calling it calls its handler with a request that was checked before.
+
+    Parameters
+    ----------
+    name
+        On the wire, ``/rtask/<name>`` and ``/engine/<name>``.
+    scope
+        Scope that a caller needs.
+    summary
+        One line.
+    request, answer
+        Their declarations.
+    handler
+        Takes the context, the checked request and the caller's rights.
+    """
+
+    name: str
+    scope: str
+    summary: str
+    request: type[Q]
+    answer: type[A]
+    handler: Handler[Q, A]
+
+    def __call__(self, context: Context, request: Q, access: Access) -> A:
+        return self.handler(context, request, access)
+
+    def carry_out(self, context: Context, args: Mapping[str, Any], access: Access) -> A:
+        """Check a request and answer it; the former IRIs of merged objects are accepted.
+
+        Raises
+        ------
+        UsageError
+            The request does not fit the declaration.
+        """
+        request = read(self.request, dict(args))
+        return self.handler(context, followed(context.kb, request), access)
+
+
+def operation(scope: str, summary: str) -> Callable[[Handler[Q, A]], Operation[Q, A]]:
+    """Declare a handler ``(context, request, access) -> answer`` as an operation of its name.
+
+    Parameters
+    ----------
+    scope
+        Scope that a caller needs: read, write or teach.
+    summary
+        One line, without a capital or a full stop.
+
+    Raises
+    ------
+    TypeError
+        The annotations do not name a request and an answer.
+    ValueError
+        No role holds the scope.
+
+    Examples
+    --------
+    >>> class Greet(Message):
+    ...     '''A greeting.'''
+    ...     name: str
+    >>> class Greeted(Answer):
+    ...     '''What was said.'''
+    ...     text: str
+    >>> @operation("read", "greet somebody")
+    ... def greet(context: Context, request: Greet, access: Access) -> Greeted:
+    ...     return Greeted(text=f"hello {request.name}")
+    >>> greet.name, greet.request.__name__, greet.answer.__name__
+    ('greet', 'Greet', 'Greeted')
+    """
+    if not any(scope in scopes for scopes in SCOPES.values()):
+        raise ValueError(f"no role holds the scope {scope!r}")
+
+    def declare(handler: Handler[Q, A]) -> Operation[Q, A]:
+        # Handlers import the types of the context and of the caller for type checkers only.
+        known = {"Context": Context, "Access": Access}
+        hints = typing.get_type_hints(handler, localns=known)
+        parameters = list(inspect.signature(handler).parameters)
+        request = hints.get(parameters[1]) if len(parameters) == 3 else None
+        answer = hints.get("return")
+        for one, kind in ((request, Message), (answer, Answer)):
+            if not (isinstance(one, type) and issubclass(one, kind)):
+                name = getattr(handler, "__qualname__", repr(handler))
+                raise TypeError(
+                    f"{name}: expected (context: Context, request: a Message, access: Access) "
+                    f"-> an Answer; {one!r} is not a subclass of {kind.__name__}"
+                )
+        name = getattr(handler, "__name__")  # noqa: B009 - a callable need not have one
+        assert isinstance(request, type)
+        assert isinstance(answer, type)
+        return Operation(name, scope, summary, request, answer, handler)
+
+    return declare
