@@ -11,6 +11,7 @@ from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.rosbridge.services import Engine
+from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, UsageError
 
 ADDRESS = "/engine/"
@@ -23,7 +24,7 @@ def plan_operation(
     caller: Caller,
     keys: IdempotencyKeys,
 ) -> Plan:
-    """Prepare an operation of the engine.
+    """Prepare an operation of the engine; browsers are sent to its form.
 
     Raises
     ------
@@ -40,6 +41,8 @@ def plan_operation(
         near = difflib.get_close_matches(name, engine.operations, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise RefusedError(404, "not-found", f"no operation {name}{hint}")
+    if request.method in ("GET", "HEAD") and prefers_html(request.header("accept")):
+        return Plan.ready(Response(303, headers=(("Location", f"/operations/{name}"),)))
     if request.method != "POST":
         raise RefusedError(
             405, "method-not-allowed", "operations take POST", headers=(("Allow", "POST"),)

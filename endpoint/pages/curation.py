@@ -23,6 +23,8 @@ from endpoint.pages.render import (
 )
 from endpoint.pages.signin import require_form
 from rtask.engine.curation.edit import NOTE
+from rtask.engine.operations.curate import CurateObject
+from rtask.wire.forms import read_form
 from rtask.wire.message import Answer
 
 _ADDRESS = "/curation"
@@ -98,13 +100,7 @@ def list_changes() -> list[Model]:
 @blueprint.route("/object/curate", methods=["POST"])
 def curate() -> WerkzeugResponse:
     """Carry out the change in a form and show the resulting object."""
-    form = flask.request.form
-    told: dict[str, Any] = {}
-    for name in ("operation", "object", "into", "name", "commit", "operator", "purge"):
-        if form.get(name, "").strip():
-            told[name] = form[name].strip()
-    if form.getlist("views"):
-        told["views"] = form.getlist("views")
+    told = read_form(CurateObject, dict(flask.request.form.lists()))
     answer = carry_out("curate_object", told)
     shown = answer["object"]
     arguments = {"iri": shown} if shown else {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import Any
 from urllib.parse import quote, urlencode
 
 import flask
@@ -14,8 +13,10 @@ from endpoint.access.auth import require_scope
 from endpoint.pages.render import Model, blueprint, context, current_request, page, select
 from endpoint.pages.signin import require_form
 from endpoint.pages.wording import PHASES, VISIBLE_REASONS
+from rtask.engine.operations.feedback import GiveFeedback
 from rtask.errors import UsageError
 from rtask.rdf.terms import iri
+from rtask.wire.forms import read_form
 
 _ADDRESS = "/feedback"
 # The first of these that a robot took shows how an attempt ended.
@@ -122,12 +123,8 @@ def judge() -> WerkzeugResponse:
     caller = context().auth.identify(current_request())
     require_form()
     require_scope(caller.access, "teach")
-    form = flask.request.form
-    told: dict[str, Any] = {"verdict": form.get("verdict", "")}
-    for name in ("task_id", "grasp", "held", "reason", "operator", "comment"):
-        if form.get(name, "").strip():
-            told[name] = form[name].strip()
-    if told["verdict"] != "correct":
+    told = read_form(GiveFeedback, dict(flask.request.form.lists()))
+    if told.get("verdict") != "correct":
         told.pop("held", None)
         told.pop("reason", None)
     answer = context().engine.call("give_feedback", told, caller.access)

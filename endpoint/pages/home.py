@@ -23,6 +23,7 @@ def home() -> Model:
         "addresses": {
             "sparql": f"{site}/sparql",
             "graph_store": f"{site}/store",
+            "operations": f"{site}/engine/",
             "robots": site.replace("http", "ws", 1) + "/",
         },
         "query": DEFAULT_QUERY,

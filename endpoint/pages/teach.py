@@ -12,8 +12,10 @@ from endpoint.pages.curation import back_to, carry_out, side
 from endpoint.pages.objects import known_object, list_objects
 from endpoint.pages.render import Model, blueprint, context, current_request, page
 from rtask.engine.engine import Engine
+from rtask.engine.operations.teach import TeachObject
 from rtask.engine.terms import folded
 from rtask.errors import UnknownTermError
+from rtask.wire.forms import read_form
 
 _ADDRESS = "/teach"
 MAX_CANDIDATES = 12
@@ -83,13 +85,8 @@ def _engine() -> Engine:
 @blueprint.route(_ADDRESS, methods=["POST"])
 def name_it() -> WerkzeugResponse:
     """Store a name and a kind, and show the object."""
-    form = flask.request.form
-    told: dict[str, Any] = {"operation": "teach", "object": form.get("object", "")}
-    for field, given in (
-        ("name", "name"), ("class_description", "description"), ("operator", "operator"),
-    ):  # fmt: skip
-        if form.get(given, "").strip():
-            told[field] = form[given].strip()
+    given = dict(flask.request.form.lists())
+    told = {**read_form(TeachObject, given), "operation": "teach"}
     answer = carry_out("teach_object", told)
     done = {"done": answer["commit"]} if answer["commit"] else {}
-    return back_to("/object", {"iri": told["object"], **done}, told)
+    return back_to("/object", {"iri": told.get("object", ""), **done}, told)

@@ -168,7 +168,7 @@ def test_an_unnamed_object_is_listed_named_and_leaves_the_list(site: Site) -> No
     model = ann.get("/teach.json?iri=urn:lab/object/2&description=mugg", base_url=HOST).get_json()
     assert "mug" in model["suggestions"]
     assert "of the new kind “mugg”" in page(ann, "/teach?iri=urn:lab/object/2&description=mugg")
-    named = send(ann, "/teach", object="urn:lab/object/2", name="red one", description="mug")
+    named = send(ann, "/teach", object="urn:lab/object/2", name="red one", class_description="mug")
     assert named.status_code == 303
     now = ann.get("/object.json?iri=urn:lab/object/2", base_url=HOST).get_json()
     assert now["name"] == "red one"

@@ -104,6 +104,7 @@ PAGES = [
     "/object/forget?iri=urn:lab/object/1",
     "/curation",
     "/teach",
+    "/operations",
     "/robots",
     "/search",
     "/search?q=mug",
