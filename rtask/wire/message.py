@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
@@ -147,6 +147,7 @@ class Answer(BaseModel):
         validate_by_name=True,
         validate_by_alias=True,
         allow_inf_nan=False,
+        ser_json_inf_nan="constants",
         # Clients must not refuse the fields of a later release.
         json_schema_extra=lambda schema: schema.pop("additionalProperties", None),
     )
@@ -172,7 +173,11 @@ class Answer(BaseModel):
         ValueError
             A number in free JSON is not finite.
         """
-        return strict_json(self.as_json())
+        try:
+            text = self.model_dump_json(by_alias=True, exclude_unset=True)
+        except PydanticSerializationError:
+            return strict_json(self.as_json())
+        return _finite(text.encode(), self.as_json)
 
     def keys(self) -> list[str]:
         """Return the names of the fields that are set, as in JSON."""
@@ -274,8 +279,13 @@ def strict_json(value: Any) -> bytes:
         text = to_json(value, inf_nan_mode="constants")
     except PydanticSerializationError:  # half of a surrogate pair, which JSON can escape
         return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+    return _finite(text, lambda: value)
+
+
+def _finite(text: bytes, value: Callable[[], Any]) -> bytes:
+    """Return JSON text after making sure that its numbers are finite."""
     if b"NaN" in text or b"Infinity" in text:  # perhaps only as words
-        json.dumps(value, allow_nan=False)
+        json.dumps(value(), allow_nan=False)
     return text
 
 

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Annotated, Literal
 
 import numpy as np
 import pytest
 from annotated_types import Ge, Le, MaxLen
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from grasp.messages import pose_message
 from rtask.errors import UsageError
-from rtask.wire.message import Also, Answer, Message, named, read
-from rtask.wire.types import Bytes, Flag, Grasp, Number, Points, Pose, Stamp, Text, Texts, Whole
+from rtask.wire.message import Also, Answer, Message, named, read, strict_json
+from rtask.wire.types import (
+    Bytes,
+    Flag,
+    Grasp,
+    Json,
+    Number,
+    Points,
+    Pose,
+    Stamp,
+    Text,
+    Texts,
+    Whole,
+)
 
 
 class Part(Message):
@@ -228,3 +241,33 @@ def test_an_answer_reads_like_a_mapping_and_leaves_out_what_was_not_set():
         "class": "mug", "size": None, "commit": "c-1",
         "again": [{"class": "cup", "size": 0.1, "again": []}],
     }  # fmt: skip
+
+
+class Measured(Answer):
+    """An answer with a number and free JSON."""
+
+    length: float
+    label: str
+    more: Json
+
+
+def test_an_answer_that_does_not_fit_cannot_be_made():
+    for given in ({"length": "long"}, {"length": math.nan}, {"length": 1.0, "extra": 1}):
+        with pytest.raises(ValidationError):
+            Measured(**{"label": "a", "more": {}, **given})
+    with pytest.raises(ValidationError):
+        Measured(length=1.0, label="a")
+
+
+def test_an_answer_is_written_as_json_and_never_with_a_number_that_is_none():
+    answer = Measured(length=1, label="NaN, Infinity \u00fc", more={"a": [1e300, None, True]})
+    assert json.loads(answer.to_json()) == answer.as_json()
+    assert answer.to_json() == strict_json(answer.as_json())
+    for bad in (math.nan, -math.inf):
+        with pytest.raises(ValueError, match="JSON"):
+            Measured(length=1, label="a", more={"deep": [bad]}).to_json()
+
+
+def test_half_of_a_surrogate_pair_is_escaped():
+    answer = Measured(length=1, label="a", more={"said": "\ud800"})
+    assert json.loads(answer.to_json())["more"] == {"said": "\ud800"}
