@@ -24,6 +24,7 @@ from rtask.kb.readers.streams import Stream, WholeStream
 from rtask.rdf.terms import NamedNode
 from rtask.remote.knowledge_base import RemoteKnowledgeBase, addresses
 from rtask.sparql.syntax import check_query
+from rtask.wire.message import Answer
 
 READERS = 32
 
@@ -176,7 +177,7 @@ class EngineElsewhere:
 
     operations: Mapping[str, Operation] = OPERATIONS
 
-    def call(self, name: str, args: JsonObject, access: Access) -> JsonObject:
+    def call(self, name: str, args: JsonObject, access: Access) -> Answer:
         """Refuse.
 
         Raises
