@@ -26,7 +26,7 @@ LISTED_CONTRADICTIONS = 100
 
 
 class InconsistentError(ValueError):
-    """A change contradicts what is known, and the configuration rejects such changes."""
+    """A change contradicts known statements, and the configuration rejects such changes."""
 
     def __init__(self, contradictions: list[Contradiction]) -> None:
         more = len(contradictions) - 1
@@ -47,8 +47,8 @@ class Config:
     max_inferred : int
         Bound on derived facts, above 50 per asserted one.
     bulk_from : int
-        Size of a change from which all is derived by joins of whole relations; from nothing, a
-        tenth of it.
+        Size of a change from which consequences are derived by joins of whole relations; for an
+        empty closure, a tenth of it.
     """
 
     on_contradiction: str = "report"
@@ -66,14 +66,14 @@ class Config:
 
 
 class Staged:
-    """A change that is thought through and not yet in force.
+    """A change whose consequences are known but which is not yet in force.
 
     Attributes
     ----------
     inferred_added, inferred_removed : list of Triple
-        What enters and what leaves the graph of inferred triples; never an asserted triple.
+        Triples that enter and leave the graph of inferred triples; never an asserted triple.
     contradictions : list of Contradiction
-        What the change newly contradicts.
+        Contradictions that the change introduces.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Staged:
         self.contradictions = closure._describe(news, draft)
 
     def apply(self) -> None:
-        """Put the change in force.
+        """Bring the change into force.
 
         Raises
         ------
@@ -110,12 +110,12 @@ class Staged:
         self._draft = None
 
     def discard(self) -> None:
-        """Forget the change."""
+        """Discard the change."""
         self._draft = None
 
 
 class Closure:
-    """Everything that follows from a set of triples under OWL 2 RL and rules of the user.
+    """Everything that follows from a set of triples under OWL 2 RL and user-defined rules.
 
     Examples
     --------
@@ -152,12 +152,12 @@ class Closure:
         rules: Iterable[str | LabelledRule] = (),
         config: Config | None = None,
     ) -> Closure:
-        """Derive all that follows.
+        """Build the closure of asserted triples.
 
         Parameters
         ----------
         schema, data : iterable of Triple
-            Asserted triples; which of them are schema is seen from their predicates.
+            Asserted triples; the predicates determine which of them are schema.
         rules : iterable of str or LabelledRule
             SPARQL CONSTRUCT texts.
         config : Config, optional
@@ -181,23 +181,23 @@ class Closure:
         remove: Iterable[Triple] = (),
         rules: Iterable[str | LabelledRule] | None = None,
     ) -> Staged:
-        """Think a change of the asserted triples through; nothing visible changes yet.
+        """Compute the consequences of a change of the asserted triples, without applying it.
 
         Parameters
         ----------
         add, remove : iterable of Triple
-            Triples that no graph asserted before, and those that none asserts any more. What is
-            there already or was never there is ignored; what is in both is added.
+            Triples that no graph asserted before, and those that none asserts any more. Existing
+            triples to add and absent ones to remove are ignored; triples in both are added.
         rules : iterable of str or LabelledRule, optional
-            All rules of the user from now on. More rules are derived from what is known; when one
-            is gone, or triples change too, everything is derived anew.
+            All user-defined rules from now on. Additional rules are applied to the present closure;
+            if a rule is missing, or triples change as well, the closure is rebuilt.
 
         Raises
         ------
         RuleError, StratificationError
             If a rule cannot be used.
         InconsistentError
-            If the change contradicts what is known and `Config.on_contradiction` is "reject".
+            If the change contradicts known statements and `Config.on_contradiction` is "reject".
         """
         plus = set(self._encode(add))
         minus = set(self._terms.encode_all(t for t in remove if not _is_triple_term(t[2])))
@@ -246,7 +246,7 @@ class Closure:
         return self._changes
 
     def contains(self, triple: Triple) -> bool:
-        """Tell whether a triple is asserted, derived, or true of everything."""
+        """Return whether a triple is asserted, derived, or a tautology."""
         fact = self._find(triple)
         if fact is None:
             return triple[0] == triple[2] and triple[1] == NamedNode(v.IRIS[SAME])
@@ -288,7 +288,7 @@ class Closure:
             yield decode(fact)
 
     def compare(self, found: Iterable[Triple]) -> tuple[Iterator[Triple], list[Triple]]:
-        """Compare the inferred graph with what a store holds of it.
+        """Compare the inferred graph with the one in a store.
 
         Parameters
         ----------
@@ -298,9 +298,9 @@ class Closure:
         Returns
         -------
         missing : iterator of Triple
-            What should be there and is not.
+            Inferred triples that the store lacks.
         surplus : list of Triple
-            What is there and should not be.
+            Triples in the store that are not inferred.
         """
         everything = set(self._reading().everything())
         present: set[Fact] = set()
@@ -318,18 +318,18 @@ class Closure:
         return digest_of(self._reading().everything(), self._terms)
 
     def same_as(self, term: Term) -> list[Term]:
-        """Return all terms known to denote the same thing, the term itself included."""
+        """Return all terms known to denote the same individual, including the term itself."""
         number = self._terms.find(term)
         if number is None:
             return [term]
         return [self._terms.decode(m) for m in self._state.equality.members(number)]
 
     def contradictions(self) -> list[Contradiction]:
-        """Return what the asserted triples contradict now."""
+        """Return the present contradictions among the asserted triples."""
         return self._describe(self._state.clashes.values(), None)
 
     def stats(self) -> dict[str, int | list[str]]:
-        """Return sizes and what was left out."""
+        """Return sizes, and the axioms that could not be read."""
         state = self._state
         problems = [f"{self._terms.iri(p.node)}: {p.message}" for p in state.problems]
         return {
@@ -356,7 +356,7 @@ class Closure:
         return Maintainer(self._terms, settings)
 
     def _encode(self, triples: Iterable[Triple]) -> list[Fact]:
-        """Encode triples, leaving out triple terms and what is said of their reifiers."""
+        """Encode triples, without triple terms and statements about their reifiers."""
         batch = list(triples)
         self._reifiers |= {s for s, p, _ in batch if p == _REIFIES}
         plain = [

@@ -72,7 +72,7 @@ class Contradiction:
 
 
 def describe(finding: Inconsistency, reading: Reading) -> Contradiction:
-    """Turn a finding into terms, each premise in a form that was asserted if there is one."""
+    """Convert a finding to terms, with each premise in an asserted form if there is one."""
     facts = [reading.asserted_form(fact) for fact in finding.premises]
     if finding.rule in LISTED:
         facts = [(facts[0][2], SAME, facts[1][2])]

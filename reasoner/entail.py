@@ -1,8 +1,8 @@
 """Entailment of triples: by look-up first, then by refutation.
 
-What the closure does not hold is negated with fresh constants and staged; a contradiction proves
-it. Sound always, complete for none but simple cases (OWL 2 Profiles 4.3, theorem PR1 covers
-assertions; the rest goes beyond).
+A triple that is not in the closure is negated with fresh constants and staged; a contradiction
+proves it. Always sound, but complete for simple cases only (OWL 2 Profiles 4.3, theorem PR1 covers
+assertions; the rest goes beyond it).
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Entailment:
 
 @dataclass
 class _Conclusion:
-    """A conclusion sorted into statements and the definitions of what they mention."""
+    """A conclusion, split into statements and the definitions of the expressions in them."""
 
     statements: list[Triple] = field(default_factory=list)
     definitions: list[Triple] = field(default_factory=list)
@@ -97,11 +97,11 @@ def entails(closure: Closure, conclusion: Iterable[Triple], semantics: str = "rl
     Parameters
     ----------
     closure : Closure
-        Of the premise; left as it is.
+        Of the premise; not modified.
     conclusion : iterable of Triple
-        Blank nodes stand for something.
+        Blank nodes are existentially quantified.
     semantics : {"rl", "direct"}
-        Under "direct", annotations and class expressions that no axiom uses say nothing (OWL 2
+        Under "direct", annotations and class expressions that no axiom uses have no meaning (OWL 2
         Direct Semantics).
 
     Examples
@@ -163,7 +163,7 @@ def _is_found(closure: Closure, statement: Triple) -> bool:
 
 
 def _is_reflexive(closure: Closure, p: Term) -> bool:
-    """Tell whether a property is reflexive, itself or through one below it."""
+    """Return whether a property or one of its sub-properties is reflexive."""
     below = _rdfs("subPropertyOf")
     reflexive = [q for q, _, _ in closure.match(None, TYPE, _owl("ReflexiveProperty"))]
     return any(q == p or closure.contains((q, below, p)) for q in reflexive)
@@ -216,7 +216,7 @@ def _refute(closure: Closure, statement: Triple, parts: _Conclusion) -> bool | N
 
 
 def _negations(closure: Closure, statement: Triple, parts: _Conclusion) -> Negation:
-    """Yield what to assume in turn so that a contradiction proves the statement."""
+    """Yield the assumptions each of which must lead to a contradiction to prove the statement."""
     s, p, o = statement
     if p == TYPE and o in _CHARACTERISTICS:
         if not _is_data(closure, s):

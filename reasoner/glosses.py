@@ -33,7 +33,7 @@ def local_name(term: Term) -> str:
 
 
 class Glossary:
-    """Words for facts in one state of a closure."""
+    """Readable forms of facts in one state of a closure."""
 
     def __init__(self, view: View, terms: Dictionary) -> None:
         self._view = view
@@ -57,7 +57,7 @@ class Glossary:
         return local_name(self._terms.decode(number))
 
     def pattern(self, atom: Atom, env: Bindings, names: tuple[str, ...]) -> str:
-        """Return an atom with what is bound filled in."""
+        """Return an atom with its bound variables filled in."""
 
         def part(x: int) -> str:
             bound = x if x >= 0 else env[~x]

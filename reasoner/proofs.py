@@ -23,7 +23,7 @@ from reasoner.terms.dictionary import Dictionary, Fact, Triple
 from reasoner.terms.vocabulary import SAME
 
 Instance = tuple[tuple[Fact, ...], tuple[str, ...]]
-"""Premises of a rule's instance, and what must be absent."""
+"""Premises of a rule's instance, and the patterns that must have no match."""
 
 GraphsOf = Callable[[Triple], Iterable[str]]
 MAX_HEIGHT = 64
@@ -39,17 +39,17 @@ class Proof:
     triple : Triple
         What is proven.
     gloss : str
-        The triple in short words, anonymous classes spelled out.
+        The triple in short form, with anonymous classes spelled out.
     rule : str
         Name in OWL 2 Profiles 4.3, `rule:<name>` of a user's rule, or `asserted`.
     premises : tuple of Proof
         Instance triples that the rule used.
     schema : tuple of Triple
-        Schema triples that the rule was made from; each can be explained in its turn.
+        Schema triples from which the rule was compiled; each can be explained in turn.
     absent : tuple of str
         Patterns that had to have no match.
     graphs : tuple of str
-        Where an asserted triple is asserted, if the caller knows.
+        Graphs that assert an asserted triple, if the caller knows them.
     """
 
     triple: Triple
@@ -112,7 +112,7 @@ class Proof:
 
 
 class Expanded:
-    """Facts as if no term had been rewritten: every member of a class stands for it."""
+    """Facts as if no term had been rewritten: each holds for every member of an equality class."""
 
     def __init__(self, facts: Facts | Layer, equality: Equality) -> None:
         self._facts = facts
@@ -228,8 +228,8 @@ class Prover:
     def _rules_for(self, goal: Fact) -> Iterator[Rule]:
         """Yield the rules that may derive a goal, as the schema was asserted.
 
-        The rules in force mention representatives; a proof must not need an equality that rests
-        on the very axiom in its original terms.
+        The rules in force mention representatives; a proof must not need an equality that itself
+        depends on the axiom in its original terms.
         """
         for rule in self._program.rules_for(self._equality.rewrite(goal)):
             merged = sorted({c for c in constants_of([rule]) if self._equality.is_merged(c)})

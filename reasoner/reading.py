@@ -1,6 +1,6 @@
-"""Reading of one state of a closure in original terms, equal terms substituted.
+"""View of one state of a closure in original terms, with equal terms substituted.
 
-Also what of it the inferred graph holds, and how that changes from one state to the next.
+Also determines the content of the inferred graph, and its changes from one state to the next.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Reading:
         return s == o if p == SAME else self.facts.has(s, p, o)
 
     def is_virtual(self, fact: Fact) -> bool:
-        """Tell whether a fact is true of everything, or of every class or property."""
+        """Return whether a fact holds of every term, or of every class or property."""
         has = self.facts.has
         s, p, o = self.equality.rewrite(fact)
         if p == TYPE and (o in (v.THING, v.RESOURCE) or (o == v.DATATYPE and s in _DATATYPES)):
@@ -71,14 +71,14 @@ class Reading:
         return False
 
     def asserted_form(self, fact: Fact) -> Fact:
-        """Return the form of a fact that somebody asserted, the fact itself if nobody did."""
+        """Return an asserted form of a fact, or the fact itself if no form was asserted."""
         forms = [form for form in self.equality.forms(fact) if form in self.asserted]
         return min(forms, key=lambda f: str(self.terms.decode_fact(f)), default=fact)
 
     def prove(
         self, fact: Fact, budget_ms: float, graphs_of: GraphsOf | None = None
     ) -> Proof | None:
-        """Return a proof of least height; of a virtual fact its rule alone."""
+        """Return a proof of minimal height; for a virtual fact, its rule alone."""
         held = next(filter(self.holds, self.forms(fact)), None)
         if held is None:
             gloss = Glossary(self.facts, self.terms).fact(fact)
@@ -140,10 +140,10 @@ class Reading:
         return (form for form in self._pairs(members) if form not in self.asserted)
 
     def everything(self) -> Iterator[Fact]:
-        """Yield all that the inferred graph holds."""
+        """Yield the content of the inferred graph."""
         asserted = self.asserted.facts if self.asserted.is_unchanged() else self.asserted
         for p in self.facts.predicates():
-            # What is said with any other predicate is exported as it is.
+            # Facts with any other predicate are exported unchanged.
             is_special = p in (TYPE, SAME) or p in v.SCHEMA_PREDICATES
             for s, o in self.facts.pairs(p):
                 fact = (s, p, o)
@@ -160,17 +160,17 @@ class Reading:
 
 
 def _virtual_rule(p: int) -> str:
-    """Return the rule behind a triple that is true of everything."""
+    """Return the rule behind a tautology."""
     if p in (v.SUB_CLASS, v.EQUIVALENT_CLASS):
         return "scm-cls"
     return "scm-op" if p in (v.SUB_PROPERTY, v.EQUIVALENT_PROPERTY) else "cls-thing"
 
 
 def is_exported(fact: Fact, terms: Dictionary) -> bool:
-    """Tell whether a derived fact belongs in the inferred graph.
+    """Return whether a derived fact belongs in the inferred graph.
 
-    Left out are triples that are true of everything (`x a owl:Thing`), schema triples about
-    anonymous classes, and literals as subjects.
+    Excluded are tautologies (`x a owl:Thing`), schema triples about anonymous classes, and literals
+    as subjects.
     """
     s, p, o = fact
     if s >= LITERAL:
@@ -189,7 +189,7 @@ def is_exported(fact: Fact, terms: Dictionary) -> bool:
 
 
 def differences(before: Reading, after: Reading, changed: Asserted) -> tuple[set[Fact], set[Fact]]:
-    """Return what enters and what leaves the inferred graph.
+    """Return the facts that enter and leave the inferred graph.
 
     Parameters
     ----------

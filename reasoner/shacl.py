@@ -1,7 +1,7 @@
 """Validation of nodes against SHACL shapes (W3C SHACL, 2017).
 
-A thin coat over pySHACL, which takes 0.3 s to import and is imported on first use. Inference is
-off: the closure is there already.
+A thin wrapper around pySHACL, which takes 0.3 s to import and is imported on first use. Its own
+inference is off, because the data already contain the closure.
 """
 
 from __future__ import annotations

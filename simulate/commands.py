@@ -12,6 +12,7 @@ from typing import Any, Literal
 import click
 
 from rtask.errors import RobotError
+from simulate import options
 from simulate.act.commands import act_serve, act_test
 from simulate.fleet.commands import fetch, sharing
 from simulate.study.commands import grasping, judging, learn, table4, table5
@@ -20,28 +21,26 @@ __all__ = ["demo", "simulate"]
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
-    """Stop as on Ctrl-C, also on SIGTERM and where the shell ignores SIGINT."""
+    """Stop as on Ctrl-C, also on SIGTERM and if the shell ignores SIGINT."""
     raise KeyboardInterrupt
 
 
 @click.command()
-@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
+@options.seed()
 @click.option("--objects", default=6, show_default=True, help="Objects on each table.")
 @click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
-@click.option(
-    "--robot", "kinds", multiple=True, help="Which robot each is, in turn: nao (default), panda."
-)
+@options.robots_in_turn
 @click.option(
     "--data",
     default="rtask-demo",
     show_default=True,
-    type=click.Path(path_type=Path, file_okay=False),
+    type=options.folder(),
     help="Folder for the store, the report and the logs.",
 )
-@click.option("--keep", is_flag=True, help="Go on with the store that an earlier run left there.")
+@click.option("--keep", is_flag=True, help="Continue with the store of an earlier run.")
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
-@click.option("--stay", is_flag=True, help="Keep the endpoint up afterwards, until Ctrl-C.")
-@click.option("--attempts", default=4, show_default=True, help="Attempts at one object.")
+@click.option("--stay", is_flag=True, help="Keep the endpoint running afterwards, until Ctrl-C.")
+@click.option("--attempts", default=4, show_default=True, help="Attempts per object.")
 @click.option("--port", "-p", default=0, show_default=True, help="Port of the endpoint; 0 = free.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def demo(
@@ -57,10 +56,10 @@ def demo(
     port: int,
     as_json: bool,
 ) -> None:
-    """Watch a robot learn to grasp, and other robots profit from it.
+    """Watch a robot learn to grasp, and other robots benefit from it.
 
-    Starts an endpoint on an embedded store and simulated Naos that share it. The first meets
-    objects nobody knows; the next ones find them in the graph. Ends with what each robot did,
+    Starts an endpoint on an embedded store and simulated Naos that share it. The first encounters
+    unknown objects; the next ones find them in the graph. Ends with a table of what each robot did,
     three SPARQL queries on the live store, and a report folder with pictures.
     """
     from simulate.demo.console import Console
@@ -68,9 +67,7 @@ def demo(
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
-    settings = Settings(
-        data, seed, objects, robots, attempts, keep, gui, port, kinds=kinds or ("nao",)
-    )
+    settings = Settings(data, seed, objects, robots, attempts, keep, gui, port, kinds=kinds)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     result = Demo(settings, Console(results=not as_json)).run(stay)
@@ -79,39 +76,33 @@ def demo(
 
 
 @click.group(invoke_without_command=True)
-@click.option(
-    "--robots", type=int, help="Run a fleet of so many robots; the options below are its."
-)
-@click.option("--objects", default=20, show_default=True, help="That each robot meets.")
-@click.option("--table", "on_table", default=4, show_default=True, help="Of them at once.")
-@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
+@click.option("--robots", type=int, help="Run a fleet of this size, with the options below.")
+@options.objects_per_robot
+@options.objects_on_table
+@options.seed()
 @click.option(
     "--sharing",
     type=click.Choice(["on", "off", "both"]),
     default="on",
     show_default=True,
-    help="One endpoint for all, one each, or one after the other.",
+    help="One endpoint for all robots, one for each, or both in turn.",
 )
-@click.option("--prior/--no-prior", default=True, help="Whether geometry proposes grasps.")
-@click.option("--in-line/--at-once", default=True, help="Each after the one before, by tables.")
+@options.prior(default=True)
 @click.option(
-    "--preset",
-    type=click.Choice(["faithful", "fast"]),
-    default="faithful",
-    show_default=True,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
+    "--in-line/--at-once",
+    default=True,
+    help="Whether each robot waits, table by table, for the one before it.",
 )
-@click.option(
-    "--robot", "kinds", multiple=True, default=["nao"], help="Which, in turn; repeatable."
-)
+@options.preset
+@options.robots_in_turn
 @click.option(
     "--data",
     default="rtask-fleet",
     show_default=True,
-    type=click.Path(path_type=Path, file_okay=False),
+    type=options.folder(),
     help="Folder for stores, logs and the report.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@options.json_flag()
 @click.pass_context
 def simulate(context: click.Context, /, robots: int | None, **options: Any) -> None:
     """Run a fleet of simulated robots (--robots), or one of the commands."""
@@ -139,7 +130,9 @@ simulate.add_command(act_serve)
 @simulate.command()
 @click.argument("robot")
 @click.option(
-    "--legs", type=click.Choice(["fixed", "joints"]), help="Of a robot that has legs: weld them?"
+    "--legs",
+    type=click.Choice(["fixed", "joints"]),
+    help="Whether the legs, if any, are fixed or have joints.",
 )
 def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
     """Print the URDF of a robot."""
@@ -151,13 +144,13 @@ def urdf(robot: str, legs: Literal["fixed", "joints"] | None) -> None:
 @simulate.command("grasp-views")
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
-@click.option("--shapes", default=30, show_default=True, help="Shapes of each of seven families.")
+@click.option("--shapes", default=30, show_default=True, help="Shapes per family (of seven).")
 @click.option("--seed", default=0, show_default=True, help="Number of the first shape.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) -> None:
-    """Write labelled grasp candidates of simulated single views to OUT (.npz).
+    """Write labelled grasp candidates from simulated single views to OUT (.npz).
 
-    For `rtask grasp train`. A view takes about a tenth of a second.
+    The input of `rtask grasp train`. A view takes about a tenth of a second.
     """
     from grasp.spatial.gripper import gripper_named
     from simulate.study import grasp_samples

@@ -58,9 +58,9 @@ class DLReport:
     ----------
     is_consistent : bool
     unsatisfiable : tuple of str
-        Classes that can have no member, but owl:Nothing.
+        Classes that cannot have members, except owl:Nothing.
     axioms : tuple of Axiom
-        Hierarchies and types, if a classification was asked for.
+        Hierarchies and types, if a classification was requested.
     """
 
     is_consistent: bool
@@ -79,7 +79,7 @@ def check(
     Parameters
     ----------
     triples : iterable of Triple
-        Ontology and data in one; imports are not followed.
+        Ontology and data together; imports are not followed.
     classify : bool
         Also return the hierarchies of classes and properties and the types of individuals.
     timeout_s : float
@@ -144,7 +144,7 @@ def find_jar(name: str = "hermit/HermiT.jar") -> Path:
 
 @contextlib.contextmanager
 def ontology_file(triples: Iterable[Triple], name: str) -> Iterator[Path]:
-    """Write triples to a file that Java reasoners read; it goes with the block.
+    """Write triples to a temporary file for Java reasoners, removed at the end of the block.
 
     Raises
     ------
@@ -162,8 +162,8 @@ def ontology_file(triples: Iterable[Triple], name: str) -> Iterator[Path]:
 def _prepare(triples: Iterable[Triple]) -> bytes:
     """Return one N-Triples document that HermiT reads: no imports, one header, no annotations.
 
-    What is said about statements is left out, in OWL's way (``owl:Axiom``) and in that of RDF 1.2
-    (``rdf:reifies``): HermiT's parser knows no triple terms.
+    Statements about statements are left out, both OWL's (``owl:Axiom``) and those of RDF 1.2
+    (``rdf:reifies``), because HermiT's parser does not know triple terms.
     """
     kept = set(triples)
     reified = {s for s, p, o in kept if p == _REIFIES or (p == _TYPE and o == _AXIOM)}
@@ -183,17 +183,17 @@ def _prepare(triples: Iterable[Triple]) -> bytes:
 
 
 def _is_triple_term(value: object) -> bool:
-    """Whether this is a term of RDF 1.2, which callers may pass though OWL 2 knows none."""
+    """Whether this is a triple term of RDF 1.2, which callers may pass although OWL 2 has none."""
     return isinstance(value, RdfTriple)
 
 
 def run_java(command: list[str], timeout_s: float) -> tuple[int, str]:
-    """Run Java; return its exit code and all that it printed.
+    """Run Java; return its exit code and its output.
 
     Raises
     ------
     DLError
-        If it did not finish in time; the process is gone then.
+        If it did not finish in time; the process has then been killed.
     """
     with subprocess.Popen(
         command,
@@ -218,7 +218,7 @@ def run_java(command: list[str], timeout_s: float) -> tuple[int, str]:
 
 
 def reason_in(output: str) -> str:
-    """Return the first line of an answer that is no trace."""
+    """Return the first line of the output that is not part of a stack trace."""
     lines = [line for line in output.splitlines() if line.strip() and "\tat " not in line]
     return lines[0].strip() if lines else "no output"
 
@@ -236,7 +236,7 @@ def _unsatisfiable(axioms: Iterable[Axiom]) -> tuple[str, ...]:
 
 
 def subclasses(report: DLReport) -> Iterator[tuple[Term, Term]]:
-    """Yield class and direct superclass of a classification."""
+    """Yield the pairs of class and direct superclass in a classification."""
     for axiom in report.axioms:
         if axiom.kind == "SubClassOf":
             below, above = axiom.terms

@@ -1,6 +1,6 @@
 """Check of an ontology against the OWL 2 RL profile (OWL 2 Profiles 4.2).
 
-Outside the profile the rules still derive only what follows, yet no longer everything.
+Outside the profile the rules are still sound, but no longer complete.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _CONSTRUCTS = (
     "minQualifiedCardinality", "cardinality", "qualifiedCardinality",
 )  # fmt: skip
 _DEFINING: frozenset[Term] = frozenset(map(_owl, _CONSTRUCTS[:4]))
-"""A class with a name may be defined by these directly."""
+"""Constructs by which a named class may be defined directly."""
 _SIMPLE_ONLY: frozenset[Term] = frozenset(
     _owl(f"{trait}Property")
     for trait in ("Functional", "InverseFunctional", "Irreflexive", "Asymmetric")
@@ -41,7 +41,7 @@ _KINDS = ("Class", "ObjectProperty", "DatatypeProperty", "AnnotationProperty")
 
 @dataclass(frozen=True)
 class ProfileViolation:
-    """Something that OWL 2 RL does not allow.
+    """A construct that OWL 2 RL does not allow.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ class _Checker:
                 return self.data_range(value, where)
             return self.super(value, where)
         if construct in ("maxCardinality", "maxQualifiedCardinality"):
-            # The filler of a qualified one is checked where its node is met.
+            # The filler of a qualified one is checked when its own node is visited.
             small = isinstance(value, Literal) and value.value.strip("+0") in ("", "1")
             return iter(()) if small else None
         return iter(()) if construct == "hasValue" else None
@@ -242,7 +242,7 @@ class _Checker:
     # Global restrictions (OWL 2 Syntax 11).
 
     def non_simple(self) -> Iterator[ProfileViolation]:
-        """Functional and the like on properties that transitivity or a chain feeds (11.2)."""
+        """Characteristics that require simple properties, on composite ones (11.2)."""
         complex_ones = {s for s, p, o in self.triples if o == _owl("TransitiveProperty")}
         complex_ones |= {s for s, p, o in self.triples if p == _owl("propertyChainAxiom")}
         edges = [(s, o) for s, p, o in self.triples if p == _SUB_PROPERTY]

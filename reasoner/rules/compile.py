@@ -29,7 +29,7 @@ class Distinct:
 
 @dataclass
 class CompiledSchema:
-    """Rules of a schema, and what could not be read."""
+    """Rules of a schema, and the axioms that could not be read."""
 
     rules: list[Rule] = field(default_factory=list)
     distinct: list[Distinct] = field(default_factory=list)
@@ -53,7 +53,7 @@ def compile_schema(view: View, terms: Dictionary) -> CompiledSchema:
 
 
 def compile_lists(view: View, terms: Dictionary) -> list[Rule]:
-    """Compile what lists of classes state outright (scm-int, scm-uni): it closes the schema."""
+    """Compile the direct consequences of class lists (scm-int, scm-uni), which close the schema."""
     return [rule for rule in _Compiler(view, terms).lists_of_classes() if not rule.body]
 
 

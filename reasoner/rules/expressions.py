@@ -1,4 +1,4 @@
-"""FILTER and BIND of users' rules (SPARQL 1.1 Query 17), as conditions of the engine."""
+"""FILTER and BIND of user-defined rules (SPARQL 1.1 Query 17), as conditions of the engine."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Test:
     expression: Expression
     gives: frozenset[int] = frozenset()
 
-    __test__ = False  # not a test case, whatever its name says
+    __test__ = False  # not a test case, despite its name
 
     @property
     def needs(self) -> frozenset[int]:
@@ -105,7 +105,7 @@ class Test:
 
     @property
     def sees_identity(self) -> bool:
-        """Whether the outcome may change when two terms turn out to be the same."""
+        """Whether the result may change when two terms turn out to be the same."""
         return sees_identity(self.expression)
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
@@ -193,7 +193,7 @@ def evaluate(expression: Expression, terms: Dictionary, env: Bindings) -> Result
 
 
 def truth_of(expression: Expression) -> Truth:
-    """Return the test that an expression is, its operators looked up once.
+    """Compile an expression to a test, so that its operators are looked up only once.
 
     >>> test = truth_of(Operation("<", (Variable(-1), Variable(-2))))
     >>> terms = Dictionary()
@@ -316,7 +316,7 @@ def _value_of_number(number: Number) -> Value:
 
 
 def _decimal(number: Fraction) -> str:
-    """Return a decimal numeral; sums and products of decimals always end."""
+    """Return a decimal numeral; sums and products of decimals are always finite."""
     whole, rest = divmod(abs(number), 1)
     digits = ""
     while rest and len(digits) < 40:

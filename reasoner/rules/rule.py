@@ -145,7 +145,7 @@ class Absent:
     atoms: tuple[Atom, ...]
     conditions: tuple[Condition, ...]
     outer: frozenset[int]
-    """Variables shared with what surrounds the group."""
+    """Variables shared with the patterns around the group."""
     gives: frozenset[int] = frozenset()
 
     @property
@@ -164,7 +164,7 @@ class Absent:
         return arrange(self.atoms, self.conditions, self.outer)
 
     def holds(self, view: View, terms: Dictionary, env: Bindings) -> bool:
-        """Search for one solution and hope for none."""
+        """Return whether the group has no solution."""
         known: dict[tuple[int | None, ...], bool] | None = getattr(view, "absences", None)
         if known is None:
             return self._is_absent(view, terms, env)
@@ -201,7 +201,7 @@ class Rule:
         Schema facts the rule was compiled from.
     conditions : tuple of Condition
     names : tuple of str
-        What a user's rule calls its variables.
+        Names of the variables of a user-defined rule.
     """
 
     name: str
@@ -237,7 +237,7 @@ class Rule:
 
     @cached_property
     def sees_identity(self) -> bool:
-        """Whether the rule may stop to hold when two terms turn out to be the same."""
+        """Whether the rule may cease to hold when two terms turn out to be the same."""
         return any(getattr(c, "sees_identity", False) for c in self.conditions)
 
     def substitute(self, other: dict[int, int]) -> Rule:
@@ -344,7 +344,7 @@ def bind(atom: Atom, fact: Fact, terms: Dictionary, env: Bindings) -> bool:
 def _is_solvable(
     view: View, terms: Dictionary, steps: Sequence[Step], env: Bindings, start: int
 ) -> bool:
-    """Tell whether the steps from `start` can be fulfilled; what came last is tried first.
+    """Return whether the steps from `start` can be satisfied, trying the newest facts first.
 
     Rules that look for something later, or newer, then find it at once.
     """

@@ -33,7 +33,7 @@ class SchemaProblem:
     node : int
         The list or axiom.
     message : str
-        What is wrong with it.
+        Description of the problem.
     """
 
     node: int
@@ -41,7 +41,7 @@ class SchemaProblem:
 
 
 class BadListError(ValueError):
-    """A list without end, with a fork, or cyclic."""
+    """A list that is unterminated, forked or cyclic."""
 
 
 def read_list(view: View, head: int) -> tuple[tuple[int, ...], tuple[Fact, ...]]:

@@ -1,4 +1,4 @@
-"""Programs: rules filed by what triggers them, in layers that negation does not cross.
+"""Programs: rules indexed by the facts that trigger them, in layers that negation does not cross.
 
 A rule belongs to the layer of its head, which lies above the layer of everything its NOT EXISTS
 groups mention (stratified negation; Apt, Blair and Walker 1988).
@@ -21,9 +21,9 @@ Projection = tuple[int, int, int]
 
 
 class StratificationError(ValueError):
-    """The rules negate what they derive from, or make values from values that they made.
+    """The rules negate their own results, or compute values from values that they produced.
 
-    The message shows the circle.
+    The message shows the cycle.
     """
 
 
@@ -96,8 +96,8 @@ class AbsenceTrigger:
     def steps_to_head(self) -> tuple[tuple[Step, ...], tuple[Step, ...]]:
         """The head among the other atoms, in matching order: the steps up to it, and those after.
 
-        Where the fact binds no variable of the head, atoms that lead there come first: there are as
-        many conclusions as the rule ever drew, and few of them have to do with the fact.
+        If the fact binds no variable of the head, atoms that lead to the head come first: the rule
+        may have drawn many conclusions, few of which are related to the fact.
         """
         head = self.rule.head
         assert head is not None
@@ -137,7 +137,7 @@ class AbsenceTrigger:
 
 
 class Stratum:
-    """Rules of one layer, filed by the keys of their body atoms and of their heads."""
+    """Rules of one layer, indexed by the keys of their body atoms and of their heads."""
 
     def __init__(self, rules: Iterable[Rule]) -> None:
         self.rules = tuple(rules)

@@ -1,7 +1,7 @@
-"""Rules of the user: SPARQL CONSTRUCT texts that run in the same fixpoint as the ontology.
+"""User-defined rules: SPARQL CONSTRUCT texts that run in the same fixpoint as the ontology.
 
-The text is parsed with rdflib's SPARQL algebra and compiled to the engine's atoms. What a
-monotone, terminating rule cannot contain is refused with the line and what to do instead.
+The text is parsed with rdflib's SPARQL algebra and compiled to the engine's atoms. Anything that a
+monotone, terminating rule cannot contain is rejected, with its line and an alternative.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class RuleError(ValueError):
     Attributes
     ----------
     reason : str
-        What is wrong and what to do, without the position.
+        The problem and its remedy, without the position.
     line, column : int or None
-        Where in the text, counted from 1.
+        Position in the text, counted from 1.
     """
 
     def __init__(self, reason: str, line: int | None = None, column: int | None = None) -> None:
@@ -126,7 +126,7 @@ def compile_rule(rule: str | LabelledRule, encode: Encode) -> list[Rule]:
     Raises
     ------
     RuleError
-        If the text does not parse or says more than a rule can.
+        If the text does not parse or uses an unsupported construct.
     """
     given = LabelledRule(rule) if isinstance(rule, str) else rule
     algebra = _parse(given.text)
@@ -137,7 +137,7 @@ def compile_rule(rule: str | LabelledRule, encode: Encode) -> list[Rule]:
 
 @lru_cache(maxsize=256)
 def _parse(text: str) -> Any:
-    # rdflib takes 0.2 s to import, so it is imported where rules are compiled only.
+    # rdflib takes 0.2 s to import, so it is imported only where rules are compiled.
     from pyparsing import ParseBaseException
     from rdflib.plugins.sparql.algebra import translateQuery
     from rdflib.plugins.sparql.parser import parseQuery

@@ -102,7 +102,7 @@ class Dictionary:
         return found
 
     def encode_all(self, triples: Iterable[Triple]) -> list[Fact]:
-        """Encode triples in one go."""
+        """Encode many triples at once."""
         ids, new = self._ids, self._new
         facts = []
         for s, p, o in triples:
@@ -117,7 +117,7 @@ class Dictionary:
         return facts
 
     def _new(self, term: Term) -> int:
-        # A triple may bring one new term twice, hence the second look.
+        # A triple may contain the same new term twice, hence the second look-up.
         found = self.find(term)
         if found is not None:
             return found
@@ -194,7 +194,7 @@ class Dictionary:
 
     @property
     def has_variants(self) -> bool:
-        """Whether some value was seen in more than one literal."""
+        """Whether any value has occurred in more than one literal."""
         return bool(self._variants)
 
     def is_same(self, left: int, right: int) -> bool:

@@ -1,6 +1,6 @@
-"""Digest of a set of triples: free of order, updated by adding and subtracting.
+"""Digest of a set of triples: independent of order, updated by adding and subtracting.
 
-A guard against accidents (a store and a closure that drifted apart), not against attackers.
+It detects accidents (a store and a closure that have diverged), not attacks.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ class Digest:
         return f"{self.count}:{self._lanes[0]:016x}{self._lanes[1]:016x}"
 
     def add(self, triples: Iterable[Triple]) -> None:
-        """Take triples in; each must be new."""
+        """Add triples, none of which may be in the set yet."""
         self._change(triples, 1)
 
     def subtract(self, triples: Iterable[Triple]) -> None:
-        """Take triples out; each must be in."""
+        """Remove triples, all of which must be in the set."""
         self._change(triples, -1)
 
     def _change(self, triples: Iterable[Triple], sign: int) -> None:

@@ -6,11 +6,11 @@
 ...     s.query(RTASK.ManipulableObject).count()
 0
 
-The files of this package refer to each other in both directions, unlike those of the rest: an
-instance reads its unread fields through its session, a session makes instances, and a field
-belongs to a class whose attribute, when named on the class, is a path for queries. Putting an
-interface between them would hide these relations without removing them. Nothing outside the
-package takes part: the knowledge base below knows nothing of objects.
+Unlike in the rest of the code, the files of this package refer to each other in both directions: an
+instance loads missing fields through its session, a session creates instances, and a field belongs
+to a class on which the same attribute is a path for queries. An interface between them would hide
+these relations without removing them. Nothing outside the package takes part in them: the
+knowledge base below does not know about objects.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from __future__ import annotations
 from rtask.errors import FieldError, LazyLoadError, OwnershipError
 from rtask.model.codec import LangString
 from rtask.model.dynamic import Vocabulary, load_model
-from rtask.model.expressions import avg, count, maximum, minimum, total
 from rtask.model.generated import rtask as RTASK
 from rtask.model.instance import Model
-from rtask.model.query import Query
+from rtask.model.query.builder import Query
+from rtask.model.query.expressions import avg, count, maximum, minimum, total
 from rtask.model.session import Session
 
 __all__ = [

@@ -12,7 +12,7 @@ from rtask.model.codec import decode
 from rtask.model.fields import Field
 from rtask.model.fields import term as item_term
 from rtask.model.instance import Item, Model
-from rtask.model.plan import short
+from rtask.model.query.plan import short
 from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import Literal, NamedNode, Term, Triple, stored
 
@@ -34,9 +34,9 @@ class Annotation:
     value
         The value of the statement; an IRI for an object.
     reifier
-        IRI, or label of a blank node, of what carries the notes.
+        IRI, or blank node label, of the resource that carries the notes.
     notes
-        Field name, or property IRI where no field has it, to values.
+        Field name, or property IRI if there is no such field, to values.
     """
 
     value: object
@@ -94,7 +94,7 @@ class Note:
 
     @classmethod
     def of(cls, instance: Model, name: str, value: object, notes: Mapping[str, object]) -> Note:
-        """Check the names and values; ``value`` may be left out where a field has but one.
+        """Check the names and values; ``value`` may be left out if the field has only one.
 
         Raises
         ------

@@ -57,7 +57,7 @@ class LangString(str):
 
 
 def python_type(datatype: str) -> type:
-    """Return the Python type of a datatype; ``object`` where any literal will do."""
+    """Return the Python type of a datatype; ``object`` if any literal is accepted."""
     return _TYPES.get(datatype, object)
 
 
@@ -67,17 +67,18 @@ def encode(value: object, datatype: str) -> Literal:
     Parameters
     ----------
     datatype
-        IRI of the datatype that a field asks for; of an unknown one the value decides.
+        IRI of the datatype of the field; if it is unknown, the value determines the datatype.
 
     Raises
     ------
     ValueError
-        Saying what was expected.
+        With the expected kind of value as its message.
 
     Examples
     --------
     >>> str(encode(1, XSD + "double")), str(encode(3, XSD + "positiveInteger"))
-    ('"1.0"^^<http://www.w3.org/2001/XMLSchema#double>', '"3"^^<http://www.w3.org/2001/XMLSchema#positiveInteger>')
+    ('"1.0"^^<http://www.w3.org/2001/XMLSchema#double>',
+    '"3"^^<http://www.w3.org/2001/XMLSchema#positiveInteger>')
     """
     if isinstance(value, Literal):
         if python_type(datatype) is object or value.datatype.value == datatype:

@@ -65,8 +65,7 @@ class Vocabulary:
 def load_model(kb: GraphCore, name: str | NamedNode) -> Vocabulary:
     """Return classes for a loaded ontology and its imports.
 
-    Classes that the built-in vocabulary has are taken from there, so an ontology that extends it
-    fits in.
+    Classes of the built-in vocabulary are reused, so that an ontology that extends it fits in.
 
     Parameters
     ----------
@@ -115,13 +114,13 @@ def _namespace(ontology_iri: str) -> str:
 
 
 def build(schema: Schema, parent: Registry | None = None) -> Vocabulary:
-    """Make classes from a schema; those that ``parent`` has are its own."""
+    """Create classes from a schema; those that ``parent`` already has are reused."""
     registry = Registry(parent)
     made: dict[str, type[Model]] = {}
     added: dict[type[Model], list[PropertySpec]] = {}
     for spec in schema.classes.values():
         known = parent.find(spec.iri) if parent is not None else None
-        if known is not None:  # what the ontology adds to it, its own classes below it have
+        if known is not None:  # what the ontology adds to it is inherited by its own classes below
             made[spec.iri] = known
             added[known] = [prop for prop in spec.properties if prop.iri not in known.__by_iri__]
         else:

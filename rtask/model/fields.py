@@ -1,6 +1,6 @@
 """Fields: properties as attributes, checked when they are set.
 
-On a class a field is a :class:`~rtask.model.expressions.Path` for queries, on an instance its
+On a class a field is a :class:`~rtask.model.query.expressions.Path` for queries, on an instance its
 value or a :class:`Values` collection.
 """
 
@@ -13,9 +13,9 @@ from typing import Any, Generic, TypeVar, overload
 import ontology
 from rtask.errors import FieldError
 from rtask.model.codec import decode, encode
-from rtask.model.expressions import Path
 from rtask.model.instance import Item, Model, Pending
 from rtask.model.limits import Limits
+from rtask.model.query.expressions import Path
 from rtask.rdf.terms import Literal, NamedNode, Term
 
 __all__ = ["Field", "Link", "Links", "Many", "One", "Values"]
@@ -36,7 +36,7 @@ class Field:
     value
         IRI of the datatype, or of the class of the objects.
     functional
-        Whether a second value is a mistake, whoever states it.
+        Whether a second value is an error, whichever agent states it.
     inverse
         IRI of the inverse property.
     stored
@@ -44,7 +44,7 @@ class Field:
     unit
         Local name of the QUDT unit of the numbers.
     limits
-        What values must satisfy.
+        Constraints that values must satisfy.
     """
 
     single = True
@@ -98,7 +98,7 @@ class Field:
         Raises
         ------
         FieldError
-            Naming class, field, IRI, value and what was expected.
+            With class, field, IRI, value and the expected kind of value.
         """
         return self._link(value, subject) if self.is_link else self._literal(value, subject)
 
@@ -115,7 +115,7 @@ class Field:
     def _link(self, value: object, subject: Model | None) -> Item:
         wanted = self.target() or Model
         if isinstance(value, Model):
-            # a thing of a wider class may still turn out to be of the wanted one
+            # an object of a broader class may still turn out to be of the expected one
             if not (isinstance(value, wanted) or issubclass(wanted, type(value))):
                 raise self.refuse(value, f"a {wanted.__name__}", subject)
             name = value.__state__.iri
@@ -159,7 +159,7 @@ class Field:
         return list(seen.values())
 
     def python(self, instance: Model, items: Sequence[Item]) -> list[Any]:
-        """Return items as a program gets them; objects that were not read yet are read at once."""
+        """Return items as Python values; objects that were not read yet are read in one query."""
         session = instance.__state__.session
         if not self.is_link:
             return [decode(item) if not isinstance(item, Model) else item for item in items]
@@ -231,7 +231,11 @@ class Field:
             other = session.reader.reference(other.value, self.target() or Model, instance)
         back = type(other).__by_iri__.get(self.inverse or "") if isinstance(other, Model) else None
         if back is None and not self.stored:
-            raise self.refuse(item, "an object, since its own field is what is stored", instance)
+            raise self.refuse(
+                item,
+                "an object, because the statement is stored with the object's own field",
+                instance,
+            )
         if back is not None and isinstance(other, Model):
             if add and back.single:
                 self._leave(other, back, instance)

@@ -9,7 +9,7 @@ import ontology
 from rtask.errors import FieldError, OwnershipError, VersionConflictError
 from rtask.model.fields import Field, term
 from rtask.model.instance import Model, Pending, class_iris, required
-from rtask.model.plan import RDF_TYPE
+from rtask.model.query.plan import RDF_TYPE
 from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import BlankNode, GraphName, NamedNode, Subject, Term, stored
 
@@ -26,7 +26,7 @@ _FIRST, _REST, _NIL = (NamedNode(ontology.PREFIXES["rdf"] + n) for n in ("first"
 class Flush:
     """Changes of a session that are about to be written.
 
-    Only the agent's own statements are withdrawn; what others state stays.
+    Only the agent's own statements are withdrawn; those of others stay.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Flush:
         Raises
         ------
         FieldError
-            Naming all that is missing of the first such object.
+            Naming all missing values of the first such object.
         """
         for instance in self._new:
             fields = type(instance).__fields__
@@ -90,7 +90,7 @@ class Flush:
             state = instance.__state__
             for pending in state.pending.values():
                 for item in (*pending.added, *pending.removed):
-                    # the other side of an inverse, unless it was not to be written
+                    # the other side of an inverse, unless it belongs to no session
                     if isinstance(item, Model) and item.__state__.session is state.session:
                         item.__state__.pending.clear()
                         item.__state__.forget()

@@ -20,8 +20,7 @@ __all__ = ["generate", "generate_for", "generate_rtask", "rtask_schema", "write_
 
 _ORIGIN = """Typed classes for the vocabulary of RTASK; generated, do not edit.
 
-Written by ``rtask.model.generate.generate_rtask()`` from the modules and shapes of the room
-``ontology``.
+Written by ``rtask.model.generate.generate_rtask()`` from the modules and shapes in ``ontology/``.
 """
 _HEADER = """
 # fmt: off
@@ -62,7 +61,7 @@ def generate_rtask() -> str:
 
 
 def write_rtask(path: Path | None = None) -> Path:
-    """Write that source, into this package unless ``path`` says where; return the file."""
+    """Write that source to ``path``, by default into this package; return the file."""
     file = path or Path(__file__).parent / "generated" / "rtask.py"
     file.write_text(generate_rtask(), encoding="utf-8")
     return file
@@ -108,7 +107,7 @@ def generate(schema: Schema, origin: str = _ORIGIN, parent: Registry | None = No
 
 
 class OntologySource(Protocol):
-    """An ontology: its name, its IRI or an empty text, and its statements."""
+    """An ontology: its name, its IRI (empty if it has none) and its statements."""
 
     @property
     def name(self) -> str: ...
@@ -119,12 +118,14 @@ class OntologySource(Protocol):
 
 
 def generate_for(modules: Iterable[OntologySource]) -> str:
-    """Return the source of typed classes for any ontology, below those of RTASK where it says so.
+    """Return the source of typed classes for any ontology.
+
+    They are subclasses of RTASK's classes where the ontology says so.
 
     Parameters
     ----------
     modules
-        What :func:`rtask.ontology_docs.read_source` gives.
+        From :func:`rtask.ontology_docs.read_source`.
     """
     from rtask.model.generated.rtask import REGISTRY
 

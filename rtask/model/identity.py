@@ -1,4 +1,4 @@
-"""Identity map: one object for each IRI while it is in use, never an outdated one."""
+"""Identity map: one object per IRI as long as it is in use, kept up to date."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class IdentityMap:
     Parameters
     ----------
     changed
-        Objects with changes of their own, which others' commits leave as they are.
+        Objects with unwritten changes, which commits of others do not expire.
     """
 
     def __init__(self, changed: Container[Model]) -> None:

@@ -27,7 +27,7 @@ class Registry:
     Parameters
     ----------
     parent
-        Another vocabulary, whose classes this one extends.
+        The vocabulary that this one extends.
     """
 
     def __init__(self, parent: Registry | None = None) -> None:
@@ -51,14 +51,14 @@ class Registry:
     def most_specific(
         self, types: frozenset[str], asked: type[Model], others: Iterable[Registry] = ()
     ) -> type[Model]:
-        """Return the most specific class for a thing of these types.
+        """Return the most specific class for an individual of these types.
 
-        A thing of several unrelated classes gets a class that inherits from them all.
+        An individual of several unrelated classes gets a class that inherits from all of them.
 
         Parameters
         ----------
         others
-            Further vocabularies whose classes may be meant.
+            Further vocabularies to look in.
         """
         vocabularies = [self, *others]
         key = (asked, types, generation(), *map(id, vocabularies))
@@ -67,7 +67,7 @@ class Registry:
         return self._specific[key]
 
     def other_class(self, types: frozenset[str], asked: type[Model]) -> type[Model] | None:
-        """Return the class of a thing of these types, if it is known and not the one asked for."""
+        """Return the known class of an individual of these types, unless it is the given one."""
         key = ("other", asked, types, generation())
         if key not in self._others:
             kinds = [kind for kind in map(self.find, types) if kind is not None]
@@ -100,7 +100,7 @@ _loaded: WeakKeyDictionary[object, dict[str, Registry]] = WeakKeyDictionary()
 
 
 def vocabularies_of(kb: object) -> dict[str, Registry]:
-    """Return the vocabularies that were made for a knowledge base, by the ontology's IRI."""
+    """Return the vocabularies created for a knowledge base, by the ontology's IRI."""
     return _loaded.setdefault(kb, {})
 
 
@@ -155,24 +155,24 @@ class State:
     Parameters
     ----------
     session
-        Who reads and writes it; ``None`` before it is added to one.
+        The session that reads and writes it; ``None`` before it is added to one.
     iri
         ``None`` before it has one.
     new
-        Whether the graph does not hold it yet.
+        Whether it is not yet in the graph.
     loaded
         Property IRI to values in the graph.
     asked
-        The properties that were asked for: one that has no values in ``loaded`` has none.
+        The properties that were requested: one without values in ``loaded`` has none.
     lists
         Property IRI to the members of an RDF list that was read.
     pending
-        Property IRI to what changed.
+        Property IRI to the changes.
     origin
-        The class that was asked for, if the instance came with others: reading what was not
-        loaded would then be one query for each.
+        The class that was queried, if the instance is one of several results: reading a missing
+        property would then take one query per instance.
     companions
-        Objects that came along with it, kept alive as long as it is.
+        Objects prefetched with it, kept alive as long as it is.
     """
 
     session: Session | None = None
@@ -210,10 +210,10 @@ class State:
 
 
 class ModelType(type):
-    """Python's own order of bases (C3) cannot combine every two classes of an ontology.
+    """Metaclass with a linearisation that any two classes of an ontology can share.
 
-    So all classes above one are visited in the same order everywhere: a class before those above
-    it, else by IRI.
+    Python's own order of bases (C3) cannot combine every two classes. Here the ancestors of a class
+    are always visited in the same order: a class before its superclasses, otherwise by IRI.
     """
 
     def mro(cls) -> list[type]:
@@ -230,7 +230,7 @@ def rank(model: type) -> tuple[int, str]:
 class Model(metaclass=ModelType):
     """Base of all classes bound to an OWL class.
 
-    Keyword arguments are fields; ``iri=`` names the individual, else the session gives it an IRI.
+    Keyword arguments are fields; without ``iri=``, the session mints an IRI for the individual.
     """
 
     __iri__: ClassVar[str] = ""
@@ -268,10 +268,10 @@ class Model(metaclass=ModelType):
     def to_dict(self) -> dict[str, Any]:
         """Return the values of the object: its IRI, its class and its fields by name.
 
-        Other objects are their IRIs, several values a list; fields without a value are left out.
-        Of the fields that others state (inverses), those that were read are there.
+        Other objects appear as their IRIs, several values as a list; fields without a value are
+        left out. Fields stored with other objects (inverses) are included if they have been read.
         """
-        from rtask.model.plan import eager
+        from rtask.model.query.plan import eager
 
         state, wanted = self.__state__, eager(type(self))
         found: dict[str, Any] = {"iri": state.iri, "class": type(self).__name__}
@@ -286,7 +286,7 @@ class Model(metaclass=ModelType):
     def to_json(self, **options: Any) -> str:
         """Return :meth:`to_dict` as JSON text.
 
-        Dates and times are in ISO 8601, exact decimals are text, and the language of text is lost.
+        Dates and times are in ISO 8601, decimals become strings, and language tags are dropped.
 
         Parameters
         ----------

@@ -1,4 +1,7 @@
-"""Constraints on values beyond their type."""
+"""Constraints on values beyond their type.
+
+Generated classes import this module, so it keeps its name.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,9 @@ class Limits:
     Parameters
     ----------
     least, most
-        Bounds that belong to the range.
+        Inclusive bounds.
     above, below
-        Bounds that do not.
+        Exclusive bounds.
     pattern
         Regular expression that text must match.
     one_of

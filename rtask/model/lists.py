@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from typing import Any, Generic, TypeVar, overload
 
 from rtask.model.codec import RDFS_LITERAL
-from rtask.model.expressions import Path
 from rtask.model.fields import Field, plain_item
 from rtask.model.instance import Item, Model
+from rtask.model.query.expressions import Path
 from rtask.rdf.terms import NamedNode, Term
 
 __all__ = ["Ordered"]
@@ -19,7 +19,8 @@ T = TypeVar("T")
 class Ordered(Field, Generic[T]):
     """An RDF list; a tuple, replaced as a whole.
 
-    In a query the path stands for each member: ``Plan.steps == first`` holds where one is.
+    In a query the path stands for each member: ``Plan.steps == first`` holds if any member is
+    ``first``.
     """
 
     single = False
@@ -88,8 +89,8 @@ class Ordered(Field, Generic[T]):
         return [plain_item(item) for item in self.members(instance)]
 
     def root(self) -> type[Model]:
-        """Return the class of all things."""
-        from rtask.model.plan import THING
+        """Return the class of all individuals."""
+        from rtask.model.query.plan import THING
 
         return self.owner.__registry__.find(THING) or Model
 

@@ -8,10 +8,10 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from rtask.errors import LazyLoadError, UnknownTermError
-from rtask.model.compile import fetch_filter
 from rtask.model.fields import Field
 from rtask.model.instance import EVERYTHING, Model, Registry, generation, vocabularies_of
-from rtask.model.plan import RDF_TYPE, eager, short
+from rtask.model.query.compile import fetch_filter
+from rtask.model.query.plan import RDF_TYPE, eager, short
 from rtask.rdf.terms import DEFAULT, NamedNode, Term
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ Facts: TypeAlias = "dict[str, tuple[Term, ...] | list[Term]]"
 """Property IRI to values."""
 
 _WHOLE = 500
-"""An object with more statements than this is read by the properties that are wanted."""
+"""Of an object with more statements than this, only the required properties are read."""
 
 
 class Reader:
@@ -39,12 +39,12 @@ class Reader:
     # Statements
 
     def fetch(self, model: type[M], name: str) -> M | None:
-        """Return the object of an IRI, freshly read, or ``None`` if nothing is said about it.
+        """Return the object of an IRI, freshly read, or ``None`` if nothing is stated about it.
 
         Raises
         ------
         UnknownTermError
-            If it is something else.
+            If it belongs to another class.
         """
         facts, asked = self._everything(name)
         if facts is None:
@@ -60,7 +60,7 @@ class Reader:
         return made
 
     def _everything(self, name: str) -> tuple[Facts | None, Container[str]]:
-        """Return all statements about a thing from the store, unless there are too many."""
+        """Return all statements about an individual from the store, unless there are too many."""
         session = self._session
         session.check_open()
         if not session.inferred:
@@ -98,10 +98,10 @@ class Reader:
         return known or self._blank(model, name, source.__state__.origin)
 
     def references(self, names: list[str], model: type[Model], source: Model) -> dict[str, Model]:
-        """Return the objects of several IRIs that one object points to.
+        """Return the objects of several IRIs that one object refers to.
 
-        They are read with one query, unless ``source`` is one of many results: then only those
-        that were prefetched are read.
+        They are read with one query, unless ``source`` is one of many results: then only
+        prefetched objects are available.
         """
         found = {name: self.reference(name, model, source) for name in names}
         if source.__state__.origin is None or self._lazy == "allow":
@@ -125,14 +125,14 @@ class Reader:
         fetched: Container[str],
         origin: str | None,
     ) -> Model:
-        """Return the object of an IRI with what was read about it.
+        """Return the object of an IRI, with what was read about it filled in.
 
         Parameters
         ----------
         facts
             Property IRI to values; the object keeps it.
         fetched
-            The properties that were asked for; those without a value have none.
+            The properties that were requested; those that are absent from ``facts`` have no value.
         """
         known = self._session.identities.find(name)
         kinds = tuple(facts.get(RDF_TYPE, ()))
@@ -156,7 +156,7 @@ class Reader:
         return known
 
     def _best(self, asked: type[Model], kinds: tuple[Term, ...]) -> type[Model]:
-        """Return the most specific known class of a thing of these types."""
+        """Return the most specific known class of an individual of these types."""
         key = (asked, kinds, generation())
         if key not in self._classes:
             registry = getattr(asked, "__registry__", None)
@@ -181,7 +181,7 @@ class Reader:
         Raises
         ------
         LazyLoadError
-            If the object came with others.
+            If the object is one of several results.
         """
         state = instance.__state__
         self._refuse_loops(instance, field)
@@ -208,16 +208,16 @@ class Reader:
         if state.origin is None or self._lazy == "allow":
             return
         message = (
-            f"{type(instance).__name__}.{field.name} of {instance!r} did not come with the"
-            f" query for {state.origin}, and asking in a loop is slow: add"
-            f" .prefetch() of the path to it, or take .values()"
+            f"{type(instance).__name__}.{field.name} of {instance!r} was not read by the"
+            f" query for {state.origin}, and one query per object is slow: add"
+            f" .prefetch() of the path to it, or use .values()"
         )
         if self._lazy == "raise":
             raise LazyLoadError(message, field=field.name)
         warnings.warn(message, stacklevel=6)
 
     def members(self, instance: Model, field: Field, head: Term) -> tuple[Term, ...]:
-        """Return the members of an RDF list, up to the break if it is broken."""
+        """Return the members of an RDF list; of a malformed list, those before the defect."""
         self._refuse_loops(instance, field)
         cells = self._cells(str(instance.__state__.iri), field)
         found, seen = list[Term](), set[Term]()
@@ -240,7 +240,7 @@ class Reader:
 
 
 def collect(facts: Facts, predicate: str, value: Term | None) -> None:
-    """Add a value. Most properties have one: a tuple, which costs the garbage collector nothing."""
+    """Add a value; a single one is kept as a tuple, which the garbage collector does not track."""
     assert value is not None
     values = facts.get(predicate)
     if values is None:

@@ -26,7 +26,7 @@ _RESERVED = {
     *("ontology", "Model", "One", "Many", "Link", "Links", "Ordered", "Identity", "Limits"),
     *("Registry", "NamedNode", "ClassVar", "REGISTRY"),
 }
-"""Names that classes and generated modules use themselves."""
+"""Names that are reserved in classes and generated modules."""
 _CLOSED = RT + "CodedValue"
 _COMMENTS = {
     RDFS + "label": "A name for people, in a language.",
@@ -125,12 +125,12 @@ def read_schema(
     triples
         The ontology, with what it imports.
     shapes
-        SHACL shapes; what they say about a property wins over the ontology.
+        SHACL shapes; they take precedence over the ontology.
     primary
-        Namespace whose names are taken as they are; of equal names elsewhere the others get the
-        prefix of their vocabulary.
+        Namespace whose names are used unchanged; equal names from other namespaces get the prefix
+        of their vocabulary.
     is_known
-        Whether an IRI that is mentioned is a class elsewhere.
+        Tells whether an IRI is a class that is defined elsewhere.
     """
     triples = list(triples)
     graph, constraints = _Graph(triples), _Graph(shapes)
@@ -151,7 +151,7 @@ def read_schema(
 
 
 def _public(iris: set[str]) -> set[str]:
-    """Return the terms that are not auxiliary, as the reified relations of CORA are."""
+    """Return the terms except auxiliary ones, such as the reified relations of CORA."""
     return {iri for iri in iris if not _local(iri).startswith("_")}
 
 
@@ -182,10 +182,10 @@ def _hierarchy(graph: _Graph, iris: set[str]) -> dict[str, list[str]]:
 
 
 def _superclasses_first(above: dict[str, list[str]]) -> list[str]:
-    """Return one order of all classes; the bases of a class, taken against it, always agree."""
+    """Return all classes in one order, against which the bases of every class are consistent."""
     depth: dict[str, int] = {}
     open_ = sorted(above)
-    while open_:  # classes nest deeper than Python's stack
+    while open_:  # hierarchies may be deeper than Python's stack
         iri = open_[-1]
         waiting = [parent for parent in above[iri] if parent not in depth]
         if waiting:
@@ -232,7 +232,7 @@ def _properties(graph: _Graph, classes: set[str], primary: str) -> dict[str, Pro
 
 
 def _inverses(graph: _Graph, links: set[str]) -> tuple[dict[str, str], set[str]]:
-    """Return pairs of inverses, and of each pair the one that names the other: it is stored."""
+    """Return pairs of inverses, and of each pair the one that names the other, which is stored."""
     inverse: dict[str, str] = {}
     stored: set[str] = set()
     for iri in sorted(links):
@@ -244,7 +244,7 @@ def _inverses(graph: _Graph, links: set[str]) -> tuple[dict[str, str], set[str]]
 
 
 def _lineage(graph: _Graph, iri: str) -> list[str]:
-    """Return a property and those above it, nearest first: their domains and ranges hold too."""
+    """Return a property and its superproperties, nearest first; their domains and ranges apply."""
     found = [iri]
     for name in found:
         found += [p for p in graph.iris(name, RDFS + "subPropertyOf") if p not in found]
@@ -311,7 +311,7 @@ def _apply_shape(
         for target in targets:
             classes[target].required.append(spec.iri)
     if not set(spec.domains) <= set(targets):
-        return  # it holds for some of the subjects only
+        return  # it applies to some of the subjects only
     if _number(shapes, shape, "maxCount") == 1:
         spec.single = True
     patterns = shapes.objects(shape, SH + "pattern")

@@ -1,4 +1,4 @@
-"""Sessions: units of work with one object for each IRI and one transaction for all changes."""
+"""Sessions: units of work with one object per IRI and one transaction for all changes."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from rtask.model.annotations import Note
 from rtask.model.flush import Flush, named
 from rtask.model.identity import IdentityMap
 from rtask.model.instance import Model
-from rtask.model.plan import Plan, finished
-from rtask.model.query import Query
+from rtask.model.query.builder import Query
+from rtask.model.query.plan import Plan, finished
 from rtask.model.reading import Lazy, Reader
 from rtask.rdf.namespaces import mint
 from rtask.rdf.terms import GraphName, NamedNode, iri
@@ -34,27 +34,27 @@ class Session:
     """Unit of work of one agent on the objects of a knowledge base.
 
     As a context manager it writes all changes as one transaction when the block ends, and none
-    if the block fails. A session belongs to one thread.
+    if the block raises an exception. A session belongs to one thread.
 
     Parameters
     ----------
     kb
         The knowledge base.
     agent
-        Who writes; without one, statements go to the shared graph.
+        Who writes; without an agent, statements go to the shared graph.
     note
-        Kept with the provenance of what is written.
+        Stored with the provenance of the changes.
     lazy
-        What happens if a loop over results reads what the query did not bring: ``"raise"``
-        :class:`LazyLoadError`, ``"warn"``, or ``"allow"`` one query an object.
+        How to handle access, in a loop over results, to data that the query did not read:
+        ``"raise"`` :class:`LazyLoadError`, ``"warn"``, or ``"allow"`` one query per object.
     inferred
-        Whether derived statements are seen; if not, subclasses and inverses are spelled out in
-        queries. As the knowledge base has it if not given.
+        Whether derived statements are visible; if not, subclasses and inverses are spelled out in
+        queries. By default the setting of the knowledge base.
     check_required
-        Whether new objects must have what their shapes ask for.
+        Whether new objects must have the values that their shapes require.
     autoflush
-        Whether queries first write the changes so far, so that they see them. This is a commit:
-        a block that fails later does not take it back.
+        Whether queries first write the changes so far, so that they see them. This is a commit,
+        which an exception later in the block does not undo.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class Session:
         autoflush: bool = False,
     ) -> None:
         if lazy not in ("raise", "warn", "allow"):
-            raise UsageError(f"lazy is 'raise', 'warn' or 'allow', not {lazy!r}")
+            raise UsageError(f"lazy: expected 'raise', 'warn' or 'allow', not {lazy!r}")
         self.kb = kb
         self.agent = agent
         self.note = note
@@ -149,7 +149,7 @@ class Session:
         Raises
         ------
         UnknownTermError
-            If the graph says nothing about it, or says that it is something else.
+            If the graph states nothing about it, or it belongs to another class.
         """
         found = self.find(model, name)
         if found is None:
@@ -157,7 +157,7 @@ class Session:
         return found
 
     def find(self, model: type[M], name: str | NamedNode) -> M | None:
-        """Return the object of an IRI, or ``None`` if the graph says nothing about it."""
+        """Return the object of an IRI, or ``None`` if the graph states nothing about it."""
         text = name if isinstance(name, str) else name.value
         known = self.identities.find(text)
         if known is not None and known.__state__.deleted:
@@ -185,7 +185,7 @@ class Session:
         return answer
 
     def ask(self, text: str) -> bool:
-        """Run an ASK in the knowledge base as this session sees it."""
+        """Run an ASK in the knowledge base as this session sees it; known prefixes are added."""
         return self.holds(finished(text))
 
     def holds(self, text: str) -> bool:
@@ -250,18 +250,18 @@ class Session:
         Parameters
         ----------
         name
-            The field whose value is meant.
+            Name of the field.
         value
-            Which of several values.
+            Which value, if the field has several.
         **notes
-            Fields of anything, e.g. ``confidence``, ``valid_until``, ``comment``.
+            Fields that any resource may have, e.g. ``confidence``, ``valid_until``, ``comment``.
         """
         self.check_open()
         self._notes.append(Note.of(instance, name, value, notes))
 
     @property
     def new(self) -> list[Model]:
-        """Objects that the graph does not hold yet."""
+        """Objects that are not yet in the graph."""
         return list(self._new)
 
     @property
@@ -287,7 +287,7 @@ class Session:
         Raises
         ------
         FieldError
-            If a new object lacks what it must have.
+            If a new object lacks a required value.
         OwnershipError
             If a value to replace is stated by another agent.
         VersionConflictError
@@ -316,7 +316,7 @@ class Session:
         return self.flush()
 
     def rollback(self) -> None:
-        """Discard unwritten changes and what was read; the session goes on.
+        """Discard unwritten changes and cached values; the session remains usable.
 
         New objects leave the session and keep their values. What was flushed stays written.
         """
@@ -358,7 +358,7 @@ class Session:
         return self.kb.access(self.agent).home()
 
     def refresh(self, instance: Model) -> None:
-        """Discard what was read about an object; unwritten changes stay."""
+        """Discard the cached values of an object; unwritten changes stay."""
         instance.__state__.forget()
 
     def check_open(self) -> None:
@@ -383,6 +383,6 @@ def _weak_listener(identities: IdentityMap) -> Callable[[Change], None]:
 
 
 def _derives(kb: GraphCore) -> bool:
-    """Whether what follows is in the graph: it is kept so, or was when the graph was written."""
+    """Whether the graph contains derived statements: now, or when it was written."""
     found = kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred)
     return kb.reasons or next(iter(found), None) is not None

@@ -1,4 +1,4 @@
-"""Ontologies for people: what terms mean, pages about them, and how two versions differ.
+"""Documentation of ontologies: descriptions of terms, HTML pages, and differences of versions.
 
 >>> from rtask.ontology_docs import Vocabulary, bundled
 >>> vocabulary = Vocabulary(bundled())

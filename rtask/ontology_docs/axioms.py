@@ -1,7 +1,7 @@
 """Axioms as text that does not depend on blank nodes: class expressions in Manchester syntax.
 
-So two versions of an ontology can be compared, and people can read what an axiom says
-(OWL 2 Manchester Syntax, 2.4; shapes and whatever else has no such form are written in brackets).
+This makes versions of an ontology comparable and axioms readable (OWL 2 Manchester Syntax, 2.4;
+shapes and anything else without such a form are written in brackets).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Axiom:
     subject
         The term; empty for an axiom about a list of terms.
     predicate
-        IRI of the property; of a list, the type of the axiom; :data:`ABOVE`.
+        IRI of the property, the type of an axiom about a list, or :data:`ABOVE`.
     text
         The value, without blank nodes.
     mentions
@@ -196,7 +196,7 @@ class _Reader:
 
 
 def literal_text(term: Literal) -> str:
-    """Return a literal as Turtle has it; numbers and truth values plain."""
+    """Return a literal in Turtle syntax, numbers and booleans in their short form."""
     if term.language:
         return f'"{term.value}"@{term.language}'
     datatype = term.datatype.value

@@ -1,7 +1,7 @@
 """Diagrams of a module as inline SVG: its class hierarchy, and which classes its relations join.
 
-Both layouts are tables, so nothing crosses that need not: the hierarchy has a column for each
-level and a row for each class; the relations have a row each, with domain left and range right.
+Both layouts are tables, which avoids needless crossings: the hierarchy has a column per level and a
+row per class; each relation has a row, with its domain on the left and its range on the right.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _parents(term: Term) -> list[str]:
 
 
 def _levels(parents: dict[str, list[str]]) -> dict[str, int]:
-    """Return how many classes are above each, on the longest way; a cycle is cut."""
+    """Return the length of the longest path of superclasses above each class; cycles are cut."""
     level: dict[str, int] = {}
 
     def measure(iri: str, seen: frozenset[str]) -> int:
@@ -128,7 +128,7 @@ def _rows(parents: dict[str, list[str]]) -> list[str]:
     for iri, listed in parents.items():
         children[listed[0] if listed else ""].append(iri)
     order: dict[str, None] = {}
-    for start in ["", *sorted(parents)]:  # the second for those in a cycle
+    for start in ["", *sorted(parents)]:  # the second pass adds classes that are part of a cycle
         stack = [start]
         while stack:
             iri = stack.pop()

@@ -1,4 +1,4 @@
-"""How two versions of an ontology differ, and whether that breaks what people rely on.
+"""Differences between two versions of an ontology, and whether they are breaking changes.
 
 Versions are semantic: a patch changes wording; a minor version adds terms or weakens axioms; a
 major version removes a term, or adds an axiom that may make valid data invalid.
@@ -34,14 +34,14 @@ _WEAK = {
     *(_OWL + name for name in ("Class", "ObjectProperty", "DatatypeProperty")),
     *(_OWL + name for name in ("TransitiveProperty", "SymmetricProperty")),
 }
-"""What lets more follow, and forbids nothing by itself."""
+"""Axioms that allow more inferences and forbid nothing by themselves."""
 
 LEVELS = ("none", "patch", "minor", "major")
 
 
 @dataclass(frozen=True, order=True)
 class Change:
-    """One axiom that came or went.
+    """One axiom that was added or removed.
 
     Attributes
     ----------
@@ -58,14 +58,14 @@ class Change:
 
 @dataclass
 class Difference:
-    """What the newer version has that the older had not, and the other way round.
+    """Terms and axioms that only the newer or only the older version has.
 
     Attributes
     ----------
     added, removed, deprecated
         IRIs of terms.
     changes
-        Axioms that came or went, about terms that both have.
+        Axioms that were added or removed, about terms that both versions have.
     versions
         Module IRI to the old and new version, where they differ or one is missing.
     """
@@ -78,14 +78,14 @@ class Difference:
 
     @property
     def level(self) -> str:
-        """The part of the version that must rise: none, patch, minor or major."""
+        """The part of the version number to increase: none, patch, minor or major."""
         levels = [change.level for change in self.changes]
         levels += ["major"] * bool(self.removed) + ["minor"] * bool(self.added or self.deprecated)
         return max(levels, key=LEVELS.index, default="none")
 
     @property
     def is_breaking(self) -> bool:
-        """Whether a term is gone, or valid data may now be invalid."""
+        """Whether a term was removed, or valid data may now be invalid."""
         return self.level == "major"
 
     def lines(self) -> list[str]:
@@ -143,15 +143,15 @@ def compare(old: Iterable[Module], new: Iterable[Module]) -> Difference:
 def comparable(
     old: list[Module], new: list[Module], names: tuple[str, str]
 ) -> tuple[list[Module], list[Module]]:
-    """Return both sides without what one of them never holds.
+    """Return both sides without modules that one of them never contains.
 
-    A knowledge base loads neither shapes nor modules that are read on request, so the bundled
-    ones are left out beside it.
+    A knowledge base loads neither shapes nor modules that are read on request, so these are left
+    out of the bundled ones when they are compared with it.
 
     Parameters
     ----------
     names
-        What the sides were read from.
+        The sources of the two sides.
     """
     if BUNDLED not in names or not any((Path(name) / "kb.json").is_file() for name in names):
         return old, new
@@ -192,7 +192,7 @@ def _concerns(axiom: Axiom, known: set[str]) -> bool:
 
 
 def _lost(axiom: Axiom) -> str:
-    """Return the level of an axiom that is gone: less follows, and nothing more is forbidden."""
+    """Return the level of a removed axiom: less follows, and nothing more is forbidden."""
     is_kind = axiom.predicate == _TYPE and any(kind in KINDS for kind in axiom.mentions)
     if is_kind:
         return "major"  # a class that became a property
@@ -200,7 +200,7 @@ def _lost(axiom: Axiom) -> str:
 
 
 def _gained(axiom: Axiom, before: Vocabulary) -> str:
-    """Return the level of a new axiom; one about a new term alone forbids nothing that was."""
+    """Return the level of a new axiom; one about a new term cannot invalidate existing data."""
     if axiom.predicate in _WORDING or (axiom.literal and axiom.predicate in _HEADER):
         return "patch"
     traits = set(axiom.mentions) if axiom.predicate == _TYPE else {axiom.predicate}

@@ -60,7 +60,7 @@ svg path{fill:none;stroke:#7d8590}svg path.also{stroke-dasharray:4 3}
 
 
 def write_pages(vocabulary: Vocabulary, folder: Path) -> list[Path]:
-    """Write an index and one page a module; return the files.
+    """Write an index and one page per module; return the files.
 
     The same vocabulary always gives the same bytes.
     """
@@ -168,7 +168,7 @@ class _Writer:
         return self._linked(axiom.text)
 
     def _users(self, term: Term) -> list[tuple[str, str]]:
-        """Return which properties end at a class, and which shapes and conditions name a term."""
+        """Return the properties whose range a term is, and the shapes and conditions with it."""
         users = self._vocabulary.used_by(term.iri)
         exact = [axiom for axiom in users if axiom.text == term.name]
         rows = []
@@ -195,7 +195,7 @@ class _Writer:
         return f'<a href="{address}">{name}</a>' if address else name
 
     def _linked(self, text: str) -> str:
-        """Return a text with its names made links."""
+        """Return a text in which names are links."""
         parts, at = [], 0
         for found in _NAME.finditer(text):
             parts.append(escape(text[at : found.start()]))
@@ -212,7 +212,7 @@ def _imports(module: Module) -> list[str]:
 
 
 def _tells(axiom: Axiom) -> bool:
-    """Whether a statement is worth a row: what kind of term it is stands in the heading."""
+    """Whether a statement deserves a row; the kind of term is already in the heading."""
     kinds = {prefixed(_OWL + name) for name in ("Class", "NamedIndividual")}
     kinds |= {prefixed(_OWL + f"{name}Property") for name in ("Object", "Datatype", "Annotation")}
     return not (axiom.predicate == _RDF + "type" and axiom.text in kinds)
@@ -223,7 +223,7 @@ def _said(axiom: Axiom) -> str:
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:
-    """Return rows of text and HTML; those that say nothing are left out, equal names joined."""
+    """Return rows of text and HTML, without empty ones and with equal names joined."""
     joined: dict[str, list[str]] = {}
     for name, value in rows:
         if value:

@@ -1,4 +1,4 @@
-"""Where ontologies are read from: the bundled files, files and folders, a knowledge base."""
+"""Sources of ontologies: the bundled files, files and folders, a knowledge base."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _HEADER = NamedNode(_OWL + "Ontology")
 _MORE_PREFIXES = {"shapes": ontology.ONTOLOGY.removesuffix("onto") + "shapes#"}
 
 BUNDLED = "bundled"
-"""What names the ontology that comes with RTASK where a file could stand."""
+"""Stands for the ontology that comes with RTASK where a file name is accepted."""
 
 
 def prefixed(iri: str) -> str:
-    """Return an IRI in short, with a prefix of the ontology where one fits.
+    """Return an IRI abbreviated with a prefix of the ontology, if one applies.
 
     >>> prefixed(ontology.NS + "Mug"), prefixed("urn:mug")
     ('rt:Mug', '<urn:mug>')
@@ -36,16 +36,16 @@ def prefixed(iri: str) -> str:
 
 @dataclass(frozen=True)
 class Module:
-    """One ontology: a file of the room ``ontology``, any other file, or a graph.
+    """One ontology: a file in ``ontology/``, any other file, or a graph.
 
     Attributes
     ----------
     name
-        What it is called: the file's path without its extension, or the last part of the IRI.
+        The file's path without its extension, or the last part of the IRI.
     iri
         Of the ontology; empty if the file declares none.
     triples
-        Its statements, literals as a store keeps them.
+        Its statements, with literals in the store's canonical form.
     """
 
     name: str
@@ -64,12 +64,12 @@ class Module:
 
     @property
     def title(self) -> str:
-        """The title, or else the name."""
+        """The title, or the name if there is none."""
         return self.header(ontology.PREFIXES["dcterms"] + "title") or self.name
 
     @property
     def comment(self) -> str:
-        """What it is about."""
+        """The description."""
         return self.header(_RDFS + "comment")
 
     @property
@@ -122,7 +122,7 @@ def loaded(folder: Path) -> list[Module]:
 def read_source(name: str) -> list[Module]:
     """Return the ontologies of ``"bundled"``, a file, a folder, or a knowledge base's folder.
 
-    Files of a folder that declare no ontology are data, and left out if others declare one.
+    Files in a folder that declare no ontology are data, and are left out if others declare one.
 
     Raises
     ------
@@ -135,7 +135,9 @@ def read_source(name: str) -> list[Module]:
     if path.is_file():
         return [_read(path, path.stem)]
     if not path.is_dir():
-        raise UsageError(f"{name}: no such file or folder; {BUNDLED!r} is the one of RTASK")
+        raise UsageError(
+            f"{name}: no such file or folder; {BUNDLED!r} stands for RTASK's own ontology"
+        )
     if (path / "kb.json").is_file():
         return loaded(path)
     from rtask.loader.catalogue import loadable_files

@@ -1,4 +1,4 @@
-"""The terms of some ontologies: what each is, what is said of it, who uses it."""
+"""Terms of ontologies: their kinds, the statements about them, and their uses."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KINDS = {
     _SH + "NodeShape": "shape",
     _SH + "PropertyShape": "shape",
 }
-"""What a declaration makes a term."""
+"""Kinds of terms, by the class of their declaration."""
 
 _TOLD = {_RDFS + name for name in ("label", "comment", "isDefinedBy")} | {_RT + "unit"}
 
@@ -49,7 +49,7 @@ class Term:
     unit
         QUDT unit of a number, such as ``unit:M``.
     axioms
-        What is said of it, label, comment, module and unit aside.
+        Statements about it, except label, comment, module and unit.
     """
 
     iri: str
@@ -67,11 +67,11 @@ class Term:
         return prefixed(self.iri)
 
     def values(self, predicate: str) -> list[str]:
-        """Return what a property says of the term, as text."""
+        """Return the values of a property of the term, as text."""
         return [axiom.text for axiom in self.axioms if axiom.predicate == predicate]
 
     def named(self, predicate: str) -> list[str]:
-        """Return the IRIs that a property has as plain values."""
+        """Return the values of a property that are plain IRIs."""
         return [
             axiom.mentions[0]
             for axiom in self.axioms
@@ -94,7 +94,7 @@ class Vocabulary:
     Parameters
     ----------
     modules
-        Ontologies; a term that two declare belongs to the first.
+        Ontologies; a term declared by several belongs to the first.
     """
 
     def __init__(self, modules: Iterable[Module]) -> None:
@@ -141,7 +141,7 @@ class Vocabulary:
         Raises
         ------
         UnknownTermError
-            With what may have been meant.
+            With a suggestion.
         """
         iri = name.strip("<>")
         prefix, _, local = name.partition(":")
@@ -222,7 +222,7 @@ class Vocabulary:
 
 
 def _is_readable(text: str) -> bool:
-    """Whether a text is English or in no language."""
+    """Whether a text is English or has no language tag."""
     return text.endswith(('"', '"@en', '"@en-us', '"@en-gb'))
 
 

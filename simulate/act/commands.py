@@ -17,17 +17,17 @@ import click
 
 from rtask.cli.options import option
 from rtask.errors import RobotError, UsageError
+from simulate import options
 
 if TYPE_CHECKING:
     from types import FrameType
 
     from simulate.act.trials import Trial
-    from simulate.grasping.workcell import Workcell
+    from simulate.grasping.executor import Workcell
 
 __all__ = ["act_serve", "act_test"]
 
-_robot = click.option("--robot", default="nao", show_default=True, help="Which robot.")
-_seed = click.option("--seed", default=0, show_default=True, help="Of goals and plans.")
+_seed = options.seed("goals and plans")
 _json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 _gui = option("--gui", former=["--view"], is_flag=True, help="Show the simulation in a window.")
 _n = click.option("--trials", "-n", "n", default=100, show_default=True, help="Random goals.")
@@ -35,19 +35,19 @@ _csv = click.option(
     "--csv",
     "csv_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write one line a goal.",
+    help="Write one line per goal.",
 )
 
 
 def _of_trials(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options of a test of random goals."""
-    for add in (_gui, _json, _csv, _seed, _n, _robot):
+    for add in (_gui, _json, _csv, _seed, _n, options.robot):
         command = add(command)
     return command
 
 
 def _cell(robot: str, gui: bool) -> Workcell:
-    from simulate.grasping.workcell import Workcell
+    from simulate.grasping.executor import Workcell
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
@@ -109,7 +109,7 @@ def _trials(
     from simulate.act.trials import reasons, write_csv
 
     if n < 1 or seed < 0:
-        raise UsageError(f"-n {n} --seed {seed}: at least one goal and no negative seed")
+        raise UsageError(f"-n {n} --seed {seed}: expected one goal or more and no negative seed")
 
     def show(trial: Trial) -> None:
         if not as_json:
@@ -137,10 +137,10 @@ def _trials(
 
 
 @act_test.command()
-@_robot
+@options.robot
 @click.option("--step", default=0.02, show_default=True, help="Size of a cell, m.")
-@click.option("--heights", default="", help="Of the tool, m, such as 0.27,0.30.")
-@click.option("--angles", default=12, show_default=True, help="Closing directions.")
+@click.option("--heights", default="", help="Heights of the tool, m, such as 0.27,0.30.")
+@click.option("--angles", default=12, show_default=True, help="Number of closing directions.")
 @_seed
 @click.option(
     "--out",
@@ -161,9 +161,7 @@ def workspace(
     try:
         levels = tuple(float(part) for part in heights.split(",") if part.strip())
     except ValueError as error:
-        raise UsageError(
-            f"--heights {heights!r}: numbers with commas between are wanted"
-        ) from error
+        raise UsageError(f"--heights {heights!r}: expected numbers separated by commas") from error
     started = time.process_time()
     space = ArmSpace(describe(robot))
     found = map_workspace(space, step=step, heights=levels, angles=angles, seed=seed)
@@ -191,7 +189,7 @@ def workspace(
     help="Server to connect to; the same as URL.",
 )
 @click.option("--name", default="", help="The robot's name; with a token, the token's agent.")
-@_robot
+@options.robot
 @click.option("--objects", default=0, show_default=True, help="Objects put on the table.")
 @_seed
 @_gui
@@ -212,7 +210,7 @@ def act_serve(
 
     address = url or server
     if not address:
-        raise UsageError("name the server: --server URL")
+        raise UsageError("no server given: use --server URL")
 
     from simulate.act.provider import ActProvider
     from simulate.act.service import ActService

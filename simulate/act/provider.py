@@ -1,7 +1,7 @@
 """The act service on a rosbridge server: the robot advertises it and answers calls.
 
-One thread does everything, for physics belongs to one thread: calls are answered one after the
-other, in the order in which they came.
+Everything runs in one thread, because physics must: calls are answered one after the other, in the
+order of their arrival.
 """
 
 from __future__ import annotations
@@ -106,13 +106,13 @@ class ActProvider:
     Parameters
     ----------
     service
-        What carries requests out.
+        The service that handles the requests.
     url
-        Of the server.
+        The server.
     name
-        Of the robot; with a token, the token's agent.
+        Name of the robot; with a token, the token's agent.
     token
-        Of the robot, unless the server runs without.
+        Token of the robot, unless the server runs without tokens.
     """
 
     def __init__(self, service: ActService, url: str, name: str, token: str | None = None) -> None:
@@ -135,7 +135,7 @@ class ActProvider:
     def serve(self, on_ready: Callable[[], None] = lambda: None) -> None:
         """Advertise the services and answer calls until :meth:`stop`.
 
-        A connection that is lost later is opened again.
+        If the connection is lost later, it is reopened.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class ActProvider:
                 socket.send(json.dumps(announce))
         except InvalidStatus as error:
             if error.response.status_code in (401, 403):
-                raise AuthenticationError(f"{self._address} wants a robot's token") from error
+                raise AuthenticationError(f"{self._address} requires a robot's token") from error
             raise RemoteUnavailableError(f"{self._address}: {error}") from error
         except (OSError, InvalidHandshake) as error:
             raise RemoteUnavailableError(f"{self._address} cannot be reached: {error}") from error

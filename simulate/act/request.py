@@ -18,10 +18,10 @@ __all__ = ["ACTIONS", "PLANNERS", "ActMessage", "ActRequest"]
 
 
 class ActMessage(Message):
-    """What the act service is asked, as it comes over the wire."""
+    """Request to the act service, as it comes over the wire."""
 
     robot_name: Text | None = None
-    """which robot; empty = the one that is asked"""
+    """which robot; empty = the one that is called"""
     action_type: Literal["reach", "grasp", "place", "pick_place", "home"] = "reach"
     """what to do"""
     arm_name: Text = "auto"
@@ -91,14 +91,14 @@ class ActRequest:
             Fields of :class:`ActMessage`; a number 0 stands for the default where 0 makes no sense,
             as typed ROS clients send every field.
         robot
-            Who is asked.
+            The robot that is called.
         name
-            Under which it is known besides its model's.
+            Further name of the robot, besides that of its model.
 
         Raises
         ------
         UsageError
-            An unknown field (with the nearest known), or a wrong value.
+            An unknown field (with a suggestion), or an invalid value.
         RobotError
             No such arm.
         """
@@ -115,7 +115,7 @@ class ActRequest:
         pose = fields.goal_pose
         if pose is None:
             if fields.action_type != "home":
-                raise UsageError("goal_pose is missing: where to go", field="goal_pose")
+                raise UsageError("goal_pose is missing: the pose to reach", field="goal_pose")
             pose = np.eye(4)
         x, y, z = (float(v) for v in pose[:3, 3])
         return cls(

@@ -11,9 +11,9 @@ import numpy as np
 
 from simulate.act.request import ActRequest
 from simulate.grasping.attempt_run import AttemptRun
+from simulate.grasping.executor import Workcell
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
-from simulate.grasping.workcell import Workcell
 
 __all__ = ["ActService", "imagined", "plan_goal", "theta_offsets"]
 
@@ -36,14 +36,15 @@ class ActService:
     cell
         Robot, world and planner.
     name
-        Under which the robot is known besides its model's.
+        Further name of the robot, besides that of its model.
     seed
-        Of every plan.
+        Seed of every plan.
 
     Notes
     -----
-    After ``reach`` the arm stays at the goal, after a ``grasp`` that held the object stays in the
-    hand; the next action begins from there: ``place`` puts it down, any other goes home first.
+    After ``reach`` the arm stays at the goal; after a successful ``grasp`` the object stays in the
+    hand. The next action starts from there: ``place`` puts the object down, any other action first
+    returns home.
 
     Examples
     --------
@@ -86,7 +87,7 @@ class ActService:
         Raises
         ------
         UsageError, RobotError
-            The request is wrong, or the world broke down.
+            The request is invalid, or the physics diverged.
         """
         request = ActRequest.read(message, self.cell.description, self.name)
         if request.action == "place" and self._holds:
@@ -114,7 +115,7 @@ class ActService:
         return _answer(request, reason, error_m, planned, run.record)
 
     def go_home(self) -> None:
-        """Put back what is held, and bring the arm home."""
+        """Put back the held object, and bring the arm home."""
         run, self._under_way = self._under_way, None
         holds, self._holds = self._holds, False
         if run is not None:
@@ -163,13 +164,13 @@ def theta_offsets(step: float, attempts: int) -> Iterator[float]:
 
 
 def plan_goal(cell: Workcell, request: ActRequest, seed: int) -> PlannedGrasp | str:
-    """Plan the motion to a goal pose, trying other values of theta where it is out of reach.
+    """Plan the motion to a goal pose, trying other values of theta if it is out of reach.
 
     Returns
     -------
     PlannedGrasp or str
-        The reason of the attempt that got farthest counts as why there is none; ``timed_out`` when
-        the work that the planning time allows is done.
+        Without a plan, the reason of the attempt that got furthest, or ``timed_out`` when the
+        planning time, counted as work, is used up.
     """
     x, y, z = request.position
     table = cell.world.table_height

@@ -28,13 +28,13 @@ class Trial:
     Parameters
     ----------
     x, y, z
-        Of the goal, m, base frame.
+        Goal, m, base frame.
     theta
-        Asked, rad.
+        Requested closing direction, rad.
     reached
-        The tool came within 1 cm.
+        Whether the tool came within 1 cm.
     error_m
-        None = it did not get there.
+        Error of the tool; None if it did not get there.
     cpu_s
         Planning and simulation.
     """

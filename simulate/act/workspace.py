@@ -38,7 +38,7 @@ class WorkspaceMap:
     robot
         Its name.
     x, y : (nx,), (ny,) float, m
-        Middles of the cells, base frame.
+        Centres of the cells, base frame.
     heights : (nh,) float, m
         Of the tool, base frame.
     arms
@@ -129,23 +129,23 @@ def map_workspace(
     heights
         Of the tool, m, base frame; empty = 3 cm over the table.
     angles
-        Closing directions over half a turn.
+        Number of closing directions over 180 degrees.
     seed
         Of the starts of inverse kinematics.
 
     Raises
     ------
     UsageError
-        A step or number that makes no map.
+        If a parameter is out of range.
     """
     place = space.robot.workplace
     if not 0.002 <= step <= 0.2:
-        raise UsageError(f"step: {step:g} m; between .002 and .2 is wanted")
+        raise UsageError(f"step: expected .002 to .2 m, got {step:g}")
     if not 1 <= angles <= 72:
-        raise UsageError(f"angles: {angles}; between 1 and 72 is wanted")
+        raise UsageError(f"angles: expected 1 to 72, got {angles}")
     levels = np.array(heights or (place.table_height + 0.03,), dtype=np.float64)
     if not np.isfinite(levels).all() or (levels <= place.table_height).any():
-        raise UsageError(f"heights must lie above the table, {place.table_height:g} m")
+        raise UsageError(f"heights: expected values above the table, {place.table_height:g} m")
     x: Floats = np.arange(place.table_near + step / 2, place.area_x[1] + 0.12, step)
     reach = place.box_centre[1] + place.box_inner / 2
     count = int(np.ceil(reach / step))

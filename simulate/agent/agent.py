@@ -1,8 +1,7 @@
 """The agent that clears a table: look, ask the graph, grasp, judge, report.
 
-The agent knows what its camera, its joints and the server tell it, and nothing else. Ground truth
-about the scene reaches it nowhere; :mod:`simulate.agent.scoring` uses that afterwards, from
-outside.
+The agent uses only its camera, its joints and the server. It has no access to ground truth about
+the scene, which :mod:`simulate.agent.scoring` uses afterwards, from outside.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from simulate.agent.messages import (
     pose_message,
 )
 from simulate.agent.perception import Ignored, Perceived, Seen, perceive
-from simulate.agent.tracking import Thing, Tracker
+from simulate.agent.tracking import TrackedObject, Tracker
 from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.world.seeds import mix_seed
 
@@ -49,11 +48,11 @@ class AgentConfig:
     max_attempts
         Physical attempts at one object.
     max_plans
-        Grasps of one answer that are planned before the object counts as out of reach.
+        Number of grasps per answer that are planned before the object counts as out of reach.
     max_looks
-        Looks at one side of the table, a guard against a scene that never settles.
+        Number of views of one side of the table, a guard against a scene that never settles.
     seed
-        Of every choice that the server makes for this robot.
+        Seed of every choice that the server makes for this robot.
     """
 
     max_attempts: int = 4
@@ -86,7 +85,7 @@ class Body(Protocol):
         """Return a plan, or the reason code why there is none."""
 
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
-        """Carry a plan out; return its record and pictures (phase, PNG) of it."""
+        """Execute a plan; return its record and pictures (phase, PNG)."""
 
 
 class Server(Protocol):
@@ -106,9 +105,9 @@ class _Planning:
     Parameters
     ----------
     plan
-        None = no grasp can be reached.
+        None if no grasp can be reached.
     grasp
-        The one planned, else the learner's first; None when the server proposed nothing.
+        The planned grasp, or the learner's first; None if the server proposed nothing.
     reason
         ``ok``, or why the learner's first grasp cannot be reached.
     """
@@ -124,18 +123,18 @@ class Agent:
     Parameters
     ----------
     body
-        Eyes and hands.
+        The robot's cameras and arms.
     server
         The shared graph.
     config
-        Patience and seed.
+        Limits and seed.
     on_event
-        Called with (name, data) at every step worth telling.
+        Called with (name, data) at every noteworthy step.
     on_sight
-        Called with the frame and an object's pixels when it is first recognised or not; scoring
-        hangs on here and returns nothing to the agent.
+        Called with the frame and an object's pixels after its first recognition; a hook for
+        scoring, which returns nothing to the agent.
     on_frame
-        Called with every frame taken, for those who watch.
+        Called with every frame taken, for observers.
     """
 
     def __init__(
@@ -164,7 +163,7 @@ class Agent:
         return list(self.encounters.values())
 
     def _clear_side(self, side: str) -> None:
-        handled: Thing | None = None
+        handled: TrackedObject | None = None
         sign = -1 if side == "right" else 1
         for _ in range(self.config.max_looks):
             started = time.perf_counter()
@@ -178,7 +177,7 @@ class Agent:
             todo = [thing for thing in things if not thing.finished]
             if not todo:
                 return
-            # The outermost first: the hand comes from outside, and each success clears its way.
+            # The outermost first: the hand comes from outside, and each success clears its path.
             # What was out of reach behind others waits until they are gone.
             handled = max(todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign))
             may_wait = any(not t.waiting for t in todo if t is not handled)
@@ -186,7 +185,7 @@ class Agent:
 
     def _attempt(
         self,
-        thing: Thing,
+        thing: TrackedObject,
         side: str,
         view: Perceived,
         base_from_camera: NDArray[np.float64],
@@ -236,7 +235,9 @@ class Agent:
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
         outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
-        if record.reason != "not_judged":  # physics broke down: the grasp has not failed
+        if (
+            record.reason != "not_judged"
+        ):  # the physics diverged, which does not count against the grasp
             self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
         self._runs += 1
         held, lost = grasp.get("explanation", {}).get("graph", (0.0, 0.0))
@@ -252,7 +253,7 @@ class Agent:
             {"object": thing.number, **asdict(attempt), "doing": "looking for the next object"},
         )
 
-    def _encounter(self, thing: Thing, side: str) -> Encounter:
+    def _encounter(self, thing: TrackedObject, side: str) -> Encounter:
         if thing.number not in self.encounters:
             shape = thing.seen.shape
             self.encounters[thing.number] = Encounter(
@@ -264,7 +265,7 @@ class Agent:
         return self.encounters[thing.number]
 
     def _observation(
-        self, thing: Thing, view: Perceived, base_from_camera: NDArray[np.float64]
+        self, thing: TrackedObject, view: Perceived, base_from_camera: NDArray[np.float64]
     ) -> dict[str, Any]:
         return {
             "data": to_wire(encode_frame(thing.seen.crop)),
@@ -273,7 +274,9 @@ class Agent:
             "support_height": view.table_height,
         }
 
-    def _first_sight(self, encounter: Encounter, thing: Thing, answer: dict[str, Any]) -> Encounter:
+    def _first_sight(
+        self, encounter: Encounter, thing: TrackedObject, answer: dict[str, Any]
+    ) -> Encounter:
         """Note how the server recognised a new thing, or join it with one that was lost."""
         recognition = answer["recognition"]
         lost = self._tracker.lost(answer["object"]) if recognition["accepted"] else None
@@ -302,14 +305,14 @@ class Agent:
 
     def _plan(
         self,
-        thing: Thing,
+        thing: TrackedObject,
         view: Perceived,
         answer: dict[str, Any],
         seconds: dict[str, float],
     ) -> _Planning:
         """Return the first grasp in the learner's order that the robot can reach well.
 
-        As it stands; only where that gives none it may take another stance.
+        Other stances are tried only if no grasp is reachable in the present one.
         """
         started = time.perf_counter()
         obstacles = [seen.points for seen in view.objects if seen is not thing.seen]
@@ -335,14 +338,14 @@ class Agent:
     def _give_up(
         self,
         encounter: Encounter,
-        thing: Thing,
+        thing: TrackedObject,
         observation: dict[str, Any],
         answer: dict[str, Any],
         planned: _Planning,
         number: int,
         seconds: dict[str, float],
     ) -> None:
-        """Report the object as it was seen and why none of its grasps can be reached."""
+        """Report the object's view, and why none of its grasps can be reached."""
         thing.finished = True
         grasp, reason = planned.grasp, planned.reason
         source = "none" if grasp is None else str(grasp["source"])
@@ -362,7 +365,7 @@ class Agent:
     def _report(
         self,
         encounter: Encounter,
-        thing: Thing,
+        thing: TrackedObject,
         observation: dict[str, Any],
         answer: dict[str, Any],
         grasp: dict[str, Any],

@@ -16,18 +16,18 @@ class Attempt:
     Parameters
     ----------
     reason
-        ``ok`` = held; else why not, or why no grasp could be planned.
+        ``ok`` if held; otherwise why not, or why no grasp could be planned.
     physical
-        False = nothing was moved, because no grasp could be planned.
+        False if nothing was moved, because no grasp could be planned.
     place_reason
-        ``ok`` = placed; else why not; empty when it was not held.
+        ``ok`` if placed; otherwise why not; empty if the object was not held.
     told
-        What the graph said of this grasp before, by itself and its neighbours, over all robots:
+        Record of this grasp and its neighbours in the graph before the attempt, over all robots:
         held and lost, weighted.
     run
-        Number of the physical attempt among all of this robot, from 1; 0 = nothing was moved.
+        Number of the physical attempt among all of this robot, from 1; 0 if nothing was moved.
     evidence
-        What the robot measured and concluded from it.
+        Measurements of the robot and its conclusions.
     """
 
     number: int
@@ -53,11 +53,11 @@ class Encounter:
     Parameters
     ----------
     recognised
-        IRI that the server was sure of at first sight; empty = the object was new to it.
+        IRI that the server recognised in the first view; empty if the object was new to it.
     confidence
-        Of the best match at first sight, whether accepted or not.
+        Confidence of the best match in the first view, whether accepted or not.
     object_iri
-        IRI under which the graph knows it in the end.
+        IRI of the object in the graph at the end.
     """
 
     number: int
@@ -84,7 +84,7 @@ class Encounter:
 
     @property
     def tries_to_success(self) -> int | None:
-        """Physical attempts up to the first that held; None when none did."""
+        """Physical attempts up to the first that held; None if none did."""
         for tried, attempt in enumerate((a for a in self.attempts if a.physical), start=1):
             if attempt.held:
                 return tried

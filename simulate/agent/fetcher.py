@@ -1,7 +1,7 @@
 """The agent that fetches an object for a request in words.
 
-The words are understood by the engine, by reasoning over classes and functions (Gatto 2016, 5);
-the robot supplies what it sees now and acts on the answer. When it cannot, it says why.
+The engine interprets the words by reasoning over classes and functions (Gatto 2016, 5); the robot
+supplies the objects that it sees and acts on the answer. If it cannot, it says why.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from simulate.agent.agent import Agent, AgentConfig, Body, Server
 from simulate.agent.perception import Perceived, perceive
-from simulate.agent.tracking import Thing
+from simulate.agent.tracking import TrackedObject
 from simulate.world.seeds import mix_seed
 
 __all__ = ["Fetched", "Fetcher"]
@@ -36,15 +36,15 @@ class Fetched:
     Parameters
     ----------
     wanted
-        The words.
+        The request in words.
     seen
-        IRIs of what stood there, in the order in which it was looked at.
+        IRIs of the objects on the table, in the order in which they were seen.
     object, label
-        What was taken; empty when nothing was.
+        The object that was taken; empty if none was.
     placed
-        It lies where it was asked for.
+        Whether the object is in its box.
     text
-        In words: what was chosen and why, or why nothing could be brought.
+        Which object was chosen and why, or why nothing could be brought.
     tried
         For each object that was tried: ``object``, ``label``, ``reason`` (``ok`` = placed).
     answer
@@ -62,7 +62,7 @@ class Fetched:
 
 
 class Fetcher(Agent):
-    """Agent that fetches one object on request and leaves the others.
+    """Agent that fetches one object on request.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Fetcher(Agent):
     def fetch(self, wanted: str) -> Fetched:
         """Fetch an object that matches the words, or report why not.
 
-        When the first choice cannot be taken the next one is tried, as long as there is one.
+        If the first choice cannot be taken, the next one is tried, and so on.
         """
         things = {thing.object_iri: (thing, side) for thing, side in self._survey()}
         tried: list[dict[str, str]] = []
@@ -96,7 +96,7 @@ class Fetcher(Agent):
             if reason == "ok":
                 return self._sum_up(wanted, tuple(things), tried, answer)
 
-    def _survey(self) -> list[tuple[Thing, str]]:
+    def _survey(self) -> list[tuple[TrackedObject, str]]:
         """Look at both sides and find or add every object in the graph."""
         found = []
         for side in _SIDES:
@@ -107,8 +107,8 @@ class Fetcher(Agent):
         return [(thing, side) for thing, side in found if thing.object_iri]
 
     def _look(
-        self, side: str, handled: Thing | None
-    ) -> tuple[Perceived, NDArray[np.float64], list[Thing]]:
+        self, side: str, handled: TrackedObject | None
+    ) -> tuple[Perceived, NDArray[np.float64], list[TrackedObject]]:
         sign = -1 if side == "right" else 1
         frame, base_from_camera = self.body.look(side)
         view = perceive(frame, base_from_camera, self.body.ignored)
@@ -118,7 +118,11 @@ class Fetcher(Agent):
         return view, base_from_camera, here
 
     def _name(
-        self, thing: Thing, side: str, view: Perceived, base_from_camera: NDArray[np.float64]
+        self,
+        thing: TrackedObject,
+        side: str,
+        view: Perceived,
+        base_from_camera: NDArray[np.float64],
     ) -> None:
         """Recognise a thing, or add it to the graph as it looks."""
         encounter = self._encounter(thing, side)
@@ -133,8 +137,8 @@ class Fetcher(Agent):
             thing.object_iri = told["objects"][0]["object"]
         encounter.object_iri = thing.object_iri
 
-    def _take(self, thing: Thing, side: str) -> str:
-        """Pick and place one thing; return ``ok`` or the reason why not."""
+    def _take(self, thing: TrackedObject, side: str) -> str:
+        """Pick and place one object; return ``ok`` or the reason why not."""
         encounter = self._encounter(thing, side)
         for _ in range(self.config.max_looks):
             started = time.perf_counter()

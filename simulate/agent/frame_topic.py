@@ -1,7 +1,7 @@
 """Camera frames as a rosbridge topic on which only changed frames are sent.
 
-The topic is latched: the server keeps the last frame, so that whoever subscribes later has the
-scene at once, however long nothing has changed (Gatto 2016, 3.2.1).
+The topic is latched: the server keeps the last frame, so that late subscribers receive the scene at
+once, however long nothing has changed (Gatto 2016, 3.2.1).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class FramePublisher:
     Parameters
     ----------
     url
-        Of the server.
+        The server.
     name
-        Of the robot, whose frames go to ``/NAME/frame``.
+        Name of the robot; its frames go to ``/NAME/frame``.
     token
-        Of the robot, unless the server runs without.
+        Token of the robot, unless the server runs without tokens.
     params
         What counts as a change.
     """
@@ -76,7 +76,7 @@ class FramePublisher:
         Raises
         ------
         RemoteUnavailableError
-            It could not be sent; the next frame will be, whatever it shows.
+            It could not be sent; the next frame will be sent in any case.
         """
         self.offered += 1
         change = self._gate.offer(frame, time.monotonic(), force=self._missed)
@@ -90,7 +90,7 @@ class FramePublisher:
         return change
 
     def watch(self, frame: Frame) -> None:
-        """Offer a frame without letting the robot wait for subscribers."""
+        """Offer a frame, but only log a failure to send it."""
         try:
             self.offer(frame)
         except RemoteUnavailableError as error:
@@ -142,7 +142,7 @@ class FrameKeeper:
         self.received = 0
 
     def take(self, message: Mapping[str, Any]) -> Frame:
-        """Read a message of the topic; keep the former frame if it cannot be read.
+        """Read a message of the topic; keep the previous frame if it is malformed.
 
         Raises
         ------

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from simulate.agent.perception import Perceived
-from simulate.agent.tracking import Thing
+from simulate.agent.tracking import TrackedObject
 from simulate.grasping.executor import GraspRecord, GraspRequest
 
 __all__ = [
@@ -26,8 +26,8 @@ _MAX_NEIGHBOUR_POINTS = 400
 _NEIGHBOUR_RADIUS_M = 0.12
 
 
-def neighbour_points(thing: Thing, view: Perceived) -> list[list[float]]:
-    """Return points of the other objects near a thing, m, base frame."""
+def neighbour_points(thing: TrackedObject, view: Perceived) -> list[list[float]]:
+    """Return points of the objects near another one, m, base frame."""
     others = [seen.points for seen in view.objects if seen is not thing.seen]
     if not others:
         return []
@@ -38,7 +38,7 @@ def neighbour_points(thing: Thing, view: Perceived) -> list[list[float]]:
 
 
 def grasp_request(
-    thing: Thing, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
+    thing: TrackedObject, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
 ) -> GraspRequest:
     shape = thing.seen.shape
     return GraspRequest(

@@ -1,6 +1,6 @@
 """Perception of objects on a table in an RGB-D frame, in the robot's base frame.
 
-Nothing here knows the simulator: a frame and the kinematics of the head are the only input
+It does not depend on the simulator: a frame and the kinematics of the head are the only inputs
 (Gatto 2016, 2.4 and 2.5).
 """
 
@@ -40,7 +40,7 @@ class Ignored:
     y: tuple[float, float]
 
     def holds(self, point: NDArray[np.floating[Any]]) -> bool:
-        """Tell whether a point (x, y, ...), m, base frame, lies in the rectangle or its margin."""
+        """Return whether a point (x, y, ...), m, base frame, is in the rectangle or its margin."""
         return bool(
             self.x[0] - _MARGIN_M <= point[0] <= self.x[1] + _MARGIN_M
             and self.y[0] - _MARGIN_M <= point[1] <= self.y[1] + _MARGIN_M
@@ -83,7 +83,7 @@ class Perceived:
     Parameters
     ----------
     status
-        ``ok``, or why there is nothing: ``empty``, ``no_table``, ``table_only``.
+        ``ok``, or why there are no objects: ``empty``, ``no_table``, ``table_only``.
     table_height
         m, base frame; NaN without a table.
     objects
@@ -112,7 +112,7 @@ def perceive(
     ignored
         Regions whose segments are left out.
     params
-        Of the segmentation; None = those that suit the distance of the table.
+        Parameters of the segmentation; None chooses them by the distance of the table.
 
     Raises
     ------

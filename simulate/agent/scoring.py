@@ -1,7 +1,7 @@
-"""Ground truth of the simulation, which scores afterwards and reaches no decision of a robot.
+"""Scoring against the ground truth of the simulation, on which no decision of a robot depends.
 
-Neither the agent nor the execution of grasps asks where objects truly are: robots judge for
-themselves (:mod:`simulate.grasping.judgement`). Here their judgements meet what happened.
+Neither the agent nor the execution of grasps reads true poses of objects: robots judge for
+themselves (:mod:`simulate.grasping.judgement`). Here their judgements are compared with the truth.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ __all__ = [
 ]
 
 _ANGLES = np.deg2rad(np.arange(0, 180, 15))
-_SPARE_M = 0.004  # a hand needs some room to go round an object whose place it knows to 2 mm
+_SPARE_M = 0.004  # room that a hand needs around an object whose position it knows to 2 mm
 _UPRIGHT_AND_ROUND = frozenset({"can", "ball", "bottle"})
 _NEAR_M = 0.06
 _TARGET_HEIGHT_M = 0.15
 
 LIFTED_M = 0.02
-"""An object that rose by less stands on the table still, or leans."""
+"""An object that rose by less is still standing on the table, or leaning."""
 MIN_LINKS = 2
 _PLACED_BELOW_M = 0.09
 _PLACED_WITHIN_M = 0.05
@@ -68,12 +68,12 @@ class ObjectState:
 
     @property
     def is_finite(self) -> bool:
-        """Whether physics still makes sense."""
+        """Whether the physics has not diverged."""
         return bool(np.isfinite(self.position).all()) and bool(np.abs(self.position).max() < 10)
 
 
 def held_reason(before: ObjectState, lifted: ObjectState, held: ObjectState) -> str:
-    """Return ``ok`` when an object was lifted and stayed in the hand, else what went wrong.
+    """Return ``ok`` if an object was lifted and stayed in the hand, otherwise what went wrong.
 
     Held = the origin rose by more than 2 cm, is still there after the hold, at least two links of
     the hand touch it, and the table does not.
@@ -93,7 +93,7 @@ def held_reason(before: ObjectState, lifted: ObjectState, held: ObjectState) -> 
 
 
 def is_placed(state: ObjectState, box: PlaceBox) -> bool:
-    """Tell whether an object lies in a box: within its walls, less than 9 cm over the ground."""
+    """Return whether an object lies in a box: within its walls, less than 9 cm above its floor."""
     x, y, z = state.position
     inside = box.x_range[0] < x < box.x_range[1] and box.y_range[0] < y < box.y_range[1]
     return bool(inside and box.floor - 0.01 < z < box.floor + _PLACED_BELOW_M)
@@ -107,14 +107,14 @@ def lies_at(state: ObjectState, wanted: Floats, floor: float) -> bool:
 
 @dataclass(frozen=True)
 class Truth:
-    """What truly came of an attempt.
+    """True outcome of an attempt.
 
     Parameters
     ----------
     held, placed
         Lifted and kept for 2 s; at rest in the box.
     reason
-        ``ok`` when held, else ``slip_lift`` or ``slip_hold``; empty when the lift did not begin.
+        ``ok`` if held, else ``slip_lift`` or ``slip_hold``; empty if the lift did not begin.
     lifted_m
         Rise of the object at the end of the hold, m.
     pushed_m
@@ -136,7 +136,7 @@ class AttemptTruth:
     world, robot
         Where the attempt takes place.
     plan
-        What is carried out; its target is the object nearest to the grasp.
+        The plan that is executed; its target is the object nearest to the grasp.
     """
 
     def __init__(self, world: World, robot: RobotBody, plan: PlannedGrasp) -> None:
@@ -146,12 +146,12 @@ class AttemptTruth:
         self._states["start"] = self._state()
 
     def __call__(self, phase: str) -> None:
-        """Note the state of the object at the end of a phase."""
+        """Record the state of the object at the end of a phase."""
         self._states[phase] = self._state()
 
     @property
     def truth(self) -> Truth:
-        """What truly came of the attempt so far."""
+        """True outcome of the attempt so far."""
         states, start = self._states, self._states["start"]
         reason = ""
         if "hold" in states:
@@ -169,7 +169,7 @@ class AttemptTruth:
         )
 
     def _find_target(self) -> int:
-        """Return the object nearest to the grasp; -1 = there is none."""
+        """Return the object nearest to the grasp, or -1 if there is none."""
         request, best, nearest = self._plan.request, -1, _NEAR_M
         pose = self._robot.world_from_base
         wanted = pose[:3, :3] @ [request.x, request.y, request.table_height] + pose[:3, 3]
@@ -202,7 +202,7 @@ def watch_attempts(body: SimulatedBody) -> list[AttemptTruth]:
 
 
 class Scorer:
-    """Scores what a robot did: which product each thing was, and what truly came of attempts."""
+    """Scores a robot: the true product of each object, and the true outcome of each attempt."""
 
     def __init__(self, body: SimulatedBody) -> None:
         self._body = body
@@ -210,7 +210,7 @@ class Scorer:
         self._products = {laid.body: laid.placement.spec.name for laid in body.laid}
 
     def body_under(self, seen: Seen) -> int:
-        """Return the body that most pixels of a segment show; -1 = none of the products."""
+        """Return the body that most pixels of a segment show, or -1 if it is not a product."""
         ids, counts = np.unique(self._body.eyes.labels[seen.mask], return_counts=True)
         best = int(ids[np.argmax(counts)])
         return best if best in self._products else -1
@@ -243,24 +243,24 @@ class Scorer:
         return False
 
     def truth_of(self, attempt: Attempt) -> Truth | None:
-        """Return what truly came of an attempt; None when nothing was moved."""
+        """Return the true outcome of an attempt; None if nothing was moved."""
         return self._watched[attempt.run - 1].truth if attempt.run else None
 
     def score(
         self,
-        met: Sequence[Encounter],
+        encounters: Sequence[Encounter],
         first_sight: Mapping[int, int],
         in_reach: Mapping[int, bool],
     ) -> list[dict[str, Any]]:
         """Return the encounters as JSON data, each with its product.
 
-        Each physical attempt gets ``truth`` beside what the robot judged.
+        Each physical attempt gets ``truth`` beside the robot's own judgement.
 
         ``right`` is filled in by :mod:`simulate.demo`, which alone knows which product an object
         IRI of the graph stands for.
         """
         scored = []
-        for encounter in met:
+        for encounter in encounters:
             body = first_sight.get(encounter.number, -1)
             summary = encounter.summary()
             for attempt, data in zip(encounter.attempts, summary["attempts"], strict=True):

@@ -1,7 +1,7 @@
-"""Servers as an agent sees them: two that wait for answers, and one without geometry.
+"""Server clients for agents: two that wait for answers, and one without geometry.
 
-An endpoint may be slow or away for a while. :class:`RetryingServer` repeats every call until it is
-answered; :class:`OutboxServer` repeats questions only and leaves reports in the outbox.
+An endpoint may be slow or unavailable for a while. :class:`RetryingServer` repeats every call until
+it is answered; :class:`OutboxServer` repeats requests only and leaves reports in the outbox.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from simulate.agent.agent import Server
 __all__ = ["LONG_CALL_S", "BlindServer", "OutboxServer", "RetryingServer"]
 
 LONG_CALL_S = 120.0
-"""How long a repeated call waits for its answer, s."""
+"""Time that a repeated call waits for its answer, s."""
 _FIRST_CALL_S = 30.0
 _PATIENCE_S = 900.0
 _PAUSE_S = 0.5
@@ -30,7 +30,7 @@ _LOOK = ("data", "sensor_pose", "frame_id", "support_height")
 
 
 class _Client(Protocol):
-    """What :class:`OutboxServer` needs of :func:`rtask.connect`."""
+    """Part of a client from :func:`rtask.connect` that :class:`OutboxServer` uses."""
 
     def call(self, operation: str, /, **args: Any) -> dict[str, Any]: ...
 
@@ -38,9 +38,9 @@ class _Client(Protocol):
 
 
 def _may_recover(error: RemoteUnavailableError | CallFailedError) -> bool:
-    """Tell whether a repeated call may succeed.
+    """Return whether a repeated call may succeed.
 
-    A busy server says so (503), or that its own time for the call ran out (504).
+    A server may be busy (503), or its own time limit for the call may be exceeded (504).
     """
     return isinstance(error, RemoteUnavailableError) or bool(error.details.get("may_change"))
 
@@ -53,8 +53,8 @@ class RetryingServer:
     client
         With an outbox.
     on_wait
-        Called with the name of the operation each time that no answer came, so that whoever
-        listens can find out whether the server is slow or gone.
+        Called with the name of the operation whenever there was no answer, so that the caller can
+        find out whether the server is slow or gone.
     patience_s
         Time after which the error of an unanswered call is raised.
     """
@@ -96,16 +96,16 @@ class RetryingServer:
 
 
 class OutboxServer:
-    """Repeats questions until they are answered; reports wait in the outbox meanwhile.
+    """Repeats requests until they are answered; meanwhile reports wait in the outbox.
 
     Parameters
     ----------
     client
         With an outbox.
     patience_s
-        Time after which an unanswered question raises its error.
+        Time after which an unanswered request raises its error.
     on_wait
-        Called with the name of the operation each time that no answer came.
+        Called with the name of the operation whenever there was no answer.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class OutboxServer:
 
 
 class BlindServer:
-    """Stands for a robot that cannot judge shapes: it takes remembered grasps or random ones.
+    """Simulates a robot that cannot judge shapes: it takes remembered grasps or random ones.
 
     Grasps that held this object before come first. After them come random positions over the
     object's bounding box with random closing directions.

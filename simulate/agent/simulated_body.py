@@ -17,7 +17,7 @@ from simulate.world.camera import Lighting
 from simulate.world.eyes import Eyes
 from simulate.world.noise import SensorNoise
 from simulate.world.robot_body import RobotBody
-from simulate.world.scene import Laid, Placement, lay
+from simulate.world.scene import PlacedObject, Placement, lay
 from simulate.world.world import World
 
 __all__ = ["Conditions", "SimulatedBody"]
@@ -33,15 +33,15 @@ class Conditions:
     Parameters
     ----------
     robot
-        Which one: a name of :data:`simulate.robots.ROBOTS`.
+        Name of the kind of robot, from :data:`simulate.robots.ROBOTS`.
     preset
-        Of the physics.
+        Preset of the physics.
     gui
-        Show a window.
+        Whether to show a window.
     lighting
-        None = the standard light.
+        None selects the standard light.
     noise
-        Of the camera.
+        Noise of the camera.
     noise_seed
         Entropy of the camera's noise.
     pictures
@@ -63,7 +63,7 @@ class SimulatedBody:
     Parameters
     ----------
     placements
-        What stands on the table.
+        The products on the table.
     assets
         Folder for meshes and prints.
     conditions
@@ -80,15 +80,15 @@ class SimulatedBody:
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         self.world.add_table()
         boxes = [self.world.add_place_box(side) for side in ("right", "left")]
-        # Its boxes are its own business, and what stands before the table is the robot itself.
+        # The contents of its boxes are ignored, and anything in front of the table is the robot.
         behind = Ignored((-np.inf, self.world.workplace.table_near - 0.02), (-np.inf, np.inf))
         self.ignored = (behind, *(Ignored(box.x_range, box.y_range) for box in boxes))
-        self.laid: list[Laid] = lay(self.world, placements, assets)
+        self.laid: list[PlacedObject] = lay(self.world, placements, assets)
         self.lighting = conditions.lighting or Lighting()
         self.eyes = Eyes(self.robot, self.lighting, conditions.noise, conditions.noise_seed)
         self.executor = Executor(self.world, self.robot, self.eyes)
         self.watch: Callable[[PlannedGrasp], Callable[[str], None]] = lambda plan: _unwatched
-        """Scoring hangs on here: called with each plan, it returns what is called at each phase."""
+        """Hook for scoring: called with each plan, it returns a function called at each phase."""
         self._pictures = conditions.pictures
         self._taken = 0
 
@@ -104,7 +104,7 @@ class SimulatedBody:
         return self.executor.plan(request, obstacles=clouds, seed=seed)
 
     def execute(self, plan: PlannedGrasp) -> tuple[GraspRecord, list[tuple[str, bytes]]]:
-        """Carry out a plan, and take a picture of each phase if pictures are wanted."""
+        """Execute a plan, and take a picture of each phase if requested."""
         watch, taken = self.watch(plan), list[tuple[str, bytes]]()
 
         def on_phase(phase: str) -> None:

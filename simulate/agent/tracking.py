@@ -1,8 +1,7 @@
-"""Tracking of the things on a table from one look to the next.
+"""Tracking of the objects on a table from one view to the next.
 
-A robot that has just pushed an object knows that the thing now lying 3 cm further is that object.
-Tracking only ever joins looks of one robot at one table; identity across robots comes from
-recognition.
+A robot that has just pushed an object knows that the segment now lying 3 cm further is that object.
+Tracking only joins views of one robot at one table; identity across robots comes from recognition.
 """
 
 from __future__ import annotations
@@ -16,30 +15,30 @@ from scipy.optimize import linear_sum_assignment
 
 from simulate.agent.perception import Seen
 
-__all__ = ["Thing", "Tracker"]
+__all__ = ["TrackedObject", "Tracker"]
 
 _STILL_M = 0.025
 _MOVED_M = 0.09
 
 
 @dataclass
-class Thing:
-    """Something on the table that is tracked through several looks.
+class TrackedObject:
+    """An object on the table that is tracked through several views.
 
     Parameters
     ----------
     number
         Counts from 1 at each table.
     seen
-        The latest look at it.
+        The latest view of it.
     object_iri
-        Under which the graph knows it; empty = not yet.
+        Its IRI in the graph; empty if it has none yet.
     finished
-        Nothing is left to do with it.
+        Whether nothing is left to do with it.
     visible
-        In the latest look at its side of the table.
+        Whether it is in the latest view of its side of the table.
     waiting
-        Out of reach while others stand in the way.
+        Whether it is out of reach because others are in the way.
     """
 
     number: int
@@ -51,36 +50,36 @@ class Thing:
 
 
 class Tracker:
-    """Tracks the things on one table.
+    """Tracks the objects on one table.
 
-    An object may have moved up to 2.5 cm unnoticed (a neighbour brushed it), the one just
-    handled up to 9 cm (it was pushed). When the handled one is nowhere near and something
-    unknown lies on the table, that is it: it was dropped or rolled away.
+    An object may have moved up to 2.5 cm unnoticed (because a neighbour brushed it), the one just
+    handled up to 9 cm (because it was pushed). If the handled one is nowhere near and there is an
+    unknown object on the table, they are the same: it was dropped or rolled away.
     """
 
     def __init__(self) -> None:
-        self.things: list[Thing] = []
+        self.things: list[TrackedObject] = []
         self._numbers = count(1)
 
     def update(
-        self, objects: Sequence[Seen], handled: Thing | None = None, side: int | None = None
-    ) -> list[Thing]:
-        """Match the objects of a new look to the known things; return those in view.
+        self, objects: Sequence[Seen], handled: TrackedObject | None = None, side: int | None = None
+    ) -> list[TrackedObject]:
+        """Match the objects of a new view to the known ones; return those in view.
 
         Parameters
         ----------
         objects
-            Of one frame.
+            Objects in one frame.
         handled
-            The thing that the robot has just touched, which may be anywhere near.
+            The object that the robot has just touched, which may have moved further.
         side
-            +1 = the look shows the left half of the table (y > 0), -1 the right half; things of
-            the other half stay as they were.
+            +1 if the view shows the left half of the table (y > 0), -1 for the right half; objects
+            in the other half stay unchanged.
         """
         known = [t for t in self.things if side is None or t.seen.position[1] * side >= 0]
         for thing in known:
             thing.visible = False
-        matched: list[Thing | None] = [None] * len(objects)
+        matched: list[TrackedObject | None] = [None] * len(objects)
         if known and objects:
             cost = np.array(
                 [[self._distance(thing, seen, handled) for seen in objects] for thing in known]
@@ -94,26 +93,26 @@ class Tracker:
             matched[strangers[0]] = handled
         for seen, match in zip(objects, matched, strict=True):
             if match is None:
-                self.things.append(Thing(next(self._numbers), seen))
+                self.things.append(TrackedObject(next(self._numbers), seen))
             else:
                 match.seen, match.visible = seen, True
         return [thing for thing in self.things if thing.visible]
 
-    def lost(self, object_iri: str) -> Thing | None:
-        """Return the unfinished thing of that identity that went out of sight, if any."""
+    def lost(self, object_iri: str) -> TrackedObject | None:
+        """Return the unfinished object of that identity that went out of sight, if any."""
         for thing in self.things:
             if thing.object_iri == object_iri and not thing.visible and not thing.finished:
                 return thing
         return None
 
-    def join(self, lost: Thing, found: Thing) -> None:
-        """Replace a lost thing by the one found elsewhere."""
+    def join(self, lost: TrackedObject, found: TrackedObject) -> None:
+        """Replace a lost object by the one found elsewhere."""
         self.things.remove(lost)
         found.number, found.object_iri = lost.number, lost.object_iri
 
     @staticmethod
-    def _distance(thing: Thing, seen: Seen, handled: Thing | None) -> float:
-        """Return the distance that a thing would have moved, relative to its allowed distance."""
+    def _distance(thing: TrackedObject, seen: Seen, handled: TrackedObject | None) -> float:
+        """Return the distance that an object would have moved, relative to the permitted one."""
         allowed = _MOVED_M if thing is handled else _STILL_M
         way = float(np.linalg.norm(thing.seen.position - seen.position))
         return min(way / allowed, 1e3)

@@ -1,1 +1,1 @@
-"""``rtask demo``: robots learn to grasp at a table, and share what they learned."""
+"""``rtask demo``: robots learn to grasp objects on a table, and share what they have learned."""

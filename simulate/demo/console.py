@@ -23,7 +23,7 @@ class Console:
     Parameters
     ----------
     results
-        False = print no results; the caller prints its own.
+        If false, no results are printed; the caller prints its own.
     """
 
     def __init__(self, results: bool = True) -> None:
@@ -63,7 +63,7 @@ class Console:
 
 
 def _sentence(event: dict[str, Any]) -> str:
-    """Return an event in words; empty = not reported."""
+    """Return an event in words; empty if it is not reported."""
     name = event["event"]
     if name == "recognised":
         number, conf = event["object"], event["confidence"]
@@ -106,15 +106,17 @@ class FleetConsole:
 def _fleet_sentence(event: dict[str, Any]) -> str:
     name = event["event"]
     if name == "table":
-        met = event["encounters"]
-        held = sum(bool(one["held"]) for one in met)
-        return f"table {event['table'] + 1}: held {held} of {len(met)} in {event['seconds']:.0f} s"
+        tried = event["encounters"]
+        held = sum(bool(encounter["held"]) for encounter in tried)
+        return (
+            f"table {event['table'] + 1}: held {held} of {len(tried)} in {event['seconds']:.0f} s"
+        )
     if name == "waiting":
-        return f"nobody answers {event['for']}; {event['outbox']} kept"
+        return f"no answer to {event['for']}; {event['outbox']} kept"
     if name == "lost":
         return str(event["why"])
     if name == "restart":
-        return f"went away ({event['why']}) and is started again"
+        return f"stopped ({event['why']}) and is restarted"
     if name == "done" and event.get("undelivered"):
         return f"{event['undelivered']} outcomes wait in the outbox"
     return ""

@@ -32,9 +32,9 @@ class Settings:
     data
         Folder for store, report and logs.
     keep
-        Go on with the store in ``data`` instead of a new one.
+        Continue with the store in ``data`` instead of a new one.
     kinds
-        Which robot each is, in turn.
+        Kinds of the robots, in turn.
     """
 
     data: Path
@@ -67,9 +67,9 @@ class Demo:
     Parameters
     ----------
     settings
-        What to do.
+        Settings of the demo.
     console
-        Where to tell of it.
+        Receives progress and results.
     """
 
     def __init__(self, settings: Settings, console: Console) -> None:
@@ -83,7 +83,7 @@ class Demo:
         Parameters
         ----------
         stay
-            Keep the endpoint up until interrupted, so that its pages can be looked at.
+            Keep the endpoint running until interrupted, so that its pages can be viewed.
         """
         folder = self.settings.data
         self._prepare(folder)
@@ -118,7 +118,7 @@ class Demo:
         return self.settings.robots
 
     def _prepare(self, folder: Path) -> None:
-        """Prepare the folder, which must be new, empty or that of a former demo."""
+        """Prepare the folder, which must be new, empty or that of an earlier demo."""
         mark = folder / _MARK
         if folder.exists() and any(folder.iterdir()) and not mark.exists():
             raise UsageError(
@@ -192,14 +192,18 @@ class Demo:
         raise RtaskError(f"{robot.name} ended without a result")
 
     def _score(self, done: dict[str, Any]) -> dict[str, Any]:
-        """Score the recognitions: an object stands for the product it was first made from."""
+        """Score the recognitions: an object stands for the product it was first created from."""
         known = set(self._products.values())
-        done["known_before"] = sum(met["product"] in known for met in done["encounters"])
-        for met in done["encounters"]:
-            if met["recognised"]:
-                met["right"] = self._products.get(met["recognised"]) == met["product"] != ""
-            elif met["object_iri"]:
-                self._products.setdefault(met["object_iri"], met["product"])
+        done["known_before"] = sum(
+            encounter["product"] in known for encounter in done["encounters"]
+        )
+        for encounter in done["encounters"]:
+            if encounter["recognised"]:
+                encounter["right"] = (
+                    self._products.get(encounter["recognised"]) == encounter["product"] != ""
+                )
+            elif encounter["object_iri"]:
+                self._products.setdefault(encounter["object_iri"], encounter["product"])
         return done
 
     def _totals(self, done: list[dict[str, Any]]) -> None:
@@ -225,7 +229,7 @@ class Demo:
     def _wait(self, endpoint: Endpoint) -> None:
         self.console.step(f"serving {endpoint.url}/ until Ctrl-C")
         while endpoint.process.poll() is None:
-            time.sleep(0.2)  # waiting for a person: nothing else can wake us portably
+            time.sleep(0.2)  # waiting for Ctrl-C; polling is the only portable way
         raise RtaskError(f"the endpoint went away: {endpoint.complaint()}")
 
 

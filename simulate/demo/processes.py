@@ -1,9 +1,9 @@
 """Processes of a demo or a fleet: an endpoint and one process per robot.
 
-Children talk in lines: the endpoint says when it is ready, a robot prints one JSON event a line
-and waits for ``go`` on its standard input. Whatever way the parent ends, its children follow: it
-stops them on the way out, and where it is killed outright the kernel does (Linux) or their
-standard input closes.
+Children communicate in lines: the endpoint says when it is ready; a robot prints one JSON event per
+line and waits for ``go`` on its standard input. However the parent ends, its children end too: it
+stops them on exit, and if it is killed, the kernel stops them (Linux) or their standard input
+closes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _READY_TIMEOUT_S = 600.0
 _SILENCE_S = 600.0
 _STOP_TIMEOUT_S = 20.0
 _WINDOW_GONE = "X connection to"
-"""Xlib's last words: it ends the whole process, and no library above it is asked."""
+"""Last message of Xlib, which ends the whole process without notifying the libraries above it."""
 
 
 def _end_with_parent() -> None:
@@ -45,12 +45,12 @@ def _command(*arguments: str) -> list[str]:
 
 
 def run_rtask(*arguments: str) -> str:
-    """Run one ``rtask`` command to its end and return what it printed.
+    """Run one ``rtask`` command and return its output.
 
     Raises
     ------
     RtaskError
-        With the command's own line when it exits other than 0.
+        With the command's own message if it exits with a code other than 0.
     """
     done = subprocess.run(_command(*arguments), capture_output=True, text=True, check=False)
     if done.returncode:
@@ -131,17 +131,17 @@ class _Child:
         Raises
         ------
         RobotError
-            When nothing was said for ``timeout_s``.
+            If there was no line for ``timeout_s``.
         """
         try:
             return self._lines.get(timeout=timeout_s)
         except queue.Empty:
             raise RobotError(
-                f"{self.name} said nothing for {timeout_s:.0f} s; see {self._log_path}"
+                f"{self.name} sent nothing for {timeout_s:.0f} s; see {self._log_path}"
             ) from None
 
     def complaint(self) -> str:
-        """Return why the child ended: its last line on standard error, else its exit status."""
+        """Return why the child ended: its last line on standard error, or its exit status."""
         code = self.process.wait()
         self._log.flush()
         said = _last_line(self._log_path.read_text(encoding="utf-8", errors="replace"))
@@ -176,9 +176,9 @@ class Endpoint(_Child):
     store
         Folder of the knowledge base.
     port
-        0 = a free one; :attr:`url` tells which.
+        0 selects a free one; see :attr:`url`.
     log
-        File that takes the server's log.
+        File for the server's log.
     """
 
     def __init__(self, store: Path, port: int, log: Path) -> None:
@@ -217,7 +217,7 @@ class _Worker(_Child):
         Raises
         ------
         RobotError
-            When the robot ends before it is done: what it was doing, and its last words.
+            If the robot ends before it is done: what it was doing, and its last message.
         """
         doing = "it began"
         while (line := self.next_line(timeout_s)) is not None:

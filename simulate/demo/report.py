@@ -21,58 +21,60 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Return the table: one row per object and robot, in the order they were handled."""
     table = []
     for robot in robots:
-        for met in robot["encounters"]:
+        for encounter in robot["encounters"]:
             table.append(
                 (
                     robot["name"],
-                    met["product"] or "?",
-                    met["label"] or ("known" if met["recognised"] else "new"),
-                    f"{met['confidence']:.2f}",
-                    {True: "yes", False: "NO", None: "-"}[met["right"]],
-                    _first_source(met),
-                    _told(met),
-                    str(met["tries"]),
-                    "yes" if met["held"] else "no",
-                    "yes" if met["placed"] else "no",
-                    met["attempts"][-1]["reason"] if met["attempts"] else "gone",
-                    *(f"{_total(met, key):.2f}" for key in ("look", "ask", "plan", "move")),
+                    encounter["product"] or "?",
+                    encounter["label"] or ("known" if encounter["recognised"] else "new"),
+                    f"{encounter['confidence']:.2f}",
+                    {True: "yes", False: "NO", None: "-"}[encounter["right"]],
+                    _first_source(encounter),
+                    _told(encounter),
+                    str(encounter["tries"]),
+                    "yes" if encounter["held"] else "no",
+                    "yes" if encounter["placed"] else "no",
+                    encounter["attempts"][-1]["reason"] if encounter["attempts"] else "gone",
+                    *(f"{_total(encounter, key):.2f}" for key in ("look", "ask", "plan", "move")),
                 )
             )
     return table
 
 
-def _first_source(met: Mapping[str, Any]) -> str:
+def _first_source(encounter: Mapping[str, Any]) -> str:
     """Return the source of the first grasp; ``-`` without an attempt."""
-    return str(met["attempts"][0]["source"]) if met["attempts"] else "-"
+    return str(encounter["attempts"][0]["source"]) if encounter["attempts"] else "-"
 
 
-def _told(met: Mapping[str, Any]) -> str:
+def _told(encounter: Mapping[str, Any]) -> str:
     """Return the statistics that the graph gave for the first grasp; ``-`` without any."""
-    held, lost = met["attempts"][0].get("told", (0.0, 0.0)) if met["attempts"] else (0.0, 0.0)
+    held, lost = (
+        encounter["attempts"][0].get("told", (0.0, 0.0)) if encounter["attempts"] else (0.0, 0.0)
+    )
     return f"{held:.1f} : {lost:.1f}" if max(held, lost) >= 0.05 else "-"
 
 
-def _total(met: Mapping[str, Any], key: str) -> float:
-    return float(sum(attempt["seconds"].get(key, 0.0) for attempt in met["attempts"]))
+def _total(encounter: Mapping[str, Any], key: str) -> float:
+    return float(sum(attempt["seconds"].get(key, 0.0) for attempt in encounter["attempts"]))
 
 
 def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Join the encounters with the same product, as with one that was lost and found again."""
+    """Join the encounters with the same product, such as one that was lost and found again."""
     joined: list[dict[str, Any]] = []
     first: dict[str, dict[str, Any]] = {}
-    for met in encounters:
-        known = first.get(met["product"]) if met["product"] else None
+    for encounter in encounters:
+        known = first.get(encounter["product"]) if encounter["product"] else None
         if known is None:
-            joined.append(dict(met))
-            first[met["product"]] = joined[-1]
+            joined.append(dict(encounter))
+            first[encounter["product"]] = joined[-1]
             continue
-        if known["tries_to_success"] is None and met["tries_to_success"] is not None:
-            known["tries_to_success"] = known["tries"] + met["tries_to_success"]
-        known["tries"] += met["tries"]
-        known["held"] |= met["held"]
-        known["placed"] |= met["placed"]
-        known["attempts"] = [*known.get("attempts", ()), *met.get("attempts", ())]
-        if met.get("right") is False:  # trials of single objects know no identities
+        if known["tries_to_success"] is None and encounter["tries_to_success"] is not None:
+            known["tries_to_success"] = known["tries"] + encounter["tries_to_success"]
+        known["tries"] += encounter["tries"]
+        known["held"] |= encounter["held"]
+        known["placed"] |= encounter["placed"]
+        known["attempts"] = [*known.get("attempts", ()), *encounter.get("attempts", ())]
+        if encounter.get("right") is False:  # trials of single objects know no identities
             known["right"] = False
     return joined
 
@@ -80,11 +82,11 @@ def by_product(encounters: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def mean_attempts(encounters: Sequence[Mapping[str, Any]], cap: int) -> float | None:
     """Return the mean number of physical attempts up to the first success.
 
-    Over the objects in reach that were tried; one never held counts ``cap`` + 1. None when nothing
-    was tried.
+    The mean is over the objects in reach that were tried; one never held counts ``cap`` + 1. None
+    if nothing was tried.
     """
-    tried = [met for met in encounters if met["in_reach"] and met["tries"]]
-    counts = [met["tries_to_success"] or cap + 1 for met in tried]
+    tried = [encounter for encounter in encounters if encounter["in_reach"] and encounter["tries"]]
+    counts = [encounter["tries_to_success"] or cap + 1 for encounter in tried]
     return sum(counts) / len(counts) if counts else None
 
 
@@ -93,7 +95,7 @@ def own_judgements(encounters: Sequence[Mapping[str, Any]]) -> tuple[int, int]:
 
     Each physical attempt has two: whether the object was held and whether it was placed.
     """
-    attempts = [a for met in encounters for a in met["attempts"] if a.get("truth")]
+    attempts = [a for encounter in encounters for a in encounter["attempts"] if a.get("truth")]
     right = sum(a[what] == a["truth"][what] for a in attempts for what in ("held", "placed"))
     return right, 2 * len(attempts)
 
@@ -101,7 +103,7 @@ def own_judgements(encounters: Sequence[Mapping[str, Any]]) -> tuple[int, int]:
 def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
     """Return the totals of one robot, as ``rtask demo --json`` prints them."""
     objects = by_product(robot["encounters"])
-    reach = [met for met in objects if met["in_reach"]]
+    reach = [encounter for encounter in objects if encounter["in_reach"]]
     right, judged = own_judgements(objects)
     return {
         "name": robot["name"],
@@ -109,13 +111,13 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
         "objects_on_table": robot["objects_on_table"],
         "objects_in_reach": len(reach),
         "known_before": robot["known_before"],
-        "recognised": sum(met["right"] is True for met in objects),
-        "false_identities": sum(met["right"] is False for met in objects),
-        "held": sum(met["held"] for met in reach),
-        "placed": sum(met["placed"] for met in reach),
+        "recognised": sum(encounter["right"] is True for encounter in objects),
+        "false_identities": sum(encounter["right"] is False for encounter in objects),
+        "held": sum(encounter["held"] for encounter in reach),
+        "placed": sum(encounter["placed"] for encounter in reach),
         "judgements": judged,
         "judgements_right": right,
-        "from_memory": sum(_first_source(met) == "memory" for met in reach),
+        "from_memory": sum(_first_source(encounter) == "memory" for encounter in reach),
         "mean_attempts_to_first_success": mean_attempts(objects, cap),
         "seconds": round(robot["seconds"], 2),
     }
@@ -125,7 +127,11 @@ def summary(
     robots: Sequence[Mapping[str, Any]], cap: int, store: Path, url: str, seed: int
 ) -> dict[str, Any]:
     """Return the one object that ``rtask demo --json`` prints."""
-    objects = [{"robot": robot["name"], **met} for robot in robots for met in robot["encounters"]]
+    objects = [
+        {"robot": robot["name"], **encounter}
+        for robot in robots
+        for encounter in robot["encounters"]
+    ]
     return {
         "robots": [robot_totals(robot, cap) for robot in robots],
         "objects": objects,
@@ -161,16 +167,20 @@ def write_report(
 def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:
     """Return Markdown with the pictures of each attempt under its object and outcome."""
     lines: list[str] = []
-    for met in result.get("objects", ()):
-        for attempt in met["attempts"]:
+    for encounter in result.get("objects", ()):
+        for attempt in encounter["attempts"]:
             run = attempt.get("run", 0)
-            found = sorted((folder / met["robot"]).glob(f"{run:02d}-*.png")) if run else []
+            found = sorted((folder / encounter["robot"]).glob(f"{run:02d}-*.png")) if run else []
             if not found:
                 continue
-            known = f"known as {met['label'] or 'an object'}" if met["recognised"] else "new"
+            known = (
+                f"known as {encounter['label'] or 'an object'}"
+                if encounter["recognised"]
+                else "new"
+            )
             came = attempt["place_reason"] if attempt["held"] else attempt["reason"]
             said = "held and placed" if attempt["placed"] else f"not {_missing(attempt)}: {came}"
-            lines += ["", f"### {met['robot']}: {met['product']}, {known}; {said}", ""]
+            lines += ["", f"### {encounter['robot']}: {encounter['product']}, {known}; {said}", ""]
             lines += _markdown(
                 [path.stem.split("-")[-1].replace("_", " ") for path in found],
                 [[f"![{path.stem}]({path.parent.name}/{path.name})" for path in found]],

@@ -1,8 +1,8 @@
 """One simulated robot of a demo as a process: a world, a body, a connection to the graph.
 
 Started as ``python -m simulate.demo.robot_process JOB`` with the job as JSON and the token in the
-environment variable ``RTASK_TOKEN``. It prints one JSON event a line and begins at ``go`` on its
-standard input; when that closes it ends.
+environment variable ``RTASK_TOKEN``. It prints one JSON event per line, begins at ``go`` on its
+standard input, and ends when that is closed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from simulate.world.seeds import stream
 
 __all__ = ["EventWriter", "main", "make_body"]
 
-# Streams of random numbers, one a purpose.
+# Streams of random numbers, one per purpose.
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
 
@@ -96,7 +96,7 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
         agent = Agent(
             body, server, config, on_event=tell, on_sight=on_sight, on_frame=spectators.watch
         )
-        met = agent.clear_table()
+        encounters = agent.clear_table()
         seconds = time.perf_counter() - started
     tell(
         "done",
@@ -104,7 +104,7 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
             "name": job.name,
             "seconds": seconds,
             "objects_on_table": len(body.laid),
-            "encounters": scorer.score(met, first_sight, in_reach),
+            "encounters": scorer.score(encounters, first_sight, in_reach),
         },
     )
 

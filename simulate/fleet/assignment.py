@@ -1,4 +1,4 @@
-"""Assignment of products to the robots of a fleet: common ones and ones of their own."""
+"""Assignment of products to the robots of a fleet: common products and robots' own."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class MemberJob:
     tables
         Names of the products on each table, in order.
     prior
-        Whether it may ask for grasps that geometry proposes; else it tries blindly what the graph
-        does not know.
+        Whether it may ask for grasps proposed from geometry; otherwise it grasps unknown objects
+        blindly.
     outbox
-        File that keeps what could not be told yet.
+        File for reports that could not be delivered yet.
     patience_s
-        How long it waits for an answer before it gives up.
+        Time that it waits for an answer before it gives up.
     robot
-        Which robot it is: a name of :data:`simulate.robots.ROBOTS`.
+        Kind of robot, from :data:`simulate.robots.ROBOTS`.
     """
 
     name: str
@@ -62,20 +62,20 @@ class FleetPlan:
     Parameters
     ----------
     common
-        Names of the products that every robot meets, table by table.
+        Names of the products that every robot encounters, table by table.
     own
-        For each robot the products that nobody else meets, table by table.
+        For each robot the products that no other robot encounters, table by table.
     """
 
     common: tuple[tuple[str, ...], ...]
     own: tuple[tuple[tuple[str, ...], ...], ...]
 
     def tables(self, robot: int) -> list[list[str]]:
-        """Return what stands on each table of one robot."""
+        """Return the products on each table of one robot."""
         return [[*a, *b] for a, b in zip(self.common, self.own[robot], strict=True)]
 
     def is_common(self, name: str) -> bool:
-        """Tell whether every robot meets a product."""
+        """Return whether every robot encounters a product."""
         return any(name in table for table in self.common)
 
 
@@ -85,11 +85,11 @@ def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan
     Parameters
     ----------
     robots
-        How many.
+        Number of robots.
     objects
-        That each robot meets; an even number, filled up to whole tables.
+        Objects per robot; a multiple of ``on_table``.
     on_table
-        At once; an even number.
+        Objects on a table at once; an even number.
 
     Raises
     ------

@@ -12,16 +12,14 @@ from typing import Any, Literal, TextIO
 import click
 
 from rtask.cli.options import option
+from simulate import options
 from simulate.study.commands import print_table
 
 __all__ = ["fetch", "run_fleet", "sharing"]
 
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_PRESETS = click.Choice(["faithful", "fast"])
-
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
-    """Stop as on Ctrl-C, for SIGTERM too."""
+    """Stop on SIGTERM in the same way as on Ctrl-C."""
     raise KeyboardInterrupt
 
 
@@ -51,7 +49,7 @@ def run_fleet(
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
-    told = FleetConsole()
+    console = FleetConsole()
     runs = []
     for on in {"on": [True], "off": [False], "both": [True, False]}[sharing]:
         name = "shared" if on else "not shared"
@@ -59,8 +57,8 @@ def run_fleet(
             data / name.replace(" ", "-"), robots, objects, on_table, seed, on, prior, in_line,
             preset=preset, kinds=tuple(kinds),
         )  # fmt: skip
-        fleet = Fleet(settings, told)
-        told.say(f"{robots} robots, {objects} objects each, experience {name}")
+        fleet = Fleet(settings, console)
+        console.say(f"{robots} robots, {objects} objects each, experience {name}")
         done = fleet.run()
         runs.append((name, done, fleet_figures(done, fleet.plan)))
     write_fleet_report(data, runs)
@@ -72,47 +70,31 @@ def run_fleet(
         return result
     for name, _, figures in runs:
         print_table(f"Experience {name}", COLUMNS, fleet_rows(figures))
-        _say_change("last robot less first", figures["last_less_first"])
+        _print_change("last robot less first", figures["last_less_first"])
     if sharing == "both":
         words = "shared less not shared, all robots but the first"
-        _say_change(words, result["shared_less_not_shared"])
+        _print_change(words, result["shared_less_not_shared"])
     click.echo(f"report  {data / 'report.json'}, {data / 'attempts.png'}")
     return result
 
 
-def _say_change(words: str, change: Mapping[str, Any] | None) -> None:
+def _print_change(words: str, change: Mapping[str, Any] | None) -> None:
     if change is not None and change["attempts"] is not None:
         low, high = change["interval95"]
         click.echo(
-            f"attempts, {words}, over {change['products']} meetings with common products: "
+            f"attempts, {words}, over {change['products']} encounters with common products: "
             f"{change['attempts']:+.2f} [{low:+.2f}, {high:+.2f}]"
         )
 
 
 @click.command()
-@click.option("--fleets", default=5, show_default=True, help="Each on products of its own.")
-@click.option("--robots", default=3, show_default=True, help="Of each fleet.")
-@click.option("--objects", default=20, show_default=True, help="That each robot meets.")
-@click.option("--table", "on_table", default=4, show_default=True, help="Of them at once.")
-@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
-@click.option("--prior/--no-prior", default=False, help="Whether geometry proposes grasps.")
-@option(
-    "--workers",
-    former=["--processes"],
-    default=2,
-    show_default=True,
-    help="Processes; changes only the time.",
-)
-@click.option(
-    "--preset",
-    default="faithful",
-    show_default=True,
-    type=_PRESETS,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
-)
-@click.option("--out", default="rtask-sharing", show_default=True, type=_FOLDER)
-@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option("--fleets", default=5, show_default=True, help="Fleets, each with its own products.")
+@click.option("--robots", default=3, show_default=True, help="Robots per fleet.")
+@options.objects_per_robot
+@options.objects_on_table
+@options.seed()
+@options.prior(default=False)
+@options.runs_trials("rtask-sharing")
 def sharing(
     fleets: int,
     robots: int,
@@ -128,7 +110,7 @@ def sharing(
 ) -> None:
     """Measure the effect of sharing: fleets with one graph, and with one graph per robot.
 
-    Half of what a robot meets is met by the robots before it, half is new to all.
+    Half of each robot's objects are known to the robots before it; the other half are new to all.
     """
     from simulate.fleet.sharing import (
         COLUMNS,
@@ -149,7 +131,7 @@ def sharing(
         for measure, value in gain.items():
             click.echo(
                 f"shared less not shared, {what}, {measure.replace('_', ' ')}: "
-                f"{show(value, '+.2f')}, {value['n']} meetings"
+                f"{show(value, '+.2f')}, {value['n']} encounters"
             )
     for condition, value in summary["last_less_first"].items():
         click.echo(f"last less first, {condition}: {show(value, '+.2f')}")
@@ -158,9 +140,9 @@ def sharing(
 
 @click.command()
 @click.argument("wanted")
-@click.option("--seed", default=0, show_default=True, help="Fixes products, tables and choices.")
-@click.option("--objects", default=5, show_default=True, help="On the table.")
-@click.option("--robot", default="nao", show_default=True, help="Which robot.")
+@options.seed()
+@click.option("--objects", default=5, show_default=True, help="Objects on the table.")
+@options.robot
 @option(
     "--server",
     former=["--url"],
@@ -170,16 +152,12 @@ def sharing(
     show_envvar=True,
     help="Server to ask, with the token in RTASK_TOKEN.  [default: an engine in this process]",
 )
-@click.option("--data", type=_FOLDER, help="Knowledge base to use; default: an empty one.")
-@click.option("--taught/--untaught", default=True, help="A person has named the products before.")
+@click.option("--data", type=options.folder(), help="Knowledge base to use; default: a new one.")
 @click.option(
-    "--preset",
-    default="faithful",
-    show_default=True,
-    type=_PRESETS,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
+    "--taught/--untaught", default=True, help="Whether a person has named the products before."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print what came of it as JSON.")
+@options.preset
+@options.json_flag("outcome")
 def fetch(
     wanted: str,
     seed: int,
@@ -193,8 +171,8 @@ def fetch(
 ) -> None:
     """Ask a robot for a kind of object, such as "something to drink from".
 
-    It looks at its table, asks the graph which of what it sees serves, and brings that; or it
-    says why it cannot, and the exit code is 1.
+    The robot looks at its table, asks the graph which of the objects fits, and brings it. If it
+    cannot, it says why and the exit code is 1.
     """
     import os
 
@@ -211,12 +189,12 @@ def fetch(
         if as_json:
             click.echo(json.dumps(done), out)
         else:
-            _say_fetched(done, out)
+            _print_fetched(done, out)
     if not done["placed"]:
         raise SystemExit(1)
 
 
-def _say_fetched(done: Mapping[str, Any], out: TextIO) -> None:
+def _print_fetched(done: Mapping[str, Any], out: TextIO) -> None:
     click.echo(f"sees {len(done['seen'])} objects", out)
     if done["placed"]:
         click.echo(f"brought {done['label']}: {done['text']}", out)

@@ -36,8 +36,8 @@ Met = Mapping[str, Any]
 def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
     """Return for each robot how many objects it recognised correctly and falsely.
 
-    An object of the graph is the product that it was first made from. One that was told while
-    nobody answered has a name that its robot never learned, and is not scored.
+    An object of the graph stands for the product from which it was first created. An object that
+    was reported through the outbox has an IRI that its robot never learned, and is not scored.
     """
     products: dict[str, str] = {}
     for robot in done["robots"]:
@@ -64,7 +64,7 @@ def objects_tried(robot: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def attempts_to_success(met: Met, cap: int) -> int:
-    """Return the attempts at an object up to the first that held; ``cap`` + 1 when none did."""
+    """Return the attempts at an object up to the first that held; ``cap`` + 1 if none did."""
     return int(met["tries_to_success"] or cap + 1)
 
 
@@ -72,7 +72,7 @@ def fleet_figures(done: Mapping[str, Any], plan: FleetPlan) -> dict[str, Any]:
     """Return the figures of each robot and the difference of the last from the first.
 
     Attempts are physical ones up to the first that held; an object never held counts one more than
-    allowed. Common products were met by the robots before; a robot's own by nobody else.
+    allowed. The robots before have encountered the common products, and nobody else a robot's own.
     """
     cap = int(done["settings"]["max_attempts"])
     identities = score_identities(done)
@@ -137,8 +137,8 @@ def sharing_gain(
 ) -> dict[str, Any]:
     """Return the difference in attempts that sharing makes for all robots but the first.
 
-    The same robots meet the same products on the same tables both times; compared are the common
-    ones, robot by robot and product by product.
+    Both times the same robots encounter the same products on the same tables; the common ones are
+    compared, robot by robot and product by product.
     """
     cap = int(shared["settings"]["max_attempts"])
     differences = []

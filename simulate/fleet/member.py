@@ -1,7 +1,7 @@
 """One robot of a fleet as a process that clears one table after another.
 
-Started as ``python -m simulate.fleet.member JOB`` with the token in ``RTASK_TOKEN``. It says
-``ready`` before each table and begins it at ``go``; when its standard input closes it ends.
+Started as ``python -m simulate.fleet.member JOB`` with the token in ``RTASK_TOKEN``. It prints
+``ready`` before each table, begins it at ``go``, and ends when its standard input is closed.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class Member:
     Parameters
     ----------
     job
-        What it is to do.
+        Its task.
     client
         Its connection to the graph.
     tell
-        Called with the name of each event and what it is about.
+        Called with the name and the data of each event.
     assets
         Folder for the meshes of its objects.
     """
@@ -77,7 +77,7 @@ class Member:
         Parameters
         ----------
         wait
-            Called when the robot stands before the table.
+            Called when the robot is ready at the table.
         """
         body = self._body(number)
         try:
@@ -120,9 +120,9 @@ class Member:
         config = AgentConfig(max_attempts=job.max_attempts, seed=choice)
         agent = Agent(body, cast(Server, server), config, self.tell, on_sight)
         started = time.perf_counter()
-        met = agent.clear_table()
+        encounters = agent.clear_table()
         done = {"table": number, "seconds": time.perf_counter() - started}
-        scored = scorer.score(met, first_sight, in_reach)
+        scored = scorer.score(encounters, first_sight, in_reach)
         self.tell("table", {**done, "encounters": scored})
         return scored
 
@@ -133,7 +133,7 @@ class Member:
         self.tell("waiting", {"for": operation, "outbox": self.client.waiting})
 
     def _deliver(self) -> None:
-        """Deliver the outbox; what cannot be delivered in time stays for the next run."""
+        """Deliver the outbox; reports that cannot be delivered in time stay for the next run."""
         deadline = time.monotonic() + self.job.patience_s
         while self.client.waiting and time.monotonic() < deadline:
             try:

@@ -1,7 +1,7 @@
-"""A fleet from start to end: endpoints, robots at work side by side, results.
+"""A fleet from start to end: endpoints, robots working side by side, results.
 
-With sharing, all robots speak to one endpoint. Without, each has an endpoint with a store of its
-own, so that nothing of another's reaches it: neither grasps nor views nor counts.
+With sharing, all robots use one endpoint. Without, each has its own endpoint and store, so that no
+grasps, views or counts of another robot reach it.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ class FleetSettings:
     Parameters
     ----------
     folder
-        For stores, logs, outboxes and the report.
+        Folder for stores, logs, outboxes and the report.
     robots, objects, on_table
         See :func:`simulate.fleet.assignment.plan_fleet`.
     sharing
-        One endpoint for all; else one each.
+        Whether there is one endpoint for all robots, or one for each.
     prior
-        Grasps are proposed by geometry; else the robots try blindly what the graph does not know.
+        Whether grasps are proposed from geometry; otherwise unknown objects are grasped blindly.
     in_line
-        A robot turns to a table when the one before it has cleared its own table of that number,
-        so that each meets what the others have learned; all work at once nevertheless. Else all
-        begin at once.
+        Whether a robot starts a table only when the one before it has cleared its own table of the
+        same number, so that it benefits from what the others have learned. The robots still work
+        at the same time.
     patience_s
-        How long a robot waits for an answer before it gives up.
+        Time that a robot waits for an answer before it gives up.
     silence_s
-        How long a robot may say nothing before it is given up for lost and ended.
+        Time without any event after which a robot counts as lost and is terminated.
     kinds
-        Which robot each is, in turn: names of :data:`simulate.robots.ROBOTS`.
+        Kinds of the robots, in turn, from :data:`simulate.robots.ROBOTS`.
     """
 
     folder: Path
@@ -85,7 +85,7 @@ class Fleet:
     Parameters
     ----------
     settings
-        What to do.
+        Settings of the fleet.
     tell
         Called with a robot's name and each of its events; from several threads, one at a time.
     """
@@ -109,7 +109,7 @@ class Fleet:
         Returns
         -------
         ``settings``, and ``robots`` with ``name``, ``tables`` (encounters of each), ``lost`` (why
-        it ended early; empty = it did not) and ``undelivered``.
+                    it ended early; empty if it did not) and ``undelivered``.
         """
         folder = self.settings.folder
         self._prepare(folder)
@@ -138,7 +138,7 @@ class Fleet:
         return {"settings": settings, "plan": asdict(self.plan), "robots": done}
 
     def _prepare(self, folder: Path) -> None:
-        """Empty the folder, which must be new, empty or that of a former fleet."""
+        """Empty the folder, which must be new, empty or that of an earlier fleet."""
         if folder.exists() and any(folder.iterdir()) and not (folder / _MARK).exists():
             raise UsageError(
                 f"{folder} exists and is not a fleet's folder; name another with --data"
@@ -192,7 +192,7 @@ class Fleet:
                 elif event["event"] == "done":
                     result["undelivered"] = event["undelivered"]
         except RtaskError as error:
-            robot.stop()  # one that only fell silent must not go on behind our back
+            robot.stop()  # a robot that only fell silent must not continue unnoticed
             result["lost"] = str(error)
             result["undelivered"] = self._deliver_for(index)
             with self._turn:

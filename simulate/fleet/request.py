@@ -27,7 +27,7 @@ __all__ = ["Request", "carry_out"]
 _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(50, 55)
 _LESSON, _TASK = 0, 1
 WORDS = {"can": "can", "ball": "ball", "box": "box", "bottle": "bottle", "pen": "pen"}
-"""What a person calls the simulated products."""
+"""Names that a person gives to the simulated products."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Request:
     Parameters
     ----------
     wanted
-        In words: "something to drink from".
+        The request in words, such as "something to drink from".
     url, token
-        A server to ask; without one, a graph of this process, in ``data`` or in memory.
+        Server to use; without one, a graph in this process, in ``data`` or in memory.
     taught
-        A person has named the products to another robot before, each once.
+        Whether a person has named each product to another robot once.
     """
 
     wanted: str
@@ -59,7 +59,7 @@ class Request:
 def carry_out(request: Request) -> dict[str, Any]:
     """Let a robot carry out a request; return the outcome as JSON data.
 
-    ``took`` names the product that it really was, which the robot never learns.
+    ``took`` names the true product, which the robot never learns.
     """
     with ExitStack() as stack:
         assets = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtask-assets-")))

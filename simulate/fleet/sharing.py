@@ -1,9 +1,9 @@
 """The study of sharing: many small fleets with one graph, and with one graph per robot.
 
-A trial is a fleet whose robots work one after the other in this process: the first meets what
-nobody knows, the n-th what n - 1 robots have met, and half of it is new to it. Then all but the
-first, whose life is the same either way, do it again with a graph of their own. Nothing waits for a
-clock, so that a trial follows from its seed and number alone.
+A trial is a fleet whose robots work one after the other in this process: the first encounters only
+unknown objects; for the n-th, half of the objects are known to the n - 1 robots before it. Then all
+but the first, for which nothing would change, repeat the work with a graph of their own. Nothing
+depends on real time, so a trial is determined by its seed and number alone.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def sharing_study(
     Raises
     ------
     UsageError
-        Naming what does not fit.
+        If a number is out of range.
     """
     plan_fleet(robots, objects, on_table, seed)
     return Study(
@@ -95,7 +95,7 @@ def sharing_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int) -> dict[str, Any]:
-    """Let one robot clear all its tables."""
+    """Run one robot until all its tables are clear."""
     plan = plan_fleet(int(settings["robots"]), settings["objects"], settings["on_table"], seed)
     name = f"robot-{index + 1}"
     job = MemberJob(
@@ -114,15 +114,15 @@ def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int)
 def summarise_sharing(results: Sequence[Mapping[str, Any]], max_attempts: int) -> dict[str, Any]:
     """Return the figures of all fleets as JSON data.
 
-    Intervals are over products, each with all that met it: what is easy to hold is so for every
-    robot.
+    Intervals are over products, each with all its encounters, because an object that is easy to
+    hold is so for every robot.
     """
-    met = _meetings(results, max_attempts)
-    robots = sorted({robot for _, robot, _, _ in met})
+    meetings = _meetings(results, max_attempts)
+    robots = sorted({robot for _, robot, _, _ in meetings})
     rows = []
     for condition in _CONDITIONS:
         for robot in robots:
-            mine = {k: v for k, v in met.items() if k[:2] == (condition, robot)}
+            mine = {k: v for k, v in meetings.items() if k[:2] == (condition, robot)}
             common = {k: v for k, v in mine.items() if k[3][1]}
             own = {k: v for k, v in mine.items() if not k[3][1]}
             right, false = _identities(results, condition, robot)
@@ -141,16 +141,16 @@ def summarise_sharing(results: Sequence[Mapping[str, Any]], max_attempts: int) -
         "fleets": len(results),
         "robots": rows,
         "shared_less_not_shared": {
-            "common": _gain(met, common=True),
-            "own": _gain(met, common=False),
+            "common": _gain(meetings, common=True),
+            "own": _gain(meetings, common=False),
         },
         "last_less_first": {
-            condition: _last_less_first(met, condition, robots) for condition in _CONDITIONS
+            condition: _last_less_first(meetings, condition, robots) for condition in _CONDITIONS
         },
     }
 
 
-# Of a meeting: graph, number of the robot, number of the fleet, product and whether it is common.
+# Key of an encounter: graph, number of robot and fleet, product and whether it is common.
 _Key = tuple[str, int, int, tuple[str, bool]]
 _Values = Mapping[_Key, float]
 
@@ -203,13 +203,13 @@ def _over_products(values: _Values) -> dict[str, Any]:
     }
 
 
-def _gain(met: _Values, common: bool) -> dict[str, Any]:
-    """Return what sharing changes in attempts and first tries of all robots but the first."""
+def _gain(meetings: _Values, common: bool) -> dict[str, Any]:
+    """Return the effect of sharing on attempts and first tries of all robots but the first."""
     pairs = {
-        key: (value, met["not shared", *key[1:]])
-        for key, value in met.items()
+        key: (value, meetings["not shared", *key[1:]])
+        for key, value in meetings.items()
         if key[0] == "shared" and key[1] > 1 and key[3][1] is common
-        if ("not shared", *key[1:]) in met
+        if ("not shared", *key[1:]) in meetings
     }
     return {
         "attempts": _over_products({k: a - b for k, (a, b) in pairs.items()}),
@@ -217,14 +217,16 @@ def _gain(met: _Values, common: bool) -> dict[str, Any]:
     }
 
 
-def _last_less_first(met: _Values, condition: Condition, robots: Sequence[int]) -> dict[str, Any]:
+def _last_less_first(
+    meetings: _Values, condition: Condition, robots: Sequence[int]
+) -> dict[str, Any]:
     """Return the difference of the last robot's attempts from the first's on common products."""
     last = robots[-1] if robots else 0
     change: dict[_Key, float] = {
-        (condition, last, fleet, what): value - met[condition, 1, fleet, what]
-        for (graph, robot, fleet, what), value in met.items()
+        (condition, last, fleet, what): value - meetings[condition, 1, fleet, what]
+        for (graph, robot, fleet, what), value in meetings.items()
         if graph == condition and robot == last > 1 and what[1]
-        if (condition, 1, fleet, what) in met
+        if (condition, 1, fleet, what) in meetings
     }
     return _over_products(change)
 

@@ -1,9 +1,8 @@
 """Execution of a planned grasp in the physics world, phase by phase.
 
-Phases: pre-grasp, approach, close, lift, hold, transport, place. Whatever goes wrong with the
-grasp is a reason code, never an exception; only a world that has ceased to make sense is one.
-The robot judges by its own senses (:mod:`simulate.grasping.judgement`); where objects truly are is
-read nowhere here.
+Phases: pre-grasp, approach, close, lift, hold, transport, place. A grasp that fails gives a reason
+code, never an exception; only diverging physics raises one. The robot judges by its own senses
+(:mod:`simulate.grasping.judgement`); true poses of objects are not used here.
 """
 
 from __future__ import annotations
@@ -42,8 +41,8 @@ _SETTLE_S = 0.08
 _CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.6, 2.0, 1.0
 _TRACKING_RAD = 0.05
 _CONTACT_CHECK_S = 0.05
-# Shares of the opening: a finger that moves less than this when it closes is stuck, one that is
-# further than that from where it should be did not open.
+# Shares of the opening: a finger that moves less than this when it closes is stuck; one that is
+# further than that from its commanded position did not open.
 _MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
 _HIGHEST_M = 0.20
 _BESIDE_M = 0.05
@@ -51,7 +50,7 @@ _MARGIN_M = 0.005
 
 
 class Station(Protocol):
-    """The robot at its workplace, as an attempt needs it, e.g. the executor."""
+    """The robot at its workplace, as an attempt uses it, e.g. the executor."""
 
     world: World
     robot: RobotBody
@@ -72,15 +71,15 @@ class AttemptRun:
     station
         World, robot and the space of its arms.
     plan
-        What to carry out.
+        The plan to execute.
     on_phase
-        Called with the name of each phase when it ends.
+        Called with the name of each phase at its end.
 
     Notes
     -----
     :meth:`grasp` ends with the object in the hand, or with the arm at home. After a success one of
     :meth:`place_in_box`, :meth:`place_at` and :meth:`put_back` brings the arm home. :attr:`record`
-    is what came of it so far.
+    is the outcome so far.
     """
 
     def __init__(
@@ -92,7 +91,7 @@ class AttemptRun:
         self.reason = "not_judged"
         self.place_reason = ""
         self.error_m = float("nan")
-        """Distance of the tool from where it should be, at the grasp, later where it sets down."""
+        """Error of the tool position (m) at the grasp, and later at the place of release."""
         self._hand = self.robot.arm(plan.arm)
         self._place_offset = float("nan")
         self._on_phase = on_phase
@@ -116,8 +115,8 @@ class AttemptRun:
         Returns
         -------
         str
-            ``ok``; ``tracking`` when something kept the arm from it, ``hardware`` when the hand
-            does not open as planned: then the arm is at home.
+            ``ok``; ``tracking`` if something kept the arm off its path, ``hardware`` if the hand
+            did not open as planned: the arm is then at home.
         """
         self._start_at_home()
         self.robot.take_stance(self.plan.stance)
@@ -169,7 +168,7 @@ class AttemptRun:
         return self.reason
 
     def _judge_grasp(self) -> str:
-        """Judge by fingers and tool whether something is held; return the reason code."""
+        """Judge by fingers and tool whether an object is held; return the reason code."""
         openings = {phase: touch.opening for phase, touch in self._touch.items()}
         self.held = judge_held(openings, self._rise_m)
         if self.held.answer == "unknown":
@@ -277,7 +276,7 @@ class AttemptRun:
         Raises
         ------
         RobotError
-            Physics broke down: a joint is not a number, and nothing in this world makes sense now.
+            The physics diverged: a joint is not a number, and the world is no longer usable.
         """
         joints = self.robot.arm_joints(self.arm)
         if not np.isfinite(joints).all():
@@ -291,7 +290,7 @@ class AttemptRun:
         return joints
 
     def _follow(self, way: Trajectory, watch: bool = False) -> bool:
-        """Move the arm along way points; return whether it arrived (``watch``: kept hold)."""
+        """Move the arm along waypoints; return whether it arrived (``watch``: and kept hold)."""
         step = self._ticks * self.world.preset.step_s
         touching, since = True, 0.0
         time = 0.0
@@ -322,7 +321,7 @@ class AttemptRun:
 
     @property
     def _grips(self) -> bool:
-        """Whether the fingers are kept open by something."""
+        """Whether something keeps the fingers open."""
         return self.robot.finger_opening(self.arm) > CLOSED_ON_SOMETHING
 
     @property
@@ -332,13 +331,13 @@ class AttemptRun:
         return heights[-1] - heights[0] if heights else 0.0
 
     def _look_before(self) -> None:
-        """Look at the object and into the box while both are in view."""
+        """Take a view of the object and of the box while both are visible."""
         self._old_place = self._footprint_map()
         box = self.world.box_for(self._hand.side, self.plan.request.y)
         self._box_before = None if box is None else self._box_map(box)
 
     def _look_after(self) -> None:
-        """Look whether the object still stands where it was."""
+        """Check in a view whether the object is still at its original place."""
         if self._old_place is not None:
             self.old_place = judge_old_place(self._old_place, self._footprint_map())
 
@@ -348,7 +347,7 @@ class AttemptRun:
         return self._table_map(request.x, request.y, half)
 
     def _table_map(self, x: float, y: float, half: float = _BESIDE_M) -> HeightMap:
-        """Look at the square of side ``2 half`` (m) around (x, y) m on the table."""
+        """Return the height map of the square of side ``2 half`` (m) around (x, y) m."""
         floor = self.plan.request.table_height
         points = self._station.eyes.points("left" if y > 0 else "right")
         return HeightMap.of(
@@ -361,7 +360,7 @@ class AttemptRun:
         return HeightMap.of(points, box.x_range, box.y_range, box.floor, ceiling)
 
     def _end(self, phase: str) -> FingerTouch:
-        """End a phase: read the fingers, note the duration, call back."""
+        """End a phase: read the fingers, record the duration, call back."""
         self._times[phase] = self.world.time - self._phase_started
         self._phase_started = self.world.time
         touch = self.robot.finger_touch(self.arm)

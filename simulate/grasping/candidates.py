@@ -27,7 +27,7 @@ AT_OBJECT: Mapping[tuple[str, str], float] = {
     ("target", "finger"): 0.012,
     ("target", "palm"): 0.008,
 }
-"""Penetration (m) that is no collision around the grasp: fingers comply, the object gives way."""
+"""Penetration (m) allowed around the grasp: fingers are compliant, and the object gives way."""
 
 _TOUCHING: Mapping[tuple[str, str], float] = {
     **ALLOWED,
@@ -45,17 +45,17 @@ class Candidate:
     ----------
     posture : (dof,) float, rad
     opening
-        Of the hand, 0..1.
+        Opening of the hand, 0..1.
     height
-        Of the tool over the table, m.
+        Height of the tool over the table, m.
     tilt
-        Of the approach from the vertical, rad.
+        Angle of the approach to the vertical, rad.
     off
-        Angle between the closing axis and the wanted one, rad.
+        Angle between the closing axis and the requested one, rad.
     depth
-        How deep the open hand sits in the object or anything else, m.
+        Penetration of the open hand into the object or anything else, m.
     collides
-        Deeper than fingers give way.
+        Whether that is more than the fingers comply with.
     raised, direction, widened
         Number of the height, closing direction and opening tried; 0 = the rule's first choice.
     """
@@ -94,9 +94,9 @@ def find_candidates(
     arm
         Name.
     request
-        What to grasp.
+        The requested grasp.
     around
-        Everything in the way, the object itself as ``target``.
+        All obstacles, including the object itself as ``target``.
     seed
         Of the starts of inverse kinematics.
     """

@@ -1,4 +1,4 @@
-"""Planning and execution of grasps in a world."""
+"""Planning and execution of grasps in a world, and a robot at its table."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import Obstacle
 from simulate.motion.stance import UPRIGHT, standing
+from simulate.robots import RobotDescription, describe
 from simulate.robots.description import Floats
 from simulate.world.eyes import Eyes
 from simulate.world.robot_body import RobotBody
 from simulate.world.world import World
 
-__all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp"]
+__all__ = ["Executor", "GraspRecord", "GraspRequest", "PlannedGrasp", "Workcell"]
 
 _ANY_STANCE = frozenset({"too_heavy", "too_wide"})
 
@@ -31,7 +32,7 @@ class Executor:
     world, robot
         The world and the robot that stands in it.
     eyes
-        Of the robot; None = a perfect sensor in the standard light.
+        Cameras of the robot; None selects a perfect sensor in the standard light.
 
     Notes
     -----
@@ -60,15 +61,15 @@ class Executor:
         obstacles: Sequence[Obstacle | Floats] = (),
         seed: int = 0,
     ) -> PlannedGrasp | str:
-        """Plan a grasp in the robot's present stance, else in one of its others.
+        """Plan a grasp in the robot's present stance or, failing that, in another one.
 
         Parameters
         ----------
         request
-            What to grasp.
+            The requested grasp.
         obstacles
-            What else stands there: boxes, or point clouds (n, 3), m, base frame, of one object
-            each, which become upright prisms down to the table.
+            Other objects: boxes, or point clouds (n, 3), m, base frame, of one object each, which
+            become upright prisms down to the table.
         seed
             Of every random choice of the planner.
 
@@ -117,16 +118,16 @@ class Executor:
         *,
         place: bool = True,
     ) -> GraspRecord:
-        """Carry out a plan: grasp, lift, hold, put into the box of that side, go home.
+        """Execute a plan: grasp, lift, hold, place in the box on that side, go home.
 
         Parameters
         ----------
         plan
             From :meth:`plan`.
         on_phase
-            Called with the name of each phase when it ends.
+            Called with the name of each phase at its end.
         place
-            False puts the object back where it was instead.
+            If false, the object is put back at its original place instead.
         """
         run = self.begin(plan, on_phase)
         if run.grasp() == "ok":
@@ -147,3 +148,42 @@ class Executor:
         used = self._placed_before[side]
         self._placed_before[side] = used + 1
         return used
+
+
+class Workcell:
+    """A world with a table, a box on either side and a robot.
+
+    Parameters
+    ----------
+    robot
+        Name of a robot, or its description.
+    preset, gui
+        Of the :class:`~simulate.world.world.World`.
+
+    Examples
+    --------
+    >>> with Workcell("nao", preset="fast") as cell:
+    ...     sorted(cell.world.place_boxes)
+    ['left', 'right']
+    """
+
+    def __init__(
+        self, robot: str | RobotDescription, preset: str = "faithful", gui: bool = False
+    ) -> None:
+        self.description = describe(robot) if isinstance(robot, str) else robot
+        self.world = World(preset, gui, self.description.workplace)
+        self.world.add_table()
+        for side in ("left", "right"):
+            self.world.add_place_box(side)
+        self.robot = RobotBody(self.world, self.description)
+        self.executor = Executor(self.world, self.robot)
+
+    def __enter__(self) -> Workcell:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the physics."""
+        self.world.close()

@@ -1,7 +1,7 @@
 """A gripper without an arm, to judge grasps by physics alone.
 
-It comes along its approach, closes with a bounded force, lifts straight up and holds. Its boxes are
-those that planning checks for collisions; the object is any set of convex parts.
+It moves along its approach, closes with a bounded force, lifts straight up and holds. It consists
+of the boxes that planning checks for collisions; the object is any set of convex parts.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class Held:
     held
         Whether both fingers hold the object at the top of the lift.
     lifted_m
-        How much higher it is than before.
+        Rise of the object.
     turned_rad
-        How far it turned in the hand.
+        Rotation of the object in the hand.
     gap_m
-        Between the jaws at the end.
+        Gap between the jaws at the end.
     """
 
     held: bool
@@ -56,7 +56,7 @@ def spawn_parts(
     world: World, parts: Sequence[Path], mass: float, origin: Sequence[float] = (0.0, 0.0, 0.0),
     friction: Friction | None = None,
 ) -> int:  # fmt: skip
-    """Put an object made of convex mesh files into the world; return its body.
+    """Add an object made of convex mesh files to the world; return its body.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def spawn_parts(
 
 
 def settle(world: World, body: int) -> BodyPose:
-    """Let an object come to rest within 3 s; return its pose."""
+    """Simulate up to 3 s until an object is at rest; return its pose."""
     for _ in range(int(_SETTLE_S / 0.1)):
         world.step(0.1)
         linear, angular = world.client.getBaseVelocity(body)
@@ -225,7 +225,7 @@ def execute(
     world: World, body: int, gripper: ParallelGripper, world_from_gripper: Floats, opening: float,
     rest: BodyPose, friction: float = 1.0,
 ) -> Held:  # fmt: skip
-    """Grasp an object at its resting pose, lift it by 10 cm and tell whether it is held.
+    """Grasp an object at its resting pose, lift it by 10 cm and check whether it is held.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Rules of each kind of hand: heights, openings, closing directions and costs of a grasp.
 
-The planner asks these rules and knows nothing else of a hand. All go by measured size and never
-by the name of a kind.
+The planner knows nothing else about a hand. All rules depend on measured sizes, never on the name
+of a kind.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class DiagonalMouth:
         return request.largest_tilt
 
     def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
-        """Return the distance from the preferred tilt and the wanted closing direction."""
+        """Return the distance from the preferred tilt and the requested closing direction."""
         off = abs(tilt - request.preferred_tilt(height))
         return request.tilt_weight * off + request.yaw_weight * direction
 
@@ -99,7 +99,7 @@ class ParallelJaws:
         return (1.0, narrow) if narrow < 0.9 else (1.0,)
 
     def angles(self, request: GraspRequest) -> tuple[float | None, ...]:
-        """Return the wanted direction, and the perpendicular one where that fits too."""
+        """Return the requested direction, and the perpendicular one if it fits too."""
         if request.only_theta:
             return (request.theta,)
         if request.round:
@@ -117,7 +117,7 @@ class ParallelJaws:
         return 0.4
 
     def cost(self, request: GraspRequest, tilt: float, height: float, direction: int) -> float:
-        """Return the tilt and the turn."""
+        """Return the cost of the tilt and of the closing direction."""
         return tilt + 0.2 * direction
 
 

@@ -1,7 +1,7 @@
-"""What a robot concludes about its own grasp from its fingers, its arm and its camera.
+"""A robot's judgement of its own grasp from its fingers, its arm and its camera.
 
 Every judgement is ``yes``, ``no`` or ``unknown`` with its evidence, and uses only what a real robot
-measures as well: the opening of the hand, the height of the tool, and points seen by its cameras.
+can measure: the opening of the hand, the height of the tool, and points seen by its cameras.
 
 The thresholds were measured over whole-arm attempts of a NAO and a Panda with frictions of 0.05 to
 0.8 and masses of 1 to 8 times the usual: see docs/demo.md.
@@ -34,7 +34,7 @@ CLOSED_ON_SOMETHING = 0.08
 """Share of the opening range that a closed hand keeps around an object; the noise is 0.02."""
 MIN_RISE_M = 0.02
 _KEPT_SHARE = 0.75
-"""Of the opening after the lift, at the end of the hold; what slips lets the hand close further."""
+"""Share of the opening after the lift that must remain; a slipping object lets the hand close."""
 _CELL_M = 0.006
 _OCCUPIED_M = 0.008
 _MIN_NEW_CELLS = 8
@@ -45,7 +45,7 @@ _GONE_SHARE = 0.30
 
 @dataclass(frozen=True)
 class Judgement:
-    """An answer and the measurements that it rests on.
+    """An answer and the measurements on which it is based.
 
     Parameters
     ----------
@@ -134,12 +134,12 @@ class HeightMap:
 
     @property
     def is_seen(self) -> bool:
-        """Whether enough of the rectangle is in view to say what it holds."""
+        """Whether enough of the rectangle is in view to judge its contents."""
         return bool(np.isfinite(self.heights).mean() >= _MIN_SEEN_SHARE)
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
-        """Cells (nx, ny) in which something stands."""
+        """Occupied cells (nx, ny)."""
         return np.asarray(np.nan_to_num(self.heights, nan=0.0) > _OCCUPIED_M)
 
     def centre_of(self, cells: NDArray[np.bool_]) -> Floats:
@@ -155,14 +155,14 @@ def new_cells(before: HeightMap, after: HeightMap) -> NDArray[np.bool_]:
 
 
 def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
-    """Judge whether an object arrived where it was to be placed.
+    """Judge whether an object arrived at its destination.
 
     Parameters
     ----------
     kept
-        The hand still held something at the end of the transport.
+        Whether the hand still held something at the end of the transport.
     before, after
-        The place before the grasp and once the arm is home.
+        The place before the grasp, and after the arm has returned home.
     """
     if not (before.is_seen and after.is_seen):
         return Judgement("unknown", "the place is out of view")
@@ -172,7 +172,7 @@ def judge_placed(kept: bool, before: HeightMap, after: HeightMap) -> Judgement:
 
 
 def judge_old_place(before: HeightMap, after: HeightMap) -> Judgement:
-    """Judge whether the object still stands where it was; ``no`` = it is gone."""
+    """Judge whether the object is still at its original place; ``no`` means that it is gone."""
     old = before.occupied
     seen = old & np.isfinite(after.heights)
     if old.sum() < _MIN_OLD_CELLS or seen.sum() < old.sum() / 2:

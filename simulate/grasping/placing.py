@@ -1,4 +1,4 @@
-"""Planning of the transport of a held object and of setting it down."""
+"""Planning of the transport and the release of a held object."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PlaceSpot:
     Parameters
     ----------
     floor
-        Height of what it will stand on, m, base frame.
+        Height of the supporting surface, m, base frame.
     centres
         Places (x, y) m to try, best first.
     descents
@@ -65,8 +65,8 @@ class PlaceSpot:
     def in_box(cls, box: PlaceBox, used: int, size: float) -> PlaceSpot:
         """Return the places in a box into which ``used`` objects were put before.
 
-        Each next one goes to another spot; something large (``size`` m) goes to the middle,
-        whatever lies there, for it would not clear the walls.
+        Each object goes to another spot; a large one (``size`` m) goes to the middle, regardless of
+        what is there, because it would not clear the walls elsewhere.
         """
         first = 0 if size > _LARGE else used
         x, y = box.centre
@@ -76,9 +76,9 @@ class PlaceSpot:
 
 @dataclass(frozen=True, eq=False)
 class PlacePlan:
-    """Way points over the box, down into it, and home once the hand is open.
+    """Waypoints over the box, down into it, and home once the hand is open.
 
-    ``tool`` (3,) m, base frame, is where the tool shall be when it opens.
+    ``tool`` (3,) m, base frame, is the tool position at release.
     """
 
     transport: Trajectory
@@ -109,7 +109,7 @@ def plan_place(
     Returns
     -------
     PlacePlan or str
-        ``place_plan`` when there is no way.
+        ``place_plan`` if there is no path.
     """
     chain, request = space.chains[plan.arm], plan.request
     empty = space.spheres(plan.arm, plan.opening)

@@ -40,7 +40,7 @@ REASONS = (
     "rrt_goal",
     "rrt_time",
 )
-"""Why there is no plan; a later one means that the planner got further."""
+"""Reasons why there is no plan; a later one means that the planner got further."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class _Retreats:
 
     offsets: tuple[tuple[float, float, float], ...]
     touch: float
-    """How deep the fingers may run into the object on the way, m."""
+    """Penetration of the fingers into the object that is allowed during the approach, m."""
 
 
 # The mouth is open on three sides, but what comes from the side sweeps the object away when it
@@ -83,10 +83,10 @@ class GraspPlanner:
     Parameters
     ----------
     space
-        Where its arms can go.
+        Free space of its arms.
     stance
-        Name of it. One that is not the robot's own must leave all arms free at home, and the
-        robot on its feet, wherever the arm goes.
+        Name of the stance. One that is not the robot's own must leave all arms collision-free at
+        home, and the robot in balance, wherever the arm goes.
     """
 
     def __init__(self, space: ArmSpace, stance: str = UPRIGHT) -> None:
@@ -242,7 +242,7 @@ class GraspPlanner:
     def _lift(
         self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
     ) -> Floats | None:
-        """Return the line (k, dof) up; where the arm is too folded for that, up and away."""
+        """Return the line (k, dof) up or, if the arm is too folded for that, up and away."""
         slack = spheres.slack(around, _LIFTING)
         _, positions = chain.link_frames(posture[None])
         _, tool = chain.tool_poses(posture[None])

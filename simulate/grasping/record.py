@@ -11,7 +11,7 @@ from simulate.grasping.rules import PlannedGrasp
 __all__ = ["PHASES", "UNREACHABLE", "GraspRecord", "is_counted", "phase_of"]
 
 UNREACHABLE = "unreachable"
-"""Outcome of a grasp that the arm cannot get to; says nothing about the grasp."""
+"""Outcomes of grasps that the arm cannot reach, which say nothing about the grasp."""
 
 _PLANNING = (
     "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
@@ -39,19 +39,19 @@ class GraspRecord:
     grasp
         The plan that was carried out.
     reason
-        ``ok`` exactly when the object was judged to be held, else the code of the phase that
+        ``ok`` exactly if the object was judged to be held, otherwise the code of the phase that
         failed.
     judged_held, judged_placed
         The robot's own judgements: lifted and kept for 2 s; arrived where it was to go.
     old_place
-        Whether the object still stands where it was; ``no`` although it was not placed means that
-        it fell over or rolled away.
+        Whether the object is still at its original place; ``no`` without having been placed means
+        that it fell over or rolled away.
     place_reason
         ``ok``, ``slip_transport``, ``place_plan``, ``drop_outside`` or ``not_judged``; empty when
         nothing was placed.
     links_touching, contact_force_n, jaw_gap_m
-        Finger links stopped by something and the force from their motors' effort, at the last
-        moment at which the hand should have had the object before transport; gap of the jaws after
+        Finger links stopped by something and the force from their motors' effort, both at the last
+        phase before transport in which the hand should hold the object; gap of the jaws after
         closing.
     links, forces
         The same by phase.
@@ -62,7 +62,7 @@ class GraspRecord:
     place_offset_m
         From the middle of the place to what arrived there, m; nan when not placed.
     duration_s, times
-        Simulated seconds, in all and by phase.
+        Simulated seconds, in total and by phase.
     """
 
     grasp: PlannedGrasp
@@ -124,9 +124,9 @@ def phase_of(reason: str) -> str:
 
 
 def is_counted(reason: str) -> bool:
-    """Tell whether an outcome is evidence about the grasp.
+    """Return whether an outcome is evidence about the grasp.
 
-    Not when the arm could not get there or missed its path, its hand failed, or physics broke down.
+    It is not if the arm could not get there or left its path, the hand failed, or physics diverged.
 
     >>> is_counted("missed"), is_counted("not_judged")
     (True, False)

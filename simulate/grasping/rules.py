@@ -1,8 +1,8 @@
 """Grasp requests, planned grasps, and the rules of a hand with a diagonal mouth.
 
 A request comes from perception: where to grasp, along which direction to close, and how large the
-object is. The rules here turn it into what the planner tries, by measured size and never by the
-name of a kind.
+object is. The rules here derive from it what the planner tries, depending on measured sizes, never
+on the name of a kind.
 """
 
 from __future__ import annotations
@@ -55,15 +55,15 @@ class GraspRequest:
         ``left``, ``right`` (with or without ``_arm``) or ``auto``: the arm on that side of the
         table, the other one when it cannot.
     round
-        The footprint is a circle: any closing direction will do.
+        Whether the footprint is a circle, so that any closing direction is suitable.
     mass
-        kg, where known.
+        kg, if known.
     position_tolerance
-        Of the tool at the grasp, m.
+        Tolerance of the tool at the grasp, m.
     only_theta
-        Close along theta and no other direction, even where another would do.
+        Close along theta and no other direction, even if another would do.
     stances
-        ``own``: as the robot stands; ``other``: in another stance; ``any``: that where it must.
+        ``own``: the present stance; ``other``: another stance; ``any``: another one if necessary.
     """
 
     x: float
@@ -89,7 +89,7 @@ class GraspRequest:
 
     @property
     def lies_thin(self) -> bool:
-        """Whether it is a thin long thing lying on the table, like a pen."""
+        """Whether it is a thin, long object lying on the table, like a pen."""
         thin = self.height < _THIN and self.width < _THIN + 0.004
         return thin and self.length >= max(_LONG, 2.2 * self.width)
 
@@ -122,29 +122,29 @@ class PlannedGrasp:
     Parameters
     ----------
     request
-        What was asked.
+        The request.
     arm
         ``left_arm`` or ``right_arm``.
     opening
-        Of the hand before closing, 0..1.
+        Opening of the hand before closing, 0..1.
     closing_angle, tilt
-        rad; what the arm makes of theta, and the angle of its approach from the vertical.
+        Closing direction that the arm achieves, and the angle of its approach to the vertical, rad.
     tool_height
         m over the table.
     posture : (dof,) float, rad
         At the grasp.
     free, approach, lift
-        Way points from home to the pre-grasp, on to the grasp, and up.
+        Waypoints from home to the pre-grasp, on to the grasp, and up.
     obstacles
-        What the planner stayed clear of, without the object itself.
+        Obstacles that the planner avoided, without the object itself.
     ik_solutions
-        Postures found for it.
+        Number of postures found for it.
     planning_s
         CPU seconds.
     seed
-        Of the planner; carried into transport.
+        Seed of the planner, also used for transport.
     stance
-        That the robot takes for it; empty = as it stands.
+        Stance that the robot takes for it; empty if it keeps its own.
     """
 
     request: GraspRequest
@@ -176,8 +176,8 @@ class PlannedGrasp:
 def grasp_heights(request: GraspRequest) -> Iterator[float]:
     """Yield heights (m over the table) for the tool centre point, best first.
 
-    A wanted height is followed within what the hand can do with an object of that size; for
-    something thin the table decides. Measured with pens and the hand fully open: 14 of 16 held at
+    A requested height is used within what the hand can do with an object of that size; for thin
+    objects the table decides. Measured with pens and the hand fully open: 14 of 16 held at
     16 mm with a steep approach, 13 of 16 at 7 to 13 mm with a flatter one, 2 of 11 else.
     """
     if request.lies_thin:

@@ -19,7 +19,7 @@ SPEED = {"free": 0.30, "approach": 0.12, "lift": 0.12, "transport": 0.10, "retur
 """Share of the joints' velocity limits, by phase."""
 
 ALLOWED: Mapping[tuple[str, str], float] = {("trunk", "upper"): np.inf}
-"""Penetration (m) by obstacle and group of spheres that is none: the shoulder sits in the trunk."""
+"""Allowed penetration (m) by obstacle and sphere group: the shoulder sits in the trunk."""
 
 _MARGIN = 0.004
 _TABLE_THICK = 0.10
@@ -33,9 +33,9 @@ class ArmSpace:
     Parameters
     ----------
     robot
-        Its description; nothing here has other access to it.
+        Its description.
     furniture
-        What stands around for good (walls of the boxes), base frame.
+        Static obstacles (walls of the boxes), base frame.
     """
 
     def __init__(
@@ -97,14 +97,14 @@ class ArmSpace:
         Parameters
         ----------
         arm, spheres, around
-            What moves among what.
+            The arm, its collision model and the obstacles.
         start, goal : (dof,) float, rad
         seed
             Of the samples.
         speed, acceleration
             Share of the velocity limits; rad/s^2.
         tolerance
-            Collision (m) that the start may have: something held hangs where it hangs.
+            Penetration (m) allowed at the start, because the pose of a held object is given.
         allowed
             Penetration (m) by obstacle name and sphere group.
         """

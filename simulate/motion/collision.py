@@ -2,8 +2,8 @@
 
 The arm is covered by spheres, everything else is a box with rounded edges (a sphere and a capsule
 are such boxes too), so that the signed distance of many postures to the whole surrounding is a
-handful of array operations. Nothing here asks a simulator: obstacles are what the robot perceived
-and what it knows about its own body.
+handful of array operations. No simulator is involved: obstacles are what the robot perceived and
+what it knows about its own body.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Obstacle:
             Of the obstacle.
         points : (n, 3) float, m, base frame
         floor
-            Height (m) down to which the thing reaches, unseen: the table.
+            Height (m) down to which the object extends unseen: that of the table.
         margin
             m, added on every side.
         """
@@ -104,9 +104,9 @@ class Obstacle:
     def upright(
         cls, name: str, x: float, y: float, floor: float, size: Sequence[float]
     ) -> Obstacle:
-        """Return an upright round thing of (diameter, height) m standing at (x, y) on a floor.
+        """Return an upright round obstacle of (diameter, height) m at (x, y) on a floor.
 
-        One as high as it is wide is a ball, anything else a cylinder.
+        If it is as high as it is wide it is a ball, otherwise a cylinder.
         """
         diameter, height = size
         centre = np.array([x, y, floor + height / 2])

@@ -1,7 +1,8 @@
 """Forward kinematics, Jacobian and inverse kinematics of a serial chain, in batches.
 
 Everything is plain numpy over a leading batch dimension: a hundred postures cost little more than
-one. Angles in rad, lengths in m; frames are the base frame of the robot unless a name says else.
+one. Angles are in rad, lengths in m; frames are the robot's base frame unless a name says
+otherwise.
 """
 
 from __future__ import annotations
@@ -171,12 +172,12 @@ class Goal:
     ----------
     position : (3,) float, m
     closing : (3,) float or None
-        Wanted closing direction; either sign is the same grasp. None only asks for a horizontal
-        closing axis, which frees one degree for round objects.
+        Desired closing direction; either sign is the same grasp. None only requires a horizontal
+        closing axis, which leaves one degree of freedom for round objects.
     approach : (3,) float or None
-        Wanted approach direction.
+        Desired approach direction.
     approach_must
-        Whether the approach must be met; else it is followed as far as the arm can.
+        Whether the approach direction is required; otherwise it is followed as far as possible.
     """
 
     position: Floats
@@ -222,18 +223,18 @@ def solve_ik(
     chain
         The arm.
     goal
-        What to reach.
+        The goal of the tool.
     rng
         Source of the random starts.
     options
         Tolerances and numbers of the iteration.
     warm : (w, dof) float or None
-        Further starts; with ``options.starts`` = 0 the only ones.
+        Additional initial postures; with ``options.starts`` = 0 the only ones.
 
     Returns
     -------
     (k, dof) float, rad
-        Best first; k = 0 when nothing reaches.
+        Best first; k = 0 if the goal cannot be reached.
     """
     options = options or IkOptions()
     lower, upper = chain.lower + options.limit_margin, chain.upper - options.limit_margin
@@ -320,8 +321,8 @@ def follow_line(
 ) -> Floats | None:
     """Return postures (points + 1, dof) that carry the tool along a straight line.
 
-    The hand keeps its orientation as well as the arm can; the line is given up when the tool leaves
-    it by more than ``tolerance`` m or a joint jumps by more than ``largest_jump`` rad.
+    The hand keeps its orientation as well as the arm can. None is returned if the tool leaves the
+    line by more than ``tolerance`` m or a joint jumps by more than ``largest_jump`` rad.
 
     Parameters
     ----------
@@ -333,7 +334,7 @@ def follow_line(
     points, tolerance, largest_jump
         Resolution and limits.
     level
-        Let the hand turn about the vertical as long as the closing axis stays level.
+        Allow the hand to rotate about the vertical, with the closing axis kept level.
     """
     rotation, position = chain.tool_poses(start[None])
     closing, approach = rotation[0, :, 0], rotation[0, :, 2]

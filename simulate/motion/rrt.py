@@ -1,7 +1,7 @@
-"""Collision-free paths in joint space: RRT-Connect and short-cuts.
+"""Collision-free paths in joint space: RRT-Connect with shortcutting.
 
-Kuffner and LaValle 2000 with a seeded generator and a limit on iterations instead of seconds, so
-that the same question always has the same answer.
+Kuffner and LaValle 2000, with a seeded generator and a limit on iterations instead of seconds, so
+that the same request always has the same result.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class PlanOptions:
 
 
 def edge_is_free(a: Floats, b: Floats, is_free: IsFree, resolution: float) -> bool:
-    """Tell whether the straight edge between two postures (dof,) is free, ends included."""
+    """Return whether the straight edge between two postures (dof,) is free, ends included."""
     count = max(int(np.ceil(np.max(np.abs(b - a)) / resolution)), 1)
     fractions = np.linspace(0, 1, count + 1)[:, None]
     return bool(is_free(a + fractions * (b - a)).all())

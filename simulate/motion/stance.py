@@ -1,7 +1,7 @@
 """Stances of a robot: other postures of its torso, and its balance in them.
 
-A stance turns the torso over the feet and leaves the base frame where it is, so that plans in two
-stances speak of the same places.
+A stance tilts the torso over the feet and leaves the base frame unchanged, so that plans in
+different stances use the same coordinates.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def centre_of_mass(robot: RobotDescription, values: Mapping[str, float]) -> Floa
     Parameters
     ----------
     robot
-        In the stance it takes.
+        The robot in its stance.
     values
         Joint values, rad; 0 where absent.
     """
@@ -83,14 +83,14 @@ def balance_margin(
 ) -> float:
     """Return the distance (m) of the centre of mass inside the support polygon; negative = outside.
 
-    Static: the robot moves slowly enough. Infinite for a robot that is bolted down.
+    Static balance, since the robot moves slowly. Infinite for a robot that is bolted down.
 
     Parameters
     ----------
     robot, values
         As of :func:`centre_of_mass`.
     load_kg, load_at
-        What it holds: kg, and where, (3,) m, base frame.
+        Mass (kg) and position, (3,) m, base frame, of the held object.
     """
     if not robot.support:
         return float("inf")

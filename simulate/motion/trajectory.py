@@ -1,9 +1,9 @@
 """Time parametrisation of paths in joint space.
 
-A way point is (p, v, a, t): position, velocity, acceleration and time (Gatto 2016, 4.2). The path
+A waypoint is (p, v, a, t): position, velocity, acceleration and time (Gatto 2016, 4.2). The path
 is a C2 cubic spline through the corners; its speed is the highest that the limits of velocity and
 acceleration allow, found by a forward and a backward pass over the path (Bobrow 1985), a little
-below the optimum because the two shares of the acceleration are bounded apart.
+below the optimum because the two components of the acceleration are bounded separately.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _GRID = 120
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Way points.
+    """Waypoints.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last way point."""
+        """Seconds from the first to the last waypoint."""
         return float(self.times[-1])
 
     def at(self, time: float) -> tuple[Floats, Floats]:
-        """Return position and velocity (dof,) at a time in s; the ends hold outside."""
+        """Return position and velocity (dof,) at a time in s, clamped to the ends."""
         if time >= self.duration:
             return self.positions[-1], np.zeros_like(self.velocities[-1])
         index = int(np.searchsorted(self.times, time, side="right")) - 1
@@ -83,8 +83,8 @@ def time_path(
     acceleration
         rad/s^2, of every joint.
     is_free
-        Checks the spline, which leaves the straight edges a little; where it hits something the
-        path is driven edge by edge with a stop at each corner. None = trust the spline.
+        Checks the spline, which deviates slightly from the straight edges; if it collides, the path
+        is followed edge by edge with a stop at each corner. None skips the check.
     """
     corners = np.atleast_2d(np.asarray(corners, dtype=np.float64))
     if corners.ndim != 2 or velocity.shape != corners.shape[1:]:

@@ -52,7 +52,7 @@ def read_urdf(path: Path) -> ReadRobot:
     except ET.ParseError as error:
         raise RobotError(f"{path}: not XML: {error}") from error
     if tree.tag != "robot":
-        raise RobotError(f"{path}: <robot> is wanted, found <{tree.tag}>")
+        raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")
     joints = tuple(_joint(path, element) for element in tree.findall("joint"))
     moved = {joint.child for joint in joints if joint.kind != "fixed"}
     links = tuple(_link(path, element, moved) for element in tree.findall("link"))
@@ -63,7 +63,7 @@ def read_urdf(path: Path) -> ReadRobot:
                 raise RobotError(f"{path}: joint {joint.name!r} names no link: {end!r}")
     roots = sorted(names - {joint.child for joint in joints})
     if len(roots) != 1:
-        raise RobotError(f"{path}: one root link is wanted, found {', '.join(roots) or 'none'}")
+        raise RobotError(f"{path}: expected one root link, found {', '.join(roots) or 'none'}")
     return ReadRobot(tree.get("name", path.stem), roots[0], links, joints)
 
 
@@ -93,13 +93,13 @@ def _inertial(path: Path, name: str, element: ET.Element, moves: bool) -> Inerti
     found = element.find("inertial")
     if found is None:
         if moves:
-            raise RobotError(f"{where} moves and has no <inertial>: mass and inertia are wanted")
+            raise RobotError(f"{where} moves and has no <inertial>: expected mass and inertia")
         return Inertial(0.0, _ZERO, _ZERO)
     mass_of, tensor = found.find("mass"), found.find("inertia")
     mass = float(mass_of.get("value", "0")) if mass_of is not None else 0.0
     if mass <= 0.0:
         if moves:
-            raise RobotError(f"{where} moves and weighs {mass:g} kg: a mass above 0 is wanted")
+            raise RobotError(f"{where} moves and weighs {mass:g} kg: expected a mass above 0")
         return Inertial(0.0, _ZERO, _ZERO)
     if tensor is None:
         raise RobotError(f"{where} has a mass and no <inertia>")
@@ -146,9 +146,7 @@ def _shape(path: Path, name: str, element: ET.Element) -> Shape:
 def _joint(path: Path, element: ET.Element) -> Joint:
     name, kind = element.get("name", ""), element.get("type", "")
     if kind not in _KINDS:
-        raise RobotError(
-            f"{path}: joint {name!r} is {kind!r}; one of {', '.join(_KINDS)} is wanted"
-        )
+        raise RobotError(f"{path}: joint {name!r} is {kind!r}; expected one of {', '.join(_KINDS)}")
     parent, child = element.find("parent"), element.find("child")
     if parent is None or child is None:
         raise RobotError(f"{path}: joint {name!r} has no parent or no child")

@@ -9,12 +9,9 @@ from typing import Any, TextIO
 
 import click
 
-from rtask.cli.options import option
+from simulate import options
 
 __all__ = ["grasping", "judging", "learn", "print_table", "table4", "table5"]
-
-_FOLDER = click.Path(path_type=Path, file_okay=False)
-_PRESETS = click.Choice(["faithful", "fast"])
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -25,27 +22,11 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 
 
 @click.command()
-@click.option("-n", "--trials", default=100, show_default=True, help="Objects, kinds in turn.")
-@click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
-@option(
-    "--workers",
-    former=["--processes"],
-    default=2,
-    show_default=True,
-    help="Processes; changes only the time.",
-)
-@click.option("--attempts", default=3, show_default=True, help="Attempts at one object.")
-@click.option("--robot", default="nao", show_default=True, help="Which robot.")
-@click.option(
-    "--preset",
-    default="faithful",
-    show_default=True,
-    type=_PRESETS,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
-)
-@click.option("--out", default="rtask-grasping", show_default=True, type=_FOLDER)
-@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@options.trials(100, "Number of objects; kinds alternate.")
+@options.seed("every trial")
+@click.option("--attempts", default=3, show_default=True, help="Attempts per object.")
+@options.robot
+@options.runs_trials("rtask-grasping")
 def grasping(
     trials: int,
     seed: int,
@@ -78,16 +59,9 @@ def grasping(
 
 
 @click.command()
-@click.option("-n", "--trials", default=150, show_default=True, help="Attempts, kinds in turn.")
-@click.option("--seed", default=0, show_default=True, help="Fixes every trial.")
-@option(
-    "--workers",
-    former=["--processes"],
-    default=2,
-    show_default=True,
-    help="Processes; changes only the time.",
-)
-@click.option("--robot", default="nao", show_default=True, help="Which robot.")
+@options.trials(150, "Number of attempts; kinds alternate.")
+@options.seed("every trial")
+@options.robot
 @click.option(
     "--difficult",
     default=0.5,
@@ -95,16 +69,7 @@ def grasping(
     type=click.FloatRange(0, 1),
     help="Share of attempts with slippery or heavy objects and inexact grasps.",
 )
-@click.option(
-    "--preset",
-    default="faithful",
-    show_default=True,
-    type=_PRESETS,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
-)
-@click.option("--out", default="rtask-judging", show_default=True, type=_FOLDER)
-@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@options.runs_trials("rtask-judging")
 def judging(
     trials: int,
     seed: int,
@@ -116,10 +81,9 @@ def judging(
     resume: bool,
     as_json: bool,
 ) -> None:
-    """Measure how often a robot's own judgement of its grasps agrees with the truth.
+    """Measure how often a robot's own judgement of its grasps agrees with ground truth.
 
-    In difficult attempts frictions, masses and errors of the grasp are drawn widely, so that many
-    of them fail.
+    In difficult attempts, friction, mass and grasp errors vary widely, so that many of them fail.
     """
     from simulate.study.judging import (
         COLUMNS,
@@ -134,32 +98,20 @@ def judging(
     if as_json:
         click.echo(json.dumps(summary))
         return
-    print_table("Own judgement against the truth", COLUMNS, judging_rows(robot, summary))
+    print_table("Own judgement against ground truth", COLUMNS, judging_rows(robot, summary))
     click.echo(f"attempts that held nothing: {summary['not_held']['hits']}")
     click.echo(f"report  {out / 'report.json'}")
 
 
 @click.command()
-@click.option("--objects", default=100, show_default=True, help="Objects, kinds in turn.")
-@click.option("--seed", default=0, show_default=True, help="Fixes every object and choice.")
-@option(
-    "--workers",
-    former=["--processes"],
-    default=2,
-    show_default=True,
-    help="Processes; changes only the time.",
-)
-@click.option("--orders", default=20, show_default=True, help="Orders in which learners meet them.")
 @click.option(
-    "--preset",
-    default="faithful",
-    show_default=True,
-    type=_PRESETS,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
+    "--objects", default=100, show_default=True, help="Number of objects; kinds alternate."
 )
-@click.option("--out", default="rtask-learning", show_default=True, type=_FOLDER)
-@click.option("--resume", is_flag=True, help="Go on with what is in the folder.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@options.seed("every object and choice")
+@click.option(
+    "--orders", default=20, show_default=True, help="Number of orders in which learners see them."
+)
+@options.runs_trials("rtask-learning")
 def learn(
     objects: int,
     seed: int,
@@ -185,20 +137,20 @@ def learn(
         click.echo(json.dumps(summary))
         return
     print_table("Attempts to first success", COLUMNS, learning_rows(summary))
-    click.echo(f"grasps that hold, whoever chooses: {json.dumps(summary['grasps'])}")
+    click.echo(f"grasps that hold, over all choices: {json.dumps(summary['grasps'])}")
     click.echo(f"report and charts  {out}")
 
 
 @click.command()
-@click.option("--objects", default=111, show_default=True, help="In the store.")
-@click.option("--seed", default=0, show_default=True, help="Fixes products and looks.")
-@click.option("--repeats", default=10, show_default=True, help="Of each question.")
-@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
+@click.option("--objects", default=111, show_default=True, help="Objects in the store.")
+@options.seed("products and views")
+@click.option("--repeats", default=10, show_default=True, help="Repetitions of each query.")
+@options.json_flag("times")
 def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
-    """Time the retrieval of objects, beside Table 4 of Gatto 2016.
+    """Time the retrieval of objects, as in Table 4 of Gatto 2016.
 
-    A server holds a look at each of 111 products, as many as the thesis's data set; four are asked
-    for by websocket from new looks.
+    A server holds a view of each of 111 products, as many as the thesis's data set; four are then
+    queried over the websocket with new views.
     """
     import os
     import tempfile
@@ -225,32 +177,26 @@ def table4(objects: int, seed: int, repeats: int, as_json: bool) -> None:
                     rows = retrieval_times(client, fill(client, objects, seed), seed, repeats)
             finally:
                 endpoint.stop()
-        _say_times(rows, as_json, out)
+        _print_times(rows, as_json, out)
 
 
 @click.command()
-@click.option("--repeats", default=3, show_default=True, help="Held grasps of each kind.")
-@click.option("--seed", default=0, show_default=True, help="Fixes products and places.")
-@click.option(
-    "--preset",
-    default="faithful",
-    show_default=True,
-    type=_PRESETS,
-    help="Physics and camera: as close to the real robot as possible, or fast.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the times as JSON.")
+@click.option("--repeats", default=3, show_default=True, help="Successful grasps per kind.")
+@options.seed("products and places")
+@options.preset
+@options.json_flag("times")
 def table5(repeats: int, seed: int, preset: str, as_json: bool) -> None:
-    """Time grasps from (X, Y, theta), beside Table 5 of Gatto 2016."""
+    """Time grasps from (X, Y, theta), as in Table 5 of Gatto 2016."""
     import os
 
     with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
         os.dup2(2, 1)  # Bullet and Mesa write there
         from simulate.study.tables import grasp_times
 
-        _say_times(grasp_times(repeats, seed, preset), as_json, out)
+        _print_times(grasp_times(repeats, seed, preset), as_json, out)
 
 
-def _say_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:
+def _print_times(rows: Sequence[Mapping[str, Any]], as_json: bool, out: TextIO) -> None:
     if as_json:
         click.echo(json.dumps(list(rows)), out)
         return

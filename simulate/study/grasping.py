@@ -50,7 +50,7 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets:
         body = SimulatedBody([placement], Path(assets), conditions)
         try:
-            met, attempts, errors, in_reach = _clear(body, settings, seed, number)
+            encounters, attempts, errors, in_reach = _clear(body, settings, seed, number)
         finally:
             body.close()
     result = {
@@ -62,7 +62,7 @@ def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "yaw": round(placement.yaw, 4),
         "in_reach": in_reach,
         "perceived": errors,
-        **_summary(attempts, met),
+        **_summary(attempts, encounters),
     }
     outcome = "held" if result["held"] else result["reason"]
     return {**result, "says": f"{spec.name}: {outcome}"}
@@ -99,17 +99,17 @@ def _clear(
     with rtask.open(":memory:", reason=False) as kb, rtask.connect(kb, agent="robot") as client:
         client.call("register_robot", **body.robot.describe("robot"))
         agent = Agent(body, cast(Server, client), config, on_sight=on_sight)
-        met = [e for e in agent.clear_table() if e.number in ours]
-    return met, _attempts(met, scorer), errors, in_reach
+        encounters = [e for e in agent.clear_table() if e.number in ours]
+    return encounters, _attempts(encounters, scorer), errors, in_reach
 
 
-def _summary(attempts: list[dict[str, Any]], met: list[Encounter]) -> dict[str, Any]:
+def _summary(attempts: list[dict[str, Any]], encounters: list[Encounter]) -> dict[str, Any]:
     """Return the true outcome for one object, which may have been lost and found again."""
     physical = [attempt for attempt in attempts if attempt["physical"]]
     held = [attempt["held"] for attempt in physical]
     reason = "ok"
     if not any(held):
-        reason = str(attempts[-1]["reason"]) if attempts else "gone" if met else "not_seen"
+        reason = str(attempts[-1]["reason"]) if attempts else "gone" if encounters else "not_seen"
     return {
         "attempts": attempts,
         "tries": len(physical),
@@ -122,10 +122,10 @@ def _summary(attempts: list[dict[str, Any]], met: list[Encounter]) -> dict[str, 
     }
 
 
-def _attempts(met: list[Encounter], scorer: Scorer) -> list[dict[str, Any]]:
+def _attempts(encounters: list[Encounter], scorer: Scorer) -> list[dict[str, Any]]:
     """Return the attempts with their true outcomes."""
     rows = []
-    for attempt in (a for encounter in met for a in encounter.attempts):
+    for attempt in (a for encounter in encounters for a in encounter.attempts):
         truth = scorer.truth_of(attempt)
         rows.append(
             {

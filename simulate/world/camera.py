@@ -1,7 +1,8 @@
 """The robot's RGB-D camera, rendered from its physics world (Gatto 2016, 1.5.1).
 
-A near-range sensor of our own: 640 x 480, 1.2 rad wide, from 5 cm. No sensor on the market sees
-depth that near; the thesis's own cut-off of 0.4 m would remove the whole table of a small robot.
+A hypothetical near-range sensor: 640 x 480, field of view 1.2 rad, from 5 cm. No sensor on the
+market measures depth that near; the thesis's own cut-off of 0.4 m would remove the whole table of a
+small robot.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ class Camera:
     Raises
     ------
     RobotError
-        When ``egl`` is asked for and does not load.
+        If ``egl`` is requested and does not load.
     """
 
     def __init__(
@@ -147,7 +148,7 @@ class Camera:
         side
             ``left`` or ``right``: the half of the table to look at.
         eye, target : (x, y, z), m
-            From where, and what, for the right half; mirrored for the left.
+            Viewpoint and point to look at, for the right half; mirrored for the left.
         """
         mirror = np.array([1.0, -1.0 if side == "left" else 1.0, 1.0])
         pose = look_at(np.array(eye) * mirror, np.array(target) * mirror)

@@ -1,4 +1,4 @@
-"""The eyes of a robot: noisy RGB-D frames of its cameras, and points in its base frame."""
+"""Cameras of a robot: noisy RGB-D frames, and points in its base frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _View = tuple[Frame, Floats, NDArray[np.int32]]
 class Eyes:
     """Takes frames with the cameras of a robot.
 
-    A frame is kept until the physics goes on, so that looking twice at the same scene costs one
+    A frame is cached until the simulation advances, so that two views of the same scene cost one
     frame.
 
     Parameters
@@ -27,9 +27,9 @@ class Eyes:
     robot
         The robot that carries the cameras.
     lighting
-        None = the standard light.
+        None selects the standard light.
     noise
-        Of the sensor; None = a perfect sensor.
+        Noise of the sensor; None for a perfect sensor.
     noise_seed
         Entropy of the noise.
     """

@@ -26,7 +26,7 @@ class SensorNoise:
     Parameters
     ----------
     lateral_px
-        Standard deviation of where a depth was really measured, px.
+        Standard deviation of the image position at which a depth was measured, px.
     axial_base_m, axial_square
         Standard deviation ``base + square * (z - 0.4)^2`` of depth, m.
     disparity_px, baseline_m

@@ -1,8 +1,8 @@
-"""Products on the simulated table: sizes, masses, collision shapes, looks.
+"""Products on the simulated table: sizes, masses, collision shapes, appearance.
 
-A product is a kind, a size, a mass and a printed look, all derived from its name: ``can-17`` is
-the same thing on every robot's table. The *body frame* has its origin in the centre of mass and z
-up when the object stands (a pen: lies along x) as it is first put down.
+A product is a kind, a size, a mass and a printed surface, all derived from its name: ``can-17`` is
+the same on every robot's table. The *body frame* has its origin in the centre of mass, with z up in
+the initial pose (a pen lies along x).
 """
 
 from __future__ import annotations

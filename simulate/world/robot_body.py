@@ -33,7 +33,7 @@ _ARM_GAINS = (0.5, 1.0)
 _FINGER_GAINS = (0.3, 1.0)
 _HEAD_FORCE = 2.0
 _LEG_FORCE = 100.0
-"""N m: the feet stand on nothing in this world, so the hips only have to keep the legs in place."""
+"""N m: the feet bear no load in this world, so the hips only have to keep the legs in place."""
 _STANCE_TICK_S = 0.02
 REST_OPENING = 0.95
 """Of an idle hand: eight fingers that lean on their limits cost a quarter of the physics."""
@@ -79,11 +79,11 @@ class RobotBody:
     Parameters
     ----------
     world
-        Where it stands.
+        The physics world.
     description
-        What it is.
+        Description of the robot.
     world_from_base : (4, 4) float or None
-        Where its base frame (on the floor, z up) is; None = at the world's origin.
+        Pose of its base frame (on the floor, z up); None places it at the world's origin.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class RobotBody:
     def take_stance(self, name: str, seconds: float = 1.0) -> None:
         """Take a stance; hands should be empty and arms at home.
 
-        The legs follow without physics: the feet stay where they are, and nothing else hangs on
+        The legs are moved without physics: the feet stay in place, and nothing else depends on
         them. They are welded until the first stance is taken, since joints cost time.
         """
         if name == self.stance:

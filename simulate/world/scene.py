@@ -13,7 +13,7 @@ from simulate.robots import Workplace
 from simulate.world.objects import Assets, ObjectSpec, write_assets
 from simulate.world.world import World
 
-__all__ = ["Laid", "Placement", "arrange", "lay"]
+__all__ = ["PlacedObject", "Placement", "arrange", "lay"]
 
 _CLEAR_MIDDLE_M, _CLEAR_OUTSIDE_M = 0.010, 0.025
 _CLEAR_EDGE_M = 0.010
@@ -35,8 +35,8 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Laid:
-    """A product that stands in a world."""
+class PlacedObject:
+    """A product in a world, with its body."""
 
     placement: Placement
     body: int
@@ -62,23 +62,23 @@ def arrange(
 ) -> list[Placement]:
     """Find a place for every product, with room for a hand between them.
 
-    A crowded table grows away from the robot, out of its reach.
+    If the table is crowded, the area is extended away from the robot, out of its reach.
 
     Parameters
     ----------
     specs
         The products.
     rng
-        Draws the places.
+        Source of randomness.
     sides
         For each product +1 = left (y > 0) or -1 = right; None = half of them on each side.
     workplace
-        Where the robot reaches; None = the smallest robot's.
+        Area that the robot reaches; None selects that of the smallest robot.
 
     Raises
     ------
     ValueError
-        When the table is too small for them.
+        If the table is too small for them.
     """
     place = workplace or Workplace()
     order = sorted(range(len(specs)), key=lambda i: -specs[i].footprint_radius)
@@ -121,7 +121,7 @@ def _try_arrange(
 
 
 def _is_clear(outline: NDArray[np.float64], side: int, place: Workplace) -> bool:
-    """Tell whether a footprint stays on its side, on the table and out of the box."""
+    """Return whether a footprint stays on its side, on the table and out of the box."""
     across = outline[:, 1] * side
     return bool(
         across.min() > _CLEAR_MIDDLE_M
@@ -139,12 +139,12 @@ def lay(
     placements: Sequence[Placement],
     folder: Path,
     assets: Mapping[str, Assets] | None = None,
-) -> list[Laid]:
+) -> list[PlacedObject]:
     """Put the products on the world's table and let them settle."""
     laid = []
     for placement in placements:
         made = (assets or {}).get(placement.spec.name) or write_assets(placement.spec, folder)
         body = world.spawn(placement.spec, (placement.x, placement.y), placement.yaw, made)
-        laid.append(Laid(placement, body))
+        laid.append(PlacedObject(placement, body))
     world.step(_SETTLE_S)
     return laid

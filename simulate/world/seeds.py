@@ -1,4 +1,7 @@
-"""Seeds and random numbers by purpose, so that a further draw for one changes no other."""
+"""Independent random streams per purpose, so that further draws in one do not change another.
+
+A module of its own without other imports, because processes that never load the physics need it.
+"""
 
 from __future__ import annotations
 

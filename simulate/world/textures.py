@@ -44,7 +44,7 @@ class Look:
     word
         Brand, in capitals.
     emblem
-        ``(k, 2)`` float outline in [-1, 1], without symmetry, so that its turn is visible.
+        ``(k, 2)`` float outline in [-1, 1], without symmetry, so that its orientation is visible.
     frame_corners
         Of the frame around the emblem: 4 = square ... 24 = round.
     layout

@@ -1,7 +1,7 @@
 """A physics world: its own client, a table, boxes to place into, objects.
 
-This file and :mod:`simulate.world.camera` are the only ones that import pybullet. Every call names
-its client, so that worlds never meet; a world belongs to one thread.
+No other file imports pybullet. Every call names its client, so that worlds are independent; a world
+belongs to one thread.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ class World:
     gui
         Open a window; needs a display.
     workplace
-        Table and boxes that suit the robot; None = those of a robot the size of a child's doll.
+        Table and boxes that suit the robot; None selects those of the smallest robot.
 
     Examples
     --------

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -25,27 +26,56 @@ def source_files() -> dict[str, Path]:
     return files
 
 
+@dataclass(frozen=True)
+class Source:
+    """What the tests need of a module's source.
+
+    Trees of all modules together hold millions of objects, which slow every garbage collection of
+    the test run down, so only this is kept.
+    """
+
+    imports: tuple[ast.Import | ast.ImportFrom, ...]
+    strings: frozenset[str]
+
+
 @cache
-def syntax_tree(module: str) -> ast.Module:
-    """Return the parsed source of a module of the packages."""
-    return ast.parse(source_files()[module].read_text(encoding="utf-8"))
+def source_of(module: str) -> Source:
+    """Return the import statements and the string constants of a module of the packages."""
+    tree = ast.parse(source_files()[module].read_text(encoding="utf-8"))
+    return Source(tuple(import_statements(tree)), frozenset(_strings(tree)))
+
+
+def import_statements(tree: ast.Module) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Yield every import statement of a file, wherever it stands."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node
+
+
+def _strings(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
 
 
 def imported_modules(
-    tree: ast.Module, module: str, is_package: bool, known: Collection[str]
+    statements: Iterable[ast.Import | ast.ImportFrom],
+    module: str,
+    is_package: bool,
+    known: Collection[str],
 ) -> Iterator[str]:
-    """Yield each known module that a file imports, wherever the statement stands.
+    """Yield each known module that a file's import statements name.
 
     ``from a import b`` means the module ``a.b`` where there is one, and ``a`` otherwise;
     ``import a.b`` means ``a.b``. Importing ``a.b`` runs the ``__init__`` of ``a`` as well, which
     is not counted: otherwise no ``__init__`` could offer what its own folder defines.
     """
-    for node in ast.walk(tree):
+    for node in statements:
         if isinstance(node, ast.Import):
             for alias in node.names:
                 if alias.name in known:
                     yield alias.name
-        elif isinstance(node, ast.ImportFrom):
+        else:
             base = node.module or ""
             if node.level:
                 parts = module.split(".")
@@ -65,7 +95,7 @@ def import_graph() -> Graph:
     files = source_files()
     return {
         module: frozenset(
-            imported_modules(syntax_tree(module), module, path.name == "__init__.py", files)
+            imported_modules(source_of(module).imports, module, path.name == "__init__.py", files)
         )
         - {module}
         for module, path in files.items()

@@ -6,14 +6,13 @@ a page of the documentation tells users to import it.
 
 from __future__ import annotations
 
-import ast
 import re
 import tomllib
 from collections.abc import Iterator
 
 import pytest
 
-from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_files, syntax_tree
+from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_files, source_of
 
 # Modules that nothing uses yet, each with its reason; the list may only get shorter.
 UNUSED: dict[str, str] = {
@@ -40,10 +39,9 @@ def _named_in_strings(module: str) -> set[str]:
     """Return the modules that a module loads by name, as tables of commands do."""
     return {
         named
-        for node in ast.walk(syntax_tree(module))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        if re.fullmatch(rf"{_DOTTED.pattern}(?::\w+)?", node.value)
-        for named in _modules_named(node.value.partition(":")[0])
+        for text in source_of(module).strings
+        if re.fullmatch(rf"{_DOTTED.pattern}(?::\w+)?", text)
+        for named in _modules_named(text.partition(":")[0])
     }
 
 

@@ -26,8 +26,7 @@ from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import propose_planar
 from simulate.agent.scoring import AttemptTruth
-from simulate.grasping.executor import Executor, GraspRecord, GraspRequest
-from simulate.grasping.workcell import Workcell
+from simulate.grasping.executor import Executor, GraspRecord, GraspRequest, Workcell
 from simulate.motion.collision import Obstacle
 from simulate.robots import Arm, Workplace
 from simulate.world.objects import KINDS, ObjectSpec, collision_of, product

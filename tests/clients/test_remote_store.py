@@ -109,6 +109,7 @@ def test_what_passes_through_and_what_needs_the_embedded_store(
         assert client.get("/sparql", params={"query": "SELECT nonsense"}).status_code == 400
 
 
+@pytest.mark.slow
 def test_the_store_is_killed_and_restarted_under_load(
     oxigraph: Oxigraph, fronted: RunningServer
 ) -> None:

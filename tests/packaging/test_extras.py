@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from rtask.extras import EXTRA_OF, missing_extra
-from tests.architecture.imports import PACKAGES, ROOT, source_files, syntax_tree
+from tests.architecture.imports import PACKAGES, ROOT, source_files, source_of
 
 _PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 # What a distribution is called where the name that is imported does not say.
@@ -40,10 +40,10 @@ def _imported_libraries() -> set[str]:
     """Return the top-level names of everything that the packages import from elsewhere."""
     found = set()
     for module in source_files():
-        for node in ast.walk(syntax_tree(module)):
+        for node in source_of(module).imports:
             if isinstance(node, ast.Import):
                 found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            elif node.module and not node.level:
                 found.add(node.module.partition(".")[0])
     return found - set(PACKAGES) - sys.stdlib_module_names
 

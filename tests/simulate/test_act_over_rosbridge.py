@@ -11,7 +11,7 @@ import roslibpy
 from rtask.errors import RemoteUnavailableError
 from simulate.act.provider import ActProvider
 from simulate.act.service import ActService
-from simulate.grasping.workcell import Workcell
+from simulate.grasping.executor import Workcell
 from tests.servers import running_server
 
 pytestmark = pytest.mark.slow  # starts servers or robots

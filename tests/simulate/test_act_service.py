@@ -16,7 +16,7 @@ from simulate.act.service import ActService, theta_offsets
 from simulate.act.trials import place_test, random_goal, reach_test, write_csv
 from simulate.act.workspace import map_workspace
 from simulate.commands import simulate
-from simulate.grasping.workcell import Workcell
+from simulate.grasping.executor import Workcell
 from simulate.motion.arm_space import ArmSpace
 from simulate.robots import describe
 from simulate.world.objects import product

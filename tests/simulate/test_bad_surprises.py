@@ -13,8 +13,7 @@ from simulate.act.service import ActService
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.scoring import AttemptTruth
 from simulate.agent.simulated_body import Conditions, SimulatedBody
-from simulate.grasping.executor import GraspRequest
-from simulate.grasping.workcell import Workcell
+from simulate.grasping.executor import GraspRequest, Workcell
 from simulate.world.objects import product
 from simulate.world.scene import Placement
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simulate.agent.scoring import AttemptTruth
-from simulate.grasping.executor import GraspRequest, PlannedGrasp
+from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import (
     HeightMap,
     judge_held,
@@ -18,7 +18,6 @@ from simulate.grasping.judgement import (
     new_cells,
 )
 from simulate.grasping.record import GraspRecord
-from simulate.grasping.workcell import Workcell
 from simulate.robots import describe
 from simulate.world.eyes import Eyes
 from simulate.world.objects import product

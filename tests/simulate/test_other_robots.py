@@ -12,8 +12,7 @@ import pytest
 from rtask.errors import RobotError
 from simulate.agent.perception import perceive
 from simulate.agent.simulated_body import Conditions, SimulatedBody
-from simulate.grasping.executor import GraspRequest
-from simulate.grasping.workcell import Workcell
+from simulate.grasping.executor import GraspRequest, Workcell
 from simulate.motion.collision import link_poses
 from simulate.motion.kinematics import Chain, Goal, follow_line, solve_ik
 from simulate.motion.mesh_cover import cover_mesh, read_vertices

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from rtask.errors import RobotError
-from simulate.grasping.executor import GraspRequest
+from simulate.grasping.executor import GraspRequest, Workcell
 from simulate.grasping.planning import GraspPlanner
-from simulate.grasping.workcell import Workcell
 from simulate.motion.arm_space import ArmSpace
 from simulate.motion.collision import link_poses
 from simulate.motion.stance import balance_margin, centre_of_mass, standing

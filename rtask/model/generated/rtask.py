@@ -1,7 +1,6 @@
 """Typed classes for the vocabulary of RTASK; generated, do not edit.
 
-Written by ``rtask.model.generate.generate_rtask()`` from the modules and shapes of the room
-``ontology``.
+Written by ``rtask.model.generate.generate_rtask()`` from the modules and shapes in ``ontology/``.
 """
 
 # fmt: off

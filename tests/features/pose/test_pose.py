@@ -79,6 +79,7 @@ def model() -> PoseModel:
     return build_pose_model(*lamp())
 
 
+@pytest.mark.slow
 def test_the_pose_of_an_asymmetric_body_is_found_exactly(model: PoseModel) -> None:
     for seed in range(4):
         true = pose_of(seed)

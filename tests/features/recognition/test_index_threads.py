@@ -5,10 +5,12 @@ from __future__ import annotations
 import threading
 
 import numpy as np
+import pytest
 
 from features.recognition import Recogniser, RecognitionIndex
 
 
+@pytest.mark.slow
 def test_two_threads_query_while_one_adds_and_removes(tmp_path, card_views) -> None:
     """An object that stays is found at every moment; a snapshot is consistent in itself."""
     index = RecognitionIndex(tmp_path / "index", seal_rows=2500)

@@ -92,6 +92,7 @@ def test_three_things_give_three_labels() -> None:
     assert not any(o.touches_border for o in scene.objects)
 
 
+@pytest.mark.slow
 def test_two_touching_boxes_are_two_by_convexity_and_one_by_distance() -> None:
     # Not flush: what lies in one plane is one thing to anybody who only sees its shape.
     cloud = _scene(("box", -0.03, 0.0, 0.03, 0.03, 0.10), ("box", 0.03, 0.02, 0.03, 0.03, 0.05))

@@ -84,7 +84,10 @@ def test_a_learner_resumes_bit_for_bit(kind: str, tmp_path: Path) -> None:
     assert lives[0] == lives[1]
 
 
-@pytest.mark.parametrize("kind", _MAKERS)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(k, marks=pytest.mark.slow) if k == "texplore" else k for k in _MAKERS],
+)
 def test_the_same_seed_gives_the_same_life(kind: str) -> None:
     assert (_returns(kind, 3, 1) == _returns(kind, 3, 1)).all()
 

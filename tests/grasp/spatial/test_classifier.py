@@ -51,6 +51,7 @@ def samples() -> GraspSamples:
     )
 
 
+@pytest.mark.slow
 def test_stored_boosting_says_what_scikit_learn_says(samples: GraspSamples, tmp_path: Path) -> None:
     ensemble = pytest.importorskip("sklearn.ensemble")
     made = []
@@ -86,6 +87,7 @@ def test_the_linear_machine_tells_pictures_apart(samples: GraspSamples, tmp_path
     assert np.mean((score > 0) == samples.right) > 0.95
 
 
+@pytest.mark.slow
 def test_training_is_repeatable(samples: GraspSamples) -> None:
     pytest.importorskip("sklearn")
     first, second = train(samples, seed=3), train(samples, seed=3)

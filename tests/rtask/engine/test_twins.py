@@ -45,7 +45,8 @@ def views(bench, thing, count):
     return [bench.sight(thing, bench.Eye(target=target, noise_seed=k)) for k in range(count)]
 
 
-@pytest.mark.parametrize(("count", "others"), [pytest.param(20, 0, marks=pytest.mark.slow), (4, 2)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "others"), [(20, 0), (4, 2)])
 def test_simultaneous_insertions_of_one_product_make_no_twin(
     bench, kb, engine, robots, gathered, count, others
 ):

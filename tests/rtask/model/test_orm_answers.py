@@ -14,7 +14,7 @@ import rtask
 from rtask.errors import UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, Session, avg, count, maximum, total
-from rtask.model import compile as compiled
+from rtask.model.query import compile as compiled
 
 pytestmark = pytest.mark.slow  # starts servers or robots
 

@@ -86,7 +86,7 @@ def test_single_numbers(still_lab: KnowledgeBase) -> None:
         assert query.sum(G.grasp_quality) == pytest.approx(2.3)  # a sum of doubles
         assert query.where(G.grasp_quality > 2.0).max(G.grasp_quality) is None
         assert query.where(G.grasp_quality > 2.0).sum(G.grasp_quality) == 0
-        with pytest.raises(UsageError, match="leave limit"):
+        with pytest.raises(UsageError, match="remove limit"):
             query.limit(1).max(G.grasp_quality)
 
 

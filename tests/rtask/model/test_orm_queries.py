@@ -142,11 +142,11 @@ def test_numbers_about_groups(still_lab: KnowledgeBase) -> None:
 def test_one_first_and_none(still_lab: KnowledgeBase) -> None:
     with still_lab.session() as s:
         assert s.query(RTASK.Ball).first() is None
-        with pytest.raises(UnknownTermError, match="no Ball fits"):
+        with pytest.raises(UnknownTermError, match="no Ball matches"):
             s.query(RTASK.Ball).one()
         assert s.query(G).order_by(-G.grasp_quality).limit(1).one().grasp_quality == 0.9
         assert s.query(G).limit(0).first() is None
-        with pytest.raises(UsageError, match="several GraspConfiguration fit"):
+        with pytest.raises(UsageError, match="several GraspConfiguration match"):
             s.query(G).one()
 
 
@@ -209,7 +209,7 @@ def test_streaming_gives_the_same_objects(still_lab: KnowledgeBase, queries: lis
     with still_lab.session() as s:
         assert [g.iri for g in s.query(G).stream(batch=2)] == s.query(G).ids()
         assert len(queries) == 3
-        with pytest.raises(UsageError, match="leave order_by"):
+        with pytest.raises(UsageError, match="remove order_by"):
             next(s.query(G).limit(1).stream())
 
 

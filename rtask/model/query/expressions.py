@@ -57,12 +57,12 @@ class Condition:
 class Path(Generic[T]):
     """A path along fields, from the class of the query.
 
-    Made by naming a field on a class: ``RTASK.GraspConfiguration.grasp_of.mass``.
+    Created by accessing a field on a class: ``RTASK.GraspConfiguration.grasp_of.mass``.
 
     Parameters
     ----------
     root
-        The class where it begins.
+        The class at which it begins.
     steps
         The fields along it.
     """
@@ -74,7 +74,7 @@ class Path(Generic[T]):
         self._steps = steps
 
     def __getattr__(self, name: str) -> Path[Any]:
-        if name.startswith("__"):  # what Python itself looks for, e.g. to copy
+        if name.startswith("__"):  # attributes that Python itself looks up, e.g. for copying
             raise AttributeError(name)
         model = self._steps[-1].target()
         if model is None:
@@ -111,31 +111,31 @@ class Path(Generic[T]):
         return Order(self, descending=True)
 
     def in_(self, values: Iterable[object]) -> Condition:
-        """Hold where a value is one of these."""
+        """Hold if a value is one of these."""
         return In(self, tuple(values))
 
     def contains(self, text: str, *, ignore_case: bool = False) -> Condition:
-        """Hold where a value contains the text."""
+        """Hold if a value contains the text."""
         return Text(self, "CONTAINS", text, ignore_case)
 
     def matches(self, pattern: str, *, ignore_case: bool = False) -> Condition:
-        """Hold where a value matches the regular expression."""
+        """Hold if a value matches the regular expression."""
         return Text(self, "REGEX", pattern, ignore_case)
 
     def startswith(self, text: str, *, ignore_case: bool = False) -> Condition:
-        """Hold where a value starts with the text."""
+        """Hold if a value starts with the text."""
         return Text(self, "STRSTARTS", text, ignore_case)
 
     def endswith(self, text: str, *, ignore_case: bool = False) -> Condition:
-        """Hold where a value ends with the text."""
+        """Hold if a value ends with the text."""
         return Text(self, "STRENDS", text, ignore_case)
 
     def between(self, low: object, high: object) -> Condition:
-        """Hold where a value lies between two bounds, which are included."""
+        """Hold if a value lies between two bounds, inclusive."""
         return And((Compare(self, ">=", low), Compare(self, "<=", high)))
 
     def is_none(self) -> Condition:
-        """Hold where there is no value."""
+        """Hold if there is no value."""
         return Missing(self)
 
 
@@ -145,7 +145,7 @@ def steps(path: Path[Any]) -> tuple[Field, ...]:
 
 
 def root(path: Path[Any]) -> type[Model]:
-    """Return the class where a path begins."""
+    """Return the class at which a path begins."""
     return path._root
 
 
@@ -206,7 +206,7 @@ class Or(Condition):
 
 @dataclass(frozen=True, eq=False)
 class Raw(Condition):
-    """A SPARQL pattern about ``?root``, in the prefixes of the ontology."""
+    """A SPARQL pattern about ``?root``, which may use the prefixes of the ontology."""
 
     pattern: str
 
@@ -263,7 +263,7 @@ class Having:
     value: object
 
     def __bool__(self) -> bool:
-        raise UsageError("a condition has no truth value; give several to having()")
+        raise UsageError("a condition has no truth value; pass several conditions to having()")
 
 
 def count(path: Path[Any] | None = None) -> Aggregate:

@@ -1,7 +1,7 @@
 """Compile conditions to SPARQL patterns with a mark in place of each constant.
 
-The text depends on the shape of a condition only, so it can be kept and used again with other
-constants (:mod:`rtask.model.compile`).
+The text depends only on the shape of a condition, so it can be cached and reused with other
+constants (:mod:`rtask.model.query.compile`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 
 from rtask.errors import UsageError
 from rtask.model.codec import decode, encode
-from rtask.model.expressions import (
+from rtask.model.fields import Field, term
+from rtask.model.instance import Model
+from rtask.model.query.expressions import (
     After,
     And,
     Compare,
@@ -24,9 +26,7 @@ from rtask.model.expressions import (
     Text,
     steps,
 )
-from rtask.model.fields import Field, term
-from rtask.model.instance import Model
-from rtask.model.plan import short
+from rtask.model.query.plan import short
 from rtask.rdf.terms import Literal, NamedNode, Term
 
 __all__ = ["MARK", "Names", "Scope", "shape"]
@@ -89,7 +89,7 @@ def _constant(step: Field, value: object) -> Term:
         return value
     if step.is_link or step.is_list:
         return term(step.item(value))
-    try:  # limits do not apply to what is only compared with
+    try:  # limits do not apply to constants in comparisons
         return encode(value, step.value)
     except ValueError as error:
         raise step.refuse(value, str(error), None) from None
@@ -102,7 +102,7 @@ class Names:
     used: int = 0
 
     def fresh(self) -> str:
-        """Return a variable that nothing else uses."""
+        """Return an unused variable."""
         self.used += 1
         return f"?_{self.used}"
 
@@ -117,7 +117,7 @@ class Scope:
     bound: dict[tuple[str, ...], str] = field(default_factory=dict)
 
     def walk(self, along: Sequence[Field]) -> str:
-        """Return the variable at the end of a path, with patterns that lead there."""
+        """Return the variable at the end of a path, and add the patterns that bind it."""
         subject, done = "?root", tuple[str, ...]()
         for step in along:
             done = (*done, step.iri)
@@ -128,7 +128,7 @@ class Scope:
         return subject
 
     def property(self, step: Field) -> str:
-        """Return the property, or what stands for it where nothing is derived."""
+        """Return the property, or an equivalent path if derived statements are not visible."""
         if step.is_list:
             return f"{short(step.iri)}/rdf:rest*/rdf:first"
         if self.inferred or step.stored or step.inverse is None:
@@ -140,7 +140,7 @@ class Scope:
         return "{ " + " ".join(self.lines) + " }"
 
     def inside(self, condition: Condition) -> str:
-        """Return a condition as a group of its own, which shares only ``?root``."""
+        """Return a condition as a separate group, which shares only ``?root``."""
         scope = Scope(self.names, self.inferred)
         scope.add(condition)
         return scope.group()

@@ -10,9 +10,9 @@ from typing import Any
 
 import ontology
 from rtask.errors import UsageError
-from rtask.model.expressions import Condition, Order, Path, root, steps
 from rtask.model.fields import Field
 from rtask.model.instance import Model, family, generation
+from rtask.model.query.expressions import Condition, Order, Path, root, steps
 from rtask.rdf.terms import NamedNode, prologue
 
 __all__ = ["RDF_TYPE", "THING", "Plan", "check_root", "eager", "finished", "short"]
@@ -32,9 +32,9 @@ class Plan:
     model
         The class of the roots.
     conditions
-        One tuple for each call of ``where``: in a call, one path means one value.
+        One tuple per call of ``where``; within a call, equal paths refer to the same value.
     inferred
-        Whether derived statements are seen; if not, subclasses and inverses are spelled out.
+        Whether derived statements are visible; if not, subclasses and inverses are spelled out.
     """
 
     model: type[Model]
@@ -53,7 +53,7 @@ class Plan:
 
 @lru_cache(maxsize=4096)
 def short(iri: str) -> str:
-    """Return an IRI as written in a query, shortened by a prefix where possible.
+    """Return an IRI as written in a query, abbreviated with a prefix if possible.
 
     >>> short(ontology.NS + "mass"), short("urn:mug")
     ('rt:mass', '<urn:mug>')
@@ -73,13 +73,13 @@ def finished(text: str) -> str:
 def eager(model: type[Model], more: Sequence[Field] = ()) -> frozenset[str]:
     """Return the properties that are read with every object of a class or its subclasses.
 
-    What only other objects state (an inverse) may be unbounded, and links that anything may have
-    are rarely wanted: both come when asked for.
+    Fields stored with other objects (inverses) may be unbounded, and links that any individual may
+    have are rarely needed: both are read on request.
 
     Parameters
     ----------
     more
-        Fields that are wanted besides.
+        Additional fields to read.
     """
     return _eager(model, tuple(more), generation())
 

@@ -1,8 +1,8 @@
 """Compile object queries to SPARQL, each to one query.
 
-The class and the conditions stand once, in a sub-select in front; each branch of the union
-then fetches the statements of one kind of object (SPARQL 1.1 Query, 12 and 18.2). The text of a
-query is kept by its shape: the same question about another value is not compiled again.
+The class and the conditions appear once, in a sub-select at the beginning; each branch of the
+union then fetches the statements of one kind of object (SPARQL 1.1 Query, 12 and 18.2). The text of
+a query is cached by its shape: the same query with another value is not compiled again.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 
 from rtask.errors import UsageError
 from rtask.model.codec import encode
-from rtask.model.expressions import Aggregate, Having, Order, Path, steps
 from rtask.model.fields import Field
 from rtask.model.instance import Model, class_iris, generation
-from rtask.model.patterns import MARK, Names, Scope, shape
-from rtask.model.plan import RDF_TYPE, THING, Plan, eager, finished, short
+from rtask.model.query.expressions import Aggregate, Having, Order, Path, steps
+from rtask.model.query.patterns import MARK, Names, Scope, shape
+from rtask.model.query.plan import RDF_TYPE, THING, Plan, eager, finished, short
 from rtask.rdf.terms import Literal, Term, literal
 
 __all__ = [
@@ -42,9 +42,9 @@ def _compiled(plan: Plan, extra: Hashable, write: Callable[[], str]) -> str:
     Parameters
     ----------
     extra
-        What the text depends on besides the plan.
+        Everything else that the text depends on.
     write
-        Makes it, with a mark for each constant of the plan's conditions, in order.
+        Writes the text, with a mark for each constant of the plan's conditions, in order.
     """
     constants: list[Term] = []
     shapes = tuple(tuple(shape(c, constants) for c in group) for group in plan.conditions)
@@ -59,7 +59,7 @@ def _compiled(plan: Plan, extra: Hashable, write: Callable[[], str]) -> str:
     if not constants:
         return text
     *pieces, last = text.split(MARK)
-    # a text may hold the conditions several times, each time whole
+    # a text may contain the conditions several times, each time in full
     return "".join(f"{piece}{constant}" for piece, constant in zip(pieces, cycle(constants))) + last
 
 
@@ -69,11 +69,11 @@ Bound = dict[tuple[str, ...], str]
 def _group(plan: Plan, names: Names) -> tuple[list[str], Bound]:
     """Return the patterns that select the roots, and the variables of single values.
 
-    A path on which nothing can have two values has one variable, whatever binds it first.
+    A path whose properties all have at most one value gets a single variable.
     """
     lines, single = list[str](), Bound()
     for iri in class_iris(plan.model):
-        if iri in ("", THING):  # everything is one, and nobody says so
+        if iri in ("", THING):  # everything is an owl:Thing without being stated to be one
             lines.append(f"?root a {names.fresh()} .")
         elif plan.inferred:
             lines.append(f"?root a {short(iri)} .")
@@ -115,7 +115,7 @@ def _slice(plan: Plan) -> str:
 def _roots(plan: Plan) -> str:
     """Return the sub-select of the roots with their sort keys ``?key0``, ``?key1``...
 
-    A root with several values of a key is sorted by the least, or the greatest if descending.
+    A root with several values of a key is sorted by the smallest, or the largest if descending.
     """
     names = Names()
     lines, bound = _group(plan, names)
@@ -226,7 +226,7 @@ def count_text(plan: Plan) -> str:
 
 
 def ask_text(plan: Plan) -> str:
-    """Return a query for whether there is a root."""
+    """Return a query that asks whether there is a root."""
 
     def write() -> str:
         return "ASK {\n  " + "\n  ".join(_group(plan, Names())[0]) + "\n}"
@@ -240,7 +240,7 @@ def aggregate_text(
     columns: Sequence[Aggregate],
     having: Sequence[Having] = (),
 ) -> str:
-    """Return a query for numbers about groups of roots: ``?group0``... and ``?column0``..."""
+    """Return a query for aggregates of groups of roots: ``?group0``... and ``?column0``..."""
     every = [*columns, *(condition.number for condition in having)]
     numbers = tuple((c.function, c.path and steps(c.path)) for c in every)
     kept = tuple(
@@ -252,13 +252,13 @@ def aggregate_text(
 
 
 def _having_constant(condition: Having) -> Literal:
-    """Return the constant that a group's number is compared with."""
+    """Return the constant with which an aggregate is compared."""
     value, path = condition.value, condition.number.path
     along = () if path is None else steps(path)
     if condition.number.function in ("MIN", "MAX") and along and not along[-1].is_link:
         constant = encode(value, along[-1].value)
     elif isinstance(value, bool) or not isinstance(value, int | float | Decimal):
-        raise UsageError(f"a number of a group is compared with a number, not with {value!r}")
+        raise UsageError(f"an aggregate is compared with a number, not with {value!r}")
     else:
         constant = literal(value)
     if MARK in str(constant):
@@ -273,12 +273,12 @@ def _aggregate_text(
     shown: int,
     kept: Sequence[str],
 ) -> str:
-    """Write one sub-select a path, so that the values of one do not multiply those of another.
+    """Write one sub-select per path, so that the values of one do not multiply those of another.
 
     Parameters
     ----------
     shown
-        How many of the columns are returned; the others are only compared.
+        Number of columns to return; the others are only compared.
     kept
         Filters of the groups.
     """
@@ -287,7 +287,9 @@ def _aggregate_text(
     for at, column in enumerate(columns):
         path = None if column.path is None else steps(column.path)
         parts.setdefault(path, {})[at] = column
-    if len(parts) > 1 and None in parts:  # roots are counted once, whatever multiplies them
+    if (
+        len(parts) > 1 and None in parts
+    ):  # roots are counted once, even if other paths multiply their rows
         counts = parts.pop(None)
         next(iter(parts.values())).update(counts)
     texts = [_numbers_text(plan, groups, path, part) for path, part in parts.items()]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import datetime as dt
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 
-import pyoxigraph as ox
-
 from rtask.errors import FieldError, UnknownTermError, UsageError
-from rtask.model import compile as compiled
-from rtask.model.codec import decode
-from rtask.model.expressions import (
+from rtask.model.instance import Model
+from rtask.model.query import compile as compiled
+from rtask.model.query.assembly import Assembly, plain_value, term_name
+from rtask.model.query.expressions import (
     After,
     Aggregate,
     And,
@@ -31,11 +29,7 @@ from rtask.model.expressions import (
     minimum,
     total,
 )
-from rtask.model.fields import Field
-from rtask.model.instance import Model
-from rtask.model.plan import Plan, check_root, eager
-from rtask.model.reading import Facts, collect
-from rtask.rdf.terms import NamedNode, Term
+from rtask.model.query.plan import Plan, check_root, eager
 from rtask.sparql.results import Solutions
 
 if TYPE_CHECKING:
@@ -50,8 +44,8 @@ T = TypeVar("T")
 class Query(Generic[M]):
     """A query for objects of a class; created by :meth:`Session.query`.
 
-    Every method that narrows it returns a new query. Nothing is asked before an answer is
-    taken, and then once.
+    Every method that restricts it returns a new query. Nothing is sent until a result is
+    requested, and then a single query.
     """
 
     def __init__(self, session: Session, plan: Plan) -> None:
@@ -66,8 +60,8 @@ class Query(Generic[M]):
     def where(self, *conditions: Condition) -> Query[M]:
         """Keep the objects for which all conditions hold.
 
-        Inside one call the same path means the same value: ``where(G.has_view.a == 1,
-        G.has_view.b == 2)`` asks for one view with both.
+        Within one call, equal paths refer to the same value: ``where(G.has_view.a == 1,
+        G.has_view.b == 2)`` requires one view with both.
         """
         for condition in conditions:
             for path in _paths(condition):
@@ -75,7 +69,7 @@ class Query(Generic[M]):
         return self._with(conditions=(*self._plan.conditions, conditions))
 
     def raw(self, pattern: str) -> Query[M]:
-        """Keep the objects ``?root`` that fit a SPARQL pattern."""
+        """Keep the objects ``?root`` that match a SPARQL pattern."""
         return self.where(Raw(pattern))
 
     def order_by(self, *keys: Path[Any] | Order) -> Query[M]:
@@ -98,7 +92,7 @@ class Query(Generic[M]):
         steps = [check_root(self._plan, path) for path in paths]
         for path, along in zip(paths, steps, strict=True):
             if not along[-1].is_link:
-                raise UsageError(f"{path!r} holds plain values, which come anyway")
+                raise UsageError(f"{path!r} holds plain values, which are read anyway")
         return self._with(prefetch=(*self._plan.prefetch, *steps))
 
     # Answers
@@ -110,7 +104,8 @@ class Query(Generic[M]):
     def explain(self) -> str:
         """Describe the query for people: its text, the effect of each step and what is prefetched.
 
-        Each ``where`` is counted, with those before it: where nothing is left, the reason stands.
+        Each ``where`` is counted together with those before it, which shows the one that leaves
+        nothing.
         """
         plan, query = self._plan, self._with(conditions=(), limit=None, offset=0, orders=())
         lines = [f"{query.count():7d}  {plan.model.__name__}"]
@@ -121,7 +116,7 @@ class Query(Generic[M]):
         if plan.limit is not None or plan.offset:
             lines.append(f"         then {plan.limit} of them from number {plan.offset} on")
         wanted = eager(plan.model, plan.following(()))
-        lines.append(f"{len(wanted):7d}  properties come with each")
+        lines.append(f"{len(wanted):7d}  properties are read with each")
         for path in plan.prefetch:
             steps = ".".join(step.name for step in path)
             model = path[-1].target() or Model
@@ -137,7 +132,7 @@ class Query(Generic[M]):
     def all(self) -> list[M]:
         """Return the objects, in order."""
         rows = self._select(compiled.object_text(self._plan))
-        return _Assembly(self._session, self._plan, rows).objects()
+        return Assembly(self._session, self._plan, rows).objects()
 
     def __iter__(self) -> Iterator[M]:
         return iter(self.all())
@@ -147,14 +142,14 @@ class Query(Generic[M]):
     @overload
     def __getitem__(self, at: slice) -> list[M]: ...
     def __getitem__(self, at: int | slice) -> M | list[M]:
-        """Return one object by its position, or those of a slice; the rest is not read.
+        """Return one object by position, or those of a slice; the rest is not read.
 
         Raises
         ------
         IndexError
             If there is no object at the position.
         UsageError
-            For positions from the end, and steps.
+            For negative positions, and for slices with a step.
         """
         if isinstance(at, int):
             found = self[_count(at) : at + 1]
@@ -171,12 +166,12 @@ class Query(Generic[M]):
         return self._with(offset=self._plan.offset + start, limit=left).all()
 
     def stream(self, batch: int = 500) -> Iterator[M]:
-        """Yield the objects in the order of their IRIs, a batch at a time.
+        """Yield the objects ordered by IRI, batch by batch.
 
-        Memory stays flat. Each batch is one query, which begins behind the last IRI.
+        Memory use is constant. Each batch is one query, which begins after the last IRI.
         """
         if self._plan.orders or self._plan.limit is not None or self._plan.offset:
-            raise UsageError("stream() goes by IRI; leave order_by, limit and offset out")
+            raise UsageError("stream() sorts by IRI: remove order_by, limit and offset")
         last = ""
         while True:
             conditions = (*self._plan.conditions, (After(last),))
@@ -209,9 +204,9 @@ class Query(Generic[M]):
         found = self._at_most(2).all()
         name = self._plan.model.__name__
         if not found:
-            raise UnknownTermError(f"no {name} fits the query")
+            raise UnknownTermError(f"no {name} matches the query")
         if len(found) > 1:
-            raise UsageError(f"several {name} fit the query, among them {found[0]}, {found[1]}")
+            raise UsageError(f"several {name} match the query, among them {found[0]}, {found[1]}")
         return found[0]
 
     def count(self) -> int:
@@ -219,14 +214,14 @@ class Query(Generic[M]):
         return int(str(self._select(compiled.count_text(self._plan))[0].value("n")))
 
     def exists(self) -> bool:
-        """Whether there is such an object."""
+        """Return whether there is such an object."""
         self._session.flush_before_query()
         return self._session.holds(compiled.ask_text(self._plan))
 
     def ids(self) -> list[str]:
         """Return the IRIs of the objects, in order."""
         rows = self._select(compiled.id_text(self._plan))
-        names = [_name(row["root"]) for row in rows]
+        names = [term_name(row["root"]) for row in rows]
         return names if self._plan.orders else sorted(names)
 
     def values(self, *paths: Path[Any]) -> list[tuple[Any, ...]]:
@@ -237,7 +232,7 @@ class Query(Generic[M]):
         for path in paths:
             check_root(self._plan, path)
         rows = self._select(compiled.row_text(self._plan, paths))
-        return [tuple(_plain(row[f"value{at}"]) for at in range(len(paths))) for row in rows]
+        return [tuple(plain_value(row[f"value{at}"]) for at in range(len(paths))) for row in rows]
 
     def group_by(self, *paths: Path[Any]) -> Groups:
         """Group the objects by the values along paths."""
@@ -246,7 +241,7 @@ class Query(Generic[M]):
         return Groups(self, paths)
 
     def aggregate(self, **columns: Aggregate) -> dict[str, Any]:
-        """Return numbers about all objects."""
+        """Return aggregates over all objects."""
         return Groups(self, ()).aggregate(**columns)[0]
 
     def min(self, path: Path[T]) -> T | None:
@@ -266,7 +261,7 @@ class Query(Generic[M]):
 
     def _number(self, number: Aggregate) -> Any:
         if self._plan.limit is not None or self._plan.offset:
-            raise UsageError("numbers are about all objects; leave limit and offset out")
+            raise UsageError("aggregates cover all objects: remove limit and offset")
         return self.aggregate(number=number)["number"]
 
     # Changing
@@ -305,7 +300,7 @@ class Query(Generic[M]):
         return len(found)
 
     def _present(self) -> list[M]:
-        """Return the objects that are not to be deleted already."""
+        """Return the objects that are not yet marked for deletion."""
         return [item for item in self.all() if not item.__state__.deleted]
 
     def __repr__(self) -> str:
@@ -323,14 +318,14 @@ class Groups:
         self._having = having
 
     def having(self, *conditions: Having) -> Groups:
-        """Keep the groups whose numbers fit all conditions, such as ``count() > 1``."""
+        """Keep the groups whose aggregates satisfy all conditions, such as ``count() > 1``."""
         for condition in conditions:
             if not isinstance(condition, Having):
                 raise UsageError(f"not a condition on a group: {condition!r}; use count() > 1")
         return Groups(self._query, self._paths, (*self._having, *conditions))
 
     def aggregate(self, **columns: Aggregate) -> list[dict[str, Any]]:
-        """Return one dictionary for each group: path names and the named numbers."""
+        """Return one dictionary per group: path names and the named aggregates."""
         plan = self._query._plan
         for column in (*columns.values(), *(condition.number for condition in self._having)):
             if column.path is not None:
@@ -338,73 +333,7 @@ class Groups:
         text = compiled.aggregate_text(plan, self._paths, list(columns.values()), self._having)
         names = [check_root(plan, path)[-1].name for path in self._paths]
         rows = self._query._select(text)
-        return [dict(zip([*names, *columns], map(_plain, row), strict=True)) for row in rows]
-
-
-class _Assembly:
-    """Assembles objects from rows of statements."""
-
-    def __init__(self, session: Session, plan: Plan, rows: Solutions) -> None:
-        self._session = session
-        self._plan = plan
-        self._order: dict[str, list[tuple[int, Any]]] = {}
-        self._facts: dict[str, Facts] = {}
-        found: dict[tuple[str, str], Facts] = {}
-        last: tuple[Term | None, Term | None] = (None, None)
-        known: Facts = {}
-        for root, subject, predicate, value, *keys in rows.tuples():
-            if subject != last[1] or root != last[0]:  # one subject's rows mostly come together
-                last, name = (root, subject), _name(root)
-                known = found.setdefault((name, _name(subject)), {})
-                if subject == root and name not in self._order:  # each root comes with its type
-                    self._order[name] = [_sort_key(key) for key in keys]
-            collect(known, _name(predicate), value)
-        for (_, name), facts in found.items():  # what several roots share came with each
-            self._facts[name] = facts | self._facts.get(name, {})
-
-    def objects(self) -> list[Any]:
-        """Return the roots in order; everything prefetched is in the identity map."""
-        names = self._sorted()
-        origin = self._plan.model.__name__ if len(names) > 1 else None
-        made = self._make(names, (), self._plan.model, origin)
-        self._follow(list(made.values()), origin)
-        return list(made.values())
-
-    def _sorted(self) -> list[str]:
-        names = sorted(self._order)
-        for at in reversed(range(len(self._plan.orders))):
-            descending = self._plan.orders[at].descending
-            keys = {name: self._order[name][at] for name in names}
-            names.sort(key=keys.__getitem__, reverse=descending)
-        return names
-
-    def _make(
-        self, names: Iterable[str], path: tuple[Field, ...], asked: type[Model], origin: str | None
-    ) -> dict[str, Model]:
-        fetched = eager(asked, self._plan.following(path))
-        make, facts = self._session.reader.materialise, self._facts
-        return {name: make(name, asked, facts.get(name, {}), fetched, origin) for name in names}
-
-    def _follow(self, roots: list[Model], origin: str | None) -> None:
-        """Create the prefetched objects, breadth first; each is kept alive by a reference to it."""
-        level: dict[tuple[Field, ...], list[Model]] = {(): roots}
-        while level:
-            below: dict[tuple[Field, ...], list[Model]] = {}
-            for path, objects in level.items():
-                for step in self._plan.following(path):
-                    longer = (*path, step)
-                    linked = [_linked(item, step) for item in objects]
-                    names = dict.fromkeys(name for listed in linked for name in listed)
-                    made = self._make(names, longer, step.target() or Model, origin)
-                    for item, listed in zip(objects, linked, strict=True):
-                        item.__state__.companions += [made[name] for name in listed]
-                    below[longer] = list(made.values())
-            level = below
-
-
-def _linked(instance: Model, step: Field) -> list[str]:
-    values = instance.__state__.loaded.get(step.iri, ())
-    return [value.value for value in values if isinstance(value, NamedNode)]
+        return [dict(zip([*names, *columns], map(plain_value, row), strict=True)) for row in rows]
 
 
 def _paths(condition: Condition) -> Iterable[Path[Any]]:
@@ -424,33 +353,5 @@ def _paths(condition: Condition) -> Iterable[Path[Any]]:
 
 def _count(number: int) -> int:
     if isinstance(number, bool) or not isinstance(number, int) or number < 0:
-        raise UsageError(f"a number of objects is 0 or more, not {number!r}")
+        raise UsageError(f"expected a number of objects, 0 or more, not {number!r}")
     return number
-
-
-def _name(term: Term | None) -> str:
-    return term.value if isinstance(term, NamedNode) else str(term)
-
-
-def _plain(term: Term | None) -> Any:
-    if term is None:
-        return None
-    return term.value if isinstance(term, NamedNode) else decode(term)
-
-
-def _sort_key(term: Term | None) -> tuple[int, Any]:
-    """Return a key that sorts as SPARQL does: unbound, blank nodes, IRIs, literals."""
-    if term is None:
-        return (0, "")
-    if isinstance(term, ox.BlankNode):
-        return (1, term.value)
-    if isinstance(term, NamedNode):
-        return (2, term.value)
-    value = decode(term)
-    if isinstance(value, bool | int | float):
-        return (3, value)
-    if isinstance(value, str):
-        return (4, value)
-    if isinstance(value, dt.datetime):
-        return (5, value if value.tzinfo else value.replace(tzinfo=dt.UTC))
-    return (6, str(term))

@@ -1,0 +1,1 @@
+"""Object queries: building, planning, compiling to SPARQL, assembling the answer."""

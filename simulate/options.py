@@ -1,0 +1,107 @@
+"""Options that several commands of ``rtask simulate`` share, each declared once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.cli.options import option
+
+__all__ = [
+    "folder",
+    "json_flag",
+    "objects_on_table",
+    "objects_per_robot",
+    "out",
+    "preset",
+    "prior",
+    "robot",
+    "robots_in_turn",
+    "runs_trials",
+    "seed",
+    "trials",
+]
+
+Command = Callable[..., Any]
+Option = Callable[[Command], Command]
+
+preset = click.option(
+    "--preset",
+    default="faithful",
+    show_default=True,
+    type=click.Choice(["faithful", "fast"]),
+    help="Physics and camera: as close to the real robot as possible, or fast.",
+)
+robot = click.option("--robot", default="nao", show_default=True, help="Kind of robot.")
+robots_in_turn = click.option(
+    "--robot",
+    "kinds",
+    multiple=True,
+    default=["nao"],
+    show_default=True,
+    help="Kinds of the robots, in turn (nao, panda); repeatable.",
+)
+objects_per_robot = click.option(
+    "--objects", default=20, show_default=True, help="Objects per robot."
+)
+objects_on_table = click.option(
+    "--table", "on_table", default=4, show_default=True, help="Objects on the table at once."
+)
+_workers = option(
+    "--workers",
+    former=["--processes"],
+    default=2,
+    show_default=True,
+    help="Number of processes; does not change the results.",
+)
+_resume = click.option(
+    "--resume", is_flag=True, help="Continue the interrupted run in the output folder."
+)
+
+
+def folder() -> click.Path:
+    """Return the type of an option that names a folder."""
+    return click.Path(path_type=Path, file_okay=False)
+
+
+def seed(what: str = "products, tables and choices") -> Option:
+    """Return the option for the seed, which determines ``what``."""
+    return click.option("--seed", default=0, show_default=True, help=f"Determines {what}.")
+
+
+def prior(default: bool) -> Option:
+    """Return the flag for grasps that geometry proposes."""
+    return click.option(
+        "--prior/--no-prior", default=default, help="Whether grasps are proposed from geometry."
+    )
+
+
+def trials(default: int, what: str) -> Option:
+    """Return the option for the number of trials."""
+    return click.option("-n", "--trials", default=default, show_default=True, help=what)
+
+
+def json_flag(what: str = "figures") -> Option:
+    """Return the flag for JSON instead of tables."""
+    return click.option("--json", "as_json", is_flag=True, help=f"Print the {what} as JSON.")
+
+
+def out(default: str) -> Option:
+    """Return the option for the output folder of a study."""
+    return click.option(
+        "--out", default=default, show_default=True, type=folder(), help="Output folder."
+    )
+
+
+def runs_trials(default_out: str) -> Option:
+    """Return a decorator that adds the options of a study: workers, preset, out, resume, JSON."""
+
+    def decorate(command: Command) -> Command:
+        for add in (json_flag(), _resume, out(default_out), preset, _workers):
+            command = add(command)
+        return command
+
+    return decorate
