@@ -1,5 +1,6 @@
 """OWL 2 RL closure, contradictions and proofs over a graph."""
 
+from reasoner.causes import Cause
 from reasoner.closure import Closure, Config, InconsistentError, Staged
 from reasoner.contradictions import Contradiction
 from reasoner.dl.profile import ProfileViolation, check_profile
@@ -11,6 +12,7 @@ from reasoner.rules.user_rules import LabelledRule, RuleError
 from reasoner.shacl import ShaclReport, validate
 
 __all__ = [
+    "Cause",
     "Closure",
     "ClosureTooLargeError",
     "Config",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
+from reasoner.causes import Cause, Search
 from reasoner.contradictions import Contradiction, describe
 from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
@@ -88,8 +90,25 @@ class Staged:
         self.inferred_added: list[Triple] = [decode(fact) for fact in added]
         self.inferred_removed: list[Triple] = [decode(fact) for fact in removed]
         known = closure._state.clashes
-        news = [clash for key, clash in draft.clashes.items() if key not in known]
-        self.contradictions = closure._describe(news, draft)
+        self._news = [clash for key, clash in draft.clashes.items() if key not in known]
+        self.contradictions = closure._describe(self._news, draft)
+
+    def causes(self, budget_ms: float = 1_000) -> list[Cause]:
+        """Return the smallest sets of added statements that lead to the contradictions.
+
+        Parameters
+        ----------
+        budget_ms : float
+            Stop looking after this many milliseconds; what was found by then is returned.
+
+        Raises
+        ------
+        RuntimeError
+            If the change was applied or discarded before.
+        """
+        if self._draft is None:
+            raise RuntimeError("this change was already applied or discarded")
+        return self._closure._causes(self._news, self._draft, budget_ms)
 
     def apply(self) -> None:
         """Bring the change into force.
@@ -328,6 +347,16 @@ class Closure:
         """Return the present contradictions among the asserted triples."""
         return self._describe(self._state.clashes.values(), None)
 
+    def causes(self, budget_ms: float = 1_000) -> list[Cause]:
+        """Return the smallest sets of asserted statements that lead to the contradictions.
+
+        Parameters
+        ----------
+        budget_ms : float
+            Stop looking after this many milliseconds; what was found by then is returned.
+        """
+        return self._causes(self._state.clashes.values(), None, budget_ms)
+
     def stats(self) -> dict[str, int | list[str]]:
         """Return sizes, and the axioms that could not be read."""
         state = self._state
@@ -386,6 +415,19 @@ class Closure:
             return differences(before, after, draft.asserted)
         was, now = set(before.everything()), set(after.everything())
         return now - was, was - now
+
+    def _causes(
+        self, findings: Iterable[Inconsistency], draft: Draft | None, budget_ms: float
+    ) -> list[Cause]:
+        rules = self._rules
+
+        def clash(triples: Iterable[Triple]) -> list[Contradiction]:
+            return Closure.build(triples, [], rules, self._config).contradictions()
+
+        deadline = time.monotonic() + budget_ms / 1000
+        added = draft.asserted.added if draft is not None else frozenset[Fact]()
+        search = Search(self._reading(draft), clash, frozenset(added), deadline)
+        return search.run(sorted(findings, key=lambda finding: finding.identity[0]))
 
     def _describe(
         self, findings: Iterable[Inconsistency], draft: Draft | None
