@@ -16,6 +16,7 @@ __all__ = [
     "PREFIXES",
     "graph_shapes",
     "modules",
+    "patches",
     "path",
     "queries",
     "rules",
@@ -117,6 +118,11 @@ def graph_shapes() -> list[Path]:
     Two robots may measure the mass of one object differently; one robot states one mass.
     """
     return sorted((_ROOM / "shapes" / "graph").glob("*.ttl"))
+
+
+def patches() -> Path:
+    """Return the list of known faults of published ontologies, which the loader mends."""
+    return path("patches.toml")
 
 
 def queries() -> list[Path]:

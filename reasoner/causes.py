@@ -29,6 +29,9 @@ MAX_CAUSES = 10
 MAX_KINDS = 24
 """Contradictions whose proofs are followed; those of one axiom differ in data only."""
 
+MAX_TRIED = 2_000
+"""Up to so many statements are all tried where the proofs do not name enough of them."""
+
 _DECLARATIONS = (
     v.CLASS, v.OBJECT_PROPERTY, v.DATATYPE_PROPERTY, v.DATATYPE, v.RESTRICTION,
 )  # fmt: skip
@@ -46,6 +49,8 @@ class Cause:
         Asserted statements known before, with which they clash; empty where there was no time.
     example : Contradiction
         One contradiction that they lead to.
+    rules : tuple of str
+        Rules of the user that lead there, as `rule:<label>`.
     is_smallest : bool
         False where time ran out before all that can be left out was.
     """
@@ -53,6 +58,7 @@ class Cause:
     statements: tuple[Triple, ...]
     known: tuple[Triple, ...]
     example: Contradiction
+    rules: tuple[str, ...] = ()
     is_smallest: bool = True
 
 
@@ -88,7 +94,11 @@ class Search:
         if not new or self._is_inconsistent(old):
             new, old = [*old, *new], []
         if not self._is_inconsistent([*old, *new]):
-            return []
+            asserted = list(self.reading.asserted)
+            if len(asserted) > MAX_TRIED or not self._is_inconsistent(asserted):
+                return []
+            new = [fact for fact in asserted if fact in self.added] or asserted
+            old = [fact for fact in asserted if fact not in self.added] if self.added else []
         found: list[tuple[list[Fact], bool]] = []
         try:
             for cause in self._minimal_sets(old, new, limit):
@@ -108,7 +118,8 @@ class Search:
         statements = tuple(map(decode, sorted(cause)))
         with_known = tuple(map(decode, sorted(known)))
         example = self.clash([*statements, *(with_known or map(decode, old))])[0]
-        return Cause(statements, with_known, example, is_smallest)
+        rules = sorted({name for proof in example.proofs for name in _rules_of(proof)})
+        return Cause(statements, with_known, example, tuple(rules), is_smallest)
 
     def _minimal_sets(
         self, background: list[Fact], candidates: list[Fact], limit: int
@@ -164,8 +175,12 @@ class Search:
         if finding.rule in LISTED:
             a, b = premises
             yield a[2], SAME, b[2]
-        yield from premises
-        yield from map(self.reading.asserted_form, finding.because)
+        because = map(self.reading.asserted_form, finding.because)
+        equality = self.reading.equality
+        for fact in (*premises, *because):
+            yield fact
+            # The finding speaks of representatives: why these stand for the terms is a part of it.
+            yield from ((x, SAME, equality.find(x)) for x in fact if equality.is_merged(x))
 
     def _leaves(self, goal: Fact) -> Iterator[Fact]:
         """Yield the asserted facts that a fact rests on, through its schema too."""
@@ -203,6 +218,13 @@ def _rests_on(proof: Proof) -> Iterator[Triple]:
     yield from proof.schema
     for premise in proof.premises:
         yield from _rests_on(premise)
+
+
+def _rules_of(proof: Proof) -> Iterator[str]:
+    if proof.rule.startswith("rule:"):
+        yield proof.rule
+    for premise in proof.premises:
+        yield from _rules_of(premise)
 
 
 def quickxplain(

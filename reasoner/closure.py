@@ -14,6 +14,7 @@ from reasoner.contradictions import Contradiction, describe
 from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
+from reasoner.glosses import Name, local_name
 from reasoner.proofs import GraphsOf, Proof
 from reasoner.reading import Reading, differences
 from reasoner.rules.user_rules import LabelledRule
@@ -108,7 +109,7 @@ class Staged:
         """
         if self._draft is None:
             raise RuntimeError("this change was already applied or discarded")
-        return self._closure._causes(self._news, self._draft, budget_ms)
+        return self._closure._causes(self._news, self._rules, self._draft, budget_ms)
 
     def apply(self) -> None:
         """Bring the change into force.
@@ -283,7 +284,11 @@ class Closure:
         return self._reading().match((a, b, c))
 
     def explain(
-        self, triple: Triple, budget_ms: float = 200, graphs_of: GraphsOf | None = None
+        self,
+        triple: Triple,
+        budget_ms: float = 200,
+        graphs_of: GraphsOf | None = None,
+        name: Name = local_name,
     ) -> Proof | None:
         """Return a proof of least height, None if the triple does not hold.
 
@@ -294,11 +299,13 @@ class Closure:
             Give up, with None, after this many milliseconds.
         graphs_of : callable, optional
             Returns the names of the graphs that assert a triple, for the leaves.
+        name : callable
+            Returns the short name of a term, for the glosses.
         """
         fact = self._find(triple)
         if fact is None or not self.contains(triple):
             return None
-        return self._reading().prove(fact, budget_ms, graphs_of)
+        return self._reading().prove(fact, budget_ms, graphs_of, name)
 
     def inferred(self) -> Iterator[Triple]:
         """Yield every derived triple that no graph asserts: the content of the inferred graph."""
@@ -355,7 +362,7 @@ class Closure:
         budget_ms : float
             Stop looking after this many milliseconds; what was found by then is returned.
         """
-        return self._causes(self._state.clashes.values(), None, budget_ms)
+        return self._causes(self._state.clashes.values(), self._rules, None, budget_ms)
 
     def stats(self) -> dict[str, int | list[str]]:
         """Return sizes, and the axioms that could not be read."""
@@ -417,10 +424,12 @@ class Closure:
         return now - was, was - now
 
     def _causes(
-        self, findings: Iterable[Inconsistency], draft: Draft | None, budget_ms: float
+        self,
+        findings: Iterable[Inconsistency],
+        rules: tuple[str | LabelledRule, ...],
+        draft: Draft | None,
+        budget_ms: float,
     ) -> list[Cause]:
-        rules = self._rules
-
         def clash(triples: Iterable[Triple]) -> list[Contradiction]:
             return Closure.build(triples, [], rules, self._config).contradictions()
 

@@ -15,6 +15,8 @@ from reasoner.terms.vocabulary import LITERAL, TYPE
 _KINDS = {v.SOME: "some", v.ALL: "only", v.HAS_VALUE: "value", v.MAX: "max"}
 _JOINS = {v.INTERSECTION: " and ", v.UNION: " or "}
 MAX_DEPTH = 4
+Name = Callable[[Term], str]
+"""Returns the short name of a term."""
 
 
 def local_name(term: Term) -> str:
@@ -35,8 +37,9 @@ def local_name(term: Term) -> str:
 class Glossary:
     """Readable forms of facts in one state of a closure."""
 
-    def __init__(self, view: View, terms: Dictionary) -> None:
+    def __init__(self, view: View, terms: Dictionary, name: Name = local_name) -> None:
         self._view = view
+        self._name = name
         self._terms = terms
 
     def fact(self, fact: Fact) -> str:
@@ -54,7 +57,7 @@ class Glossary:
             meaning = self._restriction(number, depth) or self._combination(number, depth)
             if meaning:
                 return f"({meaning})"
-        return local_name(self._terms.decode(number))
+        return self._name(self._terms.decode(number))
 
     def pattern(self, atom: Atom, env: Bindings, names: tuple[str, ...]) -> str:
         """Return an atom with its bound variables filled in."""

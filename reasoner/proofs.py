@@ -16,7 +16,7 @@ from typing import Any
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
-from reasoner.glosses import Glossary, Shorten
+from reasoner.glosses import Glossary, Name, Shorten, local_name
 from reasoner.rules.rule import Bindings, Rule, bind, ground, solve
 from reasoner.rules.strata import Program, constants_of
 from reasoner.terms.dictionary import Dictionary, Fact, Triple
@@ -166,9 +166,10 @@ class Prover:
         terms: Dictionary,
         budget_ms: float,
         graphs_of: GraphsOf | None = None,
+        name: Name = local_name,
     ) -> None:
         self._view = Expanded(facts, equality) if equality else facts
-        self._glossary = Glossary(self._view, terms)
+        self._glossary = Glossary(self._view, terms, name)
         self._equality = equality
         self._program = program
         self._asserted = asserted

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
-from reasoner.glosses import Glossary
+from reasoner.glosses import Glossary, Name, local_name
 from reasoner.proofs import GraphsOf, Proof, Prover
 from reasoner.rules.strata import Program
 from reasoner.terms import vocabulary as v
@@ -76,12 +76,16 @@ class Reading:
         return min(forms, key=lambda f: str(self.terms.decode_fact(f)), default=fact)
 
     def prove(
-        self, fact: Fact, budget_ms: float, graphs_of: GraphsOf | None = None
+        self,
+        fact: Fact,
+        budget_ms: float,
+        graphs_of: GraphsOf | None = None,
+        name: Name = local_name,
     ) -> Proof | None:
         """Return a proof of minimal height; for a virtual fact, its rule alone."""
         held = next(filter(self.holds, self.forms(fact)), None)
         if held is None:
-            gloss = Glossary(self.facts, self.terms).fact(fact)
+            gloss = Glossary(self.facts, self.terms, name).fact(fact)
             return Proof(self.terms.decode_fact(fact), gloss, _virtual_rule(fact[1]))
         return Prover(
             self.facts,
@@ -91,6 +95,7 @@ class Reading:
             self.terms,
             budget_ms,
             graphs_of,
+            name,
         ).prove(held)
 
     # Sets of facts.

@@ -38,6 +38,11 @@ from rtask.cli.progress import LoadProgress
     show_default=True,
     help="What to do about an import that cannot be found.",
 )
+@click.option(
+    "--no-patches",
+    is_flag=True,
+    help="Keep known faults of published ontologies (`rtask ontology patches` lists them).",
+)
 @click.option("--no-reason", is_flag=True, help="Skip reasoning; the next open catches up.")
 @click.option("--dry-run", is_flag=True, help="Read, resolve and count, but store nothing.")
 @click.option(
@@ -57,6 +62,7 @@ def load(
     catalogs: tuple[Path, ...],
     replace: bool,
     missing_imports: str,
+    no_patches: bool,
     no_reason: bool,
     dry_run: bool,
     validate: str,
@@ -84,6 +90,7 @@ def load(
                 missing_imports=missing_imports,
                 dry_run=dry_run,
                 on_read=progress,
+                patches=not no_patches,
             )
             reports.append(report)
             if progress is not None:
@@ -96,6 +103,9 @@ def load(
                     f"{file.name}: {file.format}, {file.read} statements, +{file.added} "
                     f"-{file.removed}, {file.derived} derived, {file.seconds:.2f} s{where}"
                 )
+            for file in report.files:
+                for name in file.patches:
+                    click.echo(f"{file.name}: mended by the patch {name}", err=True)
             for name in report.missing_imports:
                 click.echo(f"missing import: {name}", err=True)
             for name in report.undeclared:

@@ -63,6 +63,26 @@ def list_loaded(data: Path, server: str | None, as_json: bool) -> None:
 
 
 @ontology.command()
+@json_option
+def patches(as_json: bool) -> None:
+    """List the known faults of published ontologies, which loading leaves out.
+
+    `rtask load --no-patches` keeps them.
+    """
+    from rtask.loader.patches import patches as known
+
+    listed = [patch.to_dict() for patch in known()]
+    if as_json:
+        print_json(listed)
+        return
+    for patch in listed:
+        click.echo(f"{patch['name']}  {patch['ontology']} ({patch['edition']})")
+        click.echo(f"  {patch['reason']}")
+        for line in patch["removes"]:
+            click.echo(f"  - {line}")
+
+
+@ontology.command()
 @click.argument("iri")
 @json_option
 def path(iri: str, as_json: bool) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _OWL = "http://www.w3.org/2002/07/owl#"
 _SUB_CLASS = "http://www.w3.org/2000/01/rdf-schema#subClassOf"
 _LISTED = 20
+_CAUSE_MS = 10_000
 
 
 @click.command()
@@ -120,10 +121,19 @@ def _rl(triples: list[Any], rules: list[Any]) -> dict[str, Any]:
         "triples": len(triples),
         "consistent": not clashes,
         "contradictions": [str(clash) for clash in clashes],
+        "causes": _causes(closure) if clashes else [],
         "unsatisfiable": _empty_classes(closure),
         "outside of OWL 2 RL": dict(outside.most_common()),
         "problems": closure.stats()["problems"],
     }
+
+
+def _causes(closure: Any) -> list[str]:
+    """Return the smallest sets of statements behind the contradictions, one line each."""
+    from rtask.kb.commit.conflict import cause_of
+    from rtask.kb.store.naming import prefixed
+
+    return [cause_of(cause, prefixed) for cause in closure.causes(budget_ms=_CAUSE_MS)]
 
 
 def _dl(triples: list[Any], engine: str, timeout: float) -> dict[str, Any]:

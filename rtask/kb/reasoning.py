@@ -30,6 +30,22 @@ class Reasoning(Writing):
             found: list[Any] = self._reasoner().closure().contradictions()
         return found
 
+    def causes(self, budget_ms: float = 5_000) -> list[dict[str, Any]]:
+        """Return the smallest sets of asserted statements that lead to contradictions.
+
+        Parameters
+        ----------
+        budget_ms
+            How long to look for them.
+
+        Returns
+        -------
+        list of dict
+            ``statements`` to choose from, those ``known`` with them, ``rules``, an ``example``.
+        """
+        with self._writer.exclusive():
+            return self._reasoner().causes(budget_ms)
+
     def explain(
         self, subject: Subject | str, predicate: NamedNode | str, value: Value
     ) -> Any | None:

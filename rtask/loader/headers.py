@@ -44,11 +44,14 @@ class Header:
         IRI of the version; ``None`` if not stated.
     imports
         IRIs of imported ontologies, in the order of the document.
+    patches
+        Names of the patches that were applied to the document.
     """
 
     iri: NamedNode | None = None
     version_iri: NamedNode | None = None
     imports: tuple[NamedNode, ...] = ()
+    patches: tuple[str, ...] = ()
 
 
 @dataclass

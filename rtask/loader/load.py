@@ -23,6 +23,7 @@ from rtask.kb.rules.rule import is_rule_file, read_rules
 from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.headers import Header, Terms, header_of, peek
+from rtask.loader.patches import mend
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.guards import undefined_json_terms
@@ -38,6 +39,7 @@ _log = logging.getLogger(__name__)
 _MISSING = ("error", "warn", "ignore")
 _KEPT_SOURCE_BYTES = 64 << 20
 _UNLIMITED = 1 << 62
+_CAUSE_MS = 10_000.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,9 @@ class FileReport:
         Number of statements in the document, or of rules.
     added, removed, derived
         Numbers of statements added to, removed from and derived in the knowledge base.
+    patches
+        Names of the patches that were applied to faults of the document; see
+        :mod:`rtask.loader.patches`.
     """
 
     name: str
@@ -62,6 +67,7 @@ class FileReport:
     removed: int
     derived: int
     seconds: float
+    patches: tuple[str, ...] = ()
 
 
 @dataclass
@@ -110,6 +116,7 @@ class Options:
     missing_imports: str
     access: Access
     on_read: Callable[[str, int, int], None] | None = None
+    patches: bool = True
 
 
 def load(
@@ -126,6 +133,7 @@ def load(
     agent: str | None = None,
     access: Access | None = None,
     on_read: Callable[[str, int, int], None] | None = None,
+    patches: bool = True,
 ) -> LoadReport:
     """Load a file, a folder, ``-`` (standard input), bytes, or the IRI of a known ontology.
 
@@ -149,6 +157,8 @@ def load(
     on_read
         Called with the name of the document, the number of bytes read and its size; the number
         restarts from zero if a document is read again.
+    patches
+        Whether to leave out known faults of published ontologies.
 
     Raises
     ------
@@ -168,6 +178,7 @@ def load(
         missing_imports,
         kb.access(agent, access),
         on_read,
+        patches,
     )
     loader = _Loader(kb, options, OntologyCatalogue(Path(place) for place in catalogs))
     for document in loader.documents(source):
@@ -279,8 +290,10 @@ class _Loader:
         for name in header.imports:
             self._import(name, document)
         loose = any(isinstance(quad.graph_name, DefaultGraph) for quad in first)
-        item = Item(document, header, self._target(document, header), loose)
         rest = next(quads, None)
+        if rest is None:
+            first, header = self._mended(document, first, header)
+        item = Item(document, header, self._target(document, header), loose)
         if self._is_unchanged(item):
             counts = (len(first), 0, 0, 0)
         elif rest is None:
@@ -296,7 +309,9 @@ class _Loader:
             self._warn_of_undefined_terms(item.document)
         elapsed = round(time.perf_counter() - started, 3)
         where = item.graph.value if item.loose and isinstance(item.graph, NamedNode) else ""
-        self.report.files.append(FileReport(item.document.name, form.name, where, *counts, elapsed))
+        self.report.files.append(
+            FileReport(item.document.name, form.name, where, *counts, elapsed, item.header.patches)
+        )
 
     def _warn_of_undefined_terms(self, document: Document) -> None:
         with document.open() as stream:
@@ -307,6 +322,20 @@ class _Loader:
                 f"{document.name}: no context defines {names}; the values of "
                 f"{'this key' if len(undefined) == 1 else 'these keys'} were left out (JSON-LD 1.1)"
             )
+
+    def _mended(
+        self, document: Document, quads: list[Quad], header: Header
+    ) -> tuple[list[Quad], Header]:
+        """Leave the known faults of an ontology out."""
+        if not self.options.patches or self.kb.plain:
+            return quads, header
+        left, applied, stale = mend(quads, header.iri)
+        for patch in stale:
+            self.report.warnings.append(
+                f"{document.name}: the patch {patch.name} is for {patch.edition}; this edition "
+                "does not have its statements"
+            )
+        return left, replace(header, patches=tuple(patch.name for patch in applied))
 
     def _is_text(self, document: Document, form: Format) -> bool:
         if self.options.dry_run or self.kb.plain:
@@ -390,11 +419,12 @@ class _Loader:
             sources[item.graph] = self.kb.blobs.put(data, "application/octet-stream")
         return Request(
             self.options.access,
-            note=f"load {item.document.name}",
+            note=f"load {item.document.name}" + _mending(item.header),
             kinds=kinds,
             check_blobs=False,
             sources=sources,
             max_quads=_UNLIMITED,
+            cause_ms=_CAUSE_MS,
         )
 
     def _keeps_source(self, item: Item) -> bool:
@@ -427,6 +457,10 @@ class _Loader:
             yield Quad(subject, quad.predicate, value, where)
 
 
+def _mending(header: Header) -> str:
+    return f", mended by {', '.join(header.patches)}" if header.patches else ""
+
+
 class _DryRun(Exception):
     """Raised to leave a transaction without a commit."""
 
@@ -442,6 +476,7 @@ def _for_imports(options: Options) -> Options:
         options.missing_imports,
         options.access,
         options.on_read,
+        options.patches,
     )
 
 

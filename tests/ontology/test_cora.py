@@ -49,9 +49,10 @@ def _facts(graph: rdflib.Graph) -> set[Fact]:
 
 def _removed() -> list[Fact]:
     facts = []
-    for patch in tomllib.loads(ontology.path("cora/patches.toml").read_text())["patch"]:
-        value = patch.get("object") or "(" + " ".join(sorted(patch["members"])) + ")"
-        facts.append((patch["subject"], patch["predicate"], value))
+    for patch in tomllib.loads(ontology.patches().read_text())["patch"]:
+        for fault in patch["remove"] if "ieee1872-owl" in patch["ontology"] else ():
+            value = fault.get("object") or "(" + " ".join(sorted(fault["members"])) + ")"
+            facts.append((fault["subject"], fault["predicate"], value))
     return facts
 
 

@@ -21,7 +21,7 @@ from rtask.errors import (
 )
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.catalogue import Catalogue, CommitRecord, GraphFacts
-from rtask.kb.commit.inference import Inference, Staged
+from rtask.kb.commit.inference import CAUSE_BUDGET_MS, Inference, Staged
 from rtask.kb.commit.quarantine import set_aside
 from rtask.kb.commit.validation import Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
@@ -112,6 +112,8 @@ class Request:
         Skip the check of rights; for derived data that the knowledge base itself writes.
     strict
         Refuse contradictory statements even where the policy is to quarantine them.
+    cause_ms
+        How long to look for the causes of a contradiction, in milliseconds.
     """
 
     access: Access
@@ -124,6 +126,7 @@ class Request:
     trusted: bool = False
     strict: bool = False
     max_quads: int = MAX_QUADS
+    cause_ms: float = CAUSE_BUDGET_MS
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
 
@@ -224,7 +227,7 @@ class Committer:
             return Overlay(self.store), None, 0
         if self.quarantines and not request.strict:
             return set_aside(change, self.inference, self.graphs, self.last_seq + 1, rules)
-        return *self.inference.stage(change, rules), 0
+        return *self.inference.stage(change, rules, request.cause_ms), 0
 
     def _store(
         self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request

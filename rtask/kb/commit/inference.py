@@ -11,11 +11,13 @@ from pyoxigraph import NamedNode, Quad
 import ontology
 from rtask.errors import InconsistentError, TooLargeError
 from rtask.kb.commit.catalogue import Catalogue
+from rtask.kb.commit.conflict import describe_cause, inconsistent
 from rtask.kb.durability.saved_closures import Held, SavedClosures
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import blamed, stored_rules
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.naming import Names
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
@@ -23,6 +25,7 @@ from rtask.rdf.terms import GraphName, TripleKey, triple_key
 __all__ = ["Inference", "Staged", "labelled", "shipped_rules"]
 
 _log = logging.getLogger(__name__)
+CAUSE_BUDGET_MS = 500.0
 
 
 class Staged(Protocol):
@@ -31,6 +34,9 @@ class Staged(Protocol):
     inferred_added: Iterable[TripleKey]
     inferred_removed: Iterable[TripleKey]
     contradictions: list[Any]
+
+    def causes(self, budget_ms: float) -> list[Any]:
+        """Return the smallest sets of statements behind the contradictions."""
 
     def apply(self) -> None:
         """Make the derivation visible, after the store's commit."""
@@ -158,34 +164,44 @@ class Inference:
         """Whether the reasoner reads a graph."""
         return self._graphs.is_input(graph)
 
-    def stage(self, change: Overlay, rules: Sequence[Rule] | None = None) -> tuple[Overlay, Staged]:
+    def stage(
+        self,
+        change: Overlay,
+        rules: Sequence[Rule] | None = None,
+        cause_ms: float = CAUSE_BUDGET_MS,
+    ) -> tuple[Overlay, Staged]:
         """Return the statements that a change adds to and removes from the inferred graph.
 
         Parameters
         ----------
         rules
             All rules of the user from now on, if the change concerns any.
+        cause_ms
+            How long to look for the causes of a contradiction.
 
         Raises
         ------
         InconsistentError
             If the change contradicts stored data or the ontology; the derivation is discarded.
         """
-        derived, staged, clashes = self.try_stage(change, rules)
-        if staged is None:
-            raise self.inconsistent(clashes)
-        return derived, staged
+        staged = self._stage(change, rules)
+        if staged.contradictions:
+            causes = staged.causes(budget_ms=cause_ms)
+            staged.discard()
+            raise self.inconsistent(staged.contradictions, causes)
+        return self._derived(staged), staged
 
     def try_stage(
         self, change: Overlay, rules: Sequence[Rule] | None = None
     ) -> tuple[Overlay, Staged | None, list[Any]]:
         """Like :meth:`stage`, but return contradictions instead of raising."""
-        closure = self.closure()
-        gained, lost = input_change(change, self._graphs.is_input)
-        staged = self._stage(closure, gained, lost, rules)
+        staged = self._stage(change, rules)
         if staged.contradictions:
             staged.discard()
             return Overlay(self._store), None, staged.contradictions
+        return self._derived(staged), staged, []
+
+    def _derived(self, staged: Staged) -> Overlay:
         derived = Overlay(self._store)
         graph = self._graphs.inferred
         for key in staged.inferred_removed:
@@ -193,34 +209,27 @@ class Inference:
             if quad in self._store:
                 derived.removed[quad] = None
         derived.added.update(dict.fromkeys(Quad(*key, graph) for key in staged.inferred_added))
-        return derived, staged, []
+        return derived
 
-    def inconsistent(self, contradictions: Sequence[Any]) -> InconsistentError:
-        """Return the error that lists the contradictions."""
-        message = contradictions[0].message
-        more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
-        hint = ""
-        if "XMLSchema#decimal" in message:
-            hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
-        return InconsistentError(
-            f"contradicts the ontology: {message}{more}{hint}; nothing was stored",
-            contradictions=[self._describe(found) for found in contradictions],
-        )
-
-    def _describe(self, contradiction: Any) -> dict[str, Any]:
-        """Return a contradiction as JSON-able values, with the graphs of its statements."""
-        culprits: list[TripleKey] = [*contradiction.culprits()]
-        return {
-            "rule": contradiction.rule,
-            "message": contradiction.message,
-            "triples": [[str(term) for term in triple] for triple in contradiction.triples],
-            "axioms": [[str(term) for term in triple] for triple in contradiction.axioms],
-            "graphs": sorted({graph for triple in culprits for graph in self.graphs_of(triple)}),
-        }
+    def inconsistent(
+        self, contradictions: Sequence[Any], causes: Sequence[Any] = ()
+    ) -> InconsistentError:
+        """Return the error that lists the contradictions and their causes."""
+        return inconsistent(contradictions, causes, self.names(), self.graphs_of)
 
     def explain(self, triple: TripleKey) -> Any | None:
         """Return the proof of a triple, or ``None`` if it does not hold."""
-        return self.closure().explain(triple, graphs_of=self.graphs_of)
+        return self.closure().explain(triple, graphs_of=self.graphs_of, name=self.names())
+
+    def names(self) -> Names:
+        """Return the short names of the terms that the graph holds now."""
+        return Names(self._store, self._graphs)
+
+    def causes(self, budget_ms: float) -> list[dict[str, Any]]:
+        """Return the smallest sets of asserted statements behind the present contradictions."""
+        found = self.closure().causes(budget_ms=budget_ms)
+        names = self.names()
+        return [describe_cause(cause, names, self.graphs_of) for cause in found]
 
     def graphs_of(self, triple: TripleKey) -> list[str]:
         """Return the names of the graphs that assert a triple."""
@@ -239,18 +248,13 @@ class Inference:
             Quad(s, p, o, graph) for s, p, o in surplus
         ]
 
-    def _stage(
-        self,
-        closure: Any,
-        gained: list[TripleKey],
-        lost: list[TripleKey],
-        rules: Sequence[Rule] | None,
-    ) -> Staged:
+    def _stage(self, change: Overlay, rules: Sequence[Rule] | None) -> Staged:
         from reasoner import ClosureTooLargeError, RuleError, StratificationError
 
+        gained, lost = input_change(change, self._graphs.is_input)
         now = None if rules is None else [*shipped_rules(), *map(labelled, rules)]
         try:
-            staged: Staged = closure.stage(add=gained, remove=lost, rules=now)
+            staged: Staged = self.closure().stage(add=gained, remove=lost, rules=now)
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
         except (RuleError, StratificationError) as error:

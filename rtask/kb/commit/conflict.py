@@ -1,0 +1,98 @@
+"""Contradictions told to people: what clashes, and the smallest sets of statements behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from rtask.errors import InconsistentError
+from rtask.rdf.terms import Term, TripleKey
+
+__all__ = ["cause_of", "describe_cause", "inconsistent"]
+
+Name = Callable[[Term], str]
+GraphsOf = Callable[[TripleKey], list[str]]
+_LISTED = 6
+_SHOWN = 4
+
+
+def inconsistent(
+    contradictions: Sequence[Any], causes: Sequence[Any], name: Name, graphs_of: GraphsOf
+) -> InconsistentError:
+    """Return the error that lists contradictions and their causes.
+
+    Parameters
+    ----------
+    contradictions
+        :class:`reasoner.Contradiction`; at least one.
+    causes
+        :class:`reasoner.Cause`; may be empty.
+    name
+        Returns the short name of a term.
+    graphs_of
+        Returns the names of the graphs that assert a statement.
+    """
+    message = contradictions[0].message
+    more = f" (and {len(contradictions) - 1} more)" if len(contradictions) > 1 else ""
+    hint = ""
+    if "XMLSchema#decimal" in message:
+        hint = "; a number with a point is an xsd:decimal, write 0.31e0 for an xsd:double"
+    because = _because(causes, name)
+    return InconsistentError(
+        f"contradicts the ontology: {message}{more}{hint}{because}; nothing was stored",
+        contradictions=[_describe(found, graphs_of) for found in contradictions],
+        causes=[describe_cause(cause, name, graphs_of) for cause in causes],
+    )
+
+
+def _because(causes: Sequence[Any], name: Name) -> str:
+    """Return the causes in words; nothing where the cause is only what clashes."""
+    told = [cause for cause in causes if len(cause.statements) + len(cause.known) > 1]
+    if not told:
+        return ""
+    listed = [cause_of(cause, name) for cause in told[:_LISTED]]
+    if len(listed) == 1:
+        known = told[0].known[:_SHOWN]
+        beside = " and ".join(" ".join(map(name, triple)) for triple in known)
+        return f"; cause: {listed[0]}" + (f", beside {beside}" if beside else "")
+    more = f" and {len(told) - _LISTED} more" if len(told) > _LISTED else ""
+    sets = " ".join(f"({number}) {text}" for number, text in enumerate(listed, 1))
+    return f"; {len(told)} causes, each enough: {sets}{more}"
+
+
+def cause_of(cause: Any, name: Name) -> str:
+    """Return the statements of a cause in one line."""
+    shown = [" ".join(map(name, triple)) for triple in cause.statements[:_SHOWN]]
+    if len(cause.statements) > _SHOWN:
+        shown.append(f"{len(cause.statements) - _SHOWN} more")
+    rules = "".join(f" by {rule}" for rule in cause.rules)
+    return " and ".join(shown) + rules
+
+
+def describe_cause(cause: Any, name: Name, graphs_of: GraphsOf) -> dict[str, Any]:
+    """Return a cause as JSON-able values."""
+    return {
+        "message": cause_of(cause, name),
+        "statements": _texts(cause.statements),
+        "known": _texts(cause.known),
+        "rules": list(cause.rules),
+        "example": cause.example.message,
+        "smallest": cause.is_smallest,
+        "graphs": sorted({g for t in (*cause.statements, *cause.known) for g in graphs_of(t)}),
+    }
+
+
+def _texts(triples: Iterable[TripleKey]) -> list[list[str]]:
+    return [[str(term) for term in triple] for triple in triples]
+
+
+def _describe(contradiction: Any, graphs_of: GraphsOf) -> dict[str, Any]:
+    """Return a contradiction as JSON-able values, with the graphs of its statements."""
+    culprits: list[TripleKey] = [*contradiction.culprits()]
+    return {
+        "rule": contradiction.rule,
+        "message": contradiction.message,
+        "triples": _texts(contradiction.triples),
+        "axioms": _texts(contradiction.axioms),
+        "graphs": sorted({graph for triple in culprits for graph in graphs_of(triple)}),
+    }
