@@ -7,6 +7,7 @@ assertions; the rest goes beyond it).
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations, count
@@ -67,10 +68,19 @@ class Entailment:
         None if a part could neither be found nor negated.
     proofs : tuple of Proof
         Of the parts that were found.
+    missing : tuple of Triple
+        Parts that do not follow.
+    undecided : tuple of Triple
+        Parts that could neither be found nor negated, or not in time.
+    is_inconsistent : bool
+        Whether the premise contradicts itself, from which everything follows.
     """
 
     answer: bool | None
     proofs: tuple[Proof, ...] = ()
+    missing: tuple[Triple, ...] = ()
+    undecided: tuple[Triple, ...] = ()
+    is_inconsistent: bool = False
 
 
 @dataclass
@@ -91,7 +101,18 @@ class _Conclusion:
         return items
 
 
-def entails(closure: Closure, conclusion: Iterable[Triple], semantics: str = "rl") -> Entailment:
+class _OutOfTimeError(Exception):
+    """The search took too long."""
+
+
+def entails(
+    closure: Closure,
+    conclusion: Iterable[Triple],
+    semantics: str = "rl",
+    *,
+    budget_ms: float | None = None,
+    explain: Callable[[Triple], Proof | None] | None = None,
+) -> Entailment:
     """Tell whether every triple of a conclusion follows from a closure.
 
     Parameters
@@ -103,6 +124,10 @@ def entails(closure: Closure, conclusion: Iterable[Triple], semantics: str = "rl
     semantics : {"rl", "direct"}
         Under "direct", annotations and class expressions that no axiom uses have no meaning (OWL 2
         Direct Semantics).
+    budget_ms : float, optional
+        Leave what is not decided after this many milliseconds undecided.
+    explain : callable, optional
+        Returns the proof of a triple that holds, instead of `closure.explain`.
 
     Examples
     --------
@@ -115,17 +140,27 @@ def entails(closure: Closure, conclusion: Iterable[Triple], semantics: str = "rl
     if semantics not in ("rl", "direct"):
         raise ValueError(f"semantics is 'rl' or 'direct', not {semantics!r}")
     if closure.contradictions():
-        return Entailment(True)
+        return Entailment(True, is_inconsistent=True)
+    deadline = None if budget_ms is None else time.monotonic() + budget_ms / 1000
+    prove = explain or closure.explain
     parts = _normalise(closure, list(conclusion), semantics)
     missing = [s for s in parts.statements if not _is_found(closure, s)]
-    found = [closure.explain(s) for s in parts.statements if s not in missing]
+    absent = set(missing)
+    found = [prove(s) for s in parts.statements if s not in absent and not _is_late(deadline)]
     proofs = tuple(proof for proof in found if proof is not None)
-    if missing and _match_all(closure, [*missing, *parts.definitions], {}):
-        return Entailment(True, proofs)
-    answers = [_refute(closure, statement, parts) for statement in missing]
-    if False in answers:
-        return Entailment(False, proofs)
-    return Entailment(None if None in answers else True, proofs)
+    try:
+        if missing and _match_all(closure, [*missing, *parts.definitions], {}, deadline):
+            return Entailment(True, proofs)
+    except _OutOfTimeError:
+        return Entailment(None, proofs, (), tuple(missing))
+    answers = [(s, None if _is_late(deadline) else _refute(closure, s, parts)) for s in missing]
+    wrong = tuple(s for s, answer in answers if answer is False)
+    undecided = tuple(s for s, answer in answers if answer is None)
+    return Entailment(False if wrong else None if undecided else True, proofs, wrong, undecided)
+
+
+def _is_late(deadline: float | None) -> bool:
+    return deadline is not None and time.monotonic() > deadline
 
 
 def _normalise(closure: Closure, triples: list[Triple], semantics: str) -> _Conclusion:
@@ -169,10 +204,17 @@ def _is_reflexive(closure: Closure, p: Term) -> bool:
     return any(q == p or closure.contains((q, below, p)) for q in reflexive)
 
 
-def _match_all(closure: Closure, patterns: list[Triple], bound: dict[Term, Term]) -> bool:
+def _match_all(
+    closure: Closure,
+    patterns: list[Triple],
+    bound: dict[Term, Term],
+    deadline: float | None = None,
+) -> bool:
     """Tell whether the patterns hold for some value of their blank nodes."""
     if not patterns:
         return True
+    if _is_late(deadline):
+        raise _OutOfTimeError
 
     def known(term: Term) -> Term | None:
         return bound.get(term) if isinstance(term, BlankNode) else term
@@ -184,7 +226,7 @@ def _match_all(closure: Closure, patterns: list[Triple], bound: dict[Term, Term]
         for pattern, value in zip(best, found, strict=True):
             if isinstance(pattern, BlankNode):
                 extended[pattern] = value
-        if _match_all(closure, rest, extended):
+        if _match_all(closure, rest, extended, deadline):
             return True
     return False
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from endpoint.api.reasoner import RULES, SPARQL_TYPE
+from endpoint.api.reasoner import CONTRADICTIONS, ENTAILS, EXPLAIN, RULES, SPARQL_TYPE
 from endpoint.http.messages import JSON_TYPE
 
 JsonObject = dict[str, Any]
@@ -40,7 +40,35 @@ def reasoner_paths(
     label = parameter("label", "query", "label of a rule sent as SPARQL", _TEXT)
     replace = parameter("replace", "query", "1: replace a rule of this label", {"enum": ["0", "1"]})
     sent = {**_RULE, "properties": {**_RULE["properties"], "replace": {"type": "boolean"}}}
+    terms = [
+        parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", _TEXT)
+        for name, meaning in (("s", "subject"), ("p", "predicate"), ("o", "object"))
+    ]
+    for described in terms:
+        described["required"] = True
+    asked = get("Does a statement follow?", (JSON_TYPE,), terms)
+    asked["responses"] |= problems((413, 422, 501))
+    explained = get("Why does a statement hold?", (JSON_TYPE,), terms)
+    explained["responses"] |= problems((422, 501))
+    clashes = get("What the graph contradicts, with the causes", (JSON_TYPE,))
+    clashes["responses"] |= problems((501,))
     return {
+        EXPLAIN: {"get": explained},
+        CONTRADICTIONS: {"get": clashes},
+        ENTAILS: {
+            "get": asked,
+            "post": {
+                "summary": "Does everything that a document says follow?",
+                "requestBody": {
+                    "required": True,
+                    "content": {"text/turtle": {}, "application/n-triples": {}},
+                },
+                "responses": {
+                    "200": {"description": "the answer", "content": {JSON_TYPE: {}}},
+                    **problems((*_CHANGE_PROBLEMS, 501)),
+                },
+            },
+        },
         RULES: {
             "get": get("Rules of the user", (JSON_TYPE,)),
             "post": {

@@ -1,21 +1,34 @@
-"""The addresses of the reasoner: rules of the user."""
+"""The addresses of the reasoner: rules of the user, proofs, entailment, contradictions."""
 
 from __future__ import annotations
 
 import json
+from itertools import islice
 from typing import Any
+
+from pyoxigraph import NamedNode, RdfFormat
 
 from endpoint.access.auth import Authenticator, Caller
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
-from rtask.errors import AuthenticationError, UsageError
+from endpoint.http.terms import read_term
+from rtask.errors import AuthenticationError, TooLargeError, UsageError
 from rtask.kb.rules.rule import Rule
 from rtask.kb.rules.rulebook import find
 from rtask.knowledge_base import KnowledgeBase
+from rtask.rdf.documents import Document
+from rtask.rdf.formats import find_format, statements
+from rtask.rdf.terms import TripleKey, triple_key
 
 ADDRESS = "/reasoner/"
 RULES = ADDRESS + "rules"
 SPARQL_TYPE = "application/sparql-query"
+EXPLAIN, ENTAILS = ADDRESS + "explain", ADDRESS + "entails"
+CONTRADICTIONS = ADDRESS + "contradictions"
+BUDGET_MS = 500.0
+"""Writers wait while the reasoner answers, so each answer has a small budget."""
+
+MAX_CONCLUSION = 1_000
 _FIELDS = ("label", "text", "comment", "replace")
 
 
@@ -29,6 +42,10 @@ def methods_of(address: str) -> tuple[str, ...]:
         return ("GET", "HEAD", "POST")
     if address.startswith(RULES + "/"):
         return ("GET", "HEAD", "DELETE")
+    if address == ENTAILS:
+        return ("GET", "HEAD", "POST")
+    if address in (EXPLAIN, CONTRADICTIONS):
+        return ("GET", "HEAD")
     return ()
 
 
@@ -49,6 +66,14 @@ def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, call
     if request.method not in methods:
         allow = (("Allow", ", ".join(methods)),)
         raise RefusedError(405, "method-not-allowed", f"use {' or '.join(methods)}", headers=allow)
+    if address == CONTRADICTIONS:
+        return Plan(lambda: _contradictions(kb))
+    if address == EXPLAIN:
+        triple = _triple(request)
+        return Plan(lambda: _explain(kb, triple))
+    if address == ENTAILS:
+        conclusion = _conclusion(request)
+        return Plan(lambda: _json(kb.entails(conclusion, budget_ms=BUDGET_MS).to_dict()))
     name = address.removeprefix(RULES).removeprefix("/")
     if request.method == "POST":
         _require_author(auth, request, caller)
@@ -97,6 +122,67 @@ def _remove(kb: KnowledgeBase, name: str, request: Request, caller: Caller) -> R
     rule = _one(kb, name)
     commit = kb.remove_rules(rule.label, access=caller.access, note=caller.note(request))
     return _json({"removed": rule.label, "commit": commit.seq})
+
+
+def _triple(request: Request) -> TripleKey:
+    """Return the statement that the parameters s, p and o name."""
+    terms = []
+    for name in "spo":
+        given = request.values(name)
+        if len(given) != 1 or not given[0].strip():
+            raise UsageError(f"{name} is needed once: an IRI, or a term in N-Triples syntax")
+        terms.append(read_term(given[0].strip(), name))
+    subject, predicate, value = terms
+    if not isinstance(subject, NamedNode) or not isinstance(predicate, NamedNode):
+        raise UsageError("s and p are IRIs")
+    return subject, predicate, value
+
+
+def _conclusion(request: Request) -> list[TripleKey]:
+    """Return the statements to test: of the parameters, or of an RDF document in the body."""
+    if request.method != "POST":
+        return [_triple(request)]
+    media_type, _ = request.content_type
+    form = RdfFormat.from_media_type(media_type)
+    if form is None:
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            "send the statements in an RDF format, such as text/turtle",
+            headers=(("Accept-Post", "text/turtle, application/n-triples"),),
+        )
+    document = Document("<body>", data=request.body)
+    quads = list(islice(statements(document, find_format(form)), MAX_CONCLUSION + 1))
+    if len(quads) > MAX_CONCLUSION:
+        raise TooLargeError(
+            f"at most {MAX_CONCLUSION} statements are tested at once; `rtask entails` takes more",
+            limit="statements",
+            allowed=MAX_CONCLUSION,
+        )
+    return [triple_key(quad) for quad in quads]
+
+
+def _explain(kb: KnowledgeBase, triple: TripleKey) -> Response:
+    inferred = kb.graphs.inferred
+    found = sorted(str(quad.graph_name) for quad in kb.match(*triple))
+    asserted = [name for name in found if name != str(inferred)]
+    proof = kb.explain(*triple)
+    body = {
+        "holds": proof is not None,
+        "asserted_in": asserted,
+        "proof": None if proof is None else proof.to_dict(),
+        "text": None if proof is None else proof.render(),
+    }
+    return _json(body)
+
+
+def _contradictions(kb: KnowledgeBase) -> Response:
+    return _json(
+        {
+            "contradictions": [found.message for found in kb.contradictions()],
+            "causes": kb.causes(BUDGET_MS),
+        }
+    )
 
 
 def _sent(request: Request) -> tuple[Rule, bool]:

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
-from pyoxigraph import RdfFormat, parse
-
-from rtask.errors import RtaskError, UsageError
+from endpoint.http.terms import read_term
+from rtask.errors import UsageError
 from rtask.kb.commit.commit import Change
 from rtask.kb.feed.live_queries import RowChange
 from rtask.kb.feed.subscriptions import Filter, Subscription
 from rtask.knowledge_base import KnowledgeBase
-from rtask.rdf.terms import RDF_TYPE, NamedNode, iri, stored
+from rtask.rdf.terms import RDF_TYPE, NamedNode
 from rtask.sparql.results import Solutions
 
 __all__ = [
@@ -88,26 +87,13 @@ def filter_of(pattern: Pattern) -> Filter:
     terms: dict[str, Any] = {}
     for field in fields(Pattern)[:-1]:
         text = getattr(pattern, field.name)
-        terms[field.name] = _term(text, field.name) if text else None
+        terms[field.name] = read_term(text, field.name) if text else None
     for name in ("p", "graph", "cls"):
         if terms[name] is not None and not isinstance(terms[name], NamedNode):
             raise UsageError(f"{'class' if name == 'cls' else name}: expected an IRI")
     return Filter(
         terms["s"], terms["p"], terms["o"], terms["graph"], terms["cls"], pattern.inferred
     )
-
-
-def _term(text: str, name: str) -> Any:
-    """Return a term written as a plain IRI or as in N-Triples."""
-    try:
-        if text[0] not in '<"':
-            return iri(text)
-        (triple,) = parse(f"<urn:s> <urn:p> {text} .".encode(), format=RdfFormat.N_TRIPLES)
-        return stored(triple.object)
-    except (RtaskError, ValueError, SyntaxError) as error:
-        raise UsageError(
-            f"{name}: expected an IRI or a term in N-Triples syntax, got {text[:100]!r}: {error}"
-        ) from None
 
 
 class Follower:

@@ -26,6 +26,7 @@ _BUILT_IN = {
     "ask": "rtask.cli.people:ask",
     "backup": "rtask.cli.maintenance:backup",
     "doctor": "rtask.cli.doctor:doctor",
+    "entails": "rtask.cli.entails:entails",
     "explain": "rtask.cli.reasoning:explain",
     "export": "rtask.cli.contents:export",
     "feedback": "rtask.cli.people:feedback",

@@ -10,9 +10,10 @@ import click
 
 from rtask.cli.connection import open_to_read
 from rtask.cli.options import data_option, json_option, print_json
-from rtask.cli.progress import Working
+from rtask.cli.progress import Working, announce_compilation
 
 if TYPE_CHECKING:
+    from rtask.kb.commit.validation import Violation
     from rtask.knowledge_base import KnowledgeBase
 
 _FILES = ("store", "journal")
@@ -85,12 +86,13 @@ def verify(data: Path, repair: bool, as_json: bool) -> None:
 @data_option
 @json_option
 def validate(data: Path, as_json: bool) -> None:
-    """Check all data against the SHACL shapes that come with the ontology.
+    """Check all data against the SHACL shapes that come with the ontology, and for contradictions.
 
-    Exit code 1 if there is a violation; warnings are only listed.
+    A contradiction is listed by its cause, the smallest set of statements that cannot hold
+    together. Exit code 1 if there is a violation or contradiction; warnings are only listed.
     """
-    with Working("checking the shapes"), open_to_read(data) as kb:
-        found = kb.validate()
+    with announce_compilation(), Working("checking"), open_to_read(data) as kb:
+        found = [*kb.validate(), *_contradictions(kb)]
     if as_json:
         print_json([asdict(one) for one in found])
     else:
@@ -101,6 +103,25 @@ def validate(data: Path, as_json: bool) -> None:
             click.echo("all well")
     if any(one.severity == "Violation" for one in found):
         raise SystemExit(1)
+
+
+def _contradictions(kb: KnowledgeBase) -> list[Violation]:
+    """Return each cause of a contradiction as a violation of its first statement."""
+    from rtask.kb.commit.validation import Violation
+
+    if kb.plain:
+        return []
+    return [
+        Violation(
+            cause["statements"][0][0],
+            None,
+            None,
+            f"contradiction: {cause['message']} ({cause['example']})",
+            "OWL 2 RL",
+            "Violation",
+        )
+        for cause in kb.causes()
+    ]
 
 
 @click.command()

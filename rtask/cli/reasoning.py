@@ -133,7 +133,7 @@ def _causes(closure: Any) -> list[str]:
     from rtask.kb.commit.conflict import cause_of
     from rtask.kb.store.naming import prefixed
 
-    return [cause_of(cause, prefixed) for cause in closure.causes(budget_ms=_CAUSE_MS)]
+    return [cause_of(cause, prefixed, _LISTED) for cause in closure.causes(budget_ms=_CAUSE_MS)]
 
 
 def _dl(triples: list[Any], engine: str, timeout: float) -> dict[str, Any]:
@@ -224,9 +224,10 @@ def explain(subject: str, predicate: str, value: str, data: Path, as_json: bool)
         asserted = [name for name in graphs if name != str(kb.graphs.inferred)]
         proof = None if asserted else kb.explain(*triple)
         text = None if proof is None else proof.render()
+        steps = None if proof is None else proof.to_dict()
     holds = bool(asserted) or text is not None
     if as_json:
-        print_json({"holds": holds, "asserted_in": asserted, "proof": text})
+        print_json({"holds": holds, "asserted_in": asserted, "proof": text, "steps": steps})
     else:
         for name in asserted:
             click.echo(f"asserted in {name}")

@@ -9,6 +9,7 @@ from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.bulk import complete, finish_bulk
 from rtask.kb.commit.commit import Commit, Request
+from rtask.kb.commit.entailment import Entailment, as_triples
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.quarantine import Quarantined, reinstate, statements
 from rtask.kb.rules import rulebook
@@ -16,7 +17,16 @@ from rtask.kb.rules.rule import Rule, Source, read_rules
 from rtask.kb.rules.rulebook import stored_rules
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.writing import Writing
-from rtask.rdf.terms import NamedNode, Subject, Value, iri, object_term, stored, subject_term
+from rtask.rdf.terms import (
+    NamedNode,
+    Subject,
+    Term,
+    Value,
+    iri,
+    object_term,
+    stored,
+    subject_term,
+)
 
 __all__ = ["Reasoning"]
 
@@ -135,6 +145,36 @@ class Reasoning(Writing):
             self._writer.cancel()
             raise
         return self._writer.finish(overlay, Request(rights, note=note))
+
+    def entails(
+        self, conclusion: Iterable[tuple[Subject, NamedNode, Term]], budget_ms: float = 30_000
+    ) -> Entailment:
+        """Return whether statements follow from the asserted graphs.
+
+        What the closure does not hold is negated, and a contradiction then proves it; the answer
+        is ``None`` where no such test decides. Blank nodes stand for something.
+
+        Parameters
+        ----------
+        conclusion
+            Triples of terms; a whole ontology, too.
+        budget_ms
+            Leave undecided what is not decided by then.
+
+        Returns
+        -------
+        :class:`rtask.kb.commit.entailment.Entailment`, with proofs of what follows and what is
+        missing.
+
+        Raises
+        ------
+        UsageError
+            A statement contains a triple term.
+        """
+        triples = as_triples(conclusion)
+        with self._writer.exclusive():
+            reasoner = self._reasoner()
+            return Entailment.of(reasoner.entails(triples, budget_ms), reasoner.names())
 
     def quarantined(self) -> list[Quarantined]:
         """Return the contradictory statements in quarantine."""

@@ -147,3 +147,73 @@ def test_a_token_file_of_an_earlier_version_gains_the_column(tmp_path) -> None: 
         assert (old.agent, old.rights) == ("nao-1", ())
         text, _ = tokens.create("teacher", agent="ada", rights=["rules"])
         assert tokens.authenticate(text).access.rights == {"rules"}
+
+
+MUG = (
+    "INSERT DATA { <urn:t:mug> a <urn:t:Mug> . "
+    "<urn:t:Mug> <http://www.w3.org/2000/01/rdf-schema#subClassOf> <urn:t:Vessel> }"
+)
+TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+SUB_CLASS = "http://www.w3.org/2000/01/rdf-schema#subClassOf"
+
+
+@pytest.fixture
+def vessels(client: FlaskClient, tokens: TokenStore) -> FlaskClient:
+    admin = bearer(tokens, "admin")
+    assert client.post("/update", data={"update": MUG}, headers=admin).status_code == 204
+    return client
+
+
+def test_why_a_statement_holds(vessels: FlaskClient) -> None:
+    asked = {"s": "urn:t:mug", "p": TYPE, "o": "urn:t:Vessel"}
+    body = vessels.get("/reasoner/explain", query_string=asked).json
+    assert (body["holds"], body["asserted_in"]) == (True, [])
+    assert body["proof"]["rule"] == "cax-sco"
+    assert body["proof"]["premises"][0]["graphs"] == ["urn:lab/graph/shared"]
+    assert body["text"].startswith("<urn:t:mug> a <urn:t:Vessel>")
+    none = vessels.get("/reasoner/explain", query_string={**asked, "o": "urn:t:Cup"}).json
+    assert (none["holds"], none["proof"]) == (False, None)
+
+
+def test_whether_statements_follow(vessels: FlaskClient) -> None:
+    asked = {"s": "urn:t:mug", "p": TYPE, "o": "urn:t:Vessel"}
+    body = vessels.get("/reasoner/entails", query_string=asked).json
+    assert (body["entailed"], body["missing"]) == (True, [])
+    assert body["proofs"][0]["rule"] == "cax-sco"
+    turtle = (
+        f"<urn:t:mug> a <urn:t:Vessel>, <urn:t:Cup> . <urn:t:Mug> <{SUB_CLASS}> <urn:t:Vessel> ."
+    )
+    sent = vessels.post(
+        "/reasoner/entails", data=turtle, headers={"Content-Type": "text/turtle"}
+    ).json
+    assert sent["entailed"] is False
+    assert sent["missing"] == [["<urn:t:mug>", f"<{TYPE}>", "<urn:t:Cup>"]]
+    assert len(sent["proofs"]) == 2
+
+
+def test_questions_that_cannot_be_read_are_refused(vessels: FlaskClient) -> None:
+    get, post = vessels.get, vessels.post
+    assert get("/reasoner/entails?s=urn:a&p=urn:b").status_code == 400
+    assert get("/reasoner/explain?s=urn:a&p=urn:b&o=%22x").status_code == 400
+    assert get('/reasoner/explain?s="a"&p=urn:b&o=urn:c').status_code == 400
+    assert post("/reasoner/entails", data="x").status_code == 415
+    turtle = {"Content-Type": "text/turtle"}
+    assert post("/reasoner/entails", data="<urn:a> <urn:b>", headers=turtle).status_code == 400
+    many = "".join(f"<urn:a> <urn:b> {n} ." for n in range(1_001))
+    assert post("/reasoner/entails", data=many, headers=turtle).status_code == 413
+    assert post("/reasoner/explain").status_code == 405
+
+
+def test_a_refused_change_names_its_causes(vessels: FlaskClient, tokens: TokenStore) -> None:
+    admin = bearer(tokens, "admin")
+    insert = (
+        "PREFIX owl: <http://www.w3.org/2002/07/owl#> INSERT DATA { "
+        "<urn:t:Vessel> owl:disjointWith <urn:t:Fish> . <urn:t:mug> a <urn:t:Fish> ; <urn:t:p> 1 }"
+    )
+    refused = vessels.post("/update", data={"update": insert}, headers=admin)
+    assert (refused.status_code, refused.json["type"]) == (422, "/errors/inconsistent")
+    (cause,) = refused.json["causes"]
+    assert len(cause["statements"]) == 2
+    assert cause["smallest"] is True
+    assert "urn:lab/graph/shared" in cause["graphs"]
+    assert vessels.get("/reasoner/contradictions").json == {"contradictions": [], "causes": []}

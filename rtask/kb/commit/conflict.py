@@ -14,6 +14,7 @@ Name = Callable[[Term], str]
 GraphsOf = Callable[[TripleKey], list[str]]
 _LISTED = 6
 _SHOWN = 4
+_LISTED_STATEMENTS = 12
 
 
 def inconsistent(
@@ -60,11 +61,11 @@ def _because(causes: Sequence[Any], name: Name) -> str:
     return f"; {len(told)} causes, each enough: {sets}{more}"
 
 
-def cause_of(cause: Any, name: Name) -> str:
-    """Return the statements of a cause in one line."""
-    shown = [" ".join(map(name, triple)) for triple in cause.statements[:_SHOWN]]
-    if len(cause.statements) > _SHOWN:
-        shown.append(f"{len(cause.statements) - _SHOWN} more")
+def cause_of(cause: Any, name: Name, limit: int = _SHOWN) -> str:
+    """Return the statements of a cause in one line, at most `limit` of them."""
+    shown = [" ".join(map(name, triple)) for triple in cause.statements[:limit]]
+    if len(cause.statements) > limit:
+        shown.append(f"{len(cause.statements) - limit} more")
     rules = "".join(f" by {rule}" for rule in cause.rules)
     return " and ".join(shown) + rules
 
@@ -72,7 +73,7 @@ def cause_of(cause: Any, name: Name) -> str:
 def describe_cause(cause: Any, name: Name, graphs_of: GraphsOf) -> dict[str, Any]:
     """Return a cause as JSON-able values."""
     return {
-        "message": cause_of(cause, name),
+        "message": cause_of(cause, name, _LISTED_STATEMENTS),
         "statements": _texts(cause.statements),
         "known": _texts(cause.known),
         "rules": list(cause.rules),

@@ -221,6 +221,18 @@ class Inference:
         """Return the proof of a triple, or ``None`` if it does not hold."""
         return self.closure().explain(triple, graphs_of=self.graphs_of, name=self.names())
 
+    def entails(self, conclusion: Iterable[TripleKey], budget_ms: float) -> Any:
+        """Return whether a conclusion follows; see :func:`reasoner.entails`."""
+        from reasoner import entails
+
+        closure, names = self.closure(), self.names()
+
+        def explain(triple: Any) -> Any:
+            return closure.explain(triple, graphs_of=self.graphs_of, name=names)
+
+        triples = cast("Any", conclusion)  # triple terms are not among them
+        return entails(closure, triples, budget_ms=budget_ms, explain=explain)
+
     def names(self) -> Names:
         """Return the short names of the terms that the graph holds now."""
         return Names(self._store, self._graphs)

@@ -1,0 +1,39 @@
+"""Terms of RDF in requests."""
+
+from __future__ import annotations
+
+from pyoxigraph import RdfFormat, parse
+
+from rtask.errors import RtaskError, UsageError
+from rtask.rdf.terms import Term, iri, stored
+
+__all__ = ["read_term"]
+
+
+def read_term(text: str, name: str) -> Term:
+    """Return a term written as a plain IRI or as in N-Triples.
+
+    Parameters
+    ----------
+    name
+        Of the field, for the error.
+
+    Examples
+    --------
+    >>> str(read_term("urn:mug", "s")), str(read_term('"red"@en', "o"))
+    ('<urn:mug>', '"red"@en')
+
+    Raises
+    ------
+    UsageError
+        It is neither.
+    """
+    try:
+        if text[:1] not in ("<", '"'):
+            return iri(text)
+        (triple,) = parse(f"<urn:s> <urn:p> {text} .".encode(), format=RdfFormat.N_TRIPLES)
+        return stored(triple.object)
+    except (RtaskError, ValueError, SyntaxError) as error:
+        raise UsageError(
+            f"{name}: expected an IRI or a term in N-Triples syntax, got {text[:100]!r}: {error}"
+        ) from None
