@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -26,36 +25,24 @@ def source_files() -> dict[str, Path]:
     return files
 
 
-@dataclass(frozen=True)
-class Source:
-    """What the tests need of a module's source.
-
-    Trees of all modules together hold millions of objects, which slow every garbage collection of
-    the test run down, so only this is kept.
-    """
-
-    imports: tuple[ast.Import | ast.ImportFrom, ...]
-    strings: frozenset[str]
-
-
 @cache
-def source_of(module: str) -> Source:
-    """Return the import statements and the string constants of a module of the packages."""
-    tree = ast.parse(source_files()[module].read_text(encoding="utf-8"))
-    return Source(tuple(import_statements(tree)), frozenset(_strings(tree)))
+def imports_of(module: str) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    """Return the import statements of a module of the packages.
+
+    Only these are kept: the syntax trees of all modules hold millions of objects, which would slow
+    down every garbage collection of the test run.
+    """
+    return tuple(import_statements(ast.parse(source_files()[module].read_text(encoding="utf-8"))))
 
 
-def import_statements(tree: ast.Module) -> Iterator[ast.Import | ast.ImportFrom]:
-    """Yield every import statement of a file, wherever it stands."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            yield node
-
-
-def _strings(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.value
+def import_statements(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Yield every import statement of a file, wherever it stands; expressions are skipped."""
+    for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for child in getattr(node, field, ()):
+            if isinstance(child, ast.Import | ast.ImportFrom):
+                yield child
+            else:
+                yield from import_statements(child)
 
 
 def imported_modules(
@@ -95,7 +82,7 @@ def import_graph() -> Graph:
     files = source_files()
     return {
         module: frozenset(
-            imported_modules(source_of(module).imports, module, path.name == "__init__.py", files)
+            imported_modules(imports_of(module), module, path.name == "__init__.py", files)
         )
         - {module}
         for module, path in files.items()

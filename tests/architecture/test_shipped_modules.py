@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_files, source_of
+from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_files
 
 # Modules that nothing uses yet, each with its reason; the list may only get shorter.
 UNUSED: dict[str, str] = {
@@ -23,6 +23,7 @@ UNUSED: dict[str, str] = {
 }
 
 _DOTTED = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.[a-z_]\w*)+")
+_QUOTED = re.compile(rf"""["']({_DOTTED.pattern})(?::\w+)?["']""")
 
 
 def _modules_named(text: str) -> Iterator[str]:
@@ -37,12 +38,8 @@ def _modules_named(text: str) -> Iterator[str]:
 
 def _named_in_strings(module: str) -> set[str]:
     """Return the modules that a module loads by name, as tables of commands do."""
-    return {
-        named
-        for text in source_of(module).strings
-        if re.fullmatch(rf"{_DOTTED.pattern}(?::\w+)?", text)
-        for named in _modules_named(text.partition(":")[0])
-    }
+    text = source_files()[module].read_text(encoding="utf-8")
+    return {named for name in _QUOTED.findall(text) for named in _modules_named(name)}
 
 
 def _starting_points() -> set[str]:

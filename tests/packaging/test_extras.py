@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from rtask.extras import EXTRA_OF, missing_extra
-from tests.architecture.imports import PACKAGES, ROOT, source_files, source_of
+from tests.architecture.imports import PACKAGES, ROOT, imports_of, source_files
 
 _PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 # What a distribution is called where the name that is imported does not say.
@@ -40,7 +40,7 @@ def _imported_libraries() -> set[str]:
     """Return the top-level names of everything that the packages import from elsewhere."""
     found = set()
     for module in source_files():
-        for node in source_of(module).imports:
+        for node in imports_of(module):
             if isinstance(node, ast.Import):
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif node.module and not node.level:
