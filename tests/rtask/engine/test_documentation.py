@@ -42,15 +42,15 @@ def test_the_defaults_on_the_page_about_learning_are_those_of_the_policy():
     text = (DOCS / "learning.md").read_text(encoding="utf-8")
     policy = Policy()
     for words in (
-        f"| q, kappa | quality by geometry and its weight in attempts | {policy.bandit.kappa:g} |",
+        f"quality from geometry and its weight in attempts | {policy.bandit.kappa:g} |",
         f"cap {policy.bandit.cap:g} |",
-        f"fails the same way again | {policy.bandit.rho:g} |",
+        f"fails in the same way again | {policy.bandit.rho:g} |",
         f"h = {policy.bandit.bandwidth:g}",
         f"confidence of recognition / {policy.same_class:g}",
-        f"1 / {policy.other_gripper:g} where the width fits",
+        f"1 / {policy.other_gripper:g} if the width fits",
         f"1 / {policy.fast_physics:g} |",
         f"a factor of {policy.size_tolerance:g}",
         f"at least {policy.bandit.proven_weight:g} of a success",
-        f"When no mean reaches {policy.bandit.stop_below:g}",
+        f"If no mean reaches {policy.bandit.stop_below:g}",
     ):
         assert words in text, words
