@@ -28,6 +28,7 @@ EXTRA_OF = {
     "pybullet_data": "simulate",
     "pybullet_utils": "simulate",
     "rich": "simulate",
+    "rosbags": "recordings",
     "sklearn": "classifier",
     "Box2D": "push",
     "ray": "ray",

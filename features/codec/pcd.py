@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,14 +11,15 @@ from features.codec.limits import CloudFormatError, Limits
 from features.codec.table import Table, cloud_from_fields, read_text_rows
 from features.codec.types import Cloud
 
-__all__ = ["read_pcd"]
+__all__ = ["read_pcd", "split_colour", "write_pcd"]
 
 _MAX_HEADER = 65_536
+_FRAME = "#frame_id"
 _KINDS = {"F": "f", "U": "u", "I": "i"}
 
 
 def read_pcd(data: bytes, limits: Limits) -> Cloud:
-    """Return the points of a PCD file; organised ones lose their rows, missing points are dropped.
+    """Return the points of a PCD file; an organised one keeps its rows.
 
     Raises
     ------
@@ -37,8 +39,52 @@ def read_pcd(data: bytes, limits: Limits) -> Cloud:
         table = _columns(data[body:], count, fields, limits)
     else:
         raise CloudFormatError(f"PCD: unknown DATA {kind!r}")
-    _split_colour(table)
-    return cloud_from_fields(table, ("r", "g", "b"), "PCD")
+    split_colour(table)
+    cloud = cloud_from_fields(table, ("r", "g", "b"), "PCD", _shape(header, count))
+    return replace(cloud, frame_id=" ".join(header.get(_FRAME, [])))
+
+
+def _shape(header: dict[str, list[str]], count: int) -> tuple[int, ...]:
+    """Return height and width of an organised cloud, else nothing."""
+    if "WIDTH" not in header or "HEIGHT" not in header:
+        return ()
+    width, height = _whole(header, "WIDTH"), _whole(header, "HEIGHT")
+    if height > 1 and width * height != count:
+        raise CloudFormatError(f"PCD: WIDTH {width} and HEIGHT {height}, but POINTS {count}")
+    return (height, width) if height > 1 else ()
+
+
+def write_pcd(table: Table, shape: tuple[int, int], frame_id: str = "") -> bytes:
+    """Return named columns as a binary PCD file.
+
+    Parameters
+    ----------
+    table
+        Of columns of one length.
+    shape
+        Height and width; height 1 = unorganised.
+    frame_id
+        Kept in a comment, which the format has no field for.
+    """
+    layout = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in table.items()])
+    rows = np.zeros(shape[0] * shape[1], layout)
+    for name, column in table.items():
+        rows[name] = column
+    kinds = [layout[name] for name in table]
+    head = [
+        *([f"{_FRAME} {frame_id}"] if frame_id.isprintable() and frame_id else []),
+        "VERSION .7",
+        "FIELDS " + " ".join(table),
+        "SIZE " + " ".join(str(kind.itemsize) for kind in kinds),
+        "TYPE " + " ".join(kind.kind.upper() for kind in kinds),
+        "COUNT " + " ".join("1" for _ in kinds),
+        f"WIDTH {shape[1]}",
+        f"HEIGHT {shape[0]}",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(rows)}",
+        "DATA binary",
+    ]
+    return ("# .PCD v0.7\n" + "\n".join(head) + "\n").encode("utf-8", "replace") + rows.tobytes()
 
 
 def _read_header(data: bytes) -> tuple[dict[str, list[str]], int]:
@@ -49,8 +95,10 @@ def _read_header(data: bytes) -> tuple[dict[str, list[str]], int]:
         end = data.find(b"\n", offset)
         if end < 0:
             break
-        words = data[offset:end].decode("ascii", "replace").split()
+        words = data[offset:end].decode("utf-8", "replace").split()
         offset = end + 1
+        if words and words[0] == _FRAME:
+            header[_FRAME] = words[1:]
         if words and not words[0].startswith("#"):
             header[words[0]] = words[1:]
             if words[0] == "DATA" and words[1:]:
@@ -142,7 +190,7 @@ def _lzf(data: bytes, size: int) -> bytes:
     return bytes(out)
 
 
-def _split_colour(table: Table) -> None:
+def split_colour(table: Table) -> None:
     """Replace a packed ``rgb`` or ``rgba`` field (uint32, or the same bits as float) by r, g, b."""
     for name in ("rgb", "rgba"):
         if name in table and table[name].dtype.itemsize == 4:

@@ -1,6 +1,8 @@
-"""PLY (Turk 1994): vertices with x y z and optional red green blue; faces are skipped."""
+"""PLY (Turk 1994): vertices with x y z, optional red green blue, range grid; faces are skipped."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,8 @@ _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 def read_ply(data: bytes, limits: Limits) -> Cloud:
     """Return the vertices of a PLY file.
 
+    A range grid (Turk 1994) or the camera of the Point Cloud Library makes an organised cloud.
+
     Raises
     ------
     CloudFormatError
@@ -32,39 +36,138 @@ def read_ply(data: bytes, limits: Limits) -> Cloud:
     body = data.find(b"\n", end) + 1
     if end < 0 or body == 0:
         raise CloudFormatError("PLY: the header has no end")
-    order, count, fields = _read_header(data[:end].decode("ascii", "replace"))
+    header = _read_header(data[:end].decode("ascii", "replace"))
+    count, fields = header.count, header.fields
     limits.check_points(count)
-    if order == "":
+    if header.order == "":
+        lines = data[body:].split(b"\n", count)
         table = read_text_rows(data[body:], count, fields, "PLY")
+        rest = lines[count] if len(lines) > count else b""
     else:
-        layout = np.dtype([(name, order + kind) for name, kind in fields])
+        layout = np.dtype([(name, header.order + kind) for name, kind in fields])
         if len(data) - body < count * layout.itemsize:
             raise CloudFormatError(f"PLY: cut off; the header promises {count} vertices")
         packed: NDArray[np.void] = np.frombuffer(data, layout, count, body)
         table = {name: packed[name] for name, _ in fields}
-    return cloud_from_fields(table, ("red", "green", "blue"), "PLY")
+        rest = data[body + count * layout.itemsize :]
+    shape, places = _organisation(header, rest, limits)
+    channels = ("red", "green", "blue")
+    if places is None:
+        return cloud_from_fields(table, channels, "PLY", shape)
+    cloud = cloud_from_fields(table, channels, "PLY")
+    kept = np.arange(count) if cloud.places is None else cloud.places
+    seats = np.full(count, -1, np.int64)
+    seats[places[places >= 0]] = np.flatnonzero(places >= 0)
+    of = seats[kept]
+    if (of < 0).any():
+        raise CloudFormatError("PLY: a vertex has no place in the range grid")
+    return replace(cloud, shape=shape, places=of)
 
 
-def _read_header(text: str) -> tuple[str, int, list[tuple[str, str]]]:
-    """Return byte order ('' = text), number of vertices, and their fields as (name, type)."""
-    order: str | None = None
-    count, fields, element = -1, [], ""
+def _organisation(
+    header: _Header, rest: bytes, limits: Limits
+) -> tuple[tuple[int, ...], NDArray[np.int64] | None]:
+    """Return height and width, and the vertex of each cell where a grid says it; -1 = none."""
+    columns, rows = header.columns, header.rows
+    if header.after == "camera":
+        columns, rows = _viewport(header, rest)
+    if columns < 1 or rows < 2:
+        return (), None
+    limits.check_points(columns * rows)
+    if header.after != "range_grid":
+        return ((rows, columns), None) if columns * rows == header.count else ((), None)
+    return (rows, columns), _range_grid(header, rest, columns * rows)
+
+
+def _viewport(header: _Header, rest: bytes) -> tuple[int, int]:
+    """Return viewportx and viewporty of the element camera, 0 when they are not to be read."""
+    names = [name for name, _ in header.after_fields]
+    if not {"viewportx", "viewporty"} <= set(names):
+        return 0, 0
+    try:
+        if header.order == "":
+            values = dict(zip(names, rest.split(b"\n", 1)[0].split(), strict=True))
+            return int(values["viewportx"]), int(values["viewporty"])
+        layout = np.dtype([(name, header.order + kind) for name, kind in header.after_fields])
+        camera = np.frombuffer(rest, layout, 1)[0]
+        return int(camera["viewportx"]), int(camera["viewporty"])
+    except (ValueError, TypeError):
+        return 0, 0
+
+
+def _range_grid(header: _Header, rest: bytes, cells: int) -> NDArray[np.int64]:
+    """Return the vertex of each cell: lists of no index or of one."""
+    places = np.full(cells, -1, np.int64)
+    wrong = CloudFormatError("PLY: the range grid does not read")
+    if header.order == "":
+        lines = rest.split(b"\n", cells)[:cells]
+        if len(lines) < cells:
+            raise wrong
+        for cell, line in enumerate(lines):
+            words = line.split()
+            if len(words) not in (1, 2) or words[0] != (b"1" if len(words) == 2 else b"0"):
+                raise wrong
+            if len(words) == 2:
+                places[cell] = int(words[1]) if words[1].isdigit() else -2
+    else:
+        index, at = np.dtype(header.order + "i4"), 0
+        for cell in range(cells):
+            if at >= len(rest) or rest[at] > 1:
+                raise wrong
+            if rest[at]:
+                if at + 5 > len(rest):
+                    raise wrong
+                places[cell] = np.frombuffer(rest, index, 1, at + 1)[0]
+            at += 1 + 4 * rest[at]
+    taken = places[places != -1]
+    if taken.size and (taken.min() < 0 or taken.max() >= header.count):
+        raise wrong
+    return places
+
+
+@dataclass
+class _Header:
+    """Byte order ('' = text), number and fields of vertices, grid, and the element after them."""
+
+    order: str = "?"
+    count: int = -1
+    fields: list[tuple[str, str]] = field(default_factory=list)
+    columns: int = 0
+    rows: int = 0
+    after: str = ""
+    after_fields: list[tuple[str, str]] = field(default_factory=list)
+
+
+def _read_header(text: str) -> _Header:
+    header, element = _Header(), ""
     for line in text.split("\n")[1:]:
         words = line.split()
+        if words[:1] == ["obj_info"] and len(words) == 3 and words[2].isdigit():
+            if words[1] == "num_cols":
+                header.columns = int(words[2])
+            elif words[1] == "num_rows":
+                header.rows = int(words[2])
         if not words or words[0] in ("comment", "obj_info"):
             continue
         if words[0] == "format" and len(words) == 3 and words[1] in _ORDERS:
-            order = _ORDERS[words[1]]
+            header.order = _ORDERS[words[1]]
         elif words[0] == "element" and len(words) == 3 and words[2].isdigit():
             if element == "" and words[1] != "vertex":
                 raise CloudFormatError("PLY: the first element must be the vertices")
-            element, count = words[1], int(words[2]) if words[1] == "vertex" else count
+            if words[1] == "vertex":
+                header.count = int(words[2])
+            elif element == "vertex":
+                header.after = words[1]
+            element = words[1]
         elif words[0] == "property" and element == "vertex":
             if len(words) != 3 or words[1] not in _TYPES:
                 raise CloudFormatError(f"PLY: cannot read {line.strip()!r}")
-            fields.append((words[2], _TYPES[words[1]]))
+            header.fields.append((words[2], _TYPES[words[1]]))
+        elif words[0] == "property" and element == header.after and len(words) == 3:
+            header.after_fields.append((words[2], _TYPES.get(words[1], "i4")))
         elif words[0] not in ("property", "element"):
             raise CloudFormatError(f"PLY: cannot read {line.strip()!r}")
-    if order is None or count < 0 or len({name for name, _ in fields}) != len(fields):
+    names = {name for name, _ in header.fields}
+    if header.order == "?" or header.count < 0 or len(names) != len(header.fields):
         raise CloudFormatError("PLY: the header names no format, no vertices, or a field twice")
-    return order, count, fields
+    return header

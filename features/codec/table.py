@@ -47,15 +47,23 @@ def read_text_rows(body: bytes, count: int, fields: list[tuple[str, str]], name:
     return table
 
 
-def cloud_from_fields(table: Table, colour_names: tuple[str, str, str], name: str) -> Cloud:
-    """Return the cloud of columns x, y, z and, where there, colours; drops what is not finite."""
+def cloud_from_fields(
+    table: Table, colour_names: tuple[str, str, str], name: str, shape: tuple[int, ...] = ()
+) -> Cloud:
+    """Return the cloud of columns x, y, z and, where there, colours; drops what is not finite.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of an organised cloud.
+    """
     missing = [axis for axis in "xyz" if axis not in table]
     if missing:
         raise CloudFormatError(f"{name}: no field {', '.join(missing)}")
     with np.errstate(over="ignore", invalid="ignore"):
         positions = np.stack([table[axis].astype(np.float32) for axis in "xyz"], axis=-1)
     finite = np.isfinite(positions).all(axis=1)
-    positions = positions[finite]
+    whole, positions = shape or (len(positions),), positions[finite]
     if positions.size and np.abs(positions).max() > _MAX_COORDINATE_M:
         raise CloudFormatError(f"{name}: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
     colours = None
@@ -64,4 +72,5 @@ def cloud_from_fields(table: Table, colour_names: tuple[str, str, str], name: st
         if any(channel.dtype != np.uint8 for channel in channels):
             raise CloudFormatError(f"{name}: colours must be 8-bit whole numbers")
         colours = np.stack(channels, axis=-1)[finite]
-    return Cloud(positions, colours)
+    places = None if finite.all() else np.flatnonzero(finite)
+    return Cloud(positions, colours, shape=whole, places=places)

@@ -47,6 +47,7 @@ _BUILT_IN = {
     "search": "rtask.cli.query:search",
     "segment": "rtask.cli.perception.segment:segment",
     "stats": "rtask.cli.contents:stats",
+    "teach": "rtask.cli.perception.teach:teach",
     "update": "rtask.cli.query:update",
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",

@@ -126,7 +126,7 @@ class Picture(TypedDict, total=False):
 
     phase: Required[str]
     """pre_grasp, closed, lifted, placed, ..."""
-    data: Required[Bytes]
+    data: Required[Bytes | Mapping[str, Any]]
     """base64 PNG or JPEG"""
 
 
@@ -390,6 +390,8 @@ class SimilarObjects(TypedDict):
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
+    outcome: NotRequired[str]
+    accepted: NotRequired[bool]
 
 
 class OfferedObject(TypedDict):
@@ -504,6 +506,8 @@ class Taught(TypedDict):
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
+    outcome: NotRequired[str]
+    accepted: NotRequired[bool]
     stored: NotRequired[int]
     commit: NotRequired[str]
     objects: NotRequired[list[InsertedObject]]
@@ -562,9 +566,13 @@ class Calls(ABC):
         *,
         task: str | None = None,
         gripper_id: str,
-        data: Bytes | None = None,
-        new_point_cloud: Bytes | None = None,
-        image: Bytes | None = None,
+        data: Bytes | Mapping[str, Any] | None = None,
+        new_point_cloud: Bytes | Mapping[str, Any] | None = None,
+        image: Bytes | Mapping[str, Any] | None = None,
+        mask: Bytes | Mapping[str, Any] | None = None,
+        label: int | None = None,
+        box: Sequence[float] | None = None,
+        object_pose: Mapping[str, Any] | None = None,
         sensor_pose: Mapping[str, Any] | None = None,
         frame_id: str | None = None,
         support_height: float | None = None,
@@ -591,7 +599,7 @@ class Calls(ABC):
         gripper_id
             name or IRI of the end effector
         data, new_point_cloud
-            base64 of one object's compressed cloud
+            base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2
         image
             base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
@@ -699,9 +707,13 @@ class Calls(ABC):
     def search_object(
         self,
         *,
-        data: Bytes | None = None,
-        new_point_cloud: Bytes | None = None,
-        image: Bytes | None = None,
+        data: Bytes | Mapping[str, Any] | None = None,
+        new_point_cloud: Bytes | Mapping[str, Any] | None = None,
+        image: Bytes | Mapping[str, Any] | None = None,
+        mask: Bytes | Mapping[str, Any] | None = None,
+        label: int | None = None,
+        box: Sequence[float] | None = None,
+        object_pose: Mapping[str, Any] | None = None,
         sensor_pose: Mapping[str, Any] | None = None,
         frame_id: str | None = None,
         support_height: float | None = None,
@@ -715,7 +727,7 @@ class Calls(ABC):
         Parameters
         ----------
         data, new_point_cloud
-            base64 of one object's compressed cloud
+            base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2
         image
             base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
@@ -773,9 +785,13 @@ class Calls(ABC):
         self,
         *,
         objects: Sequence[NewObject | Mapping[str, Any]] | None = None,
-        data: Bytes | None = None,
-        new_point_cloud: Bytes | None = None,
-        image: Bytes | None = None,
+        data: Bytes | Mapping[str, Any] | None = None,
+        new_point_cloud: Bytes | Mapping[str, Any] | None = None,
+        image: Bytes | Mapping[str, Any] | None = None,
+        mask: Bytes | Mapping[str, Any] | None = None,
+        label: int | None = None,
+        box: Sequence[float] | None = None,
+        object_pose: Mapping[str, Any] | None = None,
         sensor_pose: Mapping[str, Any] | None = None,
         frame_id: str | None = None,
         support_height: float | None = None,
@@ -805,7 +821,7 @@ class Calls(ABC):
         objects
             what was seen
         data, new_point_cloud
-            base64 of one object's compressed cloud
+            base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2
         image
             base64 PNG or JPEG of the object; default: the colours of the cloud
         sensor_pose
@@ -953,9 +969,13 @@ class Calls(ABC):
         *,
         operation: Literal["search", "teach", "confirm", "reject"],
         class_description: str | None = None,
-        data: Bytes | None = None,
-        new_point_cloud: Bytes | None = None,
-        image: Bytes | None = None,
+        data: Bytes | Mapping[str, Any] | None = None,
+        new_point_cloud: Bytes | Mapping[str, Any] | None = None,
+        image: Bytes | Mapping[str, Any] | None = None,
+        mask: Bytes | Mapping[str, Any] | None = None,
+        label: int | None = None,
+        box: Sequence[float] | None = None,
+        object_pose: Mapping[str, Any] | None = None,
         sensor_pose: Mapping[str, Any] | None = None,
         frame_id: str | None = None,
         support_height: float | None = None,

@@ -25,7 +25,7 @@ class Observation:
     Parameters
     ----------
     data
-        As received; what the graph keeps.
+        As received; what the graph keeps. Of an image alone, its crop in the project's format.
     frame
         Decoded, in the optical frame of the camera; with an image of the object.
     features
@@ -44,6 +44,8 @@ class Observation:
         The image was made from the cloud's own colours.
     is_posed
         The vertical is known; otherwise ``shape`` is measured in an arbitrary frame.
+    object_pose : (4, 4) float64, m, or None
+        Pose of the object in ``frame_id``, where another estimator found it.
     guess
         Class that the measured shape suggests and a confidence 0..1, or None. A guess about the
         kind of object, never a claim about which object it is.
@@ -62,4 +64,5 @@ class Observation:
     is_rendered: bool = False
     is_posed: bool = True
     guess: tuple[NamedNode, float] | None = None
+    object_pose: NDArray[np.float64] | None = None
     seconds: dict[str, float] = field(default_factory=dict, compare=False)

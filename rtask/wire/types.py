@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Array",
     "ArrayOf",
+    "Box",
     "Bytes",
     "Carried",
     "Cloud",
@@ -36,6 +37,7 @@ __all__ = [
     "Image",
     "Iri",
     "Json",
+    "Mask",
     "Number",
     "Points",
     "Pose",
@@ -162,6 +164,44 @@ def _bytes(value: Any) -> bytes:
         raise refused(f"not base64: {error}; it begins with {value[:12]!r}") from None
 
 
+def _cloud(value: Any) -> bytes:
+    """Return bytes as :func:`_bytes` does, of a ``sensor_msgs/PointCloud2`` a PCD file."""
+    if not isinstance(value, Mapping):
+        return _bytes(value)
+    from features.codec.ros import image_bytes, is_image, is_point_cloud, pcd_from_point_cloud
+
+    try:
+        if is_image(value):
+            return image_bytes(value)
+        if is_point_cloud(value):
+            return pcd_from_point_cloud(value)
+    except ValueError as error:
+        raise refused(error) from error
+    raise wanted("base64 text or a sensor_msgs/PointCloud2")
+
+
+def _image(value: Any) -> bytes:
+    """Return bytes as :func:`_bytes` does, or those of a message that carries an image."""
+    if not isinstance(value, Mapping):
+        return _bytes(value)
+    from features.codec.ros import image_bytes, is_image
+
+    if not is_image(value):
+        raise wanted("base64 text or a sensor_msgs/CompressedImage")
+    try:
+        return image_bytes(value)
+    except ValueError as error:
+        raise refused(error) from error
+
+
+def _mask(value: Any) -> bytes | dict[str, Any]:
+    if isinstance(value, dict):
+        from features.codec.ros import is_image
+
+        return _image(value) if is_image(value) else value
+    return _bytes(value)
+
+
 def _pose(value: Any) -> NDArray[np.float64]:
     from grasp.messages import matrix_from_message
 
@@ -286,16 +326,36 @@ Bytes = Annotated[bytes, PlainValidator(_bytes), Carried("string", "Bytes", _BAS
 """Bytes, base64 in JSON."""
 Cloud = Annotated[
     bytes,
-    PlainValidator(_bytes),
-    Carried("string", "Bytes", {**_BASE64, "contentMediaType": "application/vnd.rtask.cloud"}),
+    PlainValidator(_cloud),
+    Carried(
+        "string",
+        "Bytes | Mapping[str, Any]",
+        {**_BASE64, "contentMediaType": "application/vnd.rtask.cloud"},
+    ),
 ]
-"""A point cloud or depth image, as :mod:`features.codec` packs it."""
+"""A point cloud or depth image, as :mod:`features.codec` packs it, or a sensor_msgs/PointCloud2."""
 Image = Annotated[
     bytes,
-    PlainValidator(_bytes),
-    Carried("string", "Bytes", {**_BASE64, "contentMediaType": "image/*"}),
+    PlainValidator(_image),
+    Carried("string", "Bytes | Mapping[str, Any]", {**_BASE64, "contentMediaType": "image/*"}),
 ]
-"""A picture, PNG or JPEG."""
+"""A picture, PNG or JPEG, or a sensor_msgs/CompressedImage or Image that carries one."""
+Mask = Annotated[
+    bytes | dict[str, Any],
+    PlainValidator(_mask),
+    Carried(
+        "string",
+        "Bytes | Mapping[str, Any]",
+        {"anyOf": [{**_BASE64, "contentMediaType": "image/png"}, {"type": "object"}]},
+    ),
+]
+"""Labels of the pixels of an image as PNG, or a mask as a COCO run-length encoding."""
+Box = Annotated[
+    NDArray[np.float64],
+    ArrayOf(unit="px"),
+    Carried("float64", "Sequence[float]", None, True),
+]
+"""Left, top, width and height of a box in an image, px."""
 Pose = Annotated[
     NDArray[np.float64],
     PlainValidator(_pose),

@@ -142,8 +142,8 @@ def test_bad_files_are_refused_in_one_line(
     text.write_text("no cloud")
     assert "not a point cloud" in failed(capsys, "segment", text)
     small = tmp_path / "small.png"
-    cv2.imwrite(str(small), np.zeros((48, 64, 3), np.uint8))
-    assert "shape" in failed(capsys, "segment", depth_file, "--colour", small)
+    cv2.imwrite(str(small), np.zeros((48, 96, 3), np.uint8))  # not the sides of the depth image
+    assert "96x48" in failed(capsys, "segment", depth_file, "--colour", small)
 
 
 def test_nothing_is_written_where_anything_is_refused(

@@ -31,7 +31,7 @@ segmentation_option = option(
 
 
 def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None) -> Scene:
-    """Segment a view.
+    """Segment a view; labels come in the shape of the frame, or of the cloud as it was read.
 
     Raises
     ------
@@ -43,12 +43,12 @@ def cut(seen: Frame | Cloud, preset: str = "auto", min_points: int | None = None
     from features.geometry import Frame
     from features.segmentation import SegmentParams, segment_scene
 
-    colours = seen.rgb if isinstance(seen, Frame) else seen.colours
+    points, colours = (seen.points(), seen.rgb) if isinstance(seen, Frame) else seen.grid()
     params = _params(preset)
     if min_points is not None:
         params = replace(params or SegmentParams(), min_points=min_points)
     try:
-        return segment_scene(seen.points(), colours, params)
+        return segment_scene(points, colours, params)
     except ValueError as error:
         raise DataError(str(error)) from error
 

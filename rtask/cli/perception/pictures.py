@@ -44,7 +44,9 @@ def segments_picture(seen: Frame | Cloud, scene: Scene) -> UInt8Array:
     if isinstance(seen, Frame):
         image = shade(seen.depth_m, seen.intrinsics) if seen.rgb is None else seen.rgb.copy()
     else:
-        image, labels = picture_of_cloud(seen.positions, seen.colours, labels)
+        points, colours = seen.grid()
+        flat = None if colours is None else colours.reshape(-1, 3)
+        image, labels = picture_of_cloud(points.reshape(-1, 3), flat, labels.ravel())
     table = labels == _TABLE
     image[table] = (0.6 * image[table] + 0.4 * np.array(_TABLE_COLOUR)).astype(np.uint8)
     image[labels == 0] //= 2

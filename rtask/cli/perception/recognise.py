@@ -7,14 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.connection import open_to_read
-from rtask.cli.options import data_option, exit_if_empty, json_option, print_json
+from rtask.cli.connection import connection, open_to_read
+from rtask.cli.options import (
+    data_option,
+    exit_if_empty,
+    json_option,
+    print_json,
+    server_option,
+)
 from rtask.cli.perception.cutting import segmentation_option
-from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
+from rtask.cli.perception.scene_file import View, camera_options, read_view, save_picture
+from rtask.cli.perception.selecting import selection_options
 from rtask.cli.progress import Working, announce_compilation
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
+    from features.geometry import Frame
     from rtask.cli.perception.recognition import Seen
     from rtask.engine.perception.poses import ObjectPose
 
@@ -28,9 +36,11 @@ _VERDICTS = {
 
 
 @click.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", type=click.Path(exists=True, path_type=Path))
 @data_option
+@server_option
 @camera_options
+@selection_options
 @segmentation_option
 @click.option(
     "--min-confidence",
@@ -46,10 +56,10 @@ _VERDICTS = {
 def recognise(
     file: Path,
     data: Path,
-    colour: Path | None,
-    depth_unit: float,
-    focal: float | None,
-    centre: tuple[float, float] | None,
+    server: str | None,
+    view: View,
+    mask: Path | None,
+    box: tuple[float, float, float, float] | None,
     preset: str,
     min_confidence: float | None,
     save_plot: Path | None,
@@ -57,37 +67,28 @@ def recognise(
 ) -> None:
     """Recognise the known objects in a view. Exit code 1 if none is recognised.
 
-    FILE is the crop of one object in the format that robots send, or a 16-bit depth image with its
-    colour image as --colour, which is cut into objects first. Nothing is written to the knowledge
-    base.
+    FILE is a photograph, a 16-bit depth image with its colour image as --colour, an organised cloud
+    with colours (PCD or PLY), a recording (.bag, .mcap, or the folder of one), or the crop of one
+    object in the format that robots send. A view with depth is cut into objects; in a photograph
+    the object is what differs from the rim, unless --box or --mask say where it is. Nothing is
+    written to the knowledge base.
     """
-    from features.geometry import Frame
-    from rtask.cli.perception.pictures import recognition_picture
-    from rtask.cli.perception.recognition import index_of, look, with_pose
-    from rtask.engine.stored import Models
+    from rtask.cli.perception.selecting import Selection, objects_in
 
-    frame = read_scene(file, View(colour, depth_unit, focal, centre))
-    if not isinstance(frame, Frame):
-        raise UsageError(
-            f"{file} is a cloud without an image, which recognition needs; "
-            "give a depth image and --colour, or a crop in the format that robots send"
-        )
-    if frame.rgb is None:
-        raise UsageError(f"{file}: recognition needs colours; give the colour image as --colour")
-    with announce_compilation(), Working("recognising"), open_to_read(data) as kb:
-        index = index_of(kb)
-        models = Models(kb)
-        seen = [with_pose(models, one) for one in look(frame, index, preset, min_confidence)]
-        if save_plot is not None:
-            save_picture(save_plot, recognition_picture(models, frame, seen))
-        index.close()
-    rows = [_row(one) for one in seen]
+    with announce_compilation(), Working("recognising"):
+        frame, crops = objects_in(file, read_view(file, view), preset, Selection(mask, box))
+        if server:
+            if save_plot is not None:
+                raise UsageError("--save-plot needs the stored views: it goes with --data alone")
+            rows = _asked(server, crops, min_confidence)
+        else:
+            rows = _recognised(data, frame, crops, min_confidence, save_plot)
     recognised = sum(row["accepted"] for row in rows)
     if as_json:
         print_json(rows)
         exit_if_empty(recognised)
         return
-    click.echo(f"{len(rows)} objects seen, {recognised} recognised")
+    click.echo(f"{len(rows)} object{'' if len(rows) == 1 else 's'} seen, {recognised} recognised")
     for row in rows:
         verdict = _VERDICTS[row["outcome"]] + (", accepted" if row["accepted"] else "")
         pose = row["pose"]
@@ -96,11 +97,68 @@ def recognise(
             verdict += "" if pose["accepted"] else " (cannot be determined)"
         click.echo(f"{row['label']:4d}  {verdict}")
         for match in row["matches"][:3]:
+            evidence = ""
+            if "inliers" in match:
+                evidence = f"  {match['inliers']} inliers, appearance {match['appearance']:.2f}"
             click.echo(
-                f"      {match['confidence']:.2f}  {match['object']}  "
-                f"{match['inliers']} inliers, appearance {match['appearance']:.2f}"
+                f"      {match['confidence']:.2f}  {match['name']}  {match['object']}{evidence}"
             )
     exit_if_empty(recognised)
+
+
+def _recognised(
+    data: Path,
+    frame: Frame,
+    crops: list[tuple[int, Frame]],
+    min_confidence: float | None,
+    save_plot: Path | None,
+) -> list[dict[str, Any]]:
+    """Recognise the objects by the views of a folder."""
+    from rtask.cli.perception.pictures import recognition_picture
+    from rtask.cli.perception.recognition import index_of, look, with_pose
+    from rtask.engine.stored import Models
+
+    with open_to_read(data) as kb:
+        index = index_of(kb)
+        models = Models(kb)
+        seen = [with_pose(models, one) for one in look(crops, index, min_confidence)]
+        if save_plot is not None:
+            save_picture(save_plot, recognition_picture(models, frame, seen))
+        index.close()
+    return [_row(one) for one in seen]
+
+
+def _asked(
+    server: str, crops: list[tuple[int, Frame]], min_confidence: float | None
+) -> list[dict[str, Any]]:
+    """Ask a server about each object."""
+    from features.codec import encode_frame
+
+    rows = []
+    with connection(Path(), server) as client:
+        for label, crop in crops:
+            answer = client.call(
+                "search_object", data=encode_frame(crop), min_confidence=min_confidence
+            )
+            rows.append(
+                {
+                    "label": label,
+                    "box_px": [crop.x0, crop.y0, *crop.depth_m.shape[::-1]],
+                    "outcome": answer["outcome"],
+                    "accepted": answer["accepted"],
+                    "pose": None,
+                    "matches": [
+                        {
+                            "object": found["object"],
+                            "name": found["label"],
+                            "class": found["class_iri"],
+                            "confidence": round(found["confidence"], 4),
+                        }
+                        for found in answer["similar_objects"]
+                    ],
+                }
+            )
+    return rows
 
 
 def _pose_row(pose: ObjectPose | None) -> dict[str, Any] | None:
@@ -127,6 +185,7 @@ def _row(one: Seen) -> dict[str, Any]:
         "matches": [
             {
                 "object": match.object_iri,
+                "name": one.names.get(match.object_iri, ""),
                 "class": match.class_iri,
                 "view": match.view_iri,
                 "confidence": round(float(match.confidence), 4),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
-
-from rtask.cli.perception.cutting import cut
 
 if TYPE_CHECKING:
     from features.geometry import Frame
@@ -20,13 +19,17 @@ __all__ = ["Seen", "index_of", "look", "short_name", "with_pose"]
 
 @dataclass(frozen=True)
 class Seen:
-    """One object in a view, with its features, the answer of recognition and its pose."""
+    """One object in a view, with its features, the answer of recognition and its pose.
+
+    ``names`` holds what people call the objects that match, by IRI.
+    """
 
     label: int
     crop: Frame
     features: ViewFeatures
     answer: Answer
     pose: ObjectPose | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -37,7 +40,8 @@ class Seen:
         if not self.answer.accepted:
             return f"{self.label}: ?"
         first = self.answer.matches[0]
-        name = f"{self.label}: {short_name(first.object_iri)} {first.confidence:.2f}"
+        known = self.names.get(first.object_iri) or short_name(first.object_iri)
+        name = f"{self.label}: {known} {first.confidence:.2f}"
         return name if self.pose is None else f"{name}, pose {self.pose.confidence:.2f}"
 
 
@@ -56,14 +60,14 @@ def index_of(kb: KnowledgeBase) -> RecognitionIndex:
 
 
 def look(
-    frame: Frame, index: RecognitionIndex, preset: str, min_confidence: float | None
+    crops: list[tuple[int, Frame]], index: RecognitionIndex, min_confidence: float | None
 ) -> list[Seen]:
-    """Cut a view into objects and recognise each of them.
+    """Recognise the objects of a view.
 
     Parameters
     ----------
-    preset
-        How to cut the view; see ``rtask segment --segmentation``.
+    crops
+        Label and crop of each object.
     min_confidence
         Lowest confidence of an accepted answer; ``None`` for the recogniser's own.
     """
@@ -75,12 +79,6 @@ def look(
     # A single known object has no rival to be told from: more inliers are required, as in the
     # engine.
     least = 0 if has_rivals(index) else Policy().inliers_when_alone
-    crops: list[tuple[int, Frame]] = []
-    if frame.mask is not None:
-        crops.append((1, frame))
-    else:
-        scene = cut(frame, preset)
-        crops += [(thing.label, frame.crop(scene.labels == thing.label)) for thing in scene.objects]
     seen = []
     for label, crop in crops:
         features = describe_frame(crop)
@@ -92,7 +90,7 @@ def look(
 
 
 def with_pose(models: Models, one: Seen) -> Seen:
-    """Return an object with its pose, where a stored model or view determines it."""
+    """Return an object with names, and its pose where a stored model or view determines it."""
     import numpy as np
 
     from rtask.engine.memory.question import Question
@@ -100,6 +98,11 @@ def with_pose(models: Models, one: Seen) -> Seen:
     from rtask.engine.observation import Observation
     from rtask.engine.perception.poses import find_pose
 
+    found = tuple(match.object_iri for match in one.answer.matches)
+    if not found:
+        return one
+    known_objects = recall(models.kb, Question(objects=found)).objects
+    one = replace(one, names={name: known.label for name, known in known_objects.items()})
     if not one.answer.accepted:
         return one
     match = one.answer.matches[0]

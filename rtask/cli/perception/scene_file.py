@@ -1,9 +1,10 @@
-"""Input files of the perception commands: a cloud, a crop of a robot, or a pair of images."""
+"""Input files of perception commands: clouds, crops, image pairs, photographs, recordings."""
 
 from __future__ import annotations
 
+import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,21 +16,26 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from features.codec.limits import Limits
     from features.codec.types import Cloud
     from features.geometry import Frame, Intrinsics
+    from features.imaging.camera import Lens
+    from features.imaging.photo import Photo
 
-__all__ = ["View", "camera_options", "read_scene", "save_picture"]
+__all__ = ["View", "camera_options", "read_scene", "read_view", "save_picture"]
 
 log = logging.getLogger(__name__)
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _IMAGES = (_PNG, b"\xff\xd8\xff")
+_RECORDINGS = (".bag", ".mcap", ".db3")
 _DEFAULT_FOCAL = 525.0 / 640
+_STORED_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True)
 class View:
-    """How to read a depth image.
+    """How to read a picture.
 
     Parameters
     ----------
@@ -37,42 +43,107 @@ class View:
         Colour image that belongs to the depth image.
     depth_unit_m
         Metres of one step of depth.
-    focal, centre
+    focal, focal_y, centre
         In pixels; None for those of a common depth camera at the image's size.
+    distortion
+        Coefficients of the lens.
+    camera
+        JSON that says all this, instead of the numbers.
+    at_s
+        Of a recording: which frame, s after its start.
     """
 
     colour: Path | None = None
     depth_unit_m: float = 0.001
     focal: float | None = None
+    focal_y: float | None = None
     centre: tuple[float, float] | None = None
+    distortion: tuple[float, ...] = ()
+    camera: Path | None = None
+    at_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Cameras:
+    """Cameras of a pair of images.
+
+    Parameters
+    ----------
+    colour
+        None = the camera of depth.
+    colour_from_depth : (4, 4) or None
+    """
+
+    depth: Lens
+    colour: Lens | None = None
+    colour_from_depth: NDArray[np.float64] | None = field(default=None, compare=False)
+
+
+def _coefficients(
+    context: click.Context, option: click.Parameter, text: str | None
+) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in (text or "").replace(",", " ").split())
+    except ValueError:
+        raise click.BadParameter(f"{text!r}: numbers with commas between are expected") from None
 
 
 def camera_options(command: Any) -> Any:
-    """Add the options of :class:`View` to a command."""
+    """Add the options of :class:`View` to a command, which gets them as ``view``."""
+    import functools
+
+    @functools.wraps(command)
+    def with_view(
+        *args: Any,
+        colour: Path | None,
+        depth_unit: float,
+        focal: float | None,
+        focal_y: float | None,
+        centre: tuple[float, float] | None,
+        distortion: tuple[float, ...],
+        camera: Path | None,
+        at_s: float,
+        **rest: Any,
+    ) -> Any:
+        view = View(colour, depth_unit, focal, focal_y, centre, distortion, camera, at_s)
+        return command(*args, view=view, **rest)
+
+    wrapped: Any = with_view
+    file = click.Path(exists=True, dir_okay=False, path_type=Path)
     for option in (
+        click.option(
+            "--at", "at_s", type=click.FloatRange(min=0), default=0.0, metavar="S",
+            help="Of a recording: the frame at this time after its start, s.",
+        ),
+        click.option(
+            "--camera", type=file,
+            help="JSON of the camera in place of the numbers: a sensor_msgs/CameraInfo, or {depth, "
+            "colour, colour_from_depth} where colour has its own.",
+        ),
+        click.option(
+            "--distortion", callback=_coefficients, metavar="K1,K2,P1,P2,...",
+            help="Distortion of the lens, as OpenCV and ROS order it.",
+        ),
         click.option(
             "--centre", nargs=2, type=float, help="Principal point, px.  [default: the middle]"
         ),
+        click.option("--focal-y", type=float, help="Focal length down, px.  [default: as across]"),
         click.option("--focal", type=float, help="Focal length, px.  [default: 525 at 640 px]"),
         click.option(
-            "--depth-unit",
-            type=float,
-            default=0.001,
-            show_default=True,
+            "--depth-unit", type=float, default=0.001, show_default=True,
             help="Size of one depth step, m.",
         ),
         click.option(
-            "--colour",
-            type=click.Path(exists=True, dir_okay=False, path_type=Path),
-            help="Colour image that belongs to the depth image FILE.",
+            "--colour", type=file,
+            help="Colour image that belongs to the depth image FILE; of any resolution.",
         ),
-    ):
-        command = option(command)
-    return command
+    ):  # fmt: skip
+        wrapped = option(wrapped)
+    return wrapped
 
 
 def read_scene(file: Path, view: View) -> Frame | Cloud:
-    """Read a cloud, a crop or a depth image.
+    """Read a cloud, a crop, a depth image or a recording.
 
     Raises
     ------
@@ -83,18 +154,51 @@ def read_scene(file: Path, view: View) -> Frame | Cloud:
     TooLargeError
         It declares a size beyond the limits.
     """
+    from features.imaging.photo import Photo
+
+    seen = read_view(file, view)
+    if isinstance(seen, Photo):
+        raise UsageError(
+            f"{file} is an image of 8 bits, without depth; FILE must be a 16-bit depth image, and --colour "
+            "its colour image"
+        )
+    return seen
+
+
+def read_view(file: Path, view: View) -> Frame | Cloud | Photo:
+    """Read what :func:`read_scene` reads, or a photograph.
+
+    Raises
+    ------
+    UsageError, DataError, TooLargeError
+        As :func:`read_scene`.
+    """
     from features.codec import CloudFormatError, decode
     from features.codec.limits import Limits
 
+    if file.suffix in _RECORDINGS or file.is_dir():
+        return _recorded(file, view)
     # A local file may be larger than what a robot may send, but not what it unpacks to.
-    limits = Limits(stored_bytes=256 * 2**20)
+    limits = Limits(stored_bytes=_STORED_BYTES)
     data = _bytes_of(file, limits.stored_bytes)
     try:
         if data.startswith(_IMAGES):
-            return _pair(file, data, view, limits)
+            return _picture(file, data, view, limits)
         if view.colour is not None:
             raise UsageError(f"--colour goes with a depth image; {file} is a cloud")
         return decode(data, limits)
+    except CloudFormatError as error:
+        raise DataError(f"{file}: {error}") from error
+
+
+def _recorded(file: Path, view: View) -> Frame | Cloud | Photo:
+    from features.codec import CloudFormatError
+    from features.imaging.recordings import first_view
+    from rtask.extras import naming_extras
+
+    try:
+        with naming_extras(str(file)):
+            return first_view(file, view.at_s)
     except CloudFormatError as error:
         raise DataError(f"{file}: {error}") from error
 
@@ -109,36 +213,73 @@ def _bytes_of(file: Path, most: int) -> bytes:
         raise UsageError(f"{file}: {error.strerror}") from error
 
 
-def _pair(file: Path, data: bytes, view: View, limits: Any) -> Frame:
-    """Read a depth image, with its colour image if there is one."""
+def _picture(file: Path, data: bytes, view: View, limits: Limits) -> Frame | Photo:
+    """Read a depth image, with its colour image if there is one; or a photograph."""
+    import numpy as np
+
+    from features.imaging.photo import read_photo
+
+    if data.startswith(_IMAGES[1]) or not _is_deep(data):
+        if data.startswith(_PNG) and b"IEND" not in data[-16:]:
+            raise DataError(f"{file}: the PNG is cut off")
+        if view.colour is not None:
+            kind = "an image of 8 bits"
+            raise UsageError(f"{file} is {kind}; FILE must be a 16-bit depth image beside --colour")
+        return read_photo(data)
+    depth = _image(file, data, limits)
+    if depth.ndim == 3 or depth.dtype != np.uint16:
+        raise UsageError(f"{file} is a colour image of 16 bits; save it with 8 bits a channel")
+    if not 1e-6 <= view.depth_unit_m <= 1.0:
+        raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
+    depth_m = (depth * view.depth_unit_m).astype(np.float32)
+    return _with_colour(depth_m, view, _cameras(depth.shape, view), limits)
+
+
+def _is_deep(data: bytes) -> bool:
+    """Tell whether a PNG has 16 bits a channel (PNG specification, 11.2.2)."""
+    return len(data) > 24 and data[24] == 16
+
+
+def _with_colour(
+    depth_m: NDArray[np.float32], view: View, cameras: _Cameras, limits: Limits
+) -> Frame:
     import numpy as np
 
     from features.geometry import Frame
+    from features.imaging.camera import align_colour, undistorted
 
-    depth = _image(file, data, limits)
-    if depth.ndim == 3 or depth.dtype != np.uint16:
-        kind = "a colour image" if depth.ndim == 3 else f"an image of {8 * depth.itemsize} bits"
-        raise UsageError(
-            f"{file} is {kind}; FILE must be a 16-bit depth image, and --colour its colour image"
-        )
-    rgb = None
-    if view.colour is not None:
-        rgb = _image(view.colour, _bytes_of(view.colour, limits.stored_bytes), limits)
-        if rgb.ndim == 2:
-            rgb = np.repeat(rgb[..., None], 3, axis=2)
-        if rgb.dtype != np.uint8 or rgb.shape[:2] != depth.shape:
-            raise UsageError(
-                f"{view.colour}: expected 8-bit colours of shape {depth.shape}, "
-                f"got {rgb.dtype} of {rgb.shape[:2]}"
+    _, straight = undistorted(cameras.depth, None, depth_m)
+    assert straight is not None
+    camera = cameras.depth.intrinsics
+    if view.colour is None:
+        return Frame(straight, camera)
+    rgb = _image(view.colour, _bytes_of(view.colour, limits.stored_bytes), limits)
+    if rgb.ndim == 2:
+        rgb = np.repeat(rgb[..., None], 3, axis=2)
+    if rgb.dtype != np.uint8:
+        raise UsageError(f"{view.colour}: expected 8-bit colours, got {rgb.dtype}")
+    rgb = np.ascontiguousarray(rgb[..., 2::-1])
+    try:
+        if cameras.colour is None:
+            # One lens took both, at whatever resolution.
+            aligned = align_colour(depth_m, camera, rgb)
+            pixels, _ = undistorted(cameras.depth, aligned.rgb)
+            return Frame(straight, camera, pixels)
+        lens = cameras.colour
+        if rgb.shape[:2] != (lens.intrinsics.height, lens.intrinsics.width):
+            raise ValueError(
+                f"the shape {rgb.shape[:2]} is not that of its camera, "
+                f"{lens.intrinsics.width}x{lens.intrinsics.height} px"
             )
-        rgb = np.ascontiguousarray(rgb[..., 2::-1])
-    if not 1e-6 <= view.depth_unit_m <= 1.0:
-        raise UsageError(f"--depth-unit {view.depth_unit_m} m: expected 0.000001 to 1")
-    camera = _camera(depth.shape, view)
-    return Frame((depth * view.depth_unit_m).astype(np.float32), camera, rgb)
+        pixels, _ = undistorted(lens, rgb)
+        assert pixels is not None
+        pose = cameras.colour_from_depth
+        return align_colour(straight, camera, pixels, lens.intrinsics, pose)
+    except ValueError as error:
+        raise UsageError(f"{view.colour}: {error}") from error
 
 
-def _image(file: Path, data: bytes, limits: Any) -> NDArray[Any]:
+def _image(file: Path, data: bytes, limits: Limits) -> NDArray[Any]:
     """Decode an image, as BGR or grey of any depth, after checking the size in its header."""
     import cv2
     import numpy as np
@@ -157,18 +298,50 @@ def _image(file: Path, data: bytes, limits: Any) -> NDArray[Any]:
     return np.asarray(image)
 
 
+def _cameras(shape: tuple[int, ...], view: View) -> _Cameras:
+    """Return the cameras of the options, or of the file that describes them."""
+    import numpy as np
+
+    from features.imaging.camera import Lens, lens_from_message
+
+    if view.camera is None:
+        try:
+            return _Cameras(Lens(_camera(shape, view), view.distortion))
+        except ValueError as error:
+            raise UsageError(f"--distortion: {error}") from error
+    try:
+        told = json.loads(_bytes_of(view.camera, 2**20))
+        if not isinstance(told, dict):
+            raise ValueError("a JSON object is expected")
+        depth = lens_from_message(told.get("depth", told))
+        colour = lens_from_message(told["colour"]) if "colour" in told else None
+        pose = np.array(told.get("colour_from_depth", np.eye(4)), np.float64)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise ValueError(f"colour_from_depth must be a transform (4, 4), got {pose.shape}")
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise UsageError(f"{view.camera}: {error}") from error
+    if (depth.intrinsics.height, depth.intrinsics.width) != shape[:2]:
+        raise UsageError(
+            f"{view.camera}: the camera has {depth.intrinsics.width}x{depth.intrinsics.height} px, "
+            f"the image {shape[1]}x{shape[0]}"
+        )
+    return _Cameras(depth, colour, pose)
+
+
 def _camera(shape: tuple[int, ...], view: View) -> Intrinsics:
     from features.geometry import Intrinsics
 
     height, width = shape[:2]
     focal = _DEFAULT_FOCAL * width if view.focal is None else view.focal
+    focal_y = focal if view.focal_y is None else view.focal_y
     centre = ((width - 1) / 2, (height - 1) / 2) if view.centre is None else view.centre
     try:
-        camera = Intrinsics(width, height, focal, focal, *centre)
+        camera = Intrinsics(width, height, focal, focal_y, *centre)
     except ValueError as error:
         raise UsageError(str(error)) from error
     inside = 0 <= camera.cx < width and 0 <= camera.cy < height
-    if not inside or not 0.1 < focal / max(width, height) < 20:
+    usual = all(0.1 < value / max(width, height) < 20 for value in (focal, focal_y))
+    if not inside or not usual:
         raise UsageError(
             f"focal {focal:g} px and centre ({camera.cx:g}, {camera.cy:g}) px cannot belong to an "
             f"image of {width}x{height} px"

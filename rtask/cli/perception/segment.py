@@ -20,7 +20,7 @@ __all__ = ["segment"]
 
 
 @click.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", type=click.Path(exists=True, path_type=Path))
 @camera_options
 @segmentation_option
 @click.option("--min-points", type=click.IntRange(1), help="Drop segments smaller than this.")
@@ -38,10 +38,7 @@ __all__ = ["segment"]
 @json_option
 def segment(
     file: Path,
-    colour: Path | None,
-    depth_unit: float,
-    focal: float | None,
-    centre: tuple[float, float] | None,
+    view: View,
     preset: str,
     min_points: int | None,
     labels_file: Path | None,
@@ -50,12 +47,13 @@ def segment(
 ) -> None:
     """Cut a view of a table into objects. Exit code 1 if there are none.
 
-    FILE is a point cloud (PLY or PCD), a crop in the format that robots send, or a 16-bit depth
-    image, with its colour image as --colour. Clouds are in m in the camera frame: x right, y down,
-    z forward.
+    FILE is a point cloud (PLY or PCD), a crop in the format that robots send, a recording (.bag,
+    .mcap, or the folder of one), or a 16-bit depth image, with its colour image as --colour. Clouds
+    are in m in the camera frame: x right, y down, z forward. Labels come one for each pixel or
+    point of FILE, in its order and shape.
     """
-    _check_outputs(file, colour, labels_file, save_plot)
-    seen = read_scene(file, View(colour, depth_unit, focal, centre))
+    _check_outputs(file, view.colour, labels_file, save_plot)
+    seen = read_scene(file, view)
     try:
         with announce_compilation():
             scene = cut(seen, preset, min_points)

@@ -70,6 +70,10 @@ class SimilarObjects(Answer):
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
+    outcome: str = "null"
+    """null, single or multiple: how many known objects fit"""
+    accepted: bool = False
+    """whether the first is the object"""
 
 
 @operation("read", "list known objects that look like this one")
@@ -97,7 +101,10 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
     least = request.min_confidence or 0.0
     similar = similar_objects(seen, recognition, memory)
     return SimilarObjects(
-        similar_objects=[entry for entry in similar if entry.confidence >= least], suggestions=[]
+        similar_objects=[entry for entry in similar if entry.confidence >= least],
+        suggestions=[],
+        outcome=recognition.outcome,
+        accepted=bool(recognition.accepted),
     )
 
 

@@ -59,6 +59,8 @@ class Taught(Answer):
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
+    outcome: str = "null"
+    accepted: bool = False
     stored: int = 0
     commit: str = ""
     objects: list[InsertedObject] = Field(default_factory=list)
@@ -79,19 +81,19 @@ def teach_object(context: Context, request: TeachObject, access: Access) -> Taug
 
 
 def _search(context: Context, request: TeachObject, access: Access) -> Taught:
-    if request.data is None and request.object:
+    if request.data is None and request.image is None and request.object:
         thing = object_meant(context, request.object, "object")
         return Taught(**look_alikes(context, thing, request.class_description))
-    _wanted(request, "class_description", "data")
+    _wanted(request, "class_description", *_look_fields(request))
     names = (*Look.model_fields, "class_description")
     asked = read(SearchObject, {name: getattr(request, name) for name in names})
     return Taught(**search_object(context, asked, access))
 
 
 def _teach(context: Context, request: TeachObject, access: Access) -> Taught:
-    if request.data is None and request.object:
+    if request.data is None and request.image is None and request.object:
         return _name(context, request, access)
-    _wanted(request, "class_description", "data")
+    _wanted(request, "class_description", *_look_fields(request))
     names = (*Look.model_fields, "class_description", "name", "task_id")
     item = read(NewObject, {name: getattr(request, name) for name in names})
     author = context.author(access, request.operator, "teacher")
@@ -143,6 +145,11 @@ def _judge(context: Context, request: TeachObject, access: Access, held: bool) -
         grasp=told.grasp,
         statistics=told.statistics,
     )
+
+
+def _look_fields(request: TeachObject) -> tuple[str, ...]:
+    """Return the fields of a look that are still wanted: none beside an image."""
+    return () if request.image is not None else ("data",)
 
 
 def _wanted(request: TeachObject, *names: str) -> None:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from rtask.errors import UsageError
 
 if TYPE_CHECKING:
-    from features.geometry import Frame
+    from features.geometry import Frame, Intrinsics
 
 __all__ = [
     "check_picture",
     "encode_crop",
+    "encode_photo",
     "frame_of_cloud",
     "media_type_of",
     "shaded",
@@ -51,6 +52,14 @@ def check_picture(data: bytes, path: str) -> tuple[str, int, int]:
 def _decoded(data: bytes, path: str) -> NDArray[np.uint8]:
     import cv2
 
+    from features.codec.image import image_size
+
+    try:
+        width, height = image_size(data)
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}", field=path) from error
+    if width * height > MAX_PX:
+        raise UsageError(f"{path}: the image is larger than {MAX_PX // 10**6} Mpx", field=path)
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     if image is None or image.shape[0] * image.shape[1] > MAX_PX:
         raise UsageError(f"{path}: the image cannot be decoded or is larger than 16 Mpx")
@@ -70,11 +79,19 @@ def encode_crop(frame: Frame) -> bytes:
     return bytes(data)
 
 
+def encode_photo(frame: Frame) -> bytes:
+    """Return the crop of a photograph in the project's format, of the same quality."""
+    from features.codec import encode_frame
+
+    return encode_frame(frame, _JPEG_QUALITY)
+
+
 def with_image(frame: Frame, data: bytes) -> Frame:
     """Return the frame with its image of the object replaced.
 
-    An image whose size differs from the frame's has no depth, since the position of its pixels is
-    unknown.
+    A picture of the whole camera's view, at its resolution or a higher one, is cut out where the
+    frame is. Any other image whose size differs from the frame's has no depth, since the position
+    of its pixels is unknown.
     """
     from dataclasses import replace
 
@@ -84,10 +101,40 @@ def with_image(frame: Frame, data: bytes) -> Frame:
     if rgb.shape[:2] == frame.depth_m.shape:
         return replace(frame, rgb=rgb)
     height, width = rgb.shape[:2]
+    if _shows_view(frame.intrinsics, width, height):
+        return _of_view(frame, rgb)
     camera = Intrinsics.from_fov(width, height, 1.0)
     nothing = np.zeros((height, width), np.float32)
     everywhere = np.ones((height, width), dtype=bool)
     return Frame(nothing, camera, rgb, everywhere, frame_id=frame.frame_id)
+
+
+def _shows_view(camera: Intrinsics, width: int, height: int) -> bool:
+    """Tell whether an image has the sides of the camera's view, at least at its resolution."""
+    across, down = width / camera.width, height / camera.height
+    return across >= 1 and abs(across / down - 1) < 0.005
+
+
+def _of_view(frame: Frame, rgb: NDArray[np.uint8]) -> Frame:
+    """Return a frame with its part of the whole view, in which depth is picked from the nearest."""
+    import cv2
+
+    from features.geometry import Frame
+    from features.imaging.camera import scaled
+
+    camera = scaled(frame.intrinsics, rgb.shape[1], rgb.shape[0])
+    times = camera.fx / frame.intrinsics.fx
+    rows, columns = frame.depth_m.shape
+    x0, y0 = round(frame.x0 * times), round(frame.y0 * times)
+    x1, y1 = round((frame.x0 + columns) * times), round((frame.y0 + rows) * times)
+    size = (x1 - x0, y1 - y0)
+    depth = cv2.resize(frame.depth_m, size, interpolation=cv2.INTER_NEAREST)
+    mine = frame.object_mask().astype(np.uint8)
+    mask = np.asarray(cv2.resize(mine, size, interpolation=cv2.INTER_NEAREST))
+    return Frame(
+        np.asarray(depth, np.float32), camera, rgb[y0:y1, x0:x1].copy(), mask > 0, x0, y0,
+        frame.frame_id, frame.stamp_s,
+    )  # fmt: skip
 
 
 def frame_of_cloud(

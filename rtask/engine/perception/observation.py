@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Ge, MaxLen, MinLen
 from numpy.typing import NDArray
 
 from rtask.engine.context import Context
 from rtask.engine.observation import Observation
+from rtask.engine.perception.images import encode_photo, frame_of_cloud, shaded, with_image
 from rtask.engine.perception.placement import classify_shape
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode
 from rtask.wire.message import Also, Message
-from rtask.wire.types import Cloud, Image, Number, Pose, Stamp, Text, Unit
+from rtask.wire.types import Box, Cloud, Image, Mask, Number, Pose, Stamp, Text, Unit, Whole
 
 if TYPE_CHECKING:
+    from features.geometry import Frame
     from features.tabletop import TabletopShape
 
 __all__ = ["Look", "OptionalLook", "observe", "observe_once"]
@@ -29,9 +32,17 @@ class OptionalLook(Message):
     """One look at one object, where the object may be named instead."""
 
     data: Annotated[Cloud, Also("new_point_cloud")] | None = None
-    """base64 of one object's compressed cloud; default: given by object"""
+    """base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2; default: image alone"""
     image: Image | None = None
-    """base64 PNG or JPEG of the object; default: the colours of the cloud"""
+    """base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud"""
+    mask: Mask | None = None
+    """the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or colour"""
+    label: Annotated[Whole, Ge(1)] | None = None
+    """which label of the mask; default: all"""
+    box: Annotated[Box, MinLen(4), MaxLen(4)] | None = None
+    """around the object: left, top, width, height in the image, px; default: the whole"""
+    object_pose: Pose | None = None
+    """pose of the object in frame_id that another estimator found; default: estimated"""
     sensor_pose: Pose | None = None
     """pose of the camera in frame_id; default: identity"""
     frame_id: Text | None = None
@@ -43,13 +54,10 @@ class OptionalLook(Message):
 
 
 class Look(OptionalLook):
-    """One look at one object."""
-
-    data: Annotated[Cloud, Also("new_point_cloud")]
-    """base64 of one object's compressed cloud"""
+    """One look at one object: data, an image, or both."""
 
 
-def observe_once(context: Context, request: Look, where: str = "") -> Observation:
+def observe_once(context: Context, request: OptionalLook, where: str = "") -> Observation:
     """Return the observation of a request, decoded at most once; see :func:`observe`."""
     key = _digest(request)
     known = context.observations.get(key)
@@ -61,7 +69,7 @@ def observe_once(context: Context, request: Look, where: str = "") -> Observatio
     return made
 
 
-def observe(request: Look, where: str = "") -> Observation:
+def observe(request: OptionalLook, where: str = "") -> Observation:
     """Decode, describe and measure what a request carries.
 
     Parameters
@@ -74,46 +82,40 @@ def observe(request: Look, where: str = "") -> Observation:
     Raises
     ------
     UsageError
-        If the bytes are not a cloud or image of an object.
+        If the bytes are not a cloud or image of an object, or there are none.
     """
-    from features.codec import decode
-    from features.geometry import Frame, transform
+    from features.geometry import transform
     from features.recognition.views.view import describe_frame
-    from rtask.engine.perception.images import frame_of_cloud, shaded, with_image
 
+    if request.data is None and request.image is None:
+        raise UsageError(
+            f"{where}data is missing: send the object's compressed cloud, an image, or both",
+            field=where + "data",
+        )
     started = time.perf_counter()
     sensor_pose = request.sensor_pose
     pose = np.eye(4) if sensor_pose is None else np.asarray(sensor_pose, dtype=np.float64)
+    part = "image" if request.data is None else "data"
     try:
-        decoded = decode(request.data)
-    except ValueError as error:
-        raise UsageError(f"{where}data: {error}", field=where + "data") from error
-    decoded_s = time.perf_counter() - started
-    started = time.perf_counter()
-    try:
-        if isinstance(decoded, Frame):
-            frame, camera_pose, is_rendered = decoded, pose, False
-        else:
-            frame, cloud_from_camera = frame_of_cloud(decoded.points(), decoded.colours)
-            camera_pose, is_rendered = pose @ cloud_from_camera, True
-        if request.image is not None:
-            frame, is_rendered = with_image(frame, request.image), False
-        if frame.rgb is None:
-            picture = shaded(frame.depth_m, frame.object_mask())
-            frame, is_rendered = replace(frame, rgb=picture), True
+        sight = _decoded(request)
+        decoded_s = time.perf_counter() - started
+        started = time.perf_counter()
+        frame, is_rendered = _with_parts(sight, request)
         features = describe_frame(frame)
+        data = request.data if request.data is not None else encode_photo(frame)
     except ValueError as error:
-        raise UsageError(f"{where}data: {error}", field=where + "data") from error
+        raise UsageError(f"{where}{part}: {error}", field=where + part) from error
+    camera_pose = pose @ sight.source_from_camera
     cloud = frame.points()[frame.object_mask()].astype(np.float64)
     finite = cloud[np.isfinite(cloud).all(axis=1)]
     points = np.asarray(transform(camera_pose, finite), dtype=np.float64)
     shape = _measure(points, request.support_height)
     # A crop of a depth image lies in the optical frame, whose z looks forward and not up.
-    frame_id = request.frame_id or decoded.frame_id
-    is_upright = not isinstance(decoded, Frame) and bool(frame_id)
+    frame_id = request.frame_id or sight.frame_id
+    is_upright = not sight.is_optical and bool(frame_id)
     is_posed = sensor_pose is not None or is_upright
     return Observation(
-        data=request.data,
+        data=data,
         frame=frame,
         features=features,
         frame_from_camera=camera_pose,
@@ -124,8 +126,77 @@ def observe(request: Look, where: str = "") -> Observation:
         is_rendered=is_rendered,
         is_posed=is_posed,
         guess=_guess(shape, points) if is_posed else None,
+        object_pose=request.object_pose,
         seconds={"decode_s": decoded_s, "extraction_s": time.perf_counter() - started},
     )
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """What was decoded: a frame of a camera, and how that stands in the frame of what came."""
+
+    frame: Frame
+    source_from_camera: NDArray[np.float64]
+    frame_id: str
+    is_optical: bool
+    is_rendered: bool = False
+
+
+def _decoded(request: OptionalLook) -> _Sight:
+    """Return the frame of the data; of an image alone the crop of its object."""
+    from features.codec import decode
+    from features.geometry import Frame
+    from features.imaging.camera import frame_of_grid
+    from features.imaging.photo import read_photo
+    from features.imaging.selection import frame_of_photo
+
+    if request.data is None:
+        assert request.image is not None
+        photo = read_photo(request.image)
+        labels = _labels(request, photo.rgb.shape[:2])
+        frame = frame_of_photo(photo, labels, request.label, _box(request))
+        return _Sight(frame, np.eye(4), "", is_optical=True)
+    decoded = decode(request.data)
+    if isinstance(decoded, Frame):
+        return _Sight(decoded, np.eye(4), decoded.frame_id, is_optical=True)
+    grid = frame_of_grid(decoded)
+    if grid is not None:
+        return _Sight(grid, np.eye(4), decoded.frame_id, is_optical=True)
+    frame, cloud_from_camera = frame_of_cloud(decoded.points(), decoded.colours)
+    return _Sight(frame, cloud_from_camera, decoded.frame_id, is_optical=False, is_rendered=True)
+
+
+def _with_parts(sight: _Sight, request: OptionalLook) -> tuple[Frame, bool]:
+    """Return the frame with the image and the mask of the request, and whether it is rendered."""
+    from features.imaging.selection import chosen_object
+
+    frame, is_rendered = sight.frame, sight.is_rendered
+    if request.data is None:
+        return frame, False
+    if request.image is not None:
+        frame, is_rendered = with_image(frame, request.image), False
+    if not sight.is_rendered:
+        labels = _labels(request, frame.depth_m.shape)
+        frame = chosen_object(frame, labels, request.label, _box(request))
+    if frame.rgb is None:
+        picture = shaded(frame.depth_m, frame.object_mask())
+        frame, is_rendered = replace(frame, rgb=picture), True
+    return frame, is_rendered
+
+
+def _labels(request: OptionalLook, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
+    """Return the labels of the request's mask, at whatever size it came."""
+    from features.imaging.masks import labels_from_annotations, labels_from_png
+
+    if request.mask is None:
+        return None
+    if isinstance(request.mask, bytes):
+        return labels_from_png(request.mask)
+    return labels_from_annotations(request.mask, (shape[0], shape[1]))
+
+
+def _box(request: OptionalLook) -> list[float] | None:
+    return None if request.box is None else [float(side) for side in request.box]
 
 
 def _measure(points: NDArray[np.float64], support_height: float | None) -> TabletopShape | None:
@@ -148,11 +219,14 @@ def _guess(
     return None if found is None else (getattr(RT, found[0]), found[1])
 
 
-def _digest(request: Look) -> str:
-    digest = hashlib.sha256(request.data)
-    pose = request.sensor_pose
-    digest.update(b"" if pose is None else np.asarray(pose, dtype=np.float64).tobytes())
+def _digest(request: OptionalLook) -> str:
+    digest = hashlib.sha256(request.data or b"")
+    for pose in (request.sensor_pose, request.object_pose):
+        digest.update(b"-" if pose is None else np.asarray(pose, dtype=np.float64).tobytes())
     digest.update(request.image or b"")
-    rest = (request.frame_id, request.support_height, request.stamp)
+    rest = (
+        request.frame_id, request.support_height, request.stamp, request.mask, request.label,
+        _box(request), request.data is None, request.image is None,
+    )  # fmt: skip
     digest.update(repr(rest).encode())
     return digest.hexdigest()

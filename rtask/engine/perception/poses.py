@@ -48,7 +48,8 @@ class ObjectPose:
     estimate
         Fit, contradictions and alternative poses.
     source
-        What the pose was estimated with, ``model`` or ``view``.
+        What the pose was estimated with, ``model`` or ``view``; ``given`` when the request brought
+        it.
     views
         Number of views used.
     """
@@ -81,6 +82,9 @@ def locate(
     """
     if known is None:
         return place(seen), None
+    if seen.object_pose is not None:
+        given, placement = _given(seen, seen.object_pose), place(seen, known.is_round)
+        return (placement and oriented(placement, given.frame_from_object)), given
     match: Match | None = next((m for m in recognition.matches if m.object_iri == known.iri), None)
     query_from_view, viewpoint = None, None
     if match is not None and match.query_from_view is not None:
@@ -91,6 +95,19 @@ def locate(
     if placement is not None and pose is not None and pose.accepted:
         placement = oriented(placement, pose.frame_from_object)
     return placement, pose
+
+
+def _given(seen: Observation, frame_from_object: NDArray[np.float64]) -> ObjectPose:
+    """Return a pose that another estimator found, as it is."""
+    from features.pose import PoseEstimate
+
+    camera_from_object = np.linalg.inv(seen.frame_from_camera) @ frame_from_object
+    estimate = PoseEstimate(
+        camera_from_object, confidence=1.0, accepted=True, fit=1.0, violation=0.0, coverage=1.0,
+        explained=1.0, alternatives=(), ambiguous=False, symmetric_axes=np.zeros((0, 3)),
+        segments_used=(),
+    )  # fmt: skip
+    return _posed(seen, estimate, "given", 0)
 
 
 def find_pose(

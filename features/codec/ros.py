@@ -1,0 +1,191 @@
+"""Clouds and images of ROS messages, as rosbridge sends them in JSON or CBOR.
+
+``sensor_msgs/PointCloud2`` becomes a PCD file, ``sensor_msgs/CompressedImage`` its bytes and
+``sensor_msgs/Image`` a PNG, so that all further reading is one and the same.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec.limits import CloudFormatError, Limits
+from features.codec.pcd import write_pcd
+
+__all__ = ["image_bytes", "is_image", "is_point_cloud", "pcd_from_point_cloud", "pixels_of_image"]
+
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+_ENCODINGS = {
+    "rgb8": ("u1", 3), "bgr8": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4),
+    "mono8": ("u1", 1), "8UC1": ("u1", 1), "8UC3": ("u1", 3), "mono16": ("u2", 1),
+    "16UC1": ("u2", 1), "32FC1": ("f4", 1),
+}  # fmt: skip
+_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG"
+
+
+def is_point_cloud(message: Any) -> bool:
+    """Tell whether a message is a ``sensor_msgs/PointCloud2``."""
+    return isinstance(message, Mapping) and {"fields", "point_step", "data"} <= set(message)
+
+
+def is_image(message: Any) -> bool:
+    """Tell whether a message is a ``sensor_msgs/CompressedImage`` or ``sensor_msgs/Image``."""
+    known = isinstance(message, Mapping) and "data" in message
+    return known and ("format" in message or {"encoding", "step"} <= set(message))
+
+
+def pcd_from_point_cloud(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:
+    """Return a ``sensor_msgs/PointCloud2`` as a PCD file with x, y, z and, where there, colour.
+
+    Raises
+    ------
+    CloudFormatError
+        When the parts of the message do not fit together.
+    """
+    limits = limits or Limits()
+    height, width = _whole(message, "height"), _whole(message, "width")
+    step, row = _whole(message, "point_step"), _whole(message, "row_step", 0)
+    limits.check_points(height * width)
+    data = _data(message, limits)
+    row = row or width * step
+    if step < 1 or row < width * step or len(data) < (height - 1) * row + width * step:
+        raise CloudFormatError(
+            f"PointCloud2: {len(data)} bytes are not {height} rows of {width} points of {step}"
+        )
+    layout = _layout(message, step)
+    if row == width * step:
+        rows = np.frombuffer(data, layout, height * width)
+    else:
+        rows = np.concatenate([np.frombuffer(data, layout, width, k * row) for k in range(height)])
+    missing = [axis for axis in "xyz" if axis not in (layout.names or ())]
+    if missing:
+        raise CloudFormatError(f"PointCloud2: no field {', '.join(missing)}")
+    table: dict[str, NDArray[Any]] = {axis: rows[axis].astype("<f4") for axis in "xyz"}
+    for name in ("rgb", "rgba"):
+        if name in (layout.names or ()) and layout[name].itemsize == 4:
+            column = np.ascontiguousarray(rows[name])
+            table["rgb"] = column.astype(column.dtype.newbyteorder("<")).view("<u4")
+            break
+    header = message.get("header")
+    frame_id = header.get("frame_id", "") if isinstance(header, Mapping) else ""
+    return write_pcd(table, (height, width), str(frame_id))
+
+
+def _layout(message: Mapping[str, Any], step: int) -> np.dtype[Any]:
+    order = ">" if message.get("is_bigendian") else "<"
+    names, formats, offsets = [], [], []
+    fields = message["fields"]
+    if not isinstance(fields, list | tuple):
+        raise CloudFormatError("PointCloud2: fields must be a list")
+    for one in fields:
+        if not isinstance(one, Mapping):
+            raise CloudFormatError(f"PointCloud2: unknown field {one!r:.80}")
+        kind, offset = _KINDS.get(one.get("datatype", 0)), one.get("offset", 0)
+        if kind is None or type(offset) is not int or "name" not in one:
+            raise CloudFormatError(f"PointCloud2: unknown field {one!r:.80}")
+        if offset < 0 or offset + int(kind[1]) > step:
+            raise CloudFormatError(f"PointCloud2: field {one['name']} lies outside the point")
+        if str(one["name"]) in ("x", "y", "z", "rgb", "rgba"):
+            names.append(str(one["name"]))
+            formats.append(order + kind)
+            offsets.append(offset)
+    try:
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+    except ValueError as error:
+        raise CloudFormatError(f"PointCloud2: {error}") from None
+
+
+def image_bytes(message: Mapping[str, Any], limits: Limits | None = None) -> bytes:
+    """Return the picture of a CompressedImage or Image message as PNG or JPEG.
+
+    Raises
+    ------
+    CloudFormatError
+        When it is of another format, or its parts do not fit together.
+    """
+    limits = limits or Limits()
+    if "encoding" not in message:
+        data = _data(message, limits)
+        # Transports put a header before the picture of compressedDepth.
+        at = data.find(_PNG, 0, 64)
+        found = data if data.startswith(_JPEG) or at < 0 else data[at:]
+        if not found.startswith((_JPEG, _PNG)):
+            raise CloudFormatError(
+                f"CompressedImage: format {message.get('format')!r} is neither PNG nor JPEG"
+            )
+        return found
+    pixels = pixels_of_image(message, limits)
+    if pixels.dtype == np.float32:
+        pixels = np.rint(np.clip(np.nan_to_num(pixels) * 1000, 0, 65_535)).astype(np.uint16)
+    flipped = pixels[..., ::-1] if pixels.ndim == 3 else pixels
+    done, data_png = cv2.imencode(".png", np.ascontiguousarray(flipped))
+    if not done:
+        raise CloudFormatError("Image: cannot be written as PNG")
+    return data_png.tobytes()
+
+
+def pixels_of_image(message: Mapping[str, Any], limits: Limits | None = None) -> NDArray[Any]:
+    """Return the pixels of a ``sensor_msgs/Image``: RGB (h, w, 3), else (h, w).
+
+    Depth is uint16 in mm or float32 in m (REP 118).
+
+    Raises
+    ------
+    CloudFormatError
+        When the encoding is not known, or the bytes are too few.
+    """
+    limits = limits or Limits()
+    encoding = str(message.get("encoding"))
+    if encoding not in _ENCODINGS:
+        raise CloudFormatError(
+            f"Image: encoding {encoding!r} is not known; one of {', '.join(_ENCODINGS)}"
+        )
+    code, channels = _ENCODINGS[encoding]
+    height, width = _whole(message, "height"), _whole(message, "width")
+    limits.check_image(width, height)
+    kind = np.dtype((">" if message.get("is_bigendian") else "<") + code)
+    used = width * channels * kind.itemsize
+    step = _whole(message, "step", 0) or used
+    data = _data(message, limits)
+    if step < used or height < 1 or width < 1 or len(data) < (height - 1) * step + used:
+        raise CloudFormatError(f"Image: {len(data)} bytes are not {width}x{height} of {encoding}")
+    rows = np.frombuffer(data.ljust(height * step, b"\0"), np.uint8, height * step)
+    pixels = rows.reshape(height, step)[:, :used].copy().view(kind)
+    pixels = pixels.astype(kind.newbyteorder("="))
+    if channels == 1:
+        return pixels
+    pixels = pixels.reshape(height, width, channels)[..., :3]
+    return pixels[..., ::-1].copy() if encoding[0] in "b8" else pixels.copy()
+
+
+def _data(message: Mapping[str, Any], limits: Limits) -> bytes:
+    data = message["data"]
+    if isinstance(data, str):
+        try:
+            data = base64.b64decode(data, validate=True)
+        except (binascii.Error, ValueError) as error:
+            raise CloudFormatError(f"data: not base64: {error}") from None
+    elif isinstance(data, list | tuple):
+        try:
+            data = bytes(data)
+        except (TypeError, ValueError) as error:
+            raise CloudFormatError(f"data: not bytes: {error}") from None
+    elif isinstance(data, np.ndarray):
+        data = data.tobytes()
+    elif not isinstance(data, bytes | bytearray | memoryview):
+        raise CloudFormatError("data: base64 text or bytes are expected")
+    limits.check_decoded(len(data), len(data), "data")
+    return bytes(data)
+
+
+def _whole(message: Mapping[str, Any], key: str, default: int | None = None) -> int:
+    value = message.get(key, default)
+    if type(value) is not int or value < 0 or value > 2**31:
+        raise CloudFormatError(f"{key}: a whole number is expected, got {value!r:.40}")
+    return value

@@ -1,0 +1,1 @@
+"""Pictures from any camera: photographs, masks of other tools, foreground, lenses, calibration."""

@@ -1,0 +1,277 @@
+"""Cameras that are no plain pinholes: lens distortion, colour and depth of different cameras.
+
+What comes out is a :class:`~features.geometry.Frame`: one pinhole, colour and depth pixel by pixel
+(Gatto 2016, 2.3: every pixel with its depth).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec.types import Cloud
+from features.geometry import (
+    Float64Array,
+    FloatArray,
+    Frame,
+    Intrinsics,
+    UInt8Array,
+    points_from_depth,
+)
+
+__all__ = [
+    "Lens",
+    "align_colour",
+    "camera_of_grid",
+    "frame_of_grid",
+    "lens_from_message",
+    "scaled",
+    "undistorted",
+]
+
+_MAX_GRID_ERROR_PX = 0.75
+_MIN_GRID_POINTS = 50
+_DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A camera with the distortion of its lens.
+
+    Parameters
+    ----------
+    intrinsics
+        Of the image as it comes from the camera.
+    distortion
+        k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4[, tx, ty]]]] as OpenCV and ROS
+        (``plumb_bob``, ``rational_polynomial``) order them; empty = none.
+
+    Raises
+    ------
+    ValueError
+        When there are so many coefficients as no model has, or one is not finite.
+    """
+
+    intrinsics: Intrinsics
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.distortion) not in _DISTORTION_LENGTHS:
+            raise ValueError(
+                f"{len(self.distortion)} coefficients of distortion; expected one of "
+                f"{_DISTORTION_LENGTHS[1:]}"
+            )
+        if not np.isfinite(self.distortion).all():
+            raise ValueError("the coefficients of distortion must be finite")
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any coefficient differs from zero."""
+        return any(self.distortion)
+
+
+def lens_from_message(message: Mapping[str, Any]) -> Lens:
+    """Return the lens of a ``sensor_msgs/CameraInfo``, or of a mapping of plain names.
+
+    Plain names are width, height, fx, fy, cx, cy and distortion.
+
+    Raises
+    ------
+    ValueError
+        When a number is missing or impossible.
+
+    Examples
+    --------
+    >>> lens_from_message({"width": 640, "height": 480, "k": [500, 0, 320, 0, 501, 240, 0, 0, 1],
+    ...                    "d": []}).intrinsics.fy
+    501.0
+    """
+    matrix = message.get("k", message.get("K"))
+    try:
+        if matrix is not None:
+            k = np.asarray(matrix, np.float64).ravel()
+            if k.shape != (9,):
+                raise ValueError(f"k must have 9 numbers, got {len(k)}")
+            numbers = [float(k[place]) for place in (0, 4, 2, 5)]
+        else:
+            numbers = [float(message[name]) for name in ("fx", "fy", "cx", "cy")]
+        camera = Intrinsics(int(message["width"]), int(message["height"]), *numbers)
+    except KeyError as error:
+        raise ValueError(f"the camera lacks {error.args[0]}") from None
+    except TypeError as error:
+        raise ValueError(f"the camera does not read: {error}") from None
+    given = message.get("distortion", message.get("d", message.get("D", ())))
+    coefficients = tuple(float(value) for value in (() if given is None else given))
+    model = str(message.get("distortion_model", "plumb_bob"))
+    if any(coefficients) and model not in ("plumb_bob", "rational_polynomial", ""):
+        raise ValueError(f"distortion_model {model!r} is not known; undistort the images first")
+    return Lens(camera, coefficients)
+
+
+def undistorted(
+    lens: Lens, rgb: UInt8Array | None = None, depth_m: FloatArray | None = None
+) -> tuple[UInt8Array | None, NDArray[np.float32] | None]:
+    """Return colour and depth as a pinhole of the lens's own intrinsics would see them.
+
+    Depth is picked from the nearest pixel, since between two surfaces there is none; pixels that
+    the lens did not see are black and without depth.
+
+    Parameters
+    ----------
+    rgb : (h, w, 3) uint8 or None
+    depth_m : (h, w) float, m, or None
+    """
+    if not lens.is_distorted:
+        return rgb, None if depth_m is None else np.asarray(depth_m, np.float32)
+    camera = lens.intrinsics
+    matrix, size = _matrix(camera), (camera.width, camera.height)
+    maps = cv2.initUndistortRectifyMap(
+        matrix, np.array(lens.distortion), np.eye(3), matrix, size, cv2.CV_32FC1
+    )
+    straight, depth = rgb, None
+    if rgb is not None:
+        straight = np.asarray(cv2.remap(rgb, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
+    if depth_m is not None:
+        known = np.nan_to_num(np.asarray(depth_m, np.float32))
+        depth = np.asarray(cv2.remap(known, *maps, cv2.INTER_NEAREST), dtype=np.float32)
+    return straight, depth
+
+
+def align_colour(
+    depth_m: FloatArray,
+    depth_camera: Intrinsics,
+    rgb: UInt8Array,
+    colour_camera: Intrinsics | None = None,
+    colour_from_depth: Float64Array | None = None,
+) -> Frame:
+    """Return depth with the colour of another camera, or of another size, at each of its pixels.
+
+    Parameters
+    ----------
+    depth_m : (h, w) float, m
+        0 or not finite = missing.
+    depth_camera
+        Of ``depth_m``.
+    rgb : (k, l, 3) uint8
+    colour_camera
+        Of ``rgb``; None = the same camera at another resolution.
+    colour_from_depth : (4, 4) float64, m, or None
+        Pose of the depth camera in the frame of the colour camera; None = one place.
+
+    Returns
+    -------
+    Frame
+        In the depth camera. Black where the colour camera does not look, or where there is no
+        depth to say where it looks. What the colour camera cannot see for something nearer keeps
+        the colour of that.
+
+    Raises
+    ------
+    ValueError
+        When the sides of the images differ in more than their scale and no camera is given.
+    """
+    depth = np.nan_to_num(np.asarray(depth_m, np.float32))
+    height, width = depth.shape
+    if colour_camera is None and colour_from_depth is None:
+        down, across = rgb.shape[0] / height, rgb.shape[1] / width
+        if abs(down / across - 1) > 0.01:
+            raise ValueError(
+                f"colour of {rgb.shape[1]}x{rgb.shape[0]} px does not show what depth of "
+                f"{width}x{height} px shows; say how the colour camera is built and where it sits"
+            )
+        way = cv2.INTER_AREA if across > 1 else cv2.INTER_LINEAR
+        same = rgb if down == across == 1 else cv2.resize(rgb, (width, height), interpolation=way)
+        return Frame(depth, depth_camera, np.asarray(same, dtype=np.uint8))
+    lens = colour_camera or scaled(depth_camera, rgb.shape[1], rgb.shape[0])
+    pose = np.eye(4) if colour_from_depth is None else np.asarray(colour_from_depth, np.float64)
+    points = points_from_depth(depth, depth_camera) @ pose[:3, :3].T + pose[:3, 3]
+    z = points[..., 2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        u = lens.fx * points[..., 0] / z + lens.cx
+        v = lens.fy * points[..., 1] / z + lens.cy
+        seen = (z > 0) & (u > -0.5) & (u < lens.width - 0.5) & (v > -0.5) & (v < lens.height - 0.5)
+    across, down = (np.where(seen, axis, -10).astype(np.float32) for axis in (u, v))
+    colours = cv2.remap(rgb, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    colours[~seen] = 0
+    return Frame(depth, depth_camera, np.asarray(colours, dtype=np.uint8))
+
+
+def scaled(camera: Intrinsics, width: int, height: int) -> Intrinsics:
+    """Return the same camera at another resolution; pixel centres lie at whole numbers.
+
+    Examples
+    --------
+    >>> scaled(Intrinsics(4, 2, 8.0, 8.0, 1.5, 0.5), 8, 4).cx
+    3.5
+    """
+    across, down = width / camera.width, height / camera.height
+    return Intrinsics(
+        width, height, camera.fx * across, camera.fy * down,
+        (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5,
+    )  # fmt: skip
+
+
+def camera_of_grid(points: FloatArray) -> Intrinsics | None:
+    """Return the pinhole from whose pixels an organised cloud was made, if it was.
+
+    Parameters
+    ----------
+    points : (h, w, 3) float, m, optical frame
+        NaN = missing.
+
+    Returns
+    -------
+    None when the points do not lie on the rays of such a camera, as after a transform.
+
+    Examples
+    --------
+    >>> camera = Intrinsics(64, 48, 80.0, 82.0, 31.0, 24.5)
+    >>> z = np.random.default_rng(0).uniform(0.5, 1, (48, 64))
+    >>> found = camera_of_grid(points_from_depth(z, camera))
+    >>> round(found.fx, 3), round(found.cy, 3)
+    (80.0, 24.5)
+    """
+    height, width = points.shape[:2]
+    usable = np.isfinite(points).all(axis=-1)
+    usable &= np.where(usable, points[..., 2], 0) > 1e-3
+    v, u = np.nonzero(usable)
+    if len(u) < _MIN_GRID_POINTS:
+        return None
+    rays = points[v, u, :2].astype(np.float64) / points[v, u, 2:]
+    found = []
+    for pixels, slopes in ((u, rays[:, 0]), (v, rays[:, 1])):
+        if np.ptp(slopes) < 1e-6:
+            return None
+        focal, centre = np.polyfit(slopes, pixels, 1)
+        off = np.abs(focal * slopes + centre - pixels)
+        if focal <= 0 or np.quantile(off, 0.99) > _MAX_GRID_ERROR_PX:
+            return None
+        found.append((float(focal), float(centre)))
+    (fx, cx), (fy, cy) = found
+    return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def frame_of_grid(cloud: Cloud) -> Frame | None:
+    """Return an organised, coloured cloud as the frame of its camera; None if it has none."""
+    if not cloud.is_organised or cloud.colours is None:
+        return None
+    points, colours = cloud.grid()
+    camera = camera_of_grid(points)
+    if camera is None:
+        return None
+    depth = np.nan_to_num(points[..., 2]).astype(np.float32)
+    return Frame(
+        np.where(depth > 0, depth, np.float32(0)), camera, colours, frame_id=cloud.frame_id,
+        stamp_s=cloud.stamp_s,
+    )  # fmt: skip
+
+
+def _matrix(camera: Intrinsics) -> Float64Array:
+    return np.array(
+        [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]], np.float64
+    )

@@ -1,0 +1,206 @@
+"""Recordings of ROS: bags of ROS 1 and ROS 2, and MCAP (extra ``recordings``; needs no ROS).
+
+Depth is paired with the colour image nearest in time and with the CameraInfo beside its topic.
+Depth and colour of one name space are taken for registered; transforms between cameras (tf) are not
+followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec.limits import CloudFormatError, Limits
+from features.codec.ros import image_bytes, pcd_from_point_cloud, pixels_of_image
+from features.codec.sniff import decode
+from features.codec.types import Cloud
+from features.geometry import Frame
+from features.imaging.camera import Lens, align_colour, lens_from_message, undistorted
+from features.imaging.photo import Photo, read_photo
+
+__all__ = ["first_view", "views_of"]
+
+_PAIRED_S = 0.1
+_TYPES = tuple(
+    f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
+)
+_DEPTH = ("16UC1", "32FC1", "mono16")
+
+
+def first_view(path: Path, at_s: float = 0.0) -> Frame | Cloud | Photo:
+    """Return the first view of a recording at or after a time.
+
+    Depth with colour is preferred to a cloud, a cloud to a photograph.
+
+    Parameters
+    ----------
+    path
+        A ``.bag``, ``.mcap`` or ``.db3`` file, or the folder of a recording of ROS 2.
+    at_s
+        Time since the start of the recording, s.
+
+    Raises
+    ------
+    CloudFormatError
+        When it is no recording, or shows nothing from then on.
+    """
+    colour_only: Photo | None = None
+    for seen in views_of(path, at_s):
+        if not isinstance(seen, Photo):
+            return seen
+        colour_only = colour_only or seen
+    if colour_only is None:
+        raise CloudFormatError(f"no image and no cloud from {at_s:g} s on")
+    return colour_only
+
+
+def views_of(path: Path, from_s: float = 0.0) -> Iterator[Frame | Cloud | Photo]:
+    """Yield the views of a recording in the order of their times; see :func:`first_view`.
+
+    A colour image is a view of its own only where the recording holds no depth and no cloud.
+    """
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    try:
+        with AnyReader([path]) as reader:
+            wanted = [one for one in reader.connections if one.msgtype in _TYPES]
+            pairing = _Pairing(has_space=_has_space([(c.topic, c.msgtype) for c in wanted]))
+            start = reader.start_time + int(from_s * 1e9)
+            for connection, time_ns, raw in reader.messages(connections=wanted):
+                message = _mapping(reader.deserialize(raw, connection.msgtype))
+                seen = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
+                if seen is not None and time_ns >= start:
+                    yield seen
+            rest = pairing.finish()
+            if rest is not None:
+                yield rest
+    except (AnyReaderError, OSError) as error:
+        raise CloudFormatError(f"no recording of ROS: {error}") from error
+
+
+def _has_space(topics: list[tuple[str, str]]) -> bool:
+    """Tell whether any topic carries depth or clouds."""
+    return any(
+        kind.endswith("PointCloud2") or ("depth" in topic and not kind.endswith("CameraInfo"))
+        for topic, kind in topics
+    )
+
+
+def _mapping(message: Any) -> dict[str, Any]:
+    """Return a message as nested mappings."""
+    told = dict(vars(message))
+    if "header" in told:
+        told["header"] = vars(told["header"])
+    if "fields" in told:
+        told["fields"] = [dict(vars(one)) for one in told["fields"]]
+    return told
+
+
+@dataclass
+class _Pairing:
+    """Joins depth, colour and cameras as messages come in.
+
+    Parameters
+    ----------
+    has_space
+        Whether depth or clouds are to be expected.
+    """
+
+    has_space: bool
+    _lenses: dict[str, Lens] = field(default_factory=dict)
+    _colour: tuple[float, str, Photo] | None = None
+    _depth: tuple[float, str, NDArray[np.float32], str] | None = None
+
+    def take(
+        self, topic: str, kind: str, message: Mapping[str, Any], time_s: float
+    ) -> Frame | Cloud | Photo | None:
+        """Return the view that a message completes, if any."""
+        if kind.endswith("CameraInfo"):
+            try:
+                self._lenses[_space(topic)] = lens_from_message(message)
+            except ValueError as error:
+                raise CloudFormatError(f"{topic}: {error}") from error
+            return None
+        if kind.endswith("PointCloud2"):
+            seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=256 * 2**20))
+            return replace(seen, stamp_s=time_s) if isinstance(seen, Cloud) else seen
+        depth = _depth_of(topic, kind, message)
+        if depth is not None:
+            before = self.finish()
+            self._depth = (time_s, topic, depth, str(message["header"]["frame_id"]))
+            is_near = self._colour is not None and time_s - self._colour[0] < _PAIRED_S / 4
+            return before if before is not None or not is_near else self.finish()
+        photo = read_photo(image_bytes(message))
+        seen_before, waiting = self._colour, self._depth
+        self._colour = (time_s, topic, photo)
+        if not self.has_space:
+            return photo
+        if waiting is None:
+            return None
+        is_older = seen_before is not None and waiting[0] - seen_before[0] < time_s - waiting[0]
+        return self.finish(seen_before if is_older else self._colour)
+
+    def finish(self, colour: tuple[float, str, Photo] | None = None) -> Frame | None:
+        """Return the depth that waits, with the colour that is near in time."""
+        if self._depth is None:
+            return None
+        time_s, topic, depth, frame_id = self._depth
+        self._depth = None
+        lens = self._lenses.get(_space(topic))
+        if lens is None or depth.shape != (lens.intrinsics.height, lens.intrinsics.width):
+            raise CloudFormatError(f"{topic}: no CameraInfo of {depth.shape[::-1]} px beside it")
+        _, straight = undistorted(lens, None, depth)
+        assert straight is not None
+        frame = Frame(straight, lens.intrinsics, frame_id=frame_id, stamp_s=time_s)
+        colour = colour or self._colour
+        if colour is None or abs(colour[0] - time_s) > _PAIRED_S:
+            return frame
+        rgb, seen_by = colour[2].rgb, self._lenses.get(_space(colour[1]), lens)
+        size = (seen_by.intrinsics.height, seen_by.intrinsics.width)
+        try:
+            if rgb.shape[:2] != size:
+                aligned = align_colour(straight, lens.intrinsics, rgb)
+            else:
+                flat, _ = undistorted(seen_by, rgb)
+                assert flat is not None
+                aligned = align_colour(straight, lens.intrinsics, flat, seen_by.intrinsics)
+        except ValueError as error:
+            raise CloudFormatError(f"{colour[1]}: {error}") from error
+        return replace(aligned, frame_id=frame_id, stamp_s=time_s)
+
+
+def _space(topic: str) -> str:
+    """Return the name space of a topic, in which its CameraInfo lies.
+
+    >>> _space("/camera/depth/image_raw"), _space("/camera/color/image_raw/compressed")
+    ('/camera/depth', '/camera/color')
+    """
+    parts = topic.rstrip("/").split("/")
+    if parts[-1] in ("compressed", "compressedDepth"):
+        parts = parts[:-1]
+    return "/".join(parts[:-1])
+
+
+def _depth_of(topic: str, kind: str, message: Mapping[str, Any]) -> NDArray[np.float32] | None:
+    """Return the depth (h, w), m, that an image message carries; None if it is a colour image."""
+    if kind.endswith("CompressedImage"):
+        if "depth" not in topic.lower() and "compressedDepth" not in str(message["format"]):
+            return None
+        import cv2
+
+        stored = np.frombuffer(image_bytes(message), np.uint8)
+        pixels = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
+        if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
+            return None
+        return np.asarray(pixels * 0.001, dtype=np.float32)
+    if message["encoding"] not in _DEPTH:
+        return None
+    values = pixels_of_image(message)
+    if values.dtype == np.float32:
+        return np.asarray(np.nan_to_num(values), dtype=np.float32)
+    return np.asarray(values * 0.001, dtype=np.float32)

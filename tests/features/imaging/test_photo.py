@@ -1,0 +1,88 @@
+"""Photographs of any size, and the object in them."""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from features.codec import CloudFormatError
+from features.geometry import Frame, Intrinsics
+from features.imaging.foreground import find_foreground
+from features.imaging.photo import read_photo
+from features.imaging.selection import chosen_object, frame_of_photo
+
+
+def scene(height=300, width=400):
+    """Return a picture of a printed box before a shelf, and the box's mask."""
+    rng = np.random.default_rng(1)
+    image = cv2.GaussianBlur(rng.integers(60, 120, (height, width, 3)).astype(np.uint8), (0, 0), 3)
+    mask = np.zeros((height, width), bool)
+    mask[height // 4 : 3 * height // 4, width // 3 : 2 * width // 3] = True
+    image[mask] = (190, 60, 40)
+    for _ in range(40):
+        place = (int(rng.integers(width // 3 + 8, 2 * width // 3 - 8)),
+                 int(rng.integers(height // 4 + 8, 3 * height // 4 - 8)))  # fmt: skip
+        ink = [int(rng.integers(150, 255)), int(rng.integers(0, 80)), int(rng.integers(0, 80))]
+        cv2.circle(image, place, int(rng.integers(2, 7)), ink, -1)
+    return image, mask
+
+
+def jpeg(image):
+    return cv2.imencode(".jpg", image[..., ::-1])[1].tobytes()
+
+
+def test_a_large_photograph_is_read_at_a_fraction_of_its_resolution():
+    image, _ = scene(3000, 4000)
+    photo = read_photo(jpeg(image))
+    assert photo.full_size == (4000, 3000)
+    assert photo.rgb.shape == (1500, 2000, 3)
+    assert photo.scale == 0.5
+    assert np.abs(photo.rgb[750, 1000].astype(int) - image[1500, 2000]).max() < 40
+
+
+def test_an_impossible_size_is_refused_before_anything_is_decoded():
+    data = bytearray(cv2.imencode(".png", np.zeros((4, 4, 3), np.uint8))[1].tobytes())
+    data[16:24] = struct.pack(">II", 2**14, 2**14)
+    with pytest.raises(CloudFormatError, match="px in all"):
+        read_photo(bytes(data))
+    with pytest.raises(CloudFormatError, match="neither PNG nor JPEG"):
+        read_photo(b"GIF89a")
+
+
+def test_the_object_is_told_from_the_background():
+    image, mask = scene()
+    found = find_foreground(image)
+    assert (found & mask).sum() / (found | mask).sum() > 0.9
+    assert np.array_equal(found, find_foreground(image))
+
+
+def test_where_nothing_can_be_told_the_whole_box_is_kept():
+    plain = np.full((100, 120, 3), 90, np.uint8)
+    assert find_foreground(plain, [20, 10, 50, 60]).sum() == 50 * 60
+
+
+def test_a_mask_of_the_full_photograph_fits_the_reduced_one():
+    image, mask = scene(3000, 4000)
+    labels = np.where(mask, 5, 0).astype(np.int32)
+    labels[:200, :200] = 2
+    crop = frame_of_photo(read_photo(jpeg(image)), labels, label=5)
+    assert max(crop.depth_m.shape) <= 1280
+    assert crop.mask is not None
+    assert crop.mask.mean() > 0.9
+    with pytest.raises(CloudFormatError, match=r"no label 9; it has \[2, 5\]"):
+        frame_of_photo(read_photo(jpeg(image)), labels, label=9)
+
+
+def test_a_box_picks_the_segment_inside_it():
+    depth = np.full((480, 640), 0.8, np.float32)
+    depth[100:180, 100:180] = 0.74
+    depth[300:380, 400:480] = 0.74
+    frame = Frame(depth, Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5),
+                  np.full((480, 640, 3), 99, np.uint8))  # fmt: skip
+    crop = chosen_object(frame, box=[390, 290, 100, 100])
+    assert crop.mask is not None
+    middle = np.argwhere(crop.mask).mean(axis=0) + np.array([crop.y0, crop.x0])
+    assert np.abs(middle - (340, 440)).max() < 5

@@ -1,0 +1,162 @@
+"""``rtask teach`` and ``rtask recognise`` with nothing but pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from features.codec.pcd import write_pcd
+from features.geometry import Intrinsics, points_from_depth
+from features.imaging.masks import encode_rle
+from rtask.cli import main
+
+pytestmark = pytest.mark.slow
+
+
+def print_of(seed):
+    """Return a printed label (240, 180, 3) that no other seed shares."""
+    rng = np.random.default_rng(seed)
+    image = np.full((240, 180, 3), rng.integers(60, 200, 3), np.uint8)
+    for _ in range(150):
+        ink = tuple(int(v) for v in rng.integers(0, 256, 3))
+        x, y, w, h = (int(v) for v in (*rng.integers(0, 230, 2), *rng.integers(5, 32, 2)))
+        if rng.random() < 0.6:
+            cv2.rectangle(image, (x, y), (x + w, y + h), ink, -1)
+        else:
+            cv2.circle(image, (x, y), w // 2, ink, -1)
+    return image
+
+
+def photograph(seed, angle=0.0, shelf=0):
+    """Return a picture of the label in the middle of a plain shelf, and its mask."""
+    rng = np.random.default_rng(100 + shelf)
+    picture = cv2.GaussianBlur(rng.integers(90, 130, (420, 400, 3)).astype(np.uint8), (0, 0), 4)
+    turn = cv2.getRotationMatrix2D((90, 120), angle, 1.1)
+    turn[:, 2] += (110, 90)
+    drawn = cv2.warpAffine(print_of(seed), turn, (400, 420))
+    mask = cv2.warpAffine(np.full((240, 180), 255, np.uint8), turn, (400, 420)) > 127
+    picture[mask] = drawn[mask]
+    return picture, mask
+
+
+def save(path, picture):
+    cv2.imwrite(str(path), picture[..., ::-1])
+    return path
+
+
+def run(capsys, *arguments, code=0):
+    with pytest.raises(SystemExit) as stopped:
+        main([str(one) for one in arguments])
+    said = capsys.readouterr()
+    assert stopped.value.code == code, said
+    return said.out + said.err
+
+
+@pytest.fixture
+def taught(tmp_path, capsys):
+    """Return a store with two products, one of them shown twice."""
+    store = tmp_path / "store"
+    folder = tmp_path / "tea"
+    folder.mkdir()
+    for k, angle in enumerate((0, 8)):
+        save(folder / f"{k}.jpg", photograph(1, angle, k)[0])
+    said = run(capsys, "teach", "green tea", folder, "--kind", "tea box", "-d", store)
+    assert "2 views of green tea (new)" in said
+    run(capsys, "teach", "coffee", save(tmp_path / "coffee.jpg", photograph(2)[0]), "-d", store)
+    return store
+
+
+def test_what_was_taught_by_photographs_is_recognised_on_another(taught, tmp_path, capsys):
+    photo = save(tmp_path / "seen.jpg", photograph(1, -6, 7)[0])
+    said = run(capsys, "recognise", photo, "-d", taught)
+    assert "1 object seen, 1 recognised" in said
+    assert "green tea" in said
+    other = save(tmp_path / "other.jpg", photograph(3, 0, 8)[0])
+    assert "0 recognised" in run(capsys, "recognise", other, "-d", taught, code=1)
+    plot = tmp_path / "plot.png"
+    run(capsys, "recognise", photo, "-d", taught, "--save-plot", plot)
+    assert cv2.imread(str(plot)).shape[0] > 300
+
+
+def test_masks_of_other_tools_name_each_object(taught, tmp_path, capsys):
+    (left, mask), (right, _) = photograph(1, 3, 5), photograph(2, 0, 5)
+    both = save(tmp_path / "both.png", np.hstack([left, right]))
+    nothing = np.zeros_like(mask)
+    labels = np.hstack([mask * 4, nothing]).astype(np.uint8)
+    labels = np.maximum(labels, np.hstack([nothing, photograph(2, 0, 5)[1] * 9]).astype(np.uint8))
+    cv2.imwrite(str(tmp_path / "labels.png"), labels)
+    told = run(capsys, "recognise", both, "-d", taught, "--mask", tmp_path / "labels.png", "--json")
+    rows = {row["label"]: row["matches"][0]["name"] for row in json.loads(told) if row["accepted"]}
+    assert rows == {4: "green tea", 9: "coffee"}
+    (tmp_path / "masks.json").write_text(json.dumps([encode_rle(labels == 9)]))
+    told = run(capsys, "recognise", both, "-d", taught, "--mask", tmp_path / "masks.json", "--json")
+    assert [row["matches"][0]["name"] for row in json.loads(told)] == ["coffee"]
+    box = [str(n) for n in cv2.boundingRect((labels == 4).astype(np.uint8))]
+    assert "green tea" in run(capsys, "recognise", both, "-d", taught, "--box", *box)
+
+
+def test_more_photographs_are_added_to_the_object_of_that_name(taught, tmp_path, capsys):
+    photo = save(tmp_path / "more.jpg", photograph(1, 15, 3)[0])
+    (entry,) = json.loads(run(capsys, "teach", "green tea", photo, "-d", taught, "--json"))
+    assert not entry["new"]
+    shown = json.loads(run(capsys, "objects", "show", entry["object"], "-d", taught, "--json"))
+    assert len(shown["views"]) == 3
+
+
+def test_what_cannot_be_taught_says_why(tmp_path, capsys):
+    photo = save(tmp_path / "one.jpg", photograph(1)[0])
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    store = tmp_path / "store"
+    assert "no photographs" in run(capsys, "teach", "x", empty, "-d", store, code=2)
+    blank = tmp_path / "one.png"
+    cv2.imwrite(str(blank), np.zeros((10, 10), np.uint8))
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    said = run(capsys, "teach", "x", photo, "--mask", masks, "-d", store, code=2)
+    assert "no one.png or one.json" in said
+    said = run(capsys, "teach", "x", photo, "--box", "900", "0", "10", "10", "-d", store, code=1)
+    assert "outside the image" in said
+
+
+def test_an_organised_cloud_with_colours_is_cut_and_gets_labels_in_its_shape(tmp_path, capsys):
+    camera = Intrinsics(160, 120, 140.0, 140.0, 79.5, 59.5)
+    depth = np.full((120, 160), 0.6, np.float32)
+    depth[40:70, 60:100], depth[5:9] = 0.55, 0
+    points = points_from_depth(depth, camera).reshape(-1, 3)
+    table = {axis: points[:, k].astype("<f4") for k, axis in enumerate("xyz")}
+    table["rgb"] = np.full(len(points), 0x808080, "<u4")
+    cloud, labels = tmp_path / "scene.pcd", tmp_path / "labels.npy"
+    cloud.write_bytes(write_pcd(table, (120, 160)))
+    run(capsys, "segment", cloud, "--labels", labels)
+    found = np.load(labels)
+    assert found.shape == (120, 160)
+    assert found[55, 80] == 1
+    assert not found[5:9].any()
+    picture = tmp_path / "labels.png"
+    run(capsys, "segment", cloud, "--labels", picture)
+    assert np.array_equal(cv2.imread(str(picture), cv2.IMREAD_UNCHANGED), found)
+    cloud.write_bytes(write_pcd(table, (1, 120 * 160)))
+    run(capsys, "segment", cloud, "--labels", labels)
+    assert np.load(labels).shape == (120 * 160,)
+
+
+def test_a_camera_file_and_colour_of_another_size_are_taken(tmp_path: Path, capsys):
+    depth = np.full((120, 160), 600, np.uint16)
+    depth[40:70, 60:100] = 550
+    cv2.imwrite(str(tmp_path / "depth.png"), depth)
+    colour = save(tmp_path / "colour.png", np.full((240, 320, 3), 90, np.uint8))
+    told = {"width": 160, "height": 120, "k": [140, 0, 79.5, 0, 141, 59.5, 0, 0, 1], "d": [0] * 5}
+    camera = tmp_path / "camera.json"
+    camera.write_text(json.dumps(told))
+    options = ("--colour", colour, "--camera", camera)
+    assert "1 objects" in run(capsys, "segment", tmp_path / "depth.png", *options)
+    camera.write_text(json.dumps({"depth": told, "colour": told}))
+    said = run(capsys, "segment", tmp_path / "depth.png", *options, code=2)
+    assert "not that of its camera" in said
+    said = run(capsys, "segment", tmp_path / "depth.png", "--distortion", "0.1,x", code=2)
+    assert "numbers with commas" in said
