@@ -9,6 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from features.segmentation.overhang import with_overhang
 from features.segmentation.plane import Plane, find_table_plane
 from features.segmentation.prism import Prism, table_prism
 from features.segmentation.segment import (
@@ -20,6 +21,7 @@ from features.segmentation.segment import (
     usable_points,
 )
 from features.segmentation.standing import join_standing_parts
+from features.segmentation.thin import add_thin_things
 
 __all__ = ["Scene", "SegmentedObject", "segment_scene", "warm_up"]
 
@@ -120,6 +122,9 @@ def segment_scene(
         return Scene("no_table", None, None, whole.labels, objects, whole.timings_ms)
     params = params or SegmentParams.for_distance(plane.offset)
     prism = table_prism(clean, plane, params.height_min_m, params.height_max_m)
+    if params.overhang_m > 0:
+        heights = params.height_min_m, params.height_max_m
+        prism = with_overhang(clean, prism, heights, params.voxel_m, params.overhang_m)
     clock.lap("prism")
     found = segment_cloud(clean, colours, prism.mask, params)
     clock.lap("segment")
@@ -127,6 +132,8 @@ def segment_scene(
     if params.join_standing:
         labels = _join_standing(clean, labels, prism)
     labels = _give_bases(clean, labels, prism, params)
+    if params.thin_things and colours is not None and labels.ndim == 2:
+        labels = _add_thin(clean, colours, labels, prism, params)
     clock.lap("bases")
     objects = _objects(clean, labels, prism)
     clock.lap("objects")
@@ -161,6 +168,18 @@ def _join_standing(
         flat @ prism.basis.T, heights, labels.ravel()[taken]
     )
     return number_by_size(joined.ravel(), 1)[0].reshape(labels.shape)
+
+
+def _add_thin(
+    points: NDArray[np.floating[Any]],
+    colours: NDArray[np.uint8],
+    labels: NDArray[np.int32],
+    prism: Prism,
+    params: SegmentParams,
+) -> NDArray[np.int32]:
+    height_m, fewest = params.height_min_m, params.min_points
+    found = add_thin_things(points, colours, labels, prism, height_m, fewest)
+    return labels if found is labels else number_by_size(found.ravel(), 1)[0].reshape(labels.shape)
 
 
 def _give_bases(

@@ -67,6 +67,10 @@ class SegmentParams:
         Join what floats and stands wholly on something larger, such as a neck on its bottle.
     remove_table
         False segments the whole cloud when there is no table.
+    overhang_m
+        How far an object may stick out of the visible table; 0 = cut it off there.
+    thin_things
+        Find what is lower than ``height_min_m`` by its colour, in organised clouds with colours.
     """
 
     method: str = "gaec"
@@ -86,6 +90,8 @@ class SegmentParams:
     common_neighbours: int = 0
     join_standing: bool = False
     remove_table: bool = True
+    overhang_m: float = 0.15
+    thin_things: bool = True
 
     def __post_init__(self) -> None:
         if self.method not in _METHODS:
