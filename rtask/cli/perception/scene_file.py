@@ -159,8 +159,8 @@ def read_scene(file: Path, view: View) -> Frame | Cloud:
     seen = read_view(file, view)
     if isinstance(seen, Photo):
         raise UsageError(
-            f"{file} is an image of 8 bits, without depth; FILE must be a 16-bit depth image, and --colour "
-            "its colour image"
+            f"{file} is an image of 8 bits, without depth; FILE must be a 16-bit depth image, and "
+            "--colour its colour image"
         )
     return seen
 
