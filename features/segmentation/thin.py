@@ -91,11 +91,14 @@ def _differs(colours: NDArray[np.uint8], flat: NDArray[np.bool_]) -> NDArray[np.
     """Return where the colour (CIELab) is not that of the table around."""
     lab = np.asarray(cv2.cvtColor(colours, cv2.COLOR_RGB2Lab), dtype=np.float32)
     use = flat.astype(np.float32)
-    away, least = np.zeros(flat.shape, np.float32), _MAX_COLOUR
+    away: NDArray[Any] = np.zeros(flat.shape, np.float32)
+    least = _MAX_COLOUR
     for _ in range(2):  # the second time without what stood out the first
         table = _around(lab, use)
         apart = cv2.absdiff(lab, table)
-        away = cv2.sqrt(cv2.transform(cv2.multiply(apart, apart), np.ones((1, 3), np.float32)))
+        away = np.asarray(
+            cv2.sqrt(cv2.transform(cv2.multiply(apart, apart), np.ones((1, 3), np.float32)))
+        )
         usual = float(np.median(away[use > 0][::_SAMPLED])) if use.any() else 0.0
         least = float(np.clip(_DEVIATIONS * usual, _MIN_COLOUR, _MAX_COLOUR))
         use = (flat & (away < least)).astype(np.float32)
