@@ -182,11 +182,19 @@ class OutcomeReport(TypedDict, total=False):
 class NewObject(TypedDict, total=False):
     """An object that was seen, and what came of grasping it."""
 
-    data: Bytes
-    """base64 of one object's compressed cloud"""
-    new_point_cloud: Bytes
-    image: Bytes
-    """base64 PNG or JPEG of the object; default: the colours of the cloud"""
+    data: Bytes | Mapping[str, Any]
+    """base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the image"""
+    new_point_cloud: Bytes | Mapping[str, Any]
+    image: Bytes | Mapping[str, Any]
+    """base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud"""
+    mask: Bytes | Mapping[str, Any]
+    """the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or colour"""
+    label: int
+    """which label of the mask; default: all"""
+    box: Sequence[float]
+    """around the object: left, top, width, height in the image, px; default: the whole"""
+    object_pose: Mapping[str, Any]
+    """pose of the object in frame_id that another estimator found; default: estimated"""
     sensor_pose: Mapping[str, Any]
     """pose of the camera in frame_id; default: identity"""
     frame_id: str
@@ -599,9 +607,19 @@ class Calls(ABC):
         gripper_id
             name or IRI of the end effector
         data, new_point_cloud
-            base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2
+            base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the
+            image
         image
-            base64 PNG or JPEG of the object; default: the colours of the cloud
+            base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud
+        mask
+            the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or
+            colour
+        label
+            which label of the mask; default: all
+        box
+            around the object: left, top, width, height in the image, px; default: the whole
+        object_pose
+            pose of the object in frame_id that another estimator found; default: estimated
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
@@ -727,9 +745,19 @@ class Calls(ABC):
         Parameters
         ----------
         data, new_point_cloud
-            base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2
+            base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the
+            image
         image
-            base64 PNG or JPEG of the object; default: the colours of the cloud
+            base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud
+        mask
+            the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or
+            colour
+        label
+            which label of the mask; default: all
+        box
+            around the object: left, top, width, height in the image, px; default: the whole
+        object_pose
+            pose of the object in frame_id that another estimator found; default: estimated
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
@@ -821,9 +849,19 @@ class Calls(ABC):
         objects
             what was seen
         data, new_point_cloud
-            base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2
+            base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the
+            image
         image
-            base64 PNG or JPEG of the object; default: the colours of the cloud
+            base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud
+        mask
+            the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or
+            colour
+        label
+            which label of the mask; default: all
+        box
+            around the object: left, top, width, height in the image, px; default: the whole
+        object_pose
+            pose of the object in frame_id that another estimator found; default: estimated
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id
@@ -996,9 +1034,19 @@ class Calls(ABC):
         class_description
             what the person called it; default: no kind
         data, new_point_cloud
-            base64 of one object's compressed cloud; default: given by object
+            base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the
+            image
         image
-            base64 PNG or JPEG of the object; default: the colours of the cloud
+            base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud
+        mask
+            the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or
+            colour
+        label
+            which label of the mask; default: all
+        box
+            around the object: left, top, width, height in the image, px; default: the whole
+        object_pose
+            pose of the object in frame_id that another estimator found; default: estimated
         sensor_pose
             pose of the camera in frame_id; default: identity
         frame_id

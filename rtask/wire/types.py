@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import json
 import math
 import re
 from collections.abc import Mapping
@@ -194,12 +195,14 @@ def _image(value: Any) -> bytes:
         raise refused(error) from error
 
 
-def _mask(value: Any) -> bytes | dict[str, Any]:
-    if isinstance(value, dict):
+def _mask(value: Any) -> bytes:
+    """Return bytes as :func:`_image` does, of any other object its JSON."""
+    if isinstance(value, Mapping):
         from features.codec.ros import is_image
 
-        return _image(value) if is_image(value) else value
-    return _bytes(value)
+        if not is_image(value):
+            return json.dumps(value).encode()
+    return _image(value)
 
 
 def _pose(value: Any) -> NDArray[np.float64]:
@@ -341,7 +344,7 @@ Image = Annotated[
 ]
 """A picture, PNG or JPEG, or a sensor_msgs/CompressedImage or Image that carries one."""
 Mask = Annotated[
-    bytes | dict[str, Any],
+    bytes,
     PlainValidator(_mask),
     Carried(
         "string",
@@ -349,7 +352,7 @@ Mask = Annotated[
         {"anyOf": [{**_BASE64, "contentMediaType": "image/png"}, {"type": "object"}]},
     ),
 ]
-"""Labels of the pixels of an image as PNG, or a mask as a COCO run-length encoding."""
+"""Labels of the pixels of an image as PNG, or a mask as a COCO run-length encoding in JSON."""
 Box = Annotated[
     NDArray[np.float64],
     ArrayOf(unit="px"),

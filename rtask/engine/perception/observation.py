@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from annotated_types import Ge, MaxLen, MinLen
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from rtask.engine.context import Context
@@ -32,14 +32,14 @@ class OptionalLook(Message):
     """One look at one object, where the object may be named instead."""
 
     data: Annotated[Cloud, Also("new_point_cloud")] | None = None
-    """base64 of one object's compressed cloud, or a sensor_msgs/PointCloud2; default: image alone"""
+    """base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the image"""
     image: Image | None = None
     """base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud"""
     mask: Mask | None = None
     """the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or colour"""
     label: Annotated[Whole, Ge(1)] | None = None
     """which label of the mask; default: all"""
-    box: Annotated[Box, MinLen(4), MaxLen(4)] | None = None
+    box: Box | None = None
     """around the object: left, top, width, height in the image, px; default: the whole"""
     object_pose: Pose | None = None
     """pose of the object in frame_id that another estimator found; default: estimated"""
@@ -186,17 +186,13 @@ def _with_parts(sight: _Sight, request: OptionalLook) -> tuple[Frame, bool]:
 
 def _labels(request: OptionalLook, shape: tuple[int, ...]) -> NDArray[np.int32] | None:
     """Return the labels of the request's mask, at whatever size it came."""
-    from features.imaging.masks import labels_from_annotations, labels_from_png
+    from features.imaging.masks import read_labels
 
-    if request.mask is None:
-        return None
-    if isinstance(request.mask, bytes):
-        return labels_from_png(request.mask)
-    return labels_from_annotations(request.mask, (shape[0], shape[1]))
+    return None if request.mask is None else read_labels(request.mask, (shape[0], shape[1]))
 
 
 def _box(request: OptionalLook) -> list[float] | None:
-    return None if request.box is None else [float(side) for side in request.box]
+    return None if request.box is None or not len(request.box) else request.box.tolist()
 
 
 def _measure(points: NDArray[np.float64], support_height: float | None) -> TabletopShape | None:

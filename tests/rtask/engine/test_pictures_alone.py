@@ -13,6 +13,8 @@ from features.imaging.masks import encode_rle
 from grasp.messages import pose_message
 from rtask.errors import UsageError
 
+pytestmark = pytest.mark.slow
+
 
 def jpeg(image):
     return cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
