@@ -1,4 +1,4 @@
-"""``rtask ontology`` and ``rtask model``: look at ontologies, and generate Python classes."""
+"""``rtask ontology`` and ``rtask model``: look after ontologies, and generate Python classes."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from rtask.cli.options import (
     print_json,
     server_option,
 )
+from rtask.cli.progress import announce_compilation
 
 if TYPE_CHECKING:
     from rtask.ontology_docs import Module, Term, Vocabulary
@@ -39,7 +40,7 @@ source_option = click.option(
 
 @click.group()
 def ontology() -> None:
-    """List, show, document and compare ontologies."""
+    """List, show, document, compare, upgrade and unload ontologies."""
 
 
 @ontology.command("list")
@@ -60,6 +61,81 @@ def list_loaded(data: Path, server: str | None, as_json: bool) -> None:
             version = row["version"] or "-"
             click.echo(f"{row['statements']:6d}  {version:8s}  {row['ontology']}")
     exit_if_empty(rows)
+
+
+@ontology.command()
+@click.argument("source", metavar="FILE | IRI")
+@data_option
+@click.option("--dry-run", is_flag=True, help="Say what would be done, and do nothing.")
+@click.option("--no-migration", is_flag=True, help="Leave replaced terms in data as they are.")
+@click.option("--no-patches", is_flag=True, help="Keep known faults of published ontologies.")
+@click.option("--undo", is_flag=True, help="Take the last upgrade of the ontology IRI back.")
+@json_option
+def upgrade(
+    source: str,
+    data: Path,
+    dry_run: bool,
+    no_migration: bool,
+    no_patches: bool,
+    undo: bool,
+    as_json: bool,
+) -> None:
+    """Replace a loaded ontology by the version in FILE, and rewrite the data to its terms.
+
+    Terms that the new version replaces (dcterms:isReplacedBy, dcterms:replaces, or deprecated and
+    equivalent to another) are rewritten in all data. Terms that it removes without replacement are
+    reported with the number of statements that use them. All is one commit; --undo takes it back.
+    """
+    import rtask
+    from rtask.ontology_docs.upgrading import undo_upgrade
+    from rtask.ontology_docs.upgrading import upgrade as run
+
+    with announce_compilation(), rtask.open(data) as kb:
+        if undo:
+            commit = undo_upgrade(kb, source)
+            if as_json:
+                print_json({"ontology": source, "commit": commit.seq})
+            else:
+                click.echo(f"undone: +{commit.added} -{commit.removed} statements")
+            return
+        found = run(
+            kb, Path(source), migrate=not no_migration, dry_run=dry_run, patches=not no_patches
+        )
+    if as_json:
+        print_json(found.to_dict())
+        return
+    for line in found.lines():
+        click.echo(line)
+    if found.commit is not None:
+        click.echo(
+            f"commit {found.commit.seq}; undo: rtask ontology upgrade --undo {found.ontology}"
+        )
+
+
+@ontology.command()
+@click.argument("iri")
+@data_option
+@click.option("--dry-run", is_flag=True, help="Say what uses it, and do nothing.")
+@click.option("--force", is_flag=True, help="Unload it although it is in use.")
+@json_option
+def unload(iri: str, data: Path, dry_run: bool, force: bool, as_json: bool) -> None:
+    """Remove an ontology from a knowledge base, with what follows from it.
+
+    Refused while other ontologies import it or data use its terms, unless --force is given.
+    """
+    import rtask
+    from rtask.ontology_docs.unloading import unload as run
+
+    with announce_compilation(), rtask.open(data) as kb:
+        found = run(kb, iri, force=force, dry_run=dry_run)
+    if as_json:
+        print_json(found.to_dict())
+        return
+    for importer in found.importers:
+        click.echo(f"imported by {importer}")
+    for term, count in found.used.items():
+        click.echo(f"{count} statements use {term}")
+    click.echo(f"{'would remove' if dry_run else 'removed'} {found.statements} statements")
 
 
 @ontology.command()

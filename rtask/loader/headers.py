@@ -17,12 +17,13 @@ from rtask.rdf.terms import RDF_TYPE
 if TYPE_CHECKING:
     from rtask.kb.core import GraphCore
 
-__all__ = ["Header", "Terms", "header_of", "peek"]
+__all__ = ["Header", "Terms", "header_of", "peek", "version_of"]
 
 _OWL = "http://www.w3.org/2002/07/owl#"
 _ONTOLOGY = NamedNode(_OWL + "Ontology")
 _IMPORTS = NamedNode(_OWL + "imports")
 _VERSION_IRI = NamedNode(_OWL + "versionIRI")
+_VERSION_INFO = NamedNode(_OWL + "versionInfo")
 _PEEKED = 5_000
 _STANDARDS = (
     "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
@@ -100,6 +101,17 @@ def header_of(quads: Iterable[Quad]) -> Header:
         return Header()
     name = next((n for n in names if n in imports or n in versions), names[0])
     return Header(name, versions.get(name), tuple(dict.fromkeys(imports.get(name, ()))))
+
+
+def version_of(quads: Iterable[Quad], name: NamedNode) -> str:
+    """Return the version that an ontology states of itself, in words."""
+    stated = {
+        quad.predicate: getattr(quad.object, "value", "")
+        for quad in quads
+        if quad.subject == name and quad.predicate in (_VERSION_INFO, _VERSION_IRI)
+    }
+    version = stated.get(_VERSION_INFO) or stated.get(_VERSION_IRI)
+    return f"version {version}" if version else "a version without number"
 
 
 def peek(document: Document) -> Header:

@@ -22,7 +22,7 @@ from rtask.kb.durability.blobs import digest_of
 from rtask.kb.rules.rule import is_rule_file, read_rules
 from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
-from rtask.loader.headers import Header, Terms, header_of, peek
+from rtask.loader.headers import Header, Terms, header_of, peek, version_of
 from rtask.loader.patches import mend
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
@@ -294,6 +294,7 @@ class _Loader:
         if rest is None:
             first, header = self._mended(document, first, header)
         item = Item(document, header, self._target(document, header), loose)
+        self._warn_of_merge(item, first)
         if self._is_unchanged(item):
             counts = (len(first), 0, 0, 0)
         elif rest is None:
@@ -321,6 +322,20 @@ class _Loader:
             self.report.warnings.append(
                 f"{document.name}: no context defines {names}; the values of "
                 f"{'this key' if len(undefined) == 1 else 'these keys'} were left out (JSON-LD 1.1)"
+            )
+
+    def _warn_of_merge(self, item: Item, quads: Iterable[Quad]) -> None:
+        """Say which version of an ontology this one is merged with."""
+        name = item.header.iri
+        if name is None or item.graph != name or self.options.replace or self._is_unchanged(item):
+            return
+        count = self.kb.catalogue.triple_count(name)
+        if count and self.kb.catalogue.is_ontology(name):
+            stored = self.kb.store.quads_for_pattern(name, None, None, name)
+            old, new = version_of(stored, name), version_of(quads, name)
+            self.report.warnings.append(
+                f"{item.document.name}: {new} of {name} is merged with {old}, which is loaded "
+                f"({count} statements); `rtask ontology upgrade` replaces it"
             )
 
     def _mended(

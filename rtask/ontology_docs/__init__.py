@@ -1,4 +1,4 @@
-"""Documentation of ontologies: descriptions of terms, HTML pages, and differences of versions.
+"""Ontologies for people: descriptions of terms, HTML pages, versions, upgrades.
 
 >>> from rtask.ontology_docs import Vocabulary, bundled
 >>> vocabulary = Vocabulary(bundled())

@@ -13,6 +13,7 @@ from typing import Any
 
 import ontology
 from rtask.ontology_docs.axioms import ABOVE, Axiom
+from rtask.ontology_docs.renames import renames
 from rtask.ontology_docs.source import BUNDLED, Module, bundled, prefixed
 from rtask.ontology_docs.terms import KINDS, Vocabulary
 
@@ -68,6 +69,8 @@ class Difference:
         Axioms that were added or removed, about terms that both versions have.
     versions
         Module IRI to the old and new version, where they differ or one is missing.
+    renamed
+        Terms of the older version with the terms by which the newer one replaces them.
     """
 
     added: list[str] = field(default_factory=list)
@@ -75,6 +78,7 @@ class Difference:
     deprecated: list[str] = field(default_factory=list)
     changes: list[Change] = field(default_factory=list)
     versions: dict[str, tuple[str, str]] = field(default_factory=dict)
+    renamed: dict[str, str] = field(default_factory=dict)
 
     @property
     def level(self) -> str:
@@ -95,6 +99,10 @@ class Difference:
         ]
         found += [f"- term {prefixed(iri)}  (breaking)" for iri in self.removed]
         found += [f"~ term {prefixed(iri)} is deprecated" for iri in self.deprecated]
+        found += [
+            f"~ term {prefixed(old)} is replaced by {prefixed(new)}"
+            for old, new in self.renamed.items()
+        ]
         found += [f"+ term {prefixed(iri)}" for iri in self.added]
         for change in self.changes:
             mark = "  (breaking)" if change.level == "major" else ""
@@ -110,6 +118,7 @@ class Difference:
             "added": self.added,
             "removed": self.removed,
             "deprecated": self.deprecated,
+            "renamed": self.renamed,
             "axioms": [
                 {"sign": c.sign, "level": c.level, "term": c.axiom.subject, "axiom": str(c.axiom)}
                 for c in self.changes
@@ -127,6 +136,7 @@ def compare(old: Iterable[Module], new: Iterable[Module]) -> Difference:
     >>> compare(modules, modules).level
     'none'
     """
+    old, new = list(old), list(new)
     before, after = Vocabulary(old), Vocabulary(new)
     gone = before.terms.keys() - after.terms.keys()
     known = before.terms.keys() & after.terms.keys()
@@ -137,7 +147,15 @@ def compare(old: Iterable[Module], new: Iterable[Module]) -> Difference:
         deprecated=sorted(fallen),
         changes=_changes(before, after, known),
         versions=_versions(before.modules, after.modules),
+        renamed=_renamed(old, new, before),
     )
+
+
+def _renamed(old: list[Module], new: list[Module], before: Vocabulary) -> dict[str, str]:
+    """Return the terms whose replacement only the newer version states."""
+    known = renames(old)
+    found = renames(new)
+    return {a: b for a, b in sorted(found.items()) if a in before.terms and known.get(a) != b}
 
 
 def comparable(

@@ -11,7 +11,7 @@ import ontology
 from rtask.errors import UsageError
 from rtask.rdf.terms import Literal, NamedNode, Subject, Term, TripleKey, stored
 
-__all__ = ["Module", "bundled", "loaded", "prefixed", "read_source"]
+__all__ = ["Module", "bundled", "loaded", "module_of", "prefixed", "read_source"]
 
 _OWL, _RDF, _RDFS = (ontology.PREFIXES[name] for name in ("owl", "rdf", "rdfs"))
 _TYPE = NamedNode(_RDF + "type")
@@ -78,7 +78,8 @@ class Module:
         return self.header(_OWL + "versionInfo")
 
 
-def _module(name: str, triples: Iterable[tuple[Subject, NamedNode, Term]]) -> Module:
+def module_of(name: str, triples: Iterable[tuple[Subject, NamedNode, Term]]) -> Module:
+    """Return the ontology that statements make up, under a name of the caller's choice."""
     kept = tuple((s, p, stored(o)) for s, p, o in triples)
     headers = [s for s, p, o in kept if p == _TYPE and o == _HEADER]
     iris = [s.value for s in headers if isinstance(s, NamedNode)]
@@ -88,7 +89,7 @@ def _module(name: str, triples: Iterable[tuple[Subject, NamedNode, Term]]) -> Mo
 def _read(path: Path, name: str) -> Module:
     from rtask.rdf.formats import read_document
 
-    return _module(name, [(q.subject, q.predicate, q.object) for q in read_document(path)])
+    return module_of(name, [(q.subject, q.predicate, q.object) for q in read_document(path)])
 
 
 def bundled(shapes: bool = False) -> list[Module]:
@@ -111,7 +112,7 @@ def loaded(folder: Path) -> list[Module]:
         graphs = [q.subject for q in kb.match(predicate=_TYPE, value=NamedNode(kind))]
         named = sorted({g.value for g in graphs if isinstance(g, NamedNode)})
         return [
-            _module(
+            module_of(
                 re.split(r"[/#:]", iri.rstrip("/#"))[-1],
                 [(q.subject, q.predicate, q.object) for q in kb.match(graph=iri)],
             )
