@@ -24,19 +24,19 @@ ADDRESSES = ("/openapi.json", "/openapi")
 HTML_TYPE = "text/html; charset=utf-8"
 _PROBLEMS = {
     400: "the request cannot be read, or a field is wrong",
-    401: "the token is missing or not good",
+    401: "the token is missing or not valid",
     403: "the caller may not do this",
     404: "there is nothing here",
-    405: "another method is wanted",
-    406: "no wanted media type can be given",
+    405: "the method is not allowed here",
+    406: "none of the accepted media types is available",
     408: "the body did not arrive",
     409: "the state does not allow it",
-    410: "what is asked for is no longer kept",
-    412: "somebody else was faster",
+    410: "it is no longer kept",
+    412: "the resource changed in the meantime",
     413: "the body is too large",
-    415: "another media type is wanted",
-    416: "there are not as many bytes",
-    422: "what the request means does not fit what is known",
+    415: "the media type is not supported",
+    416: "the range lies beyond the end",
+    422: "the request contradicts what is known",
     429: "too many requests; see Retry-After",
     501: "not with this kind of store",
     503: "too busy; see Retry-After",
@@ -80,7 +80,7 @@ def document(engine: Engine) -> JsonObject:
             "title": "RTASK",
             "version": __version__,
             "summary": "A knowledge graph that robots share",
-            "description": "What robots ask and tell, over HTTP with JSON. The same operations "
+            "description": "What robots ask and report, over HTTP with JSON. The same operations "
             "are services of the rosbridge websocket. SPARQL 1.1 is at /sparql.",
             "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
         },
@@ -218,9 +218,9 @@ def _fixed_paths() -> JsonObject:
         **reasoner_paths(_get, _parameter, _problems),
         "/changes": {"get": _changes(text)},
         "/tokens/ticket": {"post": _ticket()},
-        "/health": {"get": _health("Is the server well?")},
-        "/health/live": {"get": _get("Is the server alive?", (JSON_TYPE,))},
-        "/health/ready": {"get": _health("May it be asked?")},
+        "/health": {"get": _health("Whether the server is healthy")},
+        "/health/live": {"get": _get("Whether the server is alive", (JSON_TYPE,))},
+        "/health/ready": {"get": _health("Whether the server takes requests")},
         "/openapi.json": {"get": _get("This description", (JSON_TYPE,))},
     }
 
@@ -248,7 +248,7 @@ def _changes(text: JsonObject) -> JsonObject:
         )
     ]  # fmt: skip
     return _get(
-        "Hear of every commit, as server-sent events",
+        "Follow every commit, as server-sent events",
         ("text/event-stream",),
         [
             *parameters,

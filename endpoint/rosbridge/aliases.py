@@ -63,7 +63,7 @@ def _search(message: JsonObject, engine: Engine, access: Access) -> JsonObject:
     if isinstance(args, str):
         args = {"data": args}
     if not isinstance(args, dict):
-        raise UsageError("args: the point cloud as base64 text is wanted, or an object with `data`")
+        raise UsageError("args: expected the point cloud as base64 text, or an object with `data`")
     require_scope(access, "read")
     try:
         found = engine.call("search_object", args, access).as_json()
@@ -79,7 +79,7 @@ def _insert(message: JsonObject, engine: Engine, access: Access) -> JsonObject:
     if isinstance(entries, dict):
         entries = [entries]
     if not isinstance(entries, list):
-        raise UsageError("new_object: a list of objects is wanted")
+        raise UsageError("new_object: expected a list of objects")
     require_scope(access, "write")
     objects = [_new_object(entry, f"new_object[{index}]") for index, entry in enumerate(entries)]
     stored = engine.call("insert_object", {"objects": objects}, access).as_json()
@@ -96,7 +96,7 @@ def _insert(message: JsonObject, engine: Engine, access: Access) -> JsonObject:
 def _new_object(entry: Any, where: str) -> JsonObject:
     """Return the entry in the words of `insert_object`: strings of the thesis become numbers."""
     if not isinstance(entry, dict):
-        raise UsageError(f"{where}: an object is wanted")
+        raise UsageError(f"{where}: expected an object")
     fields = dict(entry)
     if "new_point_cloud" in fields:
         fields["data"] = fields.pop("new_point_cloud")

@@ -258,7 +258,7 @@ def _empty(type_: str) -> JsonObject:
 def _text(args: JsonObject, name: str) -> str:
     value: Any = args.get(name)
     if not isinstance(value, str):
-        raise UsageError(f"{name}: a string is wanted")
+        raise UsageError(f"{name}: expected a string")
     return value
 
 

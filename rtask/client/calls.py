@@ -96,29 +96,29 @@ class StepTimes(TypedDict, total=False):
     """Durations of the steps of an attempt."""
 
     segmentation_s: float
-    """duration of segmentation; default: not measured (s)"""
+    """time for segmentation; default: not measured (s)"""
     transfer_s: float
-    """duration of transfer; default: not measured (s)"""
+    """time for the transfer; default: not measured (s)"""
     decode_s: float
-    """duration of decode; default: not measured (s)"""
+    """time for decoding; default: not measured (s)"""
     extraction_s: float
-    """duration of extraction; default: not measured (s)"""
+    """time for feature extraction; default: not measured (s)"""
     matching_s: float
-    """duration of matching; default: not measured (s)"""
+    """time for matching; default: not measured (s)"""
     query_s: float
-    """duration of query; default: not measured (s)"""
+    """time for the query; default: not measured (s)"""
     pose_s: float
-    """duration of pose; default: not measured (s)"""
+    """time for the pose; default: not measured (s)"""
     generation_s: float
-    """duration of generation; default: not measured (s)"""
+    """time for generating grasps; default: not measured (s)"""
     choice_s: float
-    """duration of choice; default: not measured (s)"""
+    """time for the choice; default: not measured (s)"""
     planning_s: float
-    """duration of planning; default: not measured (s)"""
+    """time for motion planning; default: not measured (s)"""
     execution_s: float
-    """duration of execution; default: not measured (s)"""
+    """time for the execution; default: not measured (s)"""
     total_s: float
-    """duration of total; default: not measured (s)"""
+    """total time; default: not measured (s)"""
 
 
 class Picture(TypedDict, total=False):
@@ -131,14 +131,14 @@ class Picture(TypedDict, total=False):
 
 
 class OutcomeReport(TypedDict, total=False):
-    """What came of an attempt."""
+    """Outcome of an attempt as reported."""
 
     success: Required[bool]
     """whether the object was held"""
     placed: bool
-    """whether it arrived where it was to go; default: not known"""
+    """whether it reached its destination; default: not known"""
     reason: str
-    """why it ended so: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
+    """code of the reason: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
     lifted_m: float
     """height reached; default: not known (m)"""
     slip: float
@@ -146,33 +146,33 @@ class OutcomeReport(TypedDict, total=False):
     duration_s: float
     """of the attempt; default: not known (s)"""
     links_touching: int
-    """hand links in contact at the end of the hold; default: not known"""
+    """number of hand links in contact at the end; default: not known"""
     contact_force: float
-    """force at the jaws; default: not known (N)"""
+    """contact force at the jaws; default: not known (N)"""
     jaw_gap: float
-    """opening after closing; default: not known (m)"""
+    """opening of the closed jaws; default: not known (m)"""
     hold_s: float
-    """time held; default: not known (s)"""
+    """duration of the hold; default: not known (s)"""
     place_offset: float
-    """distance from where it was to be put; default: not known (m)"""
+    """distance from the destination; default: not known (m)"""
     approach_tilt: float
-    """angle of the approach to the vertical; default: not known (rad)"""
+    """angle between approach and vertical; default: not known (rad)"""
     preset: Literal["faithful", "fast", "real"]
-    """physics: faithful, fast, or real; default: not known"""
+    """kind of physics: faithful, fast or real; default: not known"""
     seed: int
-    """of the simulation; default: none"""
+    """seed of the simulation; default: none"""
     attempt_number: int
     """counted from 1 for each object and episode; default: not known"""
     candidate_count: int
-    """grasps that there were to choose from; default: not known"""
+    """number of grasps to choose from; default: not known"""
     candidate_rank: int
-    """place of the one taken; default: not known"""
+    """rank of the chosen grasp; default: not known"""
     confirmed_by: Literal["physics", "human"]
-    """who says so; default: nobody"""
+    """who confirmed it; default: nobody"""
     operator: str
-    """the person, when a person says so; default: nobody"""
+    """name of the person who confirmed it; default: nobody"""
     comment: str
-    """words of the person or the robot; default: none"""
+    """remark of the person or the robot; default: none"""
     times: StepTimes | Mapping[str, Any]
     """durations of the steps; default: not known"""
     images: Sequence[Picture | Mapping[str, Any]]
@@ -180,7 +180,7 @@ class OutcomeReport(TypedDict, total=False):
 
 
 class NewObject(TypedDict, total=False):
-    """An object that was seen, and what came of grasping it."""
+    """An observed object and the outcome of grasping it."""
 
     data: Bytes | Mapping[str, Any]
     """base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the image"""
@@ -202,21 +202,21 @@ class NewObject(TypedDict, total=False):
     support_height: float
     """height of the table in frame_id; default: lowest point (m)"""
     stamp: float | Mapping[str, int]
-    """when the cloud was taken; default: now (s)"""
+    """time of the observation; default: now (s)"""
     object: str
-    """IRI of the object, when the robot followed it and knows; default: recognised, or new"""
+    """IRI of an object that the robot has tracked; default: recognised, or new"""
     name: str
-    """what people call this one object; default: made of kind and number"""
+    """name of the object; default: made of kind and number"""
     class_description: str
-    """what kind of thing it is, in words; default: guessed from the shape"""
+    """kind of object in words; default: guessed from the shape"""
     function: str
-    """what it is for: write, contain liquid, ...; default: not known"""
+    """function of the object: write, contain liquid, ...; default: not known"""
     gripper_id: str
-    """name or IRI of the end effector that tried; default: the robot's only one"""
+    """name or IRI of the end effector used; default: the robot's only one"""
     task: str
-    """what it was for: pick, place, push; default: pick"""
+    """purpose of the grasp: pick, place, push; default: pick"""
     grasp: str | Mapping[str, Any]
-    """the grasp that was tried, as received; default: given by X, Y, Z and rad"""
+    """the attempted grasp, as received; default: given by X, Y, Z and rad"""
     X: float
     """grasp in the frame of the cloud, m and rad; default: no grasp"""
     Y: float
@@ -226,21 +226,21 @@ class NewObject(TypedDict, total=False):
     rad: float
     """grasp in the frame of the cloud, m and rad; default: no grasp"""
     success: bool
-    """whether the grasp held, when no outcome is given; default: True"""
+    """whether the grasp held, without an outcome; default: True"""
     confirmed_by: Literal["physics", "human"]
-    """who says so; default: a person"""
+    """who confirmed it; default: a person"""
     operator: str
-    """the person, when a person says so; default: nobody"""
+    """name of the person who confirmed it; default: nobody"""
     outcome: OutcomeReport | Mapping[str, Any]
-    """what came of it; default: given by success"""
+    """the outcome; default: given by success"""
     task_id: str
-    """from recognise_for_grasp, or any id: the same id stores once; default: a new task"""
+    """from recognise_for_grasp, or any id; stored once for each id; default: a new task"""
     merge: bool
-    """add the view to a recognised object; default: True"""
+    """add the view to the object if it is recognised; default: True"""
 
 
 class RegisteredRobot(TypedDict):
-    """What was stored of a robot."""
+    """Result of a registration."""
 
     robot: str
     graph: str
@@ -257,7 +257,7 @@ class GraspStatistics(TypedDict):
 
 
 class OfferedGrasp(TypedDict):
-    """One grasp to try: a moveit_msgs/Grasp, and why it has its place in the order."""
+    """A grasp to try: a moveit_msgs/Grasp with its belief and the reasons for its rank."""
 
     id: str
     pre_grasp_posture: dict[str, Any]
@@ -301,7 +301,7 @@ SimilarObject = TypedDict(
         "grasp": str | None,
     },
 )
-"""A known object that looks alike; position and yaw of its best grasp, m and rad, or nulls."""
+"""A similar known object, with position and yaw of its best grasp, m and rad, or nulls."""
 
 
 Recognition = TypedDict(
@@ -332,11 +332,11 @@ Recognition = TypedDict(
         "times": dict[str, Any],
     },
 )
-"""The object and its grasps; `decision` is null unless one was asked for."""
+"""The object and its grasps; `decision` is null unless requested."""
 
 
 class GraspConfidence(TypedDict):
-    """How sure a grasp is over all robots: a Beta distribution, and the prior it began with."""
+    """Confidence in a grasp over all robots: a Beta distribution and its prior."""
 
     mean: float
     alpha: float
@@ -374,7 +374,7 @@ class RecalledGrasp(TypedDict):
 
 
 class RecalledGrasps(TypedDict):
-    """The known grasps of an object, the surest first."""
+    """The known grasps of an object, most reliable first."""
 
     object: str
     class_iri: str
@@ -383,7 +383,7 @@ class RecalledGrasps(TypedDict):
 
 
 class PlannedGrasps(TypedDict):
-    """The grasps that were planned, best first, or why there is none."""
+    """The planned grasps, best first, or the reason why there are none."""
 
     object: str
     shape: str
@@ -394,7 +394,7 @@ class PlannedGrasps(TypedDict):
 
 
 class SimilarObjects(TypedDict):
-    """Known objects that look alike, best first; or kinds that were perhaps meant."""
+    """Similar known objects, best first, or suggested kinds."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
@@ -403,7 +403,7 @@ class SimilarObjects(TypedDict):
 
 
 class OfferedObject(TypedDict):
-    """A seen object that serves a request; lengths in m, masses in kg."""
+    """A visible object that fits a request; lengths in m, masses in kg."""
 
     object: str
     class_iri: str
@@ -418,7 +418,7 @@ class OfferedObject(TypedDict):
 
 
 class Reason(TypedDict):
-    """Why a request is not met, or not by this object."""
+    """Reason why a request is not met, or not by this object."""
 
     code: str
     text: str
@@ -432,7 +432,7 @@ class Reason(TypedDict):
 
 
 class ResolvedRequest(TypedDict):
-    """One object that serves a request and its grasps, or why there is none."""
+    """An object that fits a request, with its grasps, or the reasons why there is none."""
 
     task_response: str
     object: str
@@ -460,11 +460,11 @@ InsertedObject = TypedDict(
         "commit": str,
     },
 )
-"""What became of one entry."""
+"""Result for one entry."""
 
 
 class Inserted(TypedDict):
-    """What was stored."""
+    """Result of an insertion."""
 
     stored: int
     commit: str
@@ -472,7 +472,7 @@ class Inserted(TypedDict):
 
 
 class ReportedOutcome(TypedDict):
-    """What was stored of an attempt, and how often its grasp held over all robots."""
+    """What was stored of an attempt, and the statistics of its grasp over all robots."""
 
     stored: int
     commit: str
@@ -481,7 +481,7 @@ class ReportedOutcome(TypedDict):
 
 
 class GivenVerdict(TypedDict):
-    """What one person said about an attempt."""
+    """One person's verdict on an attempt."""
 
     by: str
     held: bool
@@ -491,7 +491,7 @@ class GivenVerdict(TypedDict):
 
 
 class Feedback(TypedDict):
-    """Everything that was said about an attempt, and what counts."""
+    """All verdicts on an attempt, and the resulting label."""
 
     stored: int
     commit: str
@@ -510,7 +510,7 @@ class Feedback(TypedDict):
 
 
 class Taught(TypedDict):
-    """What was found or stored; only where something was to be stored, what was."""
+    """What was found or stored; the fields with defaults only if something was to be stored."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
@@ -524,7 +524,7 @@ class Taught(TypedDict):
 
 
 class Curated(TypedDict):
-    """The object that there is now, and the commit that undo takes back."""
+    """The resulting object, and the commit, which can be undone."""
 
     object: str
     commit: str
@@ -549,16 +549,16 @@ class Calls(ABC):
         cameras: Sequence[Camera | Mapping[str, Any]] | None = None,
         frames: Sequence[str] | None = None,
     ) -> RegisteredRobot:
-        """Introduce a robot: grippers, cameras, frames.
+        """Register a robot with its grippers, cameras and frames.
 
         Parameters
         ----------
         name
             the robot's name; with a token, the token's agent
         model
-            make and version, e.g. nao-h25-v5
+            make and version, such as nao-h25-v5
         simulated
-            whether it lives in a simulator; default: False
+            whether it is simulated; default: False
         end_effectors
             its grippers
         cameras
@@ -603,7 +603,7 @@ class Calls(ABC):
         Parameters
         ----------
         task
-            what it is for: pick, place, push; default: pick
+            purpose of the grasp: pick, place, push; default: pick
         gripper_id
             name or IRI of the end effector
         data, new_point_cloud
@@ -627,31 +627,31 @@ class Calls(ABC):
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken; default: now (s)
+            time of the observation; default: now (s)
         object
-            IRI, when the robot followed the object; default: the one that is recognised
+            IRI of an object that the robot has tracked; default: recognised
         min_confidence
-            for the object to count as recognised; default: by the policy
+            least confidence to count as recognised; default: by the policy
         max_grasps
-            length of the answer's list; default: 10
+            maximum number of grasps; default: 10
         propose
-            propose grasps where none is known; default: False
+            propose grasps if none is known; default: False
         in_space
-            offer known grasps from any direction too, for arms that can; default: False
+            include known grasps from any direction, for arms that can reach; default: False
         exclude
             ids of grasps not to offer again
         seed
-            of the choice; default: 0
+            seed of the choice; default: 0
         neighbours
-            points of what stands around, frame_id; default: none
+            points of neighbouring objects in frame_id; default: none
         decide
-            answer with a grasp or with the confidence that was too low; default: False
+            answer with a grasp, or with the confidence that is too low; default: False
         min_identity
-            c_I, that it is this object; asks to decide; default: no decision is asked for
+            c_I, least confidence in the identity; default: decide says
         min_pose
-            c_T, that it is where it seems; asks to decide; default: no decision is asked for
+            c_T, least confidence in the pose; default: decide says
         min_grasp
-            c_G, that the grasp will hold; asks to decide; default: no decision is asked for
+            c_G, least confidence in the grasp; default: decide says
         """
         answer: Recognition = self._operate("recognise_for_grasp", locals())
         return answer
@@ -671,11 +671,11 @@ class Calls(ABC):
         object
             IRI, objectId or name of the object
         gripper_id
-            only grasps of this gripper's type; default: grasps of all types
+            restricts the answer to its type; default: all types
         max_grasps
-            length of the answer's list; default: 10
+            maximum number of grasps; default: 10
         in_space
-            grasps from any direction, not only those from above; default: True
+            include grasps from any direction, not only from above; default: True
         """
         answer: RecalledGrasps = self._operate("recall_grasps", locals())
         return answer
@@ -703,21 +703,21 @@ class Calls(ABC):
         gripper_id
             name or IRI of the end effector; default: the robot's only one
         mass
-            of the object, whose weight must be held; default: as stored (kg)
+            mass of the object to lift; default: as stored (kg)
         friction
-            between pads and object; default: that of the gripper
+            coefficient between pads and object; default: that of the gripper
         position_std
-            of the object's position (m); default: 0.004
+            standard deviation of the object's position (m); default: 0.004
         rotation_std
-            of its rotation (rad); default: 0.1
+            standard deviation of its rotation (rad); default: 0.1
         samples
-            perturbed poses of each grasp; default: 100
+            number of perturbed poses of each grasp; default: 100
         min_confidence
-            c_G: grasps below it are not stored; default: 0.3
+            c_G; grasps below it are not stored; default: 0.3
         max_grasps
-            how many are stored at most; default: 10
+            maximum number to store; default: 10
         seed
-            of the draws; default: 0
+            seed of the random numbers; default: 0
         """
         answer: PlannedGrasps = self._operate("plan_in_space", locals())
         return answer
@@ -765,11 +765,11 @@ class Calls(ABC):
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken; default: now (s)
+            time of the observation; default: now (s)
         class_description
-            only objects of the kinds that these words mean; default: objects of all kinds
+            restricts the answer to kinds of objects, in words; default: all kinds
         max_results
-            length of the answer's list; default: 10
+            maximum number of objects; default: 10
         min_confidence
             least confidence of an entry; default: by the policy
         """
@@ -794,17 +794,17 @@ class Calls(ABC):
         wanted
             words, or the IRI of a class or function
         gripper_id
-            name or IRI of the end effector that is to hold it; default: the robot's only one
+            name or IRI of the end effector to hold it; default: the robot's only one
         objects
             IRIs of the objects seen now, perhaps none; default: those seen within seen_within_s
         seen_within_s
-            without objects: how fresh a look counts (s); default: 600.0
+            without objects: maximum age of an observation (s); default: 600.0
         exclude
             IRIs of objects not to offer again
         max_grasps
-            length of the list of grasps; default: 10
+            maximum number of grasps; default: 10
         prove
-            ask the reasoner for proofs; default: True
+            include the reasoner's proofs; default: True
         """
         answer: ResolvedRequest = self._operate("resolve_request", locals())
         return answer
@@ -847,7 +847,7 @@ class Calls(ABC):
         Parameters
         ----------
         objects
-            what was seen
+            the observed objects
         data, new_point_cloud
             base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the
             image
@@ -869,21 +869,21 @@ class Calls(ABC):
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken; default: now (s)
+            time of the observation; default: now (s)
         object
-            IRI of the object, when the robot followed it and knows; default: recognised, or new
+            IRI of an object that the robot has tracked; default: recognised, or new
         name
-            what people call this one object; default: made of kind and number
+            name of the object; default: made of kind and number
         class_description
-            what kind of thing it is, in words; default: guessed from the shape
+            kind of object in words; default: guessed from the shape
         function
-            what it is for: write, contain liquid, ...; default: not known
+            function of the object: write, contain liquid, ...; default: not known
         gripper_id
-            name or IRI of the end effector that tried; default: the robot's only one
+            name or IRI of the end effector used; default: the robot's only one
         task
-            what it was for: pick, place, push; default: pick
+            purpose of the grasp: pick, place, push; default: pick
         grasp
-            the grasp that was tried, as received; default: given by X, Y, Z and rad
+            the attempted grasp, as received; default: given by X, Y, Z and rad
         X
             grasp in the frame of the cloud, m and rad; default: no grasp
         Y
@@ -893,17 +893,17 @@ class Calls(ABC):
         rad
             grasp in the frame of the cloud, m and rad; default: no grasp
         success
-            whether the grasp held, when no outcome is given; default: True
+            whether the grasp held, without an outcome; default: True
         confirmed_by
-            who says so; default: a person
+            who confirmed it; default: a person
         operator
-            the person, when a person says so; default: nobody
+            name of the person who confirmed it; default: nobody
         outcome
-            what came of it; default: given by success
+            the outcome; default: given by success
         task_id
-            from recognise_for_grasp, or any id: the same id stores once; default: a new task
+            from recognise_for_grasp, or any id; stored once for each id; default: a new task
         merge
-            add the view to a recognised object; default: True
+            add the view to the object if it is recognised; default: True
         """
         answer: Inserted = self._operate("insert_object", locals())
         return answer
@@ -932,9 +932,9 @@ class Calls(ABC):
         Parameters
         ----------
         task_id
-            of the decision; the same id stores once; default: a new task
+            of the decision; stored once for each id; default: a new task
         object
-            IRI of the object; default: the one of the decision
+            IRI of the object; default: that of the decision
         grasp
             its id, or the whole grasp as received; default: given by grasp_pose
         grasp_pose
@@ -942,24 +942,23 @@ class Calls(ABC):
         gripper_id
             name or IRI of the end effector; default: the robot's only one
         task
-            what it was for: pick, place, push; default: pick
+            purpose of the grasp: pick, place, push; default: pick
         outcome
-            what came of it; default: given by success and the fields after it
+            the outcome; default: given by success and the fields after it
         success
-            whether it held, when there is no outcome; default: given by outcome
+            whether it held, without an outcome; default: given by outcome
         reason
-            why it ended as it did, when there is no outcome; default: ok if it held, else not
-            judged
+            code of the reason, without an outcome; default: ok if it held, else not judged
         lifted_m
-            height reached, when there is no outcome; default: not known (m)
+            height reached, without an outcome; default: not known (m)
         slip
-            slip in the hand, when there is no outcome; default: not known (m)
+            slip in the hand, without an outcome; default: not known (m)
         duration_s
-            of the attempt, when there is no outcome; default: not known (s)
+            of the attempt, without an outcome; default: not known (s)
         confirmed_by
-            who says so; default: nobody
+            who confirmed it; default: nobody
         operator
-            the person, when a person says so; default: nobody
+            name of the person who confirmed it; default: nobody
         stamp
             when the attempt ended; default: now (s)
         """
@@ -983,21 +982,21 @@ class Calls(ABC):
         Parameters
         ----------
         verdict
-            what the person thinks of the report
+            the person's verdict on the report
         task_id
-            of the attempt that is judged; default: found by grasp or object
+            of the attempt to judge; default: found by grasp or object
         object
             IRI of the object whose last attempt is meant; default: found by task_id or grasp
         grasp
             IRI of the grasp whose last attempt is meant; default: found by task_id or object
         held
-            whether it held; to correct; default: as the verdict says
+            whether it held, to correct the report; default: as the verdict says
         reason
-            code of why it ended so, in the person's opinion; default: none
+            code of the reason in the person's opinion; default: none
         operator
-            who says so; with a token, the token's person; default: the caller
+            name of the person, or of the token's owner; default: the caller
         comment
-            in the person's words; default: none
+            remark of the person; default: none
         """
         answer: Feedback = self._operate("give_feedback", locals())
         return answer
@@ -1030,9 +1029,9 @@ class Calls(ABC):
         Parameters
         ----------
         operation
-            what the person wants
+            the kind of request
         class_description
-            what the person called it; default: no kind
+            kind of object in words; default: no kind
         data, new_point_cloud
             base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the
             image
@@ -1054,20 +1053,19 @@ class Calls(ABC):
         support_height
             height of the table in frame_id; default: lowest point (m)
         stamp
-            when the cloud was taken; default: now (s)
+            time of the observation; default: now (s)
         name
-            what the person calls this one object; default: made of kind and number
+            name of the object; default: made of kind and number
         task_id
             of the attempt to judge, or of what is taught; default: found by grasp or object
         object
-            IRI of the object, in place of data; or whose last attempt counts; default: given by
-            data
+            IRI of the object, in place of data or of task_id; default: given by data
         grasp
             IRI of the grasp whose last attempt is meant; default: found by task_id or object
         operator
-            who says so; default: the caller
+            name of the person; default: the caller
         comment
-            in the person's words; default: none
+            remark of the person; default: none
         """
         answer: Taught = self._operate("teach_object", locals())
         return answer
@@ -1084,26 +1082,26 @@ class Calls(ABC):
         commit: str | None = None,
         operator: str | None = None,
     ) -> Curated:
-        """Merge two objects, split one, forget one, take it back.
+        """Merge two objects, split one, forget one, or undo such a change.
 
         Parameters
         ----------
         operation
-            what the person wants
+            the kind of correction
         object
             IRI of the object, or its name; default: none, as for undo
         into
-            merge: IRI or name of the object that it turned out to be; default: none
+            merge: IRI or name of the object that is kept; default: none
         views
             split: IRIs of the views that show another object; forget: only these views
         name
-            split: what people call the new object; default: made of kind and number
+            split: name of the new object; default: made of kind and number
         purge
-            forget: with all that was tried on it, and the bytes at once; default: False
+            forget: also delete its attempts, and its bytes at once; default: False
         commit
-            undo: the commit to take back, as answered; default: none
+            undo: the commit to undo, as answered; default: none
         operator
-            who says so; default: the caller
+            name of the person; default: the caller
         """
         answer: Curated = self._operate("curate_object", locals())
         return answer

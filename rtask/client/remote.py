@@ -34,7 +34,7 @@ def addresses(url: str) -> tuple[str, str]:
     parts = urlsplit(url)
     secure = {"http": False, "ws": False, "https": True, "wss": True}.get(parts.scheme)
     if secure is None or not parts.netloc:
-        raise UsageError(f"{url!r} is no address of a server; http://host:port is wanted")
+        raise UsageError(f"{url!r} is not the address of a server; expected http://host:port")
     path = parts.path.rstrip("/").removesuffix("/rosbridge")
     http, ws = ("https", "wss") if secure else ("http", "ws")
     return f"{http}://{parts.netloc}{path}", f"{ws}://{parts.netloc}{path}/rosbridge"

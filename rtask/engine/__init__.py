@@ -1,7 +1,7 @@
-"""The use cases of RTASK, independent of HTTP and physics.
+"""Use cases of RTASK, independent of HTTP and physics.
 
-A robot sends what it sees; the engine answers which object it is, how it was grasped before and
-which grasp to try. The robot reports the outcome, and the next robot starts from there.
+A robot sends an observation; the engine answers which object it is, how it was grasped before and
+which grasp to try. The robot reports the outcome, and the next robot benefits from it.
 """
 
 from __future__ import annotations

@@ -11,8 +11,7 @@ from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.names import Names
 from rtask.engine.observation import Observation
 from rtask.engine.policy import Policy
-from rtask.engine.recent import Recent
-from rtask.engine.stored import Models
+from rtask.engine.stored import Models, Recent
 from rtask.engine.terms import ClassCatalogue, FunctionCatalogue, known_reasons
 from rtask.engine.view_index import ViewIndex
 from rtask.errors import ForbiddenError
@@ -34,7 +33,7 @@ SCOPES: Mapping[str, frozenset[str]] = {
     "anonymous": frozenset({"read", "write", "teach"}),
     "admin": frozenset({"read", "write", "teach"}),
 }
-"""Scopes of operations that each role holds."""
+"""Scopes of each role."""
 
 _OBSERVATIONS, _DECISIONS = 32, 2048
 
@@ -45,7 +44,7 @@ class Context:
     Parameters
     ----------
     kb
-        With the ontology and the union of graphs.
+        Knowledge base with the ontology and the union of graphs.
     index_folder
         Where the index of views is kept; None = in memory.
     policy
@@ -54,17 +53,17 @@ class Context:
     Attributes
     ----------
     writing
-        Lock of the writer: numbers are given, statements made and stored while it is held.
+        Lock under which IRIs are minted and statements made and stored.
     names, grippers, classes, functions
-        Catalogues, current after each commit.
+        Catalogues, refreshed after each commit.
     reasons
-        Codes of outcome reasons that the ontology has.
+        Codes of the outcome reasons of the ontology.
     views
-        Index of stored views, by which recognition works.
+        Index of stored views for recognition.
     models
-        Models of objects, decoded.
+        Decoded models of objects.
     observations
-        The last observations by digest: a robot sends one view twice, to ask and to tell.
+        Recent observations by digest; a robot sends a view twice, to ask and to report.
     decisions
         Recent decisions by task, so that an outcome can be stored with its reasons. Kept in memory
         only: after a restart an outcome is stored without them.
@@ -92,7 +91,7 @@ class Context:
         Raises
         ------
         ForbiddenError
-            Naming the scope.
+            The message names the scope.
         """
         if scope not in SCOPES[access.role]:
             raise ForbiddenError(f"needs scope {scope}; the role {access.role} lacks it")
@@ -102,15 +101,15 @@ class Context:
     ) -> Access:
         """Return the identity under which something is written.
 
-        A caller without a name (a server without tokens, the owner of the store) writes for the
-        robot or person that the message names, with no more rights than that one has.
+        A caller without a name (a server without tokens, the owner of the store) writes in the name
+        of the robot or person in the message, with no more rights than these have.
         """
         if access.agent or not fallback:
             return access
         return Access(fallback, role)
 
     def agent_iri(self, author: Access) -> NamedNode:
-        """Return the individual that stands for an author."""
+        """Return the individual of an author in the graph."""
         if author.agent is None:
             return self.names.named("agent", "anonymous")
         role = "teacher" if author.role == "teacher" else "robot"
@@ -123,7 +122,7 @@ class Context:
         return home
 
     def commit_id(self, commit: Commit) -> str:
-        """Return the id of a commit as messages carry it."""
+        """Return the id of a commit in the form used in messages."""
         return f"c-{commit.seq:05d}"
 
     def close(self) -> None:

@@ -26,15 +26,15 @@ class Option:
     id
         IRI of a remembered grasp, ``candidate:<k>`` of a proposed one.
     grasp
-        In the robot's frame; z of a planar one is over the support.
+        In the robot's frame; z of a planar grasp is above the support.
     in_object
         (x, y, z, theta) in the object's frame.
     remembered
-        What the graph knows about this very grasp.
+        The stored grasp, or None if it is proposed.
     choice
-        The learner's view; filled in by :func:`choose`.
+        The learner's assessment, added by :func:`choose`.
     sources
-        Objects whose outcomes speak about it.
+        Objects whose outcomes are evidence for it.
     """
 
     id: str
@@ -63,7 +63,7 @@ class Option:
 
     @property
     def explanation(self) -> dict[str, Any]:
-        """Reasons for its place in the order: the parts of the belief, and a sentence."""
+        """Reasons for its rank: the parts of the belief, and a sentence."""
         if self.choice is None:
             return {}
         parts = dict(self.choice.explanation)
@@ -79,7 +79,7 @@ class Decision:
     Parameters
     ----------
     object
-        IRI of the object, empty when it was unknown.
+        IRI of the object, empty if unknown.
     options
         Offered grasps by id.
     times

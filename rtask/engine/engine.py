@@ -1,4 +1,4 @@
-"""The engine: one knowledge base, one index of views, and the operations on both."""
+"""The engine: operations on a knowledge base and its index of views."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Engine:
     Parameters
     ----------
     kb
-        Not a plain one: the engine needs the ontology and the union of graphs.
+        Knowledge base with the ontology and the union of graphs; not a plain one.
     index_dir
-        Where the index of views is kept; default: ``index`` in the knowledge base's folder, or in
+        Folder of the index of views; default: ``index`` in the knowledge base's folder, or in
         memory with a knowledge base in memory.
     policy
         Thresholds and weights.
@@ -75,7 +75,7 @@ class Engine:
 
     @property
     def kb(self) -> GraphCore:
-        """Knowledge base that answers come from."""
+        """The knowledge base."""
         return self.context.kb
 
     @property
@@ -120,11 +120,11 @@ class Engine:
         args
             The request; unknown fields are refused.
         access
-            Of the caller; None = the program that opened the knowledge base.
+            Access rights of the caller; None = those of the owner.
 
         Returns
         -------
-        Its fields are read as attributes or by their names in JSON; ``as_json()`` gives plain
+        The answer, with fields as attributes or by their names in JSON; ``as_json()`` returns
         dictionaries.
 
         Raises
@@ -136,7 +136,7 @@ class Engine:
         ForbiddenError
             The caller has no right to it.
         MissingExtraError
-            It needs a library of an extra that is not installed.
+            The operation needs a library of an extra that is not installed.
         """
         operation = self.operations.get(name.removeprefix("/").removeprefix("rtask/"))
         if operation is None:
@@ -148,19 +148,19 @@ class Engine:
         return answer
 
     def sync_index(self) -> int:
-        """Bring the index in step with the graph; return how many views were added."""
+        """Synchronise the index with the graph; return the number of added views."""
         return self.context.views.sync()
 
     def rebuild_index(self) -> int:
-        """Make the index again from the graph alone; return the number of views."""
+        """Rebuild the index from the graph; return the number of views."""
         return self.context.views.rebuild()
 
     def rebuild_statistics(self) -> Commit:
-        """Count all grasps again from their attempts."""
+        """Recount all grasps from their attempts."""
         return rebuild(self.context)
 
     def rebuild_models(self) -> int:
-        """Make the models of all objects again from their views; return their number."""
+        """Rebuild the models of all objects from their views; return their number."""
         return rebuild_models(self.context)[1]
 
     def close(self) -> None:

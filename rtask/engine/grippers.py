@@ -34,10 +34,7 @@ class KnownGripper:
 
 
 class GripperCatalogue:
-    """End effectors by name, read again when a robot changes.
-
-    A decision asks the graph once; what a gripper is was known before.
-    """
+    """Cache of end effectors by name, refreshed when a robot changes."""
 
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
@@ -45,7 +42,7 @@ class GripperCatalogue:
         self._known: list[KnownGripper] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
-        """Read again after a commit that touches robots."""
+        """Drop the cache after a commit about robots."""
         telling = {RT.hasEndEffector, RT.hasSensor, RT.gripperType, RT.minOpening, RT.maxOpening,
                    RT.jawWidth, RT.fingerLength, RT.maxPayload}  # fmt: skip
         if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
@@ -65,15 +62,15 @@ class GripperCatalogue:
         Parameters
         ----------
         gripper_id
-            IRI or name; None = the only one of the robot that asks. Nobody is credited with what
-            another robot's hand did, so a robot without a gripper must name one.
+            IRI or name; None = the only gripper of the asking robot. An outcome is never credited
+            to another robot's gripper, so a robot without a gripper must name one.
         agent
-            Who asks: its own grippers come first where a name is used by several robots.
+            The asking robot, whose grippers come first if several robots use a name.
 
         Raises
         ------
         UnknownTermError
-            With the nearest name.
+            The message suggests the nearest name.
         """
         known = self.all()
         own = [g for g in known if g.robot_name == agent]
@@ -122,7 +119,7 @@ def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
                 max_payload=float(str(given.get("payload", ParallelGripper.max_payload))),
             )
         except ValueError as error:
-            # One robot's mistake must not keep the others from grasping.
+            # One invalid gripper must not prevent the others from being used.
             log.warning("%s is left out: %s", part.value, error)
             continue
         known = KnownGripper(

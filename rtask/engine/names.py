@@ -1,4 +1,4 @@
-"""New IRIs: counted where people will read them, time-ordered and unique elsewhere."""
+"""New IRIs: numbered where people read them, time-ordered and unique elsewhere."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Names", "slug", "tail", "uuid7"]
 
-# A number that was ever given is not given again: old names of merged and forgotten objects stay.
+# Numbers are never reused, since IRIs of merged and forgotten objects remain valid.
 _COUNTED = {
     "object": "{ ?thing a rt:ManipulableObject } UNION { ?thing rt:mergedInto ?other } "
     "UNION { ?thing prov:invalidatedAtTime ?when }",
@@ -35,7 +35,7 @@ def slug(text: str) -> str:
 
 
 def tail(term: NamedNode) -> str:
-    """Return what tells an instance from others of its kind, fit for another IRI.
+    """Return the last part of an IRI, for use in another IRI.
 
     >>> tail(NamedNode("https://example.org/kb/object/12"))
     '12'
@@ -47,8 +47,8 @@ def tail(term: NamedNode) -> str:
 class Names:
     """Mints the IRIs of one knowledge base.
 
-    Numbers go on from the largest that the graph holds; the caller holds the engine's write lock
-    while it mints and stores.
+    Numbers continue from the largest in the graph; the caller holds the engine's write lock while
+    minting and storing.
     """
 
     def __init__(self, kb: GraphCore) -> None:

@@ -1,4 +1,4 @@
-"""One object as one camera saw it: decoded, described and measured."""
+"""Observation of one object: decoded, described and measured."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ __all__ = ["Observation"]
 
 @dataclass(frozen=True)
 class Observation:
-    """One object as one camera saw it.
+    """Observation of one object by a camera.
 
     Parameters
     ----------
     data
-        As received; what the graph keeps. Of an image alone, its crop in the project's format.
+        Bytes as received, which the graph keeps. Of an image alone, its crop in the project's
+        format.
     frame
-        Decoded, in the optical frame of the camera; with an image of the object.
+        Decoded frame in the optical frame of the camera, with an image of the object.
     features
         Described from ``frame``.
     frame_from_camera : (4, 4) float64, m
@@ -35,22 +36,22 @@ class Observation:
     points : (n, 3) float64, m, ``frame_id``
         Of the object alone.
     shape
-        Measured on its support; None when the points are too few to measure.
+        Measured on its support; None if there are too few points.
     frame_id
         Name of the robot's frame.
     stamp_s
-        When it was taken, s since the epoch; None when the robot did not say.
+        Time of the observation, s since the epoch; None if not given.
     is_rendered
-        The image was made from the cloud's own colours.
+        The image was rendered from the colours of the cloud.
     is_posed
         The vertical is known; otherwise ``shape`` is measured in an arbitrary frame.
     object_pose : (4, 4) float64, m, or None
         Pose of the object in ``frame_id``, where another estimator found it.
     guess
-        Class that the measured shape suggests and a confidence 0..1, or None. A guess about the
-        kind of object, never a claim about which object it is.
+        Class that the measured shape suggests and a confidence 0..1, or None. It never
+        identifies the object.
     seconds
-        ``decode_s`` and ``extraction_s``; zeros when it was decoded before.
+        ``decode_s`` and ``extraction_s``; zero if it was already decoded.
     """
 
     data: bytes

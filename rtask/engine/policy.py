@@ -1,4 +1,4 @@
-"""Thresholds and weights of a decision, in one place."""
+"""Thresholds and weights of decisions."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ class Policy:
     Parameters
     ----------
     bandit
-        How beliefs are formed from geometry and evidence.
+        Formation of beliefs from geometry and evidence.
     same_class
-        Weight of what happened with other objects of the class, 1 = as on the object itself.
+        Weight of outcomes of other objects of the class; 1 = as for the object itself.
     size_bandwidth
-        Difference of the logarithms of the sizes at which such evidence fades.
+        Bandwidth of such evidence in the logarithm of the size.
     size_tolerance
-        Objects of the class whose sizes differ by a larger factor are not asked about.
+        Largest factor between the sizes of objects that provide such evidence.
     other_gripper
-        Weight of what another kind of gripper did, where the width fits.
+        Weight of outcomes of another gripper type, if the width fits.
     fast_physics
         Weight of outcomes from the coarse physics preset.
     half_life_days
-        After which evidence counts half; None = it never fades.
+        Half-life of evidence; None = unlimited.
     size_gate, size_gate_m
-        Factor and m by which a measured extent may differ from the object's that it looks like.
+        Largest factor and difference (m) between a measured extent and that of a similar object.
     inliers_when_alone
-        Agreeing features that identify an object while the graph knows no other to compare with.
+        Number of inliers that identify an object if it is the only one in the graph.
     suggestion
-        Confidence that such a look-alike keeps at most.
+        Largest confidence of such a match otherwise.
     same_pose_m, same_pose_rad
-        Grasps closer than this on one object are one grasp.
+        Distance and angle within which two grasps of an object are the same.
     min_identity, min_pose, min_grasp
-        c_I, c_T and c_G of Kehoe 2014, 4.3, for requests that ask for a decision and name none.
+        c_I, c_T and c_G of Kehoe 2014, 4.3, for requests for a decision without thresholds.
     """
 
     bandit: Bandit = field(default_factory=Bandit)
@@ -63,7 +63,7 @@ class Policy:
 
     @property
     def version(self) -> str:
-        """Version of the rules that turn outcomes into a belief; it changes with their numbers.
+        """Version of the rules for beliefs, which changes with their parameters.
 
         >>> Policy().version == Policy(min_grasp=0.5).version != Policy(fast_physics=0.5).version
         True
@@ -73,5 +73,5 @@ class Policy:
         return f"beta-{_SCHEME}-{sha256(repr(numbers).encode()).hexdigest()[:8]}"
 
     def weight_of(self, is_fast: bool) -> float:
-        """Return the weight of an outcome by the physics preset in which it happened."""
+        """Return the weight of an outcome by its physics preset."""
         return self.fast_physics if is_fast else 1.0

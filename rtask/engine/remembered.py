@@ -1,4 +1,4 @@
-"""Objects and grasps as the graph knows them, as plain values."""
+"""Stored objects and grasps as plain values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["KnownObject", "Memory", "Remembered", "Tally", "Trial"]
 
 @dataclass(frozen=True)
 class Tally:
-    """Judged attempts of one grasp that ended alike."""
+    """Number of judged attempts of a grasp with the same outcome."""
 
     held: bool
     count: int
@@ -26,22 +26,22 @@ class Tally:
 
 @dataclass(frozen=True)
 class Remembered:
-    """A grasp in the graph.
+    """A stored grasp.
 
     Parameters
     ----------
     x, y, z, theta
         In the frame of its object, m and rad.
     of_class
-        It comes from another object of the class, not from the object itself.
+        Whether it belongs to another object of the class.
     size
         (length, width, height) of its object, m.
     prior
-        Quality as computed before any attempt, 0..1; None where nobody computed it.
+        Quality computed before any attempt, 0..1; None if it was not computed.
     quaternion : (x, y, z, w) or None
         Of a grasp in space; ``theta`` is then the direction of its closing axis seen from above.
     width
-        Between the contacts, m, where it is known.
+        Between the contacts, m; None if unknown.
     """
 
     grasp: str
@@ -72,13 +72,13 @@ class Remembered:
 
     @property
     def successes(self) -> int:
-        """Those that held."""
+        """Attempts that held."""
         return sum(tally.count for tally in self.tallies if tally.held)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An attempt by the robot that asks, on the object it is handling."""
+    """An attempt of the asking robot on the object that it is handling."""
 
     grasp: str
     x: float
@@ -99,7 +99,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class KnownObject:
-    """An object in the graph."""
+    """A stored object."""
 
     iri: str
     name: str = ""

@@ -1,12 +1,13 @@
-"""Views and models of objects that the graph keeps, read from their bytes."""
+"""Stored views and models of objects, read from their bytes and cached."""
 
 from __future__ import annotations
 
 import logging
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from rtask.engine.recent import Recent
 from rtask.errors import MissingBlobError
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode
@@ -17,9 +18,19 @@ if TYPE_CHECKING:
     from rtask.graph import Graph
     from rtask.kb.core import GraphCore
 
-__all__ = ["Models", "StoredModel", "StoredView", "stored_models", "stored_views", "view_features"]
+__all__ = [
+    "Models",
+    "Recent",
+    "StoredModel",
+    "StoredView",
+    "stored_models",
+    "stored_views",
+    "view_features",
+]
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 
 _VIEWS = f"""{PREFIXES}
@@ -35,7 +46,7 @@ SELECT DISTINCT ?view ?object ?blob ?class ?above WHERE {{
 
 @dataclass(frozen=True)
 class StoredView:
-    """A view whose descriptors the graph keeps."""
+    """A view with stored descriptors."""
 
     view: str
     object: str
@@ -43,7 +54,7 @@ class StoredView:
     blob: str
 
     def features(self, kb: GraphCore) -> ViewFeatures | None:
-        """Return the features of the view; None when the bytes are gone or of another version."""
+        """Return the features of the view; None if the bytes are missing or of another version."""
         from features.recognition.views.view import ViewFeatures
 
         try:
@@ -70,7 +81,7 @@ def stored_views(kb: GraphCore) -> list[StoredView]:
 
 
 def view_features(kb: GraphCore, view: NamedNode) -> ViewFeatures | None:
-    """Return the features of one stored view, or None when it cannot be read."""
+    """Return the features of one stored view, or None if they cannot be read."""
     rows = kb.select(f"""{PREFIXES}
 SELECT ?blob WHERE {{ {view} rt:viewContent ?content .
   ?content a rt:SIFTFeatureSet ; rt:hasBlob ?blob }} ORDER BY ?blob LIMIT 1""")
@@ -81,12 +92,12 @@ SELECT ?blob WHERE {{ {view} rt:viewContent ?content .
 
 @dataclass(frozen=True)
 class StoredModel:
-    """A model as the graph names it.
+    """A stored model.
 
     Parameters
     ----------
     views
-        IRIs of the views that are in it.
+        IRIs of its views.
     """
 
     iri: NamedNode
@@ -95,7 +106,7 @@ class StoredModel:
 
 
 def stored_models(kb: GraphCore | Graph, thing: NamedNode) -> list[StoredModel]:
-    """Return the models of an object, that with the most views first."""
+    """Return the models of an object, by decreasing number of views."""
     found = []
     for model in {quad.object for quad in kb.match(thing, RT.hasModel)}:
         if not isinstance(model, NamedNode):
@@ -114,15 +125,50 @@ def stored_models(kb: GraphCore | Graph, thing: NamedNode) -> list[StoredModel]:
     return sorted(found, key=lambda model: (-len(model.views), model.iri.value))
 
 
+class Recent(Generic[T]):
+    """Cache of the most recently used values by key, safe for use from several threads.
+
+    Examples
+    --------
+    >>> kept = Recent[int](size=2)
+    >>> for key in "aba", "c":
+    ...     kept.put(key, len(key))
+    >>> kept.put("d", 4)
+    >>> kept.get("aba"), kept.get("c")
+    (None, 1)
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._kept: OrderedDict[str, T] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: str | None) -> T | None:
+        """Return a value, or None if it is not kept."""
+        with self._lock:
+            value = None if key is None else self._kept.get(key)
+            if key is not None and value is not None:
+                self._kept.move_to_end(key)
+            return value
+
+    def put(self, key: str, value: T) -> None:
+        """Keep a value."""
+        with self._lock:
+            self._kept[key] = value
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._size:
+                self._kept.popitem(last=False)
+
+
 class Models:
-    """Decoded models by the IRI of their bytes; the last ones used stay."""
+    """Cache of recently used decoded models by the IRI of their bytes."""
 
     def __init__(self, kb: GraphCore, size: int = 64) -> None:
         self.kb = kb
         self._decoded: Recent[ObjectModel] = Recent(size)
 
     def of(self, thing: NamedNode) -> tuple[StoredModel, ObjectModel] | None:
-        """Return the model of an object, or None when there is none or its bytes are gone."""
+        """Return the model of an object, or None if there is none or its bytes are missing."""
         for stored in stored_models(self.kb, thing):
             model = self.read(stored.blob)
             if model is not None:
@@ -130,7 +176,7 @@ class Models:
         return None
 
     def read(self, blob: str) -> ObjectModel | None:
-        """Return the model of some bytes, or None when they are gone or of another version."""
+        """Return the model of some bytes, or None if they are missing or of another version."""
         from features.modelling import ObjectModel
 
         known = self._decoded.get(blob)
@@ -139,11 +185,11 @@ class Models:
         try:
             model = ObjectModel.from_bytes(self.kb.blobs.read(blob))
         except (MissingBlobError, ValueError) as error:
-            log.warning("no model from %s: %s", blob, error)
+            log.warning("cannot read the model %s: %s", blob, error)
             return None
         self.keep(blob, model)
         return model
 
     def keep(self, blob: str, model: ObjectModel) -> None:
-        """Remember a model that was just stored."""
+        """Keep a model that was just stored."""
         self._decoded.put(blob, model)

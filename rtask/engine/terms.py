@@ -1,4 +1,4 @@
-"""Words of people and messages to terms of the graph: classes, functions, tasks, reasons."""
+"""Terms of the graph for words: classes, functions, tasks, reasons."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _TASKS = {
 
 
 def folded(text: str) -> str:
-    """Return words as they are compared: NFKC, case-folded, white space collapsed.
+    """Return words normalised for comparison: NFKC, case-folded, white space collapsed.
 
     >>> folded("  Coke   CAN ")
     'coke can'
@@ -52,7 +52,7 @@ def find_task(name: str) -> tuple[NamedNode, str]:
     Raises
     ------
     UnknownTermError
-        Listing the known ones.
+        The message lists the known ones.
     """
     plain = re.sub(r"[\s-]+", "_", folded(name))
     if plain in _TASKS:
@@ -67,7 +67,7 @@ def find_task(name: str) -> tuple[NamedNode, str]:
 
 
 def find_function(kb: GraphCore, text: str) -> NamedNode:
-    """Return the object function of a name, label or IRI: ``write``, ``contain liquid``."""
+    """Return the function with a name, label or IRI: ``write``, ``contain liquid``."""
     rows = kb.select(
         f"{PREFIXES} SELECT DISTINCT ?f ?label "
         "{ ?f a rt:ObjectFunction OPTIONAL { ?f rdfs:label ?label } } ORDER BY ?f ?label"
@@ -86,14 +86,14 @@ def find_function(kb: GraphCore, text: str) -> NamedNode:
 
 
 def known_reasons(kb: GraphCore) -> frozenset[str]:
-    """Return the codes of all outcome reasons that the ontology has."""
+    """Return the codes of all outcome reasons of the ontology."""
     rows = kb.select(f"{PREFIXES} SELECT ?code {{ ?r a rt:OutcomeReason ; rt:code ?code }}")
     return frozenset(str(row.value("code")) for row in rows)
 
 
 @dataclass(frozen=True)
 class ObjectClass:
-    """A kind of object."""
+    """A class of objects."""
 
     iri: NamedNode
     names: tuple[str, ...]
@@ -101,12 +101,12 @@ class ObjectClass:
 
     @property
     def label(self) -> str:
-        """What people call it."""
+        """Preferred name."""
         return self.names[0] if self.names else local_name(self.iri)
 
 
 class ClassCatalogue:
-    """The kinds of objects, read again when one is added."""
+    """Cache of the classes of objects, refreshed when one is added."""
 
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
@@ -114,25 +114,25 @@ class ClassCatalogue:
         self._known: Mapping[str, ObjectClass] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
-        """Read again after a commit that touches classes or their names."""
+        """Drop the cache after a commit about classes or their names."""
         telling = {RDFS.subClassOf, RDFS.label, RT.shortId}
         if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
             with self._lock:
                 self._known = None
 
     def all(self) -> Mapping[str, ObjectClass]:
-        """Return every kind of object by IRI."""
+        """Return every class of objects by IRI."""
         with self._lock:
             if self._known is None:
                 self._known = _read_classes(self._kb)
             return self._known
 
     def get(self, iri: str) -> ObjectClass:
-        """Return one kind of object; of an unknown IRI only that is known."""
+        """Return a class of objects, without names if the IRI is unknown."""
         return self.all().get(iri) or ObjectClass(NamedNode(iri), ())
 
     def find(self, description: str) -> list[ObjectClass]:
-        """Return the kinds that words mean: exact names, else beginnings, else all words."""
+        """Return the classes that words mean: by exact name, else by prefix, else by all words."""
         wanted = folded(description)
         known = [self.all()[iri] for iri in sorted(self.all())]
         words = wanted.split()
@@ -147,14 +147,14 @@ class ClassCatalogue:
         return []
 
     def suggestions(self, description: str) -> list[str]:
-        """Return names near to words that mean nothing here."""
+        """Return names similar to unknown words."""
         import difflib
 
         labels = sorted({folded(name) for c in self.all().values() for name in c.names})
         return difflib.get_close_matches(folded(description), labels, n=5, cutoff=0.5)
 
     def next_short_id(self) -> str:
-        """Return the next number that stands for a class in messages."""
+        """Return the next short id of a class in messages."""
         used = [int(c.short_id) for c in self.all().values() if c.short_id.isdecimal()]
         return str(max(used, default=0) + 1)
 
@@ -184,7 +184,7 @@ SELECT DISTINCT ?class ?name ?short {{
 
 
 class FunctionCatalogue:
-    """What objects are for, by name; read again when a function is added or renamed."""
+    """Cache of the functions of objects by name, refreshed when one is added or renamed."""
 
     def __init__(self, kb: GraphCore) -> None:
         self._kb = kb
@@ -192,7 +192,7 @@ class FunctionCatalogue:
         self._known: Mapping[str, tuple[str, ...]] | None = None
 
     def forget_if_changed(self, change: Change) -> None:
-        """Read again after a commit that touches functions or names."""
+        """Drop the cache after a commit about functions or names."""
         for quad in (*change.added, *change.removed):
             if quad.object == RT.ObjectFunction or quad.predicate == RDFS.label:
                 with self._lock:

@@ -1,4 +1,4 @@
-"""Triples to be stored together, with numbers and times in one form."""
+"""Triples to be stored together, with uniform numbers and times."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def stamp(time: dt.datetime) -> Literal:
 
 
 def rounded(value: float) -> float:
-    """Return a number as the graph keeps it.
+    """Return a number rounded as in the graph.
 
     >>> rounded(-1e-9)
     0.0
     """
-    # -0.0 and 0.0 would be two values of a property that may have one.
+    # -0.0 and 0.0 would be two values of a functional property.
     return round(value, _METRE_DIGITS) + 0.0
 
 
@@ -62,7 +62,7 @@ class Triples:
         return len(self._stated)
 
     def add(self, subject: NamedNode, predicate: NamedNode, value: Value | None) -> None:
-        """State one thing; None states nothing."""
+        """Add a triple; None adds nothing."""
         if value is None:
             return
         if isinstance(value, float):
@@ -75,7 +75,7 @@ class Triples:
         kinds: Iterable[NamedNode],
         properties: Mapping[NamedNode, Value | None],
     ) -> NamedNode:
-        """State the classes and properties of an individual, and return it."""
+        """Add the classes and properties of an individual, and return it."""
         for kind in kinds:
             self._stated.append((subject, RDF.type, kind))
         for predicate, value in properties.items():
@@ -85,19 +85,19 @@ class Triples:
     def pose(
         self, subject: NamedNode, frame: NamedNode, frame_from_body: NDArray[np.float64]
     ) -> NamedNode:
-        """State an ``rt:Pose``: seven numbers in a frame."""
+        """Add an ``rt:Pose``: seven numbers in a frame."""
         position, quaternion = pose_from_matrix(frame_from_body)
         self.node(subject, [RT.Pose], {RT.inFrame: frame})
         for name, number in zip("xyz", position, strict=True):
             self.add(subject, getattr(RT, name), float(number))
         for name, number in zip("xyzw", quaternion, strict=True):
-            # A norm of 1 within 1e-6 is asked for; six digits would not keep it.
+            # The norm must be 1 within 1e-6, which six digits do not guarantee.
             exact = round(float(number), _QUATERNION_DIGITS) + 0.0
             self._stated.append((subject, getattr(RT, "q" + name), exact))
         return subject
 
     def blob(self, blob: Blob) -> NamedNode:
-        """Describe stored bytes."""
+        """Add the description of stored bytes."""
         for subject, predicate, value in blob.statements():
             assert isinstance(subject, NamedNode)
             self._stated.append((subject, predicate, value))
@@ -111,17 +111,17 @@ class Triples:
         value: NamedNode,
         confidence: float,
     ) -> None:
-        """State something that is only likely, and how likely, on its reifier (RDF 1.2)."""
+        """Add a triple with a confidence on its reifier (RDF 1.2)."""
         self._stated.append((subject, predicate, value))
         self._stated.append((reifier, RDF.reifies, Triple(subject, predicate, value)))
         self.add(reifier, RT.confidence, confidence)
 
     def extend(self, others: Iterable[tuple[NamedNode, NamedNode, Value]]) -> None:
-        """State what was stated elsewhere."""
+        """Add all triples of another collection."""
         self._stated.extend(others)
 
     def discard(self, subject: NamedNode, predicates: Collection[NamedNode]) -> None:
-        """Take back what was stated about some properties of a subject."""
+        """Remove the values of some properties of a subject."""
         self._stated = [t for t in self._stated if t[0] != subject or t[1] not in predicates]
 
     def write(self, transaction: Transaction) -> None:

@@ -24,23 +24,22 @@ log = logging.getLogger(__name__)
 
 
 class ViewIndex:
-    """The views of one knowledge base, indexed.
+    """Index of the views of one knowledge base.
 
-    Without the extra ``perception`` there is no index: using it is refused, and everything else
-    works. The next start with the extra makes the index from the graph.
+    Without the extra ``perception`` there is no index: its use is refused, and everything else
+    works. The next start with the extra builds the index from the graph.
 
     Parameters
     ----------
     folder
-        Where the index is kept; None = in memory.
+        Folder of the index; None = in memory.
     writing
         Lock of the writer.
 
     Attributes
     ----------
     generation
-        Counts the changes of the index: what was recognised in one generation may be recognised
-        differently in the next.
+        Number of changes of the index; recognition may give another result in the next generation.
     """
 
     def __init__(self, kb: GraphCore, folder: Path | None, writing: threading.RLock) -> None:
@@ -56,7 +55,7 @@ class ViewIndex:
 
     @property
     def index(self) -> RecognitionIndex:
-        """The index as it is now; rebuilding replaces it.
+        """The current index; rebuilding replaces it.
 
         Raises
         ------
@@ -67,7 +66,7 @@ class ViewIndex:
 
     @property
     def recogniser(self) -> Recogniser:
-        """Recognition by the present index; raises as :attr:`index` does."""
+        """Recogniser of the current index; raises like :attr:`index`."""
         return self._require()[1]
 
     def learn(
@@ -75,7 +74,7 @@ class ViewIndex:
     ) -> None:
         """Add a view whose commit has been stored.
 
-        When this fails the view is not lost: the index is derived data, and is completed from the
+        If this fails, the view is not lost: the index is derived data and is completed from the
         graph at the next start.
         """
         try:
@@ -85,7 +84,7 @@ class ViewIndex:
             log.exception("view %s is stored but not indexed yet", view.value)
 
     def sync(self) -> int:
-        """Bring the index in step with the graph; return how many views were added."""
+        """Synchronise the index with the graph; return the number of added views."""
         if self._opened is None:
             return 0
         with self._writing:
@@ -147,11 +146,11 @@ class ViewIndex:
         except IndexCorruptError as error:
             if self._folder is None:
                 raise
-            log.warning("%s; making the index again from the graph", error)
+            log.warning("%s; rebuilding the index from the graph", error)
             return self._rebuilt(self._folder)
 
     def _rebuilt(self, folder: Path) -> RecognitionIndex:
-        """Return the index of a folder, made from the graph; killed halfway, the old stays."""
+        """Rebuild the index of a folder; the old one stays if this is interrupted."""
         from features.recognition.index.recognition_index import RecognitionIndex
 
         described = (

@@ -350,7 +350,7 @@ def read(model: type[M], message: Any, where: str = "") -> M:
     Raises
     ------
     UsageError
-        Naming the field by its path, what came and what is wanted.
+        Naming the field by its path, what came and what was expected.
     """
     try:
         return model.model_validate(message)
@@ -391,14 +391,14 @@ def _words(model: type[BaseModel], error: ErrorDetails, path: str) -> str:
         hint = nearest(value, known) or f"; one of {', '.join(known)}"
         return f"{path}: unknown value {value!r}{hint}"
     if kind == "model_type":
-        return f"{path or 'the request'}: an object with fields is wanted"
-    what = context["what"] if kind == "wanted" else _WANTED.get(kind, error["msg"])
-    return f"{path}: {what} is wanted, got {_shown(value)}"
+        return f"{path or 'the request'}: expected an object with fields"
+    what = context["what"] if kind == "expected" else _EXPECTED.get(kind, error["msg"])
+    return f"{path}: expected {what}, got {_shown(value)}"
 
 
 _BOUNDS = {"greater_than_equal": ("ge", "below"), "less_than_equal": ("le", "above")}
 _LENGTHS = {"too_short": ("min_length", "below"), "too_long": ("max_length", "above")}
-_WANTED = {"list_type": "a list", "dict_type": "an object with fields", "literal_error": "a text"}
+_EXPECTED = {"list_type": "a list", "dict_type": "an object with fields", "literal_error": "a text"}
 
 
 def _shown(value: Any) -> str:

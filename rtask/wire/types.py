@@ -97,9 +97,9 @@ class Unit:
         return {**handler(core), "x-unit": self.symbol}
 
 
-def wanted(what: str) -> PydanticCustomError:
-    """Return the error that says what is wanted in place of what came."""
-    return PydanticCustomError("wanted", "{what}", {"what": what})
+def expected(what: str) -> PydanticCustomError:
+    """Return the error that says what was expected in place of what came."""
+    return PydanticCustomError("expected", "{what}", {"what": what})
 
 
 def refused(words: object) -> PydanticCustomError:
@@ -113,7 +113,7 @@ def _number(value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise wanted("a finite number")
+        raise expected("a finite number")
     return number
 
 
@@ -122,7 +122,7 @@ def _whole(value: Any) -> int:
         return value
     number = _number(value)
     if number != int(number):
-        raise wanted("a whole number")
+        raise expected("a whole number")
     # Through a float, a long numeral would lose its last digits.
     return int(value) if isinstance(value, str) and value.isdecimal() else int(number)
 
@@ -132,20 +132,20 @@ def _flag(value: Any) -> bool:
         return value
     known = _FLAGS.get(str(value).strip().casefold()) if isinstance(value, str | int) else None
     if known is None:
-        raise wanted("true or false")
+        raise expected("true or false")
     return known
 
 
 def _text(value: Any) -> str:
     if not isinstance(value, str) or not value.strip():
-        raise wanted("a text")
+        raise expected("a text")
     return value
 
 
 def _texts(value: Any) -> list[str]:
     listed = [value] if isinstance(value, str) else value
     if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
-        raise wanted("a list of texts")
+        raise expected("a list of texts")
     return list(listed)
 
 
@@ -154,7 +154,7 @@ def _bytes(value: Any) -> bytes:
     if isinstance(value, bytes | bytearray | memoryview):
         return bytes(value)
     if not isinstance(value, str):
-        raise wanted("base64 text")
+        raise expected("base64 text")
     try:
         return binascii.a2b_base64(value, strict_mode=True)
     except (binascii.Error, ValueError):
@@ -178,7 +178,7 @@ def _cloud(value: Any) -> bytes:
             return pcd_from_point_cloud(value)
     except ValueError as error:
         raise refused(error) from error
-    raise wanted("base64 text or a sensor_msgs/PointCloud2")
+    raise expected("base64 text or a sensor_msgs/PointCloud2")
 
 
 def _image(value: Any) -> bytes:
@@ -188,7 +188,7 @@ def _image(value: Any) -> bytes:
     from features.codec.ros import image_bytes, is_image
 
     if not is_image(value):
-        raise wanted("base64 text or a sensor_msgs/CompressedImage")
+        raise expected("base64 text or a sensor_msgs/CompressedImage")
     try:
         return image_bytes(value)
     except ValueError as error:
@@ -230,7 +230,7 @@ def _grasp(value: Any) -> str | dict[str, Any]:
     if isinstance(value, str):
         return _text(value)
     if not isinstance(value, dict):
-        raise wanted("the id of a grasp, or a grasp as received,")
+        raise expected("the id of a grasp, or a grasp as received")
     return value
 
 
@@ -278,7 +278,7 @@ class ArrayOf:
             array = np.array(value, dtype=np.float64).reshape(shape)
         except (TypeError, ValueError, OverflowError) as error:
             form = f"a list of {self.form or 'numbers'}" + (f" in {self.unit}" * bool(self.unit))
-            raise wanted(form) from error
+            raise expected(form) from error
         if not np.isfinite(array).all():
             raise refused("points must be finite" if self.form else "numbers must be finite")
         if self.max_rows is not None and len(array) > self.max_rows:

@@ -138,7 +138,7 @@ def test_views_are_split_off_or_forgotten(site: Site) -> None:
     for form, words in (
         ({"views": ["urn:lab/view/1"]}, "at least one must stay"),
         ({}, "views is missing"),
-        ({"views": ["urn:lab/view/3"]}, "is no view of"),
+        ({"views": ["urn:lab/view/3"]}, "is not a view of"),
     ):
         refused = curate(boss, "split", object="urn:lab/object/1", **form)
         assert refused.status_code in (400, 422)

@@ -1,4 +1,4 @@
-"""An edit of many agents' statements at once, each in the graph of its author.
+"""An edit that changes statements of several agents, each in the graph of its author.
 
 People who curate the graph move what robots wrote. Every statement stays in the graph of its
 author; the commit records who moved it, and the inverse commit undoes it.
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["NOTE", "Edit"]
 
 NOTE = "objects: "
-"""How the note of a commit begins that may be taken back."""
+"""Prefix of the notes of commits that can be undone."""
 
 
 class Edit:
@@ -31,7 +31,7 @@ class Edit:
     Parameters
     ----------
     kb
-        Whose; graphs that commits keep themselves are left alone.
+        The knowledge base; graphs that commits maintain are left unchanged.
     """
 
     def __init__(self, kb: GraphCore) -> None:
@@ -79,7 +79,7 @@ class Edit:
         Parameters
         ----------
         keep
-            Whether a statement goes along; else it is withdrawn. So are the notes on it.
+            Whether a statement is moved or withdrawn; the same goes for the annotations on it.
         """
         for quad in self.match(old):
             if quad in self.removed:
@@ -125,7 +125,7 @@ class Edit:
         return freed
 
     def commit(self, context: Context, note: str, author: Access) -> Commit:
-        """Store the edit as one commit in a person's name; the caller holds the write lock."""
+        """Store the edit as one commit in the name of a person; the caller holds the write lock."""
         access = Access(author.agent, "admin")
         with context.kb.transaction(access=access, note=NOTE + note) as tx:
             for quad in self.removed.keys() - self.added.keys():

@@ -59,9 +59,7 @@ def merge_objects(context: Context, kept: NamedNode, other: NamedNode, author: A
         When both are the same.
     """
     if kept == other:
-        raise UsageError(
-            f"into: both names mean {kept.value}, which cannot be merged with itself", field="into"
-        )
+        raise UsageError(f"into: {kept.value} cannot be merged with itself", field="into")
     with context.writing:
         kb = context.kb
         kept_from_other = find_kept_from_other(context, kept, other)
@@ -112,8 +110,8 @@ def find_kept_from_other(
 ) -> NDArray[np.float64]:
     """Return ``kept_from_other`` (4, 4): yaw and translation on the table, from matching views.
 
-    Where no views match, the frames are assumed equal: both lie in the middle of what was measured,
-    along its longer side.
+    If no views match, the frames are assumed equal: both have their origin in the middle of the
+    measured footprint and lie along its longer side.
     """
     from features.recognition.pairs import match_views
 
@@ -170,9 +168,9 @@ def move_frame(
     Parameters
     ----------
     new_from_old : (4, 4) float64
-        A turn about z and a shift.
+        A rotation about z and a translation.
     only
-        These poses; None = all, and the frame itself is withdrawn.
+        Poses to transform; None = all, and the frame itself is withdrawn.
     """
     for link in edit.match(None, RT.inFrame, old):
         pose, graph = link.subject, link.graph_name
@@ -190,8 +188,8 @@ def move_frame(
             triples.add(pose, RT.theta, 0.0 if theta >= 2 * np.pi else theta)
         elif RT.qw in numbers:
             place = np.array([numbers[p] for p in _NUMBERS[:3]])
-            turn = np.array([numbers[p] for p in _NUMBERS[4:]])
-            triples.pose(pose, new, new_from_old @ matrix_from_pose(place, turn))
+            quaternion = np.array([numbers[p] for p in _NUMBERS[4:]])
+            triples.pose(pose, new, new_from_old @ matrix_from_pose(place, quaternion))
         said = [fact for fact in triples if fact[1] in _NUMBERS]
         for _, predicate, value in said:
             for quad in quads:
@@ -202,7 +200,7 @@ def move_frame(
 
 
 def present_name(kb: GraphCore | Graph, name: str) -> str:
-    """Return the present IRI of an object that may have been merged; other text as it is."""
+    """Return the current IRI of an object that may have been merged; other text unchanged."""
     seen = {name}
     while ":" in name:
         try:
@@ -222,7 +220,7 @@ Request = TypeVar("Request", bound=Message)
 
 
 def followed(kb: GraphCore, request: Request) -> Request:
-    """Return a request with the present IRIs of merged objects, in ``object`` and ``objects``."""
+    """Return a request with the current IRIs of merged objects in ``object`` and ``objects``."""
     name, entries = getattr(request, "object", None), getattr(request, "objects", None)
     changed: dict[str, object] = {}
     if isinstance(name, str):

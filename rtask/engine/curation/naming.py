@@ -30,16 +30,16 @@ def name_object(
     Parameters
     ----------
     description
-        What kind of thing it is, in words; None leaves the kind as it is.
+        Kind of object in words; None leaves it unchanged.
     name
-        What people call this one object; None leaves it as it is.
+        Name of this object; None leaves it unchanged.
 
     Raises
     ------
     UsageError
         Neither is given.
     InconsistentError
-        What else is known contradicts the kind.
+        The kind contradicts other knowledge.
     """
     if not description and not name:
         raise UsageError("name is missing: a name, a class_description or both", field="name")
@@ -58,7 +58,7 @@ def name_object(
 
 
 def described_class(context: Context, triples: Triples, description: str) -> NamedNode:
-    """Return the class that a description names; a new one when nobody taught it before."""
+    """Return the class that a description names, a new one if there is none yet."""
     found = classes_named(context, description)
     if found:
         return found[0]

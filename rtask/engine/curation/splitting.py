@@ -73,12 +73,12 @@ def _views_of(context: Context, thing: NamedNode, views: Iterable[str]) -> set[N
     known = {q.object for q in context.kb.match(thing, RT.hasView)}
     chosen = {iri(view) for view in views}
     if not chosen:
-        raise UsageError("views is missing: which views of the object are meant?", field="views")
+        raise UsageError("views is missing: the views of the object to move", field="views")
     strange = sorted(view.value for view in chosen - known)
     if strange:
-        raise UnknownTermError(f"views: {strange[0]} is no view of {thing.value}")
+        raise UnknownTermError(f"views: {strange[0]} is not a view of {thing.value}")
     if chosen == known:
-        raise UsageError("views: all views of the object; at least one must stay", field="views")
+        raise UsageError("views: at least one view of the object must stay", field="views")
     return chosen
 
 
@@ -86,7 +86,7 @@ def _state_twin(
     context: Context, edit: Edit, triples: Triples, thing: NamedNode, new: NamedNode,
     name: str | None, author: Access,
 ) -> None:  # fmt: skip
-    """State the new object, with the classes, size and symmetry of the old one."""
+    """Add the new object, with the classes, size and symmetry of the old one."""
     alike = (RDF.type, RT.extentX, RT.extentY, RT.extentZ, RT.graspWidth, RT.roundness,
              RT.hasFunction, RT.hasSymmetry)  # fmt: skip
     for quad in edit.match(thing):
@@ -132,7 +132,7 @@ def _move_attempts(
 ) -> set[NamedNode]:
     """Move the attempts reported with observations; return the poses of the moved grasps.
 
-    A grasp that was also tried on what stays is stated again for the new object.
+    A grasp that was also tried on the old object is copied to the new one.
     """
     ids = {q.object for event in events for q in edit.match(event, RT.requestId)}
     if not ids:
@@ -244,9 +244,9 @@ def forget_object(context: Context, thing: NamedNode, purge: bool, author: Acces
     Parameters
     ----------
     purge
-        What was tried on it goes as well, and the bytes at once; the journal of the knowledge base
-        still tells what was once said. Otherwise attempts and outcomes stay as history, and the
-        bytes until they are collected.
+        Delete its attempts as well, and its bytes at once; the journal of the knowledge base keeps
+        the statements. Otherwise attempts and outcomes stay as history, and the bytes until they
+        are collected.
     """
     with context.writing:
         edit = Edit(context.kb)
@@ -306,7 +306,7 @@ def _history(context: Context, edit: Edit, thing: NamedNode) -> set[NamedNode]:
 
 
 def _discard(context: Context, blobs: Iterable[NamedNode]) -> None:
-    """Delete blobs that nothing refers to any more."""
+    """Delete blobs that are no longer referenced."""
     kb = context.kb
     for blob in blobs:
         if not kb.match(None, RT.hasBlob, blob) and kb.blobs.has(blob):

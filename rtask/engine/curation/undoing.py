@@ -37,15 +37,15 @@ def undo(context: Context, commit: str, author: Access) -> Commit:
     UnknownTermError
         No such commit, or one too old for a store in memory.
     ForbiddenError
-        The commit was something else, or its bytes are gone for good.
+        The commit was no correction, or its bytes were deleted.
     ConflictError
-        Undone already, or a later change conflicts.
+        It is already undone, or a later change conflicts.
     """
     with context.writing:
         entry = _entry(context, commit)
         edit = _inverse(context, entry)
         if not edit.removed and all(quad in context.kb.store for quad in edit.added):
-            raise ConflictError(f"commit: {commit} was taken back already")
+            raise ConflictError(f"commit: {commit} is already undone")
         _refuse_gone(context, edit, commit)
         _refuse_moved_on(context, edit, entry.seq)
         _refuse_told_since(context, edit)
@@ -65,13 +65,13 @@ def _entry(context: Context, commit: str) -> HistoryEntry:
     """Return the commit with this id."""
     number = commit.removeprefix("c-")
     if not number.isdecimal():
-        raise UnknownTermError(f"commit: {commit!r} is no commit; c-00012 is wanted")
+        raise UnknownTermError(f"commit: {commit!r} is not a commit; expected a form like c-00012")
     seq = int(number)
     entries = [e for e in context.kb.history(since=seq - 1, upto=seq) if e.seq == seq]
     if not entries:
-        raise UnknownTermError(f"commit: no commit {commit} of objects is known")
+        raise UnknownTermError(f"commit: there is no commit {commit}")
     if not (entries[0].note or "").startswith(NOTE):
-        raise ForbiddenError(f"commit: {commit} named, merged, split or forgot nothing")
+        raise ForbiddenError(f"commit: {commit} did not name, merge, split or forget an object")
     return entries[0]
 
 
@@ -89,7 +89,7 @@ def _refuse_gone(context: Context, edit: Edit, commit: str) -> None:
     blobs = {q.object for q in edit.added if q.predicate == RT.hasBlob}
     gone = [b for b in blobs if isinstance(b, NamedNode) and not context.kb.blobs.has(b)]
     if gone:
-        raise ForbiddenError(f"commit: the bytes of {len(gone)} features are gone for good")
+        raise ForbiddenError(f"commit: the bytes of {len(gone)} features were deleted")
 
 
 def _refuse_moved_on(context: Context, edit: Edit, seq: int) -> None:
@@ -148,7 +148,7 @@ def _refuse_told_since(context: Context, edit: Edit) -> None:
         ]  # fmt: skip
         if told:
             raise ConflictError(
-                f"commit: robots told of {thing.value} since then; merge it into the other object"
+                f"commit: robots have reported on {thing.value} since; merge the two instead"
             )
 
 

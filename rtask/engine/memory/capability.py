@@ -19,11 +19,11 @@ class Bounds:
     Parameters
     ----------
     width
-        Between the jaws, m; None = nobody measured it.
+        Between the jaws, m; None = unknown.
     mass
-        kg; None = nobody stated it.
+        kg; None = unknown.
     mass_bound
-        It weighs no more, kg: a hand of that payload has lifted it.
+        Upper bound, kg: the payload of a hand that has lifted it.
     """
 
     width: float | None = None
@@ -38,12 +38,12 @@ class Verdict:
     Parameters
     ----------
     capability
-        ``proven``: width and mass are known and fit; ``possible``: nothing speaks against it.
+        ``proven``: width and mass are known and fit; ``possible``: nothing contradicts it; ``no``.
     code
-        ``too_wide``, ``too_narrow``, ``too_heavy``, or what is not known: ``mass_unknown``,
+        ``too_wide``, ``too_narrow``, ``too_heavy``, or what is unknown: ``mass_unknown``,
         ``width_unknown``; empty when it is proven.
     value, limit
-        The number and what it exceeds or falls below, m or kg; None where there is none.
+        The value and the limit that it violates, m or kg; None if there is none.
     """
 
     capability: Capability

@@ -1,4 +1,4 @@
-"""Experience for learners out of the graph, and their saved states in it.
+"""Experience of learners from the graph, and their states saved in it.
 
 The engine's own learner has no state: every decision is made from the outcomes in the graph
 (:mod:`rtask.engine.memory.experience`), so it continues wherever the graph is opened. The learners
@@ -44,10 +44,10 @@ class Saved(Protocol):
     """A learner whose state can be saved and loaded."""
 
     def save(self, path: Path) -> None:
-        """Write everything that is needed to continue."""
+        """Save the state."""
 
     def load(self, path: Path) -> None:
-        """Continue where :meth:`save` stopped; ValueError when the file does not fit."""
+        """Load a saved state; raises ValueError if the file does not fit."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +88,13 @@ SELECT DISTINCT ?attempt ?ended ?object ?theta ?held ?qx ?qy ?qz ?qw WHERE {{
 
 
 def _closing_yaw(at: dict[str, Any]) -> float | None:
-    """Return the closing direction about z of a grasp, rad; None where its pose is not whole."""
+    """Return the closing direction about z of a grasp, rad; None if its pose is incomplete."""
     if at["theta"] is not None:
         return float(at["theta"])
     if at["qw"] is None:
         return None
-    turn = np.array([float(at["q" + axis]) for axis in "xyzw"])
-    return closing_yaw(matrix_from_pose(np.zeros(3), turn))
+    quaternion = np.array([float(at["q" + axis]) for axis in "xyzw"])
+    return closing_yaw(matrix_from_pose(np.zeros(3), quaternion))
 
 
 def _states(context: Context) -> dict[str, NDArray[np.float64]]:
@@ -120,11 +120,11 @@ def keep_learner(
     Parameters
     ----------
     name
-        Under which it is taken up again.
+        Name under which it is resumed.
     agent
-        Whose graph keeps it; None = the shared one.
+        Owner of the graph that keeps it; None = the shared graph.
     steps
-        Learned so far.
+        Number of learned steps.
 
     Returns
     -------
@@ -161,8 +161,8 @@ def keep_learner(
 def resume_learner(context: Context, learner: Saved, name: str) -> Resumed:
     """Load the latest state of this name and kind into a learner, if there is one.
 
-    A state of another version, or of other states and actions, is not mixed in: the note says why,
-    and :func:`experience` is there to learn from anew.
+    A state of another version, or with other states or actions, is not loaded; the note says why,
+    and :func:`experience` allows learning from scratch.
     """
     kind = type(learner).__name__
     rows = context.kb.select(f"""{PREFIXES}

@@ -1,8 +1,8 @@
-"""Interpret the words of a request: classes of objects, and what objects are for.
+"""Interpretation of the words of a request as classes and functions of objects.
 
-"Bring me something to drink from" names a function, "a bottle" a kind, "a cup to drink from" both,
-and then both are wanted. Words are compared by their stems; a wish of several words means the
-longest name that they hold.
+"Bring me something to drink from" names a function, "a bottle" a class, and "a cup to drink from"
+both, which must then both hold. Words are compared by their stems; several words mean the longest
+name that they contain.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ MAX_HITS = 20
 
 @dataclass(frozen=True)
 class Sense:
-    """One condition on the object: to be of a class, or to serve a function.
+    """A condition on the object: a class or a function.
 
     Parameters
     ----------
     kind
         ``class`` or ``function``.
     terms
-        IRIs; any one of them will do.
+        IRIs, any of which fulfils the condition.
     words
-        What it was called.
+        Words of the request.
     """
 
     kind: Literal["class", "function"]
@@ -62,11 +62,11 @@ class Meaning:
     Parameters
     ----------
     senses
-        All of them are asked for; none when the words mean nothing here.
+        Conditions that must all hold; empty if no word is known.
     ignored
-        Words that no name explains.
+        Words without a meaning.
     suggestions
-        Names near to words that mean nothing.
+        Names similar to unknown words.
     """
 
     senses: tuple[Sense, ...] = ()
@@ -108,8 +108,8 @@ def _stem(word: str) -> str:
 def meaning(context: Context, wish: str) -> Meaning:
     """Interpret a request: the IRI of a class or function, or words for one.
 
-    Names that the words hold come first, then names whose words begin with theirs, then whatever
-    full-text search finds in labels and comments.
+    Exact names come first, then names whose words begin with those of the request, then the
+    results of full-text search in labels and comments.
     """
     classes = {c.iri.value: c.names for c in context.classes.all().values()}
     functions = context.functions.all()
@@ -137,7 +137,7 @@ _Named = tuple[Literal["class", "function"], str, str, tuple[str, ...]]
 def _named(
     kind: Literal["class", "function"], names: Mapping[str, Iterable[str]]
 ) -> Iterator[_Named]:
-    """Yield (kind, IRI, name, its stems); the class of everything means nothing."""
+    """Yield (kind, IRI, name, its stems); the most general class is left out."""
     for term in sorted(names):
         for name in names[term]:
             told = tuple(stems(name)) or (_stem(folded(name)),)
@@ -146,7 +146,7 @@ def _named(
 
 
 def _longest_names(named: list[_Named], words: list[str]) -> tuple[list[Sense], list[str]]:
-    """Return the senses of the longest names that the words hold, and the words left over."""
+    """Return the senses of the longest names in the words, and the remaining words."""
     left, found = list(words), []
     fits = [one for one in named if set(one[3]) <= set(words)]
     for length in sorted({len(one[3]) for one in fits}, reverse=True):
@@ -167,7 +167,7 @@ def _searched(
     classes: Mapping[str, Iterable[str]],
     functions: Mapping[str, Iterable[str]],
 ) -> list[Sense]:
-    """Return what full-text search finds: one sense, any class or function of which will do."""
+    """Return the results of full-text search as one sense."""
     if not words:
         return []
     hits = context.kb.search(" ".join(f"{word}*" for word in words), limit=MAX_HITS)

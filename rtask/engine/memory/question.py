@@ -1,4 +1,4 @@
-"""The one SPARQL query behind a decision (Gatto 2016, 3.2.4)."""
+"""SPARQL query behind a decision (Gatto 2016, 3.2.4)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ UNJUDGED = (
     "ik", "tilt", "grasp_collision", "approach_ik", "approach_collision", "pregrasp_collision",
     "lift_ik", "rrt_start", "rrt_goal", "rrt_time", "tracking",
 )  # fmt: skip
-"""Reasons that say something about the robot, the place or the day, not about the grasp.
+"""Reasons that concern the robot or the situation, not the grasp.
 
-Such attempts are stored like all others and count in no statistics: that one arm could not reach
-an object where it stood teaches nothing about taking hold of it elsewhere."""
+Such attempts are stored like all others but not counted: that an arm could not reach an object
+says nothing about grasping it elsewhere."""
 
 _NOBODY = "urn:rtask:nobody"
 JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:hasOutcome ?outcome .
@@ -36,8 +36,8 @@ JUDGED = f"""?attempt rt:executesGrasp ?grasp ; prov:endedAtTime ?ended ; rt:has
       EXISTS {{ ?outcome rt:judgedSuccess true }}) AS ?held)
     FILTER(?held != ?decided || ?reason NOT IN ({", ".join(map(str, map(reason, UNJUDGED)))}))
     FILTER NOT EXISTS {{ ?outcome rt:disputed true }}"""
-"""Pattern of a judged attempt of ``?grasp``: people's verdict wins over what was decided, and where
-people disagree evenly nothing is judged."""
+"""Pattern of a judged attempt of ``?grasp``: verdicts of people override the report, and disputed
+attempts are left out."""
 
 
 @dataclass(frozen=True)
@@ -47,23 +47,23 @@ class Question:
     Parameters
     ----------
     objects
-        IRIs that recognition or tracking gave.
+        IRIs from recognition or tracking.
     classes
-        IRIs of kinds of objects whose members may teach something.
+        IRIs of classes whose members provide evidence.
     doubtful
-        Those of them that hardly are this one: they teach as members of the kind as well.
+        Those with low confidence, which also count as other members of their class.
     size
         (length, width, height), m, of the object in question.
     tracked
-        The object that the robot is in the middle of handling, if any.
+        The object that the robot is currently handling, if any.
     robot
-        Who asks, for its own attempts on ``tracked``.
+        The asking robot, for its own attempts on ``tracked``.
     views
         Stored views whose viewpoints are needed.
     only
         Classes to one of which an object must belong; empty = any.
     in_space
-        Grasps with a full pose are wanted as well as those from above.
+        Whether to include grasps with a full pose.
     """
 
     objects: tuple[str, ...] = ()
@@ -81,21 +81,22 @@ class Question:
 def query_text(question: Question) -> str:
     """Return the query of a decision.
 
-    Each part leaves the other parts' variables unbound; ``?part`` tells the rows apart. The store
-    reads only what is asked for as long as every pattern stands in one group with the ``VALUES``
-    that begins it: so attempts are a part of their own and not optional to grasps, verdicts are
-    looked up by ``EXISTS``, and a ``BIND`` comes last.
+    Each part leaves the variables of the others unbound; ``?part`` identifies the rows. The store
+    reads only the necessary statements as long as every pattern is in one group that begins with
+    its ``VALUES``. Therefore attempts are a separate part and not optional to grasps, verdicts are
+    looked up by ``EXISTS``, and ``BIND`` comes last.
     """
     of = [(f"VALUES ?object {{ {values(question.objects)} }}", "false")]
     if question.classes and question.size is not None:
         of.append((_members(question), "true"))
-    turns = (_ABOUT_Z, _IN_SPACE) if question.in_space else (_ABOUT_Z,)
+    orientations = (_ABOUT_Z, _IN_SPACE) if question.in_space else (_ABOUT_Z,)
     parts = [
         _object_part(question),
-        *(_grasp_part(which, of_class, turn) for which, of_class in of for turn in turns),
+        *(_grasp_part(which, of_class, orientation) for which, of_class in of
+          for orientation in orientations),
         *(_tally_part(which, of_class, fast) for which, of_class in of for fast in (False, True)),
-        *(_trial_part(question.tracked, question.robot, turn)
-          for turn in turns if question.tracked),
+        *(_trial_part(question.tracked, question.robot, orientation)
+          for orientation in orientations if question.tracked),
         _view_part(question.views),
     ]  # fmt: skip
     union = "\n  UNION\n".join(f"  {{ {part} }}" for part in parts)
@@ -140,11 +141,11 @@ _ABOUT_Z = "rt:theta ?theta"
 _IN_SPACE = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
 
 
-def _grasp_part(which: str, of_class: str, turn: str) -> str:
+def _grasp_part(which: str, of_class: str, orientation: str) -> str:
     """Return the pattern of grasps whose pose states its orientation in one of two ways."""
     return f"""{which}
     ?object rt:hasGrasp ?grasp . ?grasp rt:gripperType ?gripper ; rt:graspPose ?pose .
-    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
+    ?pose rt:inFrame ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {orientation} .
     ?owner rt:bodyFrame ?frame
     OPTIONAL {{ ?object rt:extentX ?length ; rt:extentY ?width ; rt:extentZ ?height }}
     OPTIONAL {{ ?grasp rt:jawOpening ?opening }} OPTIONAL {{ ?grasp rt:graspQuality ?quality }}
@@ -162,11 +163,11 @@ def _tally_part(which: str, of_class: str, only_fast: bool) -> str:
     GROUP BY ?object ?grasp ?held"""
 
 
-def _trial_part(tracked: str, robot: str | None, turn: str) -> str:
+def _trial_part(tracked: str, robot: str | None, orientation: str) -> str:
     """Return the pattern of one robot's attempts on one object."""
     return f"""VALUES ?object {{ {values([tracked])} }}
     ?object rt:hasGrasp ?grasp . ?grasp rt:graspPose ?pose .
-    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn} .
+    ?pose rt:x ?x ; rt:y ?y ; rt:z ?z ; {orientation} .
     ?attempt rt:performedBy {values([robot or _NOBODY])} ; rt:attemptNumber ?number .
     {JUDGED} BIND(EXISTS {{ ?outcome rt:hasFeedback/rt:preset "fast" }} AS ?is_fast)
     BIND("trial" AS ?part)"""
@@ -213,9 +214,9 @@ def question_for(
 
 
 def _doubtful(recognition: Recognition, tracked: str | None, policy: Policy) -> tuple[str, ...]:
-    """Return the matches that weigh less as the object itself than as others of its class.
+    """Return the matches that weigh less as the object itself than as members of its class.
 
-    Both together never count more than an outcome of the object itself.
+    Both together never weigh more than an outcome of the object itself.
     """
     most = 1 - policy.same_class
     others = recognition.matches[1:] if recognition.accepted else recognition.matches

@@ -1,4 +1,4 @@
-"""Query the graph once about recognised objects.
+"""One query of the graph about recognised objects.
 
 The answer contains the objects, their grasps with the outcomes of every robot, the attempts of the
 asking robot, and the viewpoints of stored views.
@@ -58,7 +58,7 @@ def _number(row: Row, name: str, default: float = 0.0) -> float:
     return default if value is None else float(value)
 
 
-def _turn(row: Row) -> tuple[float, tuple[float, float, float, float] | None]:
+def _orientation(row: Row) -> tuple[float, tuple[float, float, float, float] | None]:
     """Return the closing direction about z and, of a grasp in space, the quaternion."""
     if row["qw"] is None:
         return _number(row, "theta"), None
@@ -132,7 +132,7 @@ def _tallies(rows: Iterable[Row], fast_rows: Iterable[Row]) -> dict[Key, list[Ta
 
 
 def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Remembered, ...]:
-    """Combine grasps with their tallies, ordered by geometry and not as stored."""
+    """Combine grasps with their tallies, ordered by geometry for reproducibility."""
     kept: dict[Key, Row] = {}
     # Robots may have measured an object differently; the smaller size is used, whatever the order.
     for row in sorted(rows, key=lambda row: _size(row) or ()):
@@ -144,7 +144,7 @@ def _grasps(rows: Iterable[Row], tallies: Mapping[Key, list[Tally]]) -> tuple[Re
 def _remembered(key: Key, row: Row, tallies: list[Tally]) -> Remembered:
     iri, grasp, of_class = key
     x, y, z, opening, quality = (_number(row, name) for name in _NUMBERS)
-    theta, quaternion = _turn(row)
+    theta, quaternion = _orientation(row)
     order = sorted(tallies, key=lambda t: (t.held, t.is_fast, t.count))
     return Remembered(
         grasp, iri, of_class, x, y, z, theta, opening, quality,
@@ -162,8 +162,8 @@ def _episode(rows: Iterable[Row]) -> tuple[Trial, ...]:
     trials = {
         _text(row, "attempt"): Trial(
             _text(row, "grasp"), _number(row, "x"), _number(row, "y"), _number(row, "z"),
-            _turn(row)[0], bool(row.value("held")), int(_number(row, "number")),
-            _text(row, "ended"), bool(row.value("is_fast")), _turn(row)[1],
+            _orientation(row)[0], bool(row.value("held")), int(_number(row, "number")),
+            _text(row, "ended"), bool(row.value("is_fast")), _orientation(row)[1],
         )
         for row in rows
     }  # fmt: skip

@@ -110,7 +110,7 @@ def count(
 
     Returns
     -------
-    The statements of the old count, which are to be withdrawn.
+    Statements of the old count, to be withdrawn.
     """
     node = statistics_of(context, grasp, robot)
     counted = (RT.attempts, RT.successes, RT.meanSuccess, RT.lower95)
@@ -136,7 +136,7 @@ def state(
     triples: Triples, node: NamedNode, grasp: NamedNode, gripper_type: str, robot: NamedNode,
     successes: int, attempts: int,
 ) -> None:  # fmt: skip
-    """State one count."""
+    """Add one count."""
     triples.node(
         node,
         [RT.GraspStatistics],

@@ -106,7 +106,7 @@ def find_attempt(
     if thing:
         patterns.append(f"?task rt:through ?attempt ; rt:handles {iri(thing)} .")
     if not patterns:
-        raise UsageError("task_id is missing: or name the object and the grasp", field="task_id")
+        raise UsageError("task_id is missing; alternatively give object or grasp", field="task_id")
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?attempt ?outcome ?grasp ?robot ?gripper ?decided ?code ?fast ?by ?held ?why ?said ?time
 WHERE {{
@@ -157,7 +157,7 @@ def _time(value: Any) -> dt.datetime:
 
 
 def _nothing_fits(context: Context, **named: str | None) -> str:
-    """Return why there is nothing to judge, with the nearest name among the latest attempts."""
+    """Return why no attempt matches, with the nearest name among the latest attempts."""
     said = {name: value for name, value in named.items() if value}
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT ?task_id ?grasp ?object WHERE {{

@@ -1,1 +1,1 @@
-"""The operations that robots and people may ask for, one file each."""
+"""Operations for robots and people, one file each."""

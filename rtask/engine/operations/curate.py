@@ -1,7 +1,7 @@
-"""People put objects right: two that are one, one that is two, what shall be forgotten.
+"""Corrections by people: merge, split or forget objects, and undo such a change.
 
-One person at a time: what a request names is looked up when its turn has come, so that of two who
-merge the same objects, or each into the other, the second one hears what the first one did.
+Requests are carried out one at a time, and their objects are looked up under the lock. When two
+people merge the same objects, or each into the other, the second sees what the first did.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ __all__ = ["CurateObject", "Curated", "author_of", "curate_object", "object_mean
 
 
 class CurateObject(Message):
-    """What a person puts right about objects."""
+    """A correction of objects by a person."""
 
     operation: Literal["merge", "split", "forget", "undo"]
-    """what the person wants"""
+    """the kind of correction"""
     object: Text | None = None
     """IRI of the object, or its name; default: none, as for undo"""
     into: Text | None = None
-    """merge: IRI or name of the object that it turned out to be; default: none"""
+    """merge: IRI or name of the object that is kept; default: none"""
     views: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
     """split: IRIs of the views that show another object; forget: only these views"""
     name: Text | None = None
-    """split: what people call the new object; default: made of kind and number"""
+    """split: name of the new object; default: made of kind and number"""
     purge: Flag = False
-    """forget: with all that was tried on it, and the bytes at once"""
+    """forget: also delete its attempts, and its bytes at once"""
     commit: Text | None = None
-    """undo: the commit to take back, as answered; default: none"""
+    """undo: the commit to undo, as answered; default: none"""
     operator: Text | None = None
-    """who says so; default: the caller"""
+    """name of the person; default: the caller"""
 
 
 class Curated(Answer):
-    """The object that there is now, and the commit that undo takes back."""
+    """The resulting object, and the commit, which can be undone."""
 
     object: str
     commit: str
@@ -59,25 +59,25 @@ class Curated(Answer):
     removed: int
 
 
-@operation("teach", "merge two objects, split one, forget one, take it back")
+@operation("teach", "merge two objects, split one, forget one, or undo such a change")
 def curate_object(context: Context, request: CurateObject, access: Access) -> Curated:
-    """Carry out what a person wants; robots have no right to it."""
+    """Carry out a correction; robots may not."""
     author = author_of(context, request.operator, access)
     with context.writing:
         return _curate(context, request, author)
 
 
 def author_of(context: Context, operator: str | None, access: Access) -> Access:
-    """Return in whose name a person's change is made; nobody changes in another person's name.
+    """Return the author of a person's change, who is the owner of the token if there is one.
 
     Raises
     ------
     ForbiddenError
-        The token is another person's.
+        The token belongs to another person.
     """
     if access.role == "teacher" and access.agent and operator and operator != access.agent:
         raise ForbiddenError(
-            f"the token belongs to {access.agent!r}: it cannot change in the name of {operator!r}"
+            f"the token belongs to {access.agent!r}: it cannot act for {operator!r}"
         )
     return context.author(access, operator, "teacher")
 
@@ -86,7 +86,7 @@ def _curate(context: Context, request: CurateObject, author: Access) -> Curated:
     operation = request.operation
     if operation == "undo":
         if not request.commit:
-            raise UsageError("commit is missing: which one is taken back?", field="commit")
+            raise UsageError("commit is missing: the commit to undo", field="commit")
         return _answer(context, undo(context, request.commit, author), "")
     thing = object_meant(context, request.object, "object")
     if operation == "merge":
@@ -102,12 +102,12 @@ def _curate(context: Context, request: CurateObject, author: Access) -> Curated:
 
 
 def object_meant(context: Context, name: str | None, field: str) -> NamedNode:
-    """Return the object that a field of a request means: by IRI, former IRI, objectId or name.
+    """Return the object that a field names by IRI, former IRI, objectId or name.
 
     Raises
     ------
     UsageError
-        The field is empty, or several objects are called so.
+        The field is empty, or several objects have the name.
     UnknownTermError
         There is no such object, or it was forgotten.
     """
@@ -120,7 +120,7 @@ SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:
   FILTER(STR(?object) = {text} || STR(?id) = {text} || STR(?name) = {text}) }} LIMIT 2""")
     things = [row["object"] for row in rows]
     if len(things) > 1:
-        raise UsageError(f"{field}: several objects are called {name!r}; give the IRI", field=field)
+        raise UsageError(f"{field}: several objects are named {name!r}; give the IRI", field=field)
     if things:
         assert isinstance(things[0], NamedNode)
         return things[0]
@@ -128,7 +128,7 @@ SELECT DISTINCT ?object WHERE {{ ?object rt:objectId ?id OPTIONAL {{ ?object rt:
         raise UnknownTermError(f"{field}: the object {name} was forgotten", field=field)
     known = kb.select(f"{PREFIXES}SELECT DISTINCT ?n {{ ?o rt:objectId ?id ; rt:name ?n }}")
     hint = nearest(name, [str(row.value("n")) for row in known])
-    raise UnknownTermError(f"{field}: the graph knows no object {name}{hint}", field=field)
+    raise UnknownTermError(f"{field}: the graph has no object {name}{hint}", field=field)
 
 
 def _answer(context: Context, commit: Commit, thing: str) -> Curated:

@@ -1,9 +1,9 @@
-"""People judge what came of a grasp: confirm, correct or refuse what the robot reported.
+"""Verdicts of people on reported outcomes: confirm, correct or refuse.
 
-Physics and people may both speak about an outcome, and all of it is kept: who said what when. What
-most people say, each by the latest word, is what learners count; it outweighs what the robot
-decided. Where as many say the one as the other the outcome is disputed, and counts nowhere until
-somebody else speaks. The counts of the grasp and the belief in it change in the same commit.
+Every verdict is kept with its author and time. The majority of the latest verdicts, one per person,
+outweighs the robot's report and is what learners count. With as many verdicts for as against, the
+outcome is disputed and not counted until another person decides. The counts of the grasp and the
+belief in it change in the same commit.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ __all__ = ["Feedback", "GiveFeedback", "GivenVerdict", "give_feedback"]
 
 
 class GiveFeedback(Message):
-    """What a person thinks of what a robot reported."""
+    """A person's verdict on a reported outcome."""
 
     verdict: Literal["confirm", "refuse", "correct"]
-    """what the person thinks of the report"""
+    """the person's verdict on the report"""
     task_id: Text | None = None
-    """of the attempt that is judged; default: found by grasp or object"""
+    """of the attempt to judge; default: found by grasp or object"""
     object: Iri | None = None
     """IRI of the object whose last attempt is meant; default: found by task_id or grasp"""
     grasp: Iri | None = None
     """IRI of the grasp whose last attempt is meant; default: found by task_id or object"""
     held: Flag | None = None
-    """whether it held; to correct; default: as the verdict says"""
+    """whether it held, to correct the report; default: as the verdict says"""
     reason: Text | None = None
-    """code of why it ended so, in the person's opinion; default: none"""
+    """code of the reason in the person's opinion; default: none"""
     operator: Text | None = None
-    """who says so; with a token, the token's person; default: the caller"""
+    """name of the person, or of the token's owner; default: the caller"""
     comment: Text | None = None
-    """in the person's words; default: none"""
+    """remark of the person; default: none"""
 
 
 class GivenVerdict(Answer):
-    """What one person said about an attempt."""
+    """One person's verdict on an attempt."""
 
     by: str
     held: bool
@@ -63,7 +63,7 @@ class GivenVerdict(Answer):
 
 
 class Feedback(Answer):
-    """Everything that was said about an attempt, and what counts."""
+    """All verdicts on an attempt, and the resulting label."""
 
     stored: int
     commit: str
@@ -83,7 +83,7 @@ class Feedback(Answer):
 
 @dataclass(frozen=True)
 class _Recounting(Access):
-    """A person's rights, and that to correct the counts that the verdict changes."""
+    """A person's rights, extended to the counts that the verdict changes."""
 
     counts: GraphName | None = None
 
@@ -93,7 +93,7 @@ class _Recounting(Access):
 
 @operation("teach", "confirm, correct or refuse what a robot reported")
 def give_feedback(context: Context, request: GiveFeedback, access: Access) -> Feedback:
-    """Store a person's verdict; answer with everything that is said and what follows from it."""
+    """Store a person's verdict; answer with all verdicts and the resulting label."""
     operator = _operator(request.operator, access)
     with context.writing:
         before = find_attempt(
@@ -109,27 +109,27 @@ def give_feedback(context: Context, request: GiveFeedback, access: Access) -> Fe
 
 
 def _operator(named: str | None, access: Access) -> str:
-    """Return who speaks; nobody speaks for another person.
+    """Return the author of a verdict, who is the owner of the token if there is one.
 
     Raises
     ------
     ForbiddenError
-        The token is another person's.
+        The token belongs to another person.
     """
     if access.role == "teacher" and access.agent and named and named != access.agent:
         raise ForbiddenError(
-            f"the token belongs to {access.agent!r}: it cannot say what {named!r} thinks"
+            f"the token belongs to {access.agent!r}: it cannot judge for {named!r}"
         )
     return named or access.agent or "operator"
 
 
 def _verdict(context: Context, request: GiveFeedback, judged: Judged, operator: str) -> Verdict:
-    """Return the verdict that a request means for an attempt."""
+    """Return the verdict of a request on an attempt."""
     kind, held, code = request.verdict, request.held, request.reason or ""
     if kind == "correct" and held is None and not code:
-        raise UsageError("held is missing: to correct, say what is right", field="held")
+        raise UsageError("held is missing: a correction needs the right outcome", field="held")
     if kind != "correct" and held is not None:
-        raise UsageError(f"held: to {kind} says it already; correct takes it", field="held")
+        raise UsageError(f"held: only a correction takes it, not {kind}", field="held")
     if kind == "confirm":
         held = judged.decided
     elif kind == "refuse":
@@ -151,7 +151,7 @@ def _same(a: Verdict, b: Verdict) -> bool:
 
 
 def _write(context: Context, before: Judged, after: Judged, author: Access) -> str:
-    """Store the last verdict of an attempt with the counts and the belief that follow."""
+    """Store the last verdict on an attempt with the resulting counts and belief."""
     triples, counts = Triples(), Triples()
     state_verdict(context, triples, after.outcome, after.verdicts[-1], after.votes)
     home, kept = context.home_graph(author), context.kb.graphs.agent(tail(after.robot))
@@ -164,7 +164,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
             pending=Pending(),
         )  # fmt: skip
         totals = judged_counts(context, after.grasp)
-        # Without a reasoner the graph counts what robots decided.
+        # Without a reasoner the counts follow the reports of robots.
         seen = was if context.kb.reasons else label_of(replace(before, verdicts=()))
         for label, more in ((seen, -1), (now, 1)):
             if label is not None:
@@ -212,7 +212,7 @@ def _answer(context: Context, judged: Judged, stored: int, commit: str) -> Feedb
 
 
 def _sentence(judged: Judged) -> str:
-    """Return what is said about an attempt and what counts, in words."""
+    """Return all verdicts on an attempt and the resulting label, in words."""
     held, lost = judged.votes
     report = f"the robot says that it {'held' if judged.decided else 'did not hold'}"
     if not judged.verdicts:

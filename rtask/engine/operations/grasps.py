@@ -1,4 +1,4 @@
-"""What is known about taking one object, without looking at it."""
+"""Known grasps of one object, recalled without an observation."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ __all__ = [
 
 
 class RecallGrasps(Message):
-    """A question about a known object."""
+    """A request for the known grasps of an object."""
 
     object: Text
     """IRI, objectId or name of the object"""
     gripper_id: Text | None = None
-    """only grasps of this gripper's type; default: grasps of all types"""
+    """restricts the answer to its type; default: all types"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
-    """length of the answer's list"""
+    """maximum number of grasps"""
     in_space: Flag = True
-    """grasps from any direction, not only those from above"""
+    """include grasps from any direction, not only from above"""
 
 
 class GraspConfidence(Answer):
-    """How sure a grasp is over all robots: a Beta distribution, and the prior it began with."""
+    """Confidence in a grasp over all robots: a Beta distribution and its prior."""
 
     mean: float
     alpha: float
@@ -65,7 +65,7 @@ class GraspConfidence(Answer):
 
 
 class GraspFields(Answer):
-    """The members of moveit_msgs/Grasp but for its id."""
+    """The fields of moveit_msgs/Grasp without its id."""
 
     pre_grasp_posture: Json
     """trajectory_msgs/JointTrajectory"""
@@ -85,7 +85,7 @@ class GraspFields(Answer):
 
 
 class _Named(Answer):
-    """The id of a grasp, which comes before its other members."""
+    """The id of a grasp; a base class so that it comes first."""
 
     id: str
 
@@ -111,7 +111,7 @@ class RecalledGrasp(GraspMessage):
 
 
 class RecalledGrasps(Answer):
-    """The known grasps of an object, the surest first."""
+    """The known grasps of an object, most reliable first."""
 
     object: str
     class_iri: str
@@ -121,7 +121,7 @@ class RecalledGrasps(Answer):
 
 @operation("read", "list the known grasps of a known object")
 def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> RecalledGrasps:
-    """Return the grasps of an object in its own frame, the surest first."""
+    """Return the grasps of an object in its own frame, most reliable first."""
     name = known_object(context, request.object)
     memory = recall(context.kb, Question(objects=(name,), in_space=request.in_space))
     known = memory.objects[name]
@@ -138,9 +138,9 @@ def recall_grasps(context: Context, request: RecallGrasps, access: Access) -> Re
 
 
 def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[RecalledGrasp]:
-    """Return grasps in their object's frame as messages carry them, the surest first.
+    """Return grasps as messages in their object's frame, most reliable first.
 
-    Surest is the best lower bound on what happened, then the stored quality.
+    They are ordered by the lower bound on their success rate, then by the stored quality.
     """
     order = sorted(
         grasps, key=lambda g: (-lower_95(g.successes, g.attempts), -g.successes, -g.quality)
@@ -149,7 +149,7 @@ def recalled(context: Context, grasps: Iterable[Remembered], most: int) -> list[
 
 
 def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[RecalledGrasp]:
-    """Return grasps in their object's frame as messages carry them, in the given order."""
+    """Return grasps as messages in their object's frame, in the given order."""
     stored = stored_confidences(context, [g.grasp for g in grasps])
     return [
         RecalledGrasp(
@@ -170,7 +170,7 @@ def as_messages(context: Context, grasps: Sequence[Remembered]) -> list[Recalled
 
 
 def _message(context: Context, known: Remembered) -> dict[str, Any]:
-    """Return a grasp as moveit_msgs/Grasp in its object's frame, for its type of gripper."""
+    """Return a grasp as moveit_msgs/Grasp in its object's frame, for its gripper type."""
     kind, opening = known.gripper_type, known.opening
     hands = [one.gripper for one in context.grippers.all() if one.gripper.gripper_type == kind]
     hand = hands[0] if hands else ParallelGripper(kind, kind, 0.0, max(opening, 1e-3))
@@ -183,9 +183,9 @@ def _message(context: Context, known: Remembered) -> dict[str, Any]:
 
 
 def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> GraspConfidence:
-    """Return prior and posterior of a grasp; before the first outcome the two are one.
+    """Return prior and posterior of a grasp, which are equal before the first outcome.
 
-    A belief that was stored under other rules is computed anew from the attempts.
+    A belief that was stored under other rules is recomputed from the attempts.
     """
     policy, note = context.policy, ""
     prior = grasp.prior if stored.prior is None else stored.prior

@@ -1,7 +1,7 @@
-"""Insert what a robot saw and what came of grasping it (Gatto 2016, 3.2.4: insert a new object).
+"""Insertion of observed objects and grasp outcomes (Gatto 2016, 3.2.4: insert a new object).
 
-Everything of one call becomes one commit in the caller's own graph: new objects, views with their
-bytes, grasps, attempts, outcomes, counts. Recognition learns the views right after.
+One call is one commit in the caller's own graph: new objects, views with their bytes, grasps,
+attempts, outcomes, counts. The views are added to the recognition index right after the commit.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ _UNKNOWN_GRIPPER = "unknown"
 
 
 class InsertObject(Message):
-    """A list of things that were seen, or the fields of one of them."""
+    """A list of observed objects, or the fields of a single one."""
 
     entries = "objects"
     objects: Annotated[list[NewObject], MinLen(1), MaxLen(32)]
-    """what was seen"""
+    """the observed objects"""
 
 
 class InsertedObject(Answer):
-    """What became of one entry."""
+    """Result for one entry."""
 
     object: str
     class_: str = named("class")
@@ -84,17 +84,17 @@ class InsertedObject(Answer):
 
 
 class Inserted(Answer):
-    """What was stored."""
+    """Result of an insertion."""
 
     stored: int
-    """number of entries that were not stored before"""
+    """number of newly stored entries"""
     commit: str
     objects: list[InsertedObject]
 
 
 @operation("write", "store what was seen and what came of grasping it")
 def insert_object(context: Context, request: InsertObject, access: Access) -> Inserted:
-    """Store a list of objects as one commit; the first bad entry refuses all."""
+    """Store a list of objects in one commit; one invalid entry rejects them all."""
     prepared = []
     for k, item in enumerate(request.objects):
         where = f"objects[{k}]."
@@ -122,7 +122,7 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
 
 
 class _Writer:
-    """Turns prepared entries into statements; the caller holds the engine's write lock."""
+    """Converts prepared entries to triples; the caller holds the engine's write lock."""
 
     def __init__(self, context: Context, author: Access, access: Access) -> None:
         self.context = context
@@ -140,13 +140,13 @@ class _Writer:
         self._told: dict[str, dict[str, Any]] = {}
 
     def write(self, one: Prepared | Repeated) -> dict[str, Any]:
-        """State one entry, unless its id was stored before; return its part of the answer."""
+        """Add the triples of one entry unless its id is already stored; return its result."""
         if isinstance(one, Repeated):
             return self._answer_again(one.before)
         task_id = one.item.task_id
         if task_id in self._told:
             return {**self._told[task_id], "new": False}
-        # Again under the lock: the same request may have come in twice at once.
+        # Checked again under the lock, since the same request may arrive twice at once.
         before = stored_before(self.context, task_id, self.author, one.gripper)
         if before is not None:
             return self._answer_again(before)
@@ -162,17 +162,17 @@ class _Writer:
         return answer
 
     def _may_be_twin(self, one: Prepared) -> bool:
-        """Tell whether a thing that looked new may have been stored since it was recognised.
+        """Tell whether an unknown object may have been stored since recognition.
 
-        Robots that insert one product at once all find it unknown; each but the first must
-        recognise what the first has stored, or one product becomes several objects.
+        Robots that insert the same product at the same time all find it unknown. All but the
+        first must recognise it again, or one product becomes several objects.
         """
         return (
             one.known is None and one.item.merge and one.generation != self.context.views.generation
         )
 
     def _answer_again(self, before: Earlier) -> dict[str, Any]:
-        """Return what a repeated request is told: what the first one stored."""
+        """Return the result of a repeated request: what the first one stored."""
         question = Question(objects=(before.thing,))
         known = recall(self.context.kb, question).objects.get(before.thing)
         return _entry(
@@ -206,13 +206,13 @@ class _Writer:
         )  # fmt: skip
 
     def _grown(self, one: Prepared, thing: NamedNode) -> NDArray[np.float64] | None:
-        """State the model with this view in it; return how the camera stood, as the model says."""
+        """Add the model grown by this view; return the pose of the camera by the model."""
         growth, context = one.growth, self.context
         if growth is None:
             return None
         now = context.models.of(thing)
         if thing in self._grown_things or growth.before != ("" if now is None else now[0].blob):
-            # Another view came in between: what grew from the model before would lose it.
+            # Another view was added in between and would be lost.
             if thing in self._grown_things:
                 return None
             growth = grow(
@@ -246,7 +246,7 @@ class _Writer:
         return recorded.grasp
 
     def _new_object(self, one: Prepared) -> tuple[NamedNode, str, str, str]:
-        """State a new object; return it with class, short id and label."""
+        """Add a new object; return it with class, short id and label."""
         context = self.context
         thing = context.names.counted("object")
         guess = one.seen.guess

@@ -1,4 +1,4 @@
-"""Report what came of a grasp: one commit in the robot's own graph, once for each task."""
+"""Reports of grasp outcomes: one commit in the robot's own graph, once for each task."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _FLAT = ("success", "reason", "lifted_m", "slip", "duration_s", "confirmed_by", 
 
 
 class ReportOutcome(Message):
-    """What came of a grasp on a known object."""
+    """Outcome of a grasp on a known object."""
 
     task_id: Text | None = None
-    """of the decision; the same id stores once; default: a new task"""
+    """of the decision; stored once for each id; default: a new task"""
     object: Iri | None = None
-    """IRI of the object; default: the one of the decision"""
+    """IRI of the object; default: that of the decision"""
     grasp: Grasp | None = None
     """its id, or the whole grasp as received; default: given by grasp_pose"""
     grasp_pose: Grasp | None = None
@@ -41,32 +41,32 @@ class ReportOutcome(Message):
     gripper_id: Text | None = None
     """name or IRI of the end effector; default: the robot's only one"""
     task: Text = "pick"
-    """what it was for: pick, place, push"""
+    """purpose of the grasp: pick, place, push"""
     outcome: OutcomeReport | None = None
-    """what came of it; default: given by success and the fields after it"""
+    """the outcome; default: given by success and the fields after it"""
     success: Flag | None = None
-    """whether it held, when there is no outcome; default: given by outcome"""
+    """whether it held, without an outcome; default: given by outcome"""
     reason: Text | None = None
-    """why it ended as it did, when there is no outcome; default: ok if it held, else not judged"""
+    """code of the reason, without an outcome; default: ok if it held, else not judged"""
     lifted_m: Annotated[Number, Unit("m")] | None = None
-    """height reached, when there is no outcome; default: not known"""
+    """height reached, without an outcome; default: not known"""
     slip: Annotated[Number, Unit("m")] | None = None
-    """slip in the hand, when there is no outcome; default: not known"""
+    """slip in the hand, without an outcome; default: not known"""
     duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """of the attempt, when there is no outcome; default: not known"""
+    """of the attempt, without an outcome; default: not known"""
     confirmed_by: Literal["physics", "human"] | None = None
-    """who says so; default: nobody"""
+    """who confirmed it; default: nobody"""
     operator: Text | None = None
-    """the person, when a person says so; default: nobody"""
+    """name of the person who confirmed it; default: nobody"""
     stamp: Stamp | None = None
     """when the attempt ended; default: now"""
 
 
 class ReportedOutcome(Answer):
-    """What was stored of an attempt, and how often its grasp held over all robots."""
+    """What was stored of an attempt, and the statistics of its grasp over all robots."""
 
     stored: int
-    """0 when the task's outcome was stored before"""
+    """0 if the outcome of the task is already stored"""
     commit: str
     statistics: GraspStatistics
     grasp: str
@@ -120,7 +120,7 @@ def report_outcome(context: Context, request: ReportOutcome, access: Access) -> 
 
 
 def _report(request: ReportOutcome) -> OutcomeReport:
-    """Return the outcome, or the one that single fields of the request tell."""
+    """Return the outcome, or one made of the single fields of the request."""
     if request.outcome is not None:
         return request.outcome
     return read(OutcomeReport, {name: getattr(request, name) for name in _FLAT})
@@ -137,12 +137,12 @@ def _grasp(request: ReportOutcome) -> Any:
 def _object(context: Context, name: str) -> NamedNode:
     if not name:
         raise UsageError(
-            "object is missing: an object that the graph does not know yet is told with "
+            "object is missing; a new object is stored with "
             "insert_object", field="object",
         )  # fmt: skip
     thing = iri(name)
     if not context.kb.match(thing, RT.objectId):
-        raise UnknownTermError(f"object: the graph knows no object {name}")
+        raise UnknownTermError(f"object: the graph has no object {name}")
     return thing
 
 

@@ -1,4 +1,4 @@
-"""Grasps planned on an object's shape, into the graph: recalled and offered like any other."""
+"""Planned grasps: computed on an object's shape and stored like any other grasp."""
 
 from __future__ import annotations
 
@@ -50,32 +50,32 @@ _TRIES = 1500
 
 
 class PlanInSpace(Message):
-    """Grasps in space of a known object are to be planned."""
+    """A request to plan grasps in space of a known object."""
 
     object: Text
     """IRI, objectId or name of the object"""
     gripper_id: Text | None = None
     """name or IRI of the end effector; default: the robot's only one"""
     mass: Annotated[Number, Unit("kg"), Ge(0.001), Le(1000)] | None = None
-    """of the object, whose weight must be held; default: as stored"""
+    """mass of the object to lift; default: as stored"""
     friction: Annotated[Number, Ge(0.01), Le(2)] | None = None
-    """between pads and object; default: that of the gripper"""
+    """coefficient between pads and object; default: that of the gripper"""
     position_std: Annotated[Number, Unit("m"), Ge(0), Le(0.1)] = 0.004
-    """of the object's position"""
+    """standard deviation of the object's position"""
     rotation_std: Annotated[Number, Unit("rad"), Ge(0), Le(1)] = 0.1
-    """of its rotation"""
+    """standard deviation of its rotation"""
     samples: Annotated[Whole, Ge(1), Le(1000)] = 100
-    """perturbed poses of each grasp"""
+    """number of perturbed poses of each grasp"""
     min_confidence: Probability = 0.3
-    """c_G: grasps below it are not stored"""
+    """c_G; grasps below it are not stored"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
-    """how many are stored at most"""
+    """maximum number to store"""
     seed: Annotated[Whole, Ge(0)] = 0
-    """of the draws"""
+    """seed of the random numbers"""
 
 
 class PlannedGrasps(Answer):
-    """The grasps that were planned, best first, or why there is none."""
+    """The planned grasps, best first, or the reason why there are none."""
 
     object: str
     shape: str
@@ -90,7 +90,7 @@ Planned = TypeVar("Planned")
 
 @dataclass(frozen=True)
 class PlannedGrasp:
-    """A grasp in the object's frame and what was computed about it.
+    """A planned grasp from above, in the object's frame.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class PlannedGrasp:
 
 @dataclass(frozen=True)
 class PlannedSpatialGrasp:
-    """A grasp in space in the object's frame and what was computed about it.
+    """A planned grasp in space, in the object's frame.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class PlannedSpatialGrasp:
 def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> PlannedGrasps:
     """Plan grasps in space on the best stored shape of an object, store them and return them.
 
-    Nothing that could hold it is an answer: ``reason`` says why, and nothing is stored.
+    If no grasp can hold it, ``reason`` says why, and nothing is stored.
     """
     from grasp.spatial.grasp_plan import SpatialOptions
     from grasp.spatial.scoring.confidence import PoseNoise
@@ -214,7 +214,7 @@ def store_planned(
     gripper_type: str,
     access: Access | None = None,
 ) -> dict[str, Any]:
-    """Write planned grasps of an object with their evaluations; they are recalled like any other.
+    """Store planned grasps of an object with their evaluations.
 
     Returns
     -------
@@ -248,10 +248,10 @@ def store_planned_in_space(
     access: Access | None = None,
     derived_from: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write grasps in space of an object with their evaluations.
+    """Store grasps in space of an object with their evaluations.
 
-    Those that come within 20 degrees from above are planar grasps as well and are stored as such,
-    the others with their full pose.
+    Grasps within 20 degrees of the vertical are stored as planar grasps, the others with their
+    full pose.
 
     Parameters
     ----------
@@ -264,11 +264,11 @@ def store_planned_in_space(
     """
 
     def as_received(planned: PlannedSpatialGrasp) -> Received:
-        at, turn = in_object(planned.object_from_gripper)
+        at, orientation = in_object(planned.object_from_gripper)
         is_planar = tilt(planned.object_from_gripper @ _UPSIDE_DOWN) < MAX_TILT
         return Received(
             in_object=at,
-            turn=None if is_planar else turn,
+            orientation=None if is_planar else orientation,
             width=planned.width,
             opening=planned.opening,
             quality=planned.confidence,
@@ -299,9 +299,9 @@ def _store(
     access: Access | None,
     derived_from: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Commit grasps, each with its evaluation, and return what a caller learns of it.
+    """Commit grasps, each with its evaluation.
 
-    A grasp that the object has already keeps the evaluation with which its belief began.
+    A grasp that is already stored keeps the evaluation that is its prior.
     """
     if not grasps:
         raise UsageError("there are no grasps to store")

@@ -1,7 +1,7 @@
-"""Which object is this, and how is it taken? (Gatto 2016, 3.2.4: request recognition for grasping)
+"""Recognition of an object and choice of a grasp (Gatto 2016, 3.2.4: recognition for grasping).
 
-Decode, describe, match, ask the graph once, propose, choose. Nothing is written; the outcome is,
-under the task that the answer names.
+Decode, describe, match, query the graph once, propose, choose. Nothing is written; the robot
+reports the outcome under the task that the answer names.
 """
 
 from __future__ import annotations
@@ -53,53 +53,53 @@ __all__ = [
     "recognise_for_grasp",
 ]
 
-_MOST_CANDIDATES = 50
-_MOST_MATCHES = 10
+_MAX_CANDIDATES = 50
+_MAX_MATCHES = 10
 _STEPS = (
     "decode_s", "extraction_s", "matching_s", "query_s", "pose_s", "generation_s", "choice_s",
 )  # fmt: skip
 
 
 class _Wanted(Message):
-    """What a look is for; these fields come before those of the look."""
+    """Purpose of an observation; a base class so that these fields come first."""
 
     task: Text = "pick"
-    """what it is for: pick, place, push"""
+    """purpose of the grasp: pick, place, push"""
     gripper_id: Text
     """name or IRI of the end effector"""
 
 
 class RecogniseForGrasp(Look, _Wanted):
-    """A question: which object is this, and how is it grasped?"""
+    """A request to recognise an object and to choose a grasp."""
 
     object: Iri | None = None
-    """IRI, when the robot followed the object; default: the one that is recognised"""
+    """IRI of an object that the robot has tracked; default: recognised"""
     min_confidence: Probability | None = None
-    """for the object to count as recognised; default: by the policy"""
+    """least confidence to count as recognised; default: by the policy"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
-    """length of the answer's list"""
+    """maximum number of grasps"""
     propose: Flag = False
-    """propose grasps where none is known"""
+    """propose grasps if none is known"""
     in_space: Flag = False
-    """offer known grasps from any direction too, for arms that can"""
+    """include known grasps from any direction, for arms that can reach"""
     exclude: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
     """ids of grasps not to offer again"""
     seed: Annotated[Whole, Ge(0)] = 0
-    """of the choice"""
+    """seed of the choice"""
     neighbours: Points | None = None
-    """points of what stands around, frame_id; default: none"""
+    """points of neighbouring objects in frame_id; default: none"""
     decide: Flag = False
-    """answer with a grasp or with the confidence that was too low"""
+    """answer with a grasp, or with the confidence that is too low"""
     min_identity: Probability | None = None
-    """c_I, that it is this object; asks to decide; default: no decision is asked for"""
+    """c_I, least confidence in the identity; default: decide says"""
     min_pose: Probability | None = None
-    """c_T, that it is where it seems; asks to decide; default: no decision is asked for"""
+    """c_T, least confidence in the pose; default: decide says"""
     min_grasp: Probability | None = None
-    """c_G, that the grasp will hold; asks to decide; default: no decision is asked for"""
+    """c_G, least confidence in the grasp; default: decide says"""
 
 
 class OfferedGrasp(GraspMessage):
-    """One grasp to try: a moveit_msgs/Grasp, and why it has its place in the order."""
+    """A grasp to try: a moveit_msgs/Grasp with its belief and the reasons for its rank."""
 
     kind: str
     """planar or spatial"""
@@ -121,7 +121,7 @@ class OfferedGrasp(GraspMessage):
 
 
 class _Recognised(Answer):
-    """The object; these members come before those of the grasp to try first."""
+    """The recognised object; a base class so that its fields come first."""
 
     task_response: str
     """grasp, candidate, no_grasp or unknown"""
@@ -135,7 +135,7 @@ class _Recognised(Answer):
 
 
 class Recognition(GraspFields, _Recognised):
-    """The object and its grasps; `decision` is null unless one was asked for."""
+    """The object and its grasps; `decision` is null unless requested."""
 
     grasps: list[OfferedGrasp]
     shape: Json | None
@@ -171,7 +171,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class Situation:
-    """What is known when the choice is made."""
+    """Input of the choice of a grasp."""
 
     observation: Observation
     recognition: Matches
@@ -187,7 +187,7 @@ class Situation:
 def recognise_for_grasp(
     context: Context, request: RecogniseForGrasp, access: Access
 ) -> Recognition:
-    """Answer with the object, its grasps in the learner's order, and why."""
+    """Return the object and its grasps in the learner's order, with reasons."""
     clock = Clock(*_STEPS)
     find_task(request.task)
     gripper = context.grippers.find(request.gripper_id, access.agent)
@@ -196,7 +196,7 @@ def recognise_for_grasp(
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
     least = request.min_confidence if thresholds is None else thresholds.identity
-    recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES, least)
+    recognition = recognise(context.views.recogniser, seen, context.policy, _MAX_MATCHES, least)
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
     question = replace(question, in_space=request.in_space)
@@ -229,11 +229,11 @@ def recognise_for_grasp(
 
 
 def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownObject | None:
-    """Return the object in question: the one the robot followed, else the one recognised."""
+    """Return the object in question: the tracked one, else the recognised one."""
     if tracked:
         known = memory.objects.get(tracked)
         if known is None:
-            raise UnknownTermError(f"object: the graph knows no object {tracked}")
+            raise UnknownTermError(f"object: the graph has no object {tracked}")
         return known
     return memory.objects.get(recognition.matches[0].object_iri) if recognition.accepted else None
 
@@ -252,7 +252,7 @@ def _choose(
         neighbours, request.seed, _pose_in_space(placement, situation.pose),
     )  # fmt: skip
     object_iri = situation.known.iri if situation.known else None
-    found = options(scene, situation.memory, object_iri, request.propose, _MOST_CANDIDATES)
+    found = options(scene, situation.memory, object_iri, request.propose, _MAX_CANDIDATES)
     excluded = set(request.exclude)
     found = [option for option in found if option.id not in excluded]
     clock.lap("generation_s")
@@ -265,10 +265,10 @@ def _choose(
 
 
 def _pose_in_space(placement: Placement, pose: ObjectPose | None) -> NDArray[np.float64] | None:
-    """Return the pose (4, 4) in which grasps in space hold, None where it is not known.
+    """Return the pose (4, 4) for grasps in space, or None if it is unknown.
 
-    The measured sides are the more exact as long as the object stands; an accepted pose tells how
-    it lies.
+    The measured sides are more exact while the object stands upright; otherwise an accepted pose
+    is used.
     """
     if pose is not None and pose.accepted and tilt(pose.frame_from_object) >= MAX_TILT:
         return pose.frame_from_object
@@ -278,7 +278,7 @@ def _pose_in_space(placement: Placement, pose: ObjectPose | None) -> NDArray[np.
 def _decided(
     situation: Situation, thresholds: Thresholds | None
 ) -> tuple[Situation, dict[str, Any] | None]:
-    """Return what is left of a situation by the thresholds, and the decision, if one was asked."""
+    """Return the situation above the thresholds, and the decision if one was requested."""
     if thresholds is None:
         return situation, None
     decision = decide(thresholds, _assessment(situation), _identity(situation))
@@ -299,7 +299,7 @@ def _assessment(situation: Situation) -> Assessment:
 
 
 def _identity(situation: Situation) -> float:
-    """Return how sure it is that this is the object: of the best match where none was accepted."""
+    """Return the confidence in the identity, of the best match if none was accepted."""
     known, matches = situation.known, situation.recognition.matches
     if known is None:
         return float(matches[0].confidence) if matches else 0.0
@@ -310,7 +310,7 @@ def _identity(situation: Situation) -> float:
 
 
 def _fields(situation: Situation, max_grasps: int) -> dict[str, Any]:
-    """Return the fields of the answer that follow from a situation."""
+    """Return the fields of the answer for a situation."""
     seen, known = situation.observation, situation.known
     grasps = [_grasp(option, situation) for option in situation.chosen[:max_grasps]]
     first = situation.chosen[0] if situation.chosen else None

@@ -1,9 +1,9 @@
-"""Resolve a request for a kind or use of thing to one seen object and its grasps (Gatto 2016, 5).
+"""Resolution of a request for a kind or use of object to one visible object (Gatto 2016, 5).
 
-The words become classes and functions; the reasoner's closure says which objects are of them, the
-gripper which of those it can hold, the robot's eyes which are there. One query finds the objects,
-one recalls their grasps. What cannot be met is told in the order of the reasons: no such kind,
-nothing of it seen, seen and not to be held, known and seen elsewhere.
+The words are mapped to classes and functions. The reasoner's closure gives the objects that fit,
+the gripper's limits those that it can hold, the robot's observations those that are visible. One
+query finds the objects, another recalls their grasps. Reasons for failure come in this order: no
+such kind, none visible, visible but impossible to hold, known and last seen elsewhere.
 """
 
 from __future__ import annotations
@@ -39,32 +39,32 @@ if TYPE_CHECKING:
 
 __all__ = ["OfferedObject", "Reason", "ResolveRequest", "ResolvedRequest", "resolve_request"]
 
-_MOST_FOUND = 200
-_MOST_ELSEWHERE = 3
-_MOST_SEEN = 100
+_MAX_FOUND = 200
+_MAX_ELSEWHERE = 3
+_MAX_SEEN = 100
 
 
 class ResolveRequest(Message):
-    """A wish: which of the objects that are seen serves it?"""
+    """A request for an object of some kind or use among those seen."""
 
     wanted: Text
     """words, or the IRI of a class or function"""
     gripper_id: Text | None = None
-    """name or IRI of the end effector that is to hold it; default: the robot's only one"""
-    objects: Annotated[Texts, MaxLen(_MOST_SEEN)] | None = None
+    """name or IRI of the end effector to hold it; default: the robot's only one"""
+    objects: Annotated[Texts, MaxLen(_MAX_SEEN)] | None = None
     """IRIs of the objects seen now, perhaps none; default: those seen within seen_within_s"""
     seen_within_s: Annotated[Number, Unit("s"), Ge(0)] = 600.0
-    """without objects: how fresh a look counts"""
+    """without objects: maximum age of an observation"""
     exclude: Annotated[Texts, MaxLen(1000)] = Field(default_factory=list)
     """IRIs of objects not to offer again"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
-    """length of the list of grasps"""
+    """maximum number of grasps"""
     prove: Flag = True
-    """ask the reasoner for proofs"""
+    """include the reasoner's proofs"""
 
 
 class OfferedObject(Answer):
-    """A seen object that serves a request; lengths in m, masses in kg."""
+    """A visible object that fits a request; lengths in m, masses in kg."""
 
     object: str
     class_iri: str
@@ -79,7 +79,7 @@ class OfferedObject(Answer):
 
 
 class Reason(Answer):
-    """Why a request is not met, or not by this object."""
+    """Reason why a request is not met, or not by this object."""
 
     code: str
     text: str
@@ -93,7 +93,7 @@ class Reason(Answer):
 
 
 class ResolvedRequest(Answer):
-    """One object that serves a request and its grasps, or why there is none."""
+    """An object that fits a request, with its grasps, or the reasons why there is none."""
 
     task_response: str
     object: str
@@ -109,18 +109,19 @@ class ResolvedRequest(Answer):
 
 @dataclass(frozen=True)
 class Found:
-    """An object that the request means, seen or not.
+    """An object that fits the request, visible or not.
 
     Parameters
     ----------
     is_seen
-        The robot says so, or somebody looked at it a moment ago.
+        The robot says so, or it was observed recently.
     seen, seen_by
-        When it was looked at last (ISO 8601) and by whom; empty when nobody did.
+        Time of the last observation (ISO 8601) and its author; empty if there is none.
     place
         ``x``, ``y``, ``z`` (m), ``frame_id`` of its latest pose, or None.
     chance
-        That its surest known grasp holds, 0..1; None without a grasp of this type of gripper.
+        Probability that its most reliable known grasp holds, 0..1; None without a grasp of this
+        gripper type.
     """
 
     iri: str
@@ -153,7 +154,7 @@ class Found:
 
 @operation("read", "choose a seen object that serves a request, and its grasps")
 def resolve_request(context: Context, request: ResolveRequest, access: Access) -> ResolvedRequest:
-    """Answer with one object that is seen and can be held, and its grasps, or say why not."""
+    """Return a visible object that can be held, with its grasps, or the reasons for failure."""
     gripper = context.grippers.find(request.gripper_id, access.agent)
     meant = meaning(context, request.wanted)
     found: list[Found] = []
@@ -191,13 +192,13 @@ def resolve_request(context: Context, request: ResolveRequest, access: Access) -
     )
 
 
-# What the graph knows
+# Query
 
 
 def _found(
     context: Context, meant: Meaning, gripper: KnownGripper, request: ResolveRequest
 ) -> list[Found]:
-    """Return the objects that fit the words, the seen ones first; one query."""
+    """Return the objects that fit the words, visible ones first; one query."""
     given = request.objects
     now = dt.datetime.now(dt.UTC)
     fresh = now - dt.timedelta(seconds=request.seen_within_s)
@@ -217,12 +218,12 @@ def _found(
         )
     for name in given or ():
         if iri(name).value not in known:
-            raise UnknownTermError(f"objects: the graph knows no object {name}")
+            raise UnknownTermError(f"objects: the graph has no object {name}")
     return found
 
 
 def _query(senses: Sequence[Sense], gripper: KnownGripper, given: Sequence[str] | None) -> str:
-    """Return the query for the objects that are meant, and for those that the robot names."""
+    """Return the query for the objects that fit, and for those that the robot names."""
     named = f"VALUES ?object {{ {values(given or ())} }}"
     return f"""{PREFIXES}
 SELECT ?object (MAX(?fit) AS ?fits) (MAX(?can) AS ?able) (MIN(?w) AS ?width) (MAX(?m) AS ?mass)
@@ -250,11 +251,11 @@ WHERE {{
     BIND(CONCAT(STR(?x), " ", STR(?y), " ", STR(?z), " ", ?frame) AS ?at)
   }}
 }}
-GROUP BY ?object ORDER BY DESC(?fits) DESC(?last) ?object LIMIT {_MOST_FOUND + _MOST_SEEN}"""
+GROUP BY ?object ORDER BY DESC(?fits) DESC(?last) ?object LIMIT {_MAX_FOUND + _MAX_SEEN}"""
 
 
 def _fitting(senses: Sequence[Sense]) -> str:
-    """Return the pattern of objects that are all that is asked for."""
+    """Return the pattern of objects that fit all senses."""
     parts = []
     for k, sense in enumerate(senses):
         path = "a" if sense.kind == "class" else "rt:hasFunction"
@@ -279,11 +280,11 @@ def _place(row: Row) -> dict[str, Any] | None:
     return {"x": float(x), "y": float(y), "z": float(z), "frame_id": frame}
 
 
-# Which one
+# Choice
 
 
 def _known(one: Found, memory: Memory, gripper: KnownGripper, context: Context) -> Found:
-    """Return an object with its name, kind and the chance of its surest grasp."""
+    """Return an object with name, class and the probability of its most reliable grasp."""
     known = memory.objects.get(one.iri, KnownObject(one.iri))
     chances = [
         _chance(context, g) for g in memory.of(one.iri)
@@ -302,7 +303,7 @@ def _chance(context: Context, grasp: Remembered) -> float:
 
 
 def _order(one: Found) -> tuple[bool, bool, float, str]:
-    """Seen before unseen, sure before likely, then by the chance of the surest grasp."""
+    """Return the sort key: visible first, proven first, then by the probability of a grasp."""
     chance = 0.5 if one.chance is None else one.chance
     return not one.is_seen, one.verdict.capability != "proven", -chance, one.iri
 
@@ -317,13 +318,13 @@ def _grasps(
     return recalled(context, mine, most)
 
 
-# What is said
+# Answer
 
 
 def _reasons(
     context: Context, wanted: str, meant: Meaning, found: list[Found], excluded: set[str]
 ) -> list[Reason]:
-    """Return why what was asked for is not there, or why another object was not taken."""
+    """Return why the request is not met, or why other objects were not chosen."""
     if not meant.senses:
         near = f"; did you mean {meant.suggestions[0]!r}?" if meant.suggestions else ""
         return [_reason("no_such_kind", f"{wanted!r} names no kind and no use of things{near}")]
@@ -338,7 +339,7 @@ def _reasons(
         elif one.verdict.capability == "no":
             reasons.append(_reason(one.verdict.code, f"{one.label} {one.verdict.text}", one))
     unseen = [one for one in found if not one.is_seen]
-    latest = sorted(unseen, key=lambda one: one.seen, reverse=True)[:_MOST_ELSEWHERE]
+    latest = sorted(unseen, key=lambda one: one.seen, reverse=True)[:_MAX_ELSEWHERE]
     reasons += [_reason("elsewhere", f"{one.label} {_last_seen(one)}", one) for one in latest]
     if not found:
         reasons.append(_reason("none_known", f"{_asked(context, meant)}: the graph knows none"))
@@ -400,7 +401,7 @@ def _sentence(
 
 
 def _proof(context: Context, meant: Meaning, best: Found, gripper: KnownGripper) -> list[str]:
-    """Return why the object is what was asked for and why the robot can hold it, line by line."""
+    """Return the lines of a proof that the object fits and that the robot can hold it."""
     thing = iri(best.iri)
     lines = []
     for sense in meant.senses:
@@ -414,9 +415,9 @@ def _proof(context: Context, meant: Meaning, best: Found, gripper: KnownGripper)
 
 
 def proof_lines(kb: GraphCore, subject: NamedNode, predicate: NamedNode, value: Value) -> list[str]:
-    """Return the reasoner's proof of a statement; what is asserted names its graphs.
+    """Return the reasoner's proof of a statement, or the graphs in which it is asserted.
 
-    Empty when the statement does not hold, or holds no more.
+    Empty if the statement does not hold.
     """
     graphs = [quad.graph_name for quad in kb.match(subject, predicate, value)]
     asserted = [graph for graph in graphs if graph != kb.graphs.inferred]

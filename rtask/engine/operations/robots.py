@@ -1,4 +1,4 @@
-"""Robots introduce themselves, and messages name their grippers."""
+"""Registration of robots with their grippers, cameras and frames."""
 
 from __future__ import annotations
 
@@ -84,14 +84,14 @@ class Camera(Message):
 
 
 class RegisterRobot(Message):
-    """What a robot says about itself."""
+    """Description of a robot by itself."""
 
     name: Text
     """the robot's name; with a token, the token's agent"""
     model: Text
-    """make and version, e.g. nao-h25-v5"""
+    """make and version, such as nao-h25-v5"""
     simulated: Flag = False
-    """whether it lives in a simulator"""
+    """whether it is simulated"""
     end_effectors: Annotated[list[EndEffector], MinLen(1), MaxLen(16)]
     """its grippers"""
     cameras: Annotated[list[Camera], MaxLen(16)] = Field(default_factory=list)
@@ -101,7 +101,7 @@ class RegisterRobot(Message):
 
 
 class RegisteredRobot(Answer):
-    """What was stored of a robot."""
+    """Result of a registration."""
 
     robot: str
     """IRI of the robot"""
@@ -111,9 +111,9 @@ class RegisteredRobot(Answer):
     """empty when nothing changed"""
 
 
-@operation("write", "introduce a robot: grippers, cameras, frames")
+@operation("write", "register a robot with its grippers, cameras and frames")
 def register_robot(context: Context, request: RegisterRobot, access: Access) -> RegisteredRobot:
-    """Store what a robot is made of; the same message again changes nothing."""
+    """Store the description of a robot; repeating it changes nothing."""
     name = request.name
     if access.role == "robot" and name != access.agent:
         raise ForbiddenError(
@@ -121,7 +121,7 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
             operation="register_robot",
         )
     if not _is_fit(name):
-        raise UsageError(f"name: {name!r}; letters, digits, '.', '_' and '-' are wanted")
+        raise UsageError(f"name: {name!r}; expected letters, digits, '.', '_' and '-'")
     for k, effector in enumerate(request.end_effectors):
         _check(effector, f"end_effectors[{k}]")
     with context.writing:
@@ -148,7 +148,7 @@ def register_robot(context: Context, request: RegisterRobot, access: Access) -> 
 
 
 def _check(effector: EndEffector, path: str) -> None:
-    """Refuse a gripper whose measures contradict each other."""
+    """Refuse a gripper with contradictory dimensions."""
     try:
         ParallelGripper(
             name=effector.name,

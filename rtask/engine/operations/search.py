@@ -1,4 +1,4 @@
-"""Which known objects look like this one? (Gatto 2016, 3.2.4)"""
+"""Search for known objects that look like an observed one (Gatto 2016, 3.2.4)."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ __all__ = [
 
 
 class SearchObject(Look):
-    """A question: what looks like this?"""
+    """A request for known objects that look like this one."""
 
     class_description: Text | None = None
-    """only objects of the kinds that these words mean; default: objects of all kinds"""
+    """restricts the answer to kinds of objects, in words; default: all kinds"""
     max_results: Annotated[Whole, Ge(1), Le(50)] = 10
-    """length of the answer's list"""
+    """maximum number of objects"""
     min_confidence: Probability | None = None
     """least confidence of an entry; default: by the policy"""
 
 
 class SimilarObject(Answer):
-    """A known object that looks alike; position and yaw of its best grasp, m and rad, or nulls."""
+    """A similar known object, with position and yaw of its best grasp, m and rad, or nulls."""
 
     class_: str = named("class")
     class_iri: str
@@ -66,7 +66,7 @@ class SimilarObject(Answer):
 
 
 class SimilarObjects(Answer):
-    """Known objects that look alike, best first; or kinds that were perhaps meant."""
+    """Similar known objects, best first, or suggested kinds."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
@@ -78,9 +78,9 @@ class SimilarObjects(Answer):
 
 @operation("read", "list known objects that look like this one")
 def search_object(context: Context, request: SearchObject, access: Access) -> SimilarObjects:
-    """Answer with the known objects that look alike, best first; writes nothing.
+    """Return the known objects that look alike, best first; write nothing.
 
-    A description narrows the answer to its kinds of objects, in the same query.
+    A description restricts the answer to kinds of objects, in the same query.
     """
     seen = observe_once(context, request)
     recognition = recognise(
@@ -109,7 +109,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
 
 
 def match_message(match: Match, memory: Memory) -> dict[str, Any]:
-    """Return one match of recognition as messages carry it."""
+    """Return a match in the form used in messages."""
     known = memory.objects[match.object_iri]
     return {
         "object": match.object_iri,
@@ -141,7 +141,7 @@ def similar_objects(
 
 
 def _entry(known: KnownObject, confidence: float, **at: Any) -> SimilarObject:
-    """Return an entry of the answer, with the place of its best grasp or nulls."""
+    """Return an entry of the answer, with the position of its best grasp or nulls."""
     return SimilarObject(
         class_=known.short_id,
         class_iri=known.class_iri,
@@ -153,7 +153,7 @@ def _entry(known: KnownObject, confidence: float, **at: Any) -> SimilarObject:
 
 
 def best_grasp(grasps: list[Remembered]) -> Remembered | None:
-    """Return the grasp that is surest to hold, by what happened and then by geometry."""
+    """Return the most reliable grasp, by its outcomes and then by geometry."""
     return max(
         grasps,
         key=lambda g: (lower_95(g.successes, g.attempts), g.successes, g.quality, g.x, g.y),
@@ -162,10 +162,10 @@ def best_grasp(grasps: list[Remembered]) -> Remembered | None:
 
 
 def look_alikes(context: Context, thing: NamedNode, description: str | None) -> SimilarObjects:
-    """Answer with the other objects that look like a stored one, best first; writes nothing.
+    """Return the other objects that look like a stored one, best first; write nothing.
 
-    Its newest view is compared as if the object itself were not stored, for it would outdo all
-    others.
+    Its newest view is compared as if the object itself were not stored, since it would match
+    best.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def look_alikes(context: Context, thing: NamedNode, description: str | None) -> 
 
 
 def _newest(context: Context, thing: NamedNode) -> ViewFeatures:
-    """Return what the newest view of an object shows; the names of views sort by age."""
+    """Return the features of an object's newest view; names of views sort by age."""
     for quad in sorted(context.kb.match(thing, RT.hasView), key=str, reverse=True):
         assert isinstance(quad.object, NamedNode)
         features = view_features(context.kb, quad.object)

@@ -1,4 +1,4 @@
-"""All operations by name: what a robot or person may ask for.
+"""Table of all operations by name.
 
 An operation is declared in a file of its own and listed here. After a declaration has changed, make
 the typed client again: ``python -m rtask.engine.operations.table > rtask/client/calls.py``.
@@ -43,7 +43,7 @@ OPERATIONS: Mapping[str, Operation[Any, Any]] = {one.name: one for one in _ALL}
 
 
 def client_source() -> str:
-    """Return what ``rtask/client/calls.py`` is to contain."""
+    """Return the source of ``rtask/client/calls.py``."""
     return source_of(OPERATIONS.values(), "rtask.engine.operations.table")
 
 

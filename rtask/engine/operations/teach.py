@@ -1,4 +1,4 @@
-"""People teach: look something up by words, name an object, say whether a grasp was good."""
+"""Teaching by people: search by words, name an object, confirm or reject a grasp."""
 
 from __future__ import annotations
 
@@ -29,33 +29,33 @@ __all__ = ["Taught", "TeachObject", "teach_object"]
 
 
 class _Wish(Message):
-    """What a person wants; these fields come before those of the look."""
+    """Kind of request; a base class so that these fields come first."""
 
     operation: Literal["search", "teach", "confirm", "reject"]
-    """what the person wants"""
+    """the kind of request"""
     class_description: Text | None = None
-    """what the person called it; default: no kind"""
+    """kind of object in words; default: no kind"""
 
 
 class TeachObject(OptionalLook, _Wish):
-    """What a person wants to look up or to say about an object or a grasp."""
+    """A request of a person about an object or a grasp."""
 
     name: Text | None = None
-    """what the person calls this one object; default: made of kind and number"""
+    """name of the object; default: made of kind and number"""
     task_id: Text | None = None
     """of the attempt to judge, or of what is taught; default: found by grasp or object"""
     object: Text | None = None
-    """IRI of the object, in place of data; or whose last attempt counts; default: given by data"""
+    """IRI of the object, in place of data or of task_id; default: given by data"""
     grasp: Iri | None = None
     """IRI of the grasp whose last attempt is meant; default: found by task_id or object"""
     operator: Text | None = None
-    """who says so; default: the caller"""
+    """name of the person; default: the caller"""
     comment: Text | None = None
-    """in the person's words; default: none"""
+    """remark of the person; default: none"""
 
 
 class Taught(Answer):
-    """What was found or stored; only where something was to be stored, what was."""
+    """What was found or stored; the fields with defaults only if something was to be stored."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
@@ -70,7 +70,7 @@ class Taught(Answer):
 
 @operation("read", "search by words, name an object, confirm or reject a grasp")
 def teach_object(context: Context, request: TeachObject, access: Access) -> Taught:
-    """Carry out what a person wants; all but ``search`` write, and need the scope ``teach``."""
+    """Carry out a request; all but ``search`` write and need the scope ``teach``."""
     operation = request.operation
     if operation == "search":
         return _search(context, request, access)
@@ -102,7 +102,7 @@ def _teach(context: Context, request: TeachObject, access: Access) -> Taught:
 
 
 def _name(context: Context, request: TeachObject, access: Access) -> Taught:
-    """Say what an object is that is stored already."""
+    """Name a stored object."""
     author = author_of(context, request.operator, access)
     with context.writing:
         thing = object_meant(context, request.object, "object")
@@ -130,7 +130,7 @@ def _name(context: Context, request: TeachObject, access: Access) -> Taught:
 
 
 def _judge(context: Context, request: TeachObject, access: Access, held: bool) -> Taught:
-    """Store a person's verdict that a grasp was good, or not, whatever the robot reported."""
+    """Store a person's verdict on a grasp, whatever the robot reported."""
     names = ("task_id", "object", "grasp", "operator", "comment")
     said = {name: getattr(request, name) for name in names}
     told = give_feedback(

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grasp.spatial.frames import tilt
+from rtask.engine.perception.observation import stored_frame, viewpoint
 from rtask.engine.perception.surroundings import surrounded, with_table
-from rtask.engine.perception.views import stored_frame, viewpoint
 from rtask.engine.triples import Triples
 from rtask.rdf.namespaces import PROV, RT
 from rtask.rdf.terms import NamedNode, Value, iri
@@ -102,7 +102,7 @@ def grow(
     if found is None:
         return None
     try:
-        # Prepare now rather than when a caller waits for a pose; this also rejects a model whose
+        # Prepared now rather than while a caller waits for a pose; this also rejects models of
         # size no object has.
         found[0].pose_model(is_round)
     except ValueError as error:

@@ -1,8 +1,9 @@
-"""Decode, describe and measure a robot's observation: one object's compressed cloud."""
+"""Observed objects, decoded, described and measured: those received and those stored."""
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
@@ -11,25 +12,29 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
+from grasp.spatial.frames import matrix_from_pose
 from rtask.engine.context import Context
 from rtask.engine.observation import Observation
 from rtask.engine.perception.images import encode_photo, frame_of_cloud, shaded, with_image
 from rtask.engine.perception.placement import classify_shape
-from rtask.errors import UsageError
-from rtask.rdf.namespaces import RT
-from rtask.rdf.terms import NamedNode
+from rtask.errors import MissingBlobError, UsageError
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import NamedNode, iri, python_value
 from rtask.wire.message import Also, Message
 from rtask.wire.types import Box, Cloud, Image, Mask, Number, Pose, Stamp, Text, Unit, Whole
 
 if TYPE_CHECKING:
     from features.geometry import Frame
     from features.tabletop import TabletopShape
+    from rtask.kb.core import GraphCore
 
-__all__ = ["Look", "OptionalLook", "observe", "observe_once"]
+__all__ = ["Look", "OptionalLook", "observe", "observe_once", "stored_frame", "viewpoint"]
+
+log = logging.getLogger(__name__)
 
 
 class OptionalLook(Message):
-    """One look at one object, where the object may be named instead."""
+    """An observation of one object, which may be named instead."""
 
     data: Annotated[Cloud, Also("new_point_cloud")] | None = None
     """base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the image"""
@@ -50,11 +55,11 @@ class OptionalLook(Message):
     support_height: Annotated[Number, Unit("m")] | None = None
     """height of the table in frame_id; default: lowest point"""
     stamp: Stamp | None = None
-    """when the cloud was taken; default: now"""
+    """time of the observation; default: now"""
 
 
 class Look(OptionalLook):
-    """One look at one object: data, an image, or both."""
+    """An observation of one object: data, an image, or both."""
 
 
 def observe_once(context: Context, request: OptionalLook, where: str = "") -> Observation:
@@ -75,7 +80,7 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
     Parameters
     ----------
     request
-        What was seen, and where from.
+        Observation and pose of the camera.
     where
         Path of the request inside a larger message, for errors.
 
@@ -226,3 +231,38 @@ def _digest(request: OptionalLook) -> str:
     )  # fmt: skip
     digest.update(repr(rest).encode())
     return digest.hexdigest()
+
+
+def stored_frame(kb: GraphCore, view: str) -> tuple[Frame, bool] | None:
+    """Return the crop of a stored view, and whether it was taken by a camera.
+
+    A cloud without pixels is rendered again as on arrival. None if the bytes are missing.
+    """
+    from features.codec import decode
+    from features.geometry import Frame
+
+    rows = kb.select(f"""{PREFIXES}
+SELECT ?blob WHERE {{ {iri(view)} rt:viewContent ?content .
+  ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob }} ORDER BY ?blob LIMIT 1""")
+    for row in rows:
+        try:
+            decoded = decode(kb.blobs.read(str(row.value("blob"))))
+            if isinstance(decoded, Frame):
+                return decoded, True
+            return frame_of_cloud(decoded.points(), decoded.colours)[0], False
+        except (MissingBlobError, UsageError, ValueError) as error:
+            log.warning("view %s has no cloud: %s", view, error)
+    return None
+
+
+def viewpoint(kb: GraphCore, view: NamedNode) -> NDArray[np.float64] | None:
+    """Return the stored pose (4, 4) of the camera of a view in the object's frame, or None."""
+    for link in kb.match(view, RT.viewpoint):
+        if not isinstance(link.object, NamedNode):
+            continue
+        said = {q.predicate: python_value(q.object) for q in kb.match(link.object)}
+        numbers = [said.get(getattr(RT, name)) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+        if all(isinstance(number, float | int) for number in numbers):
+            seven = np.array(numbers, dtype=np.float64)
+            return np.asarray(matrix_from_pose(seven[:3], seven[3:]), dtype=np.float64)
+    return None

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtask.engine.observation import Observation
+from rtask.engine.perception.observation import stored_frame
 from rtask.engine.perception.placement import Placement, oriented, place
 from rtask.engine.perception.surroundings import surrounded
-from rtask.engine.perception.views import stored_frame
 from rtask.rdf.terms import iri
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ObjectPose", "find_pose", "locate", "pose_fields"]
 
-# Bounded by work, not by the clock: the same observation gives the same pose on a busy machine.
+# Bounded by work and not by time, so that the result does not depend on the machine's load.
 _STARTS, _KEPT, _POINTS = 160, 12, 800
 
 
@@ -178,9 +178,9 @@ def _known_poses(
     camera_from_frame = np.linalg.inv(seen.frame_from_camera)
     poses = []
     for quarter in range(4):
-        turn, angle = np.eye(4), quarter * np.pi / 2
-        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        poses.append(camera_from_frame @ upright.frame_from_object @ turn)
+        rotation, angle = np.eye(4), quarter * np.pi / 2
+        rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        poses.append(camera_from_frame @ upright.frame_from_object @ rotation)
     return np.stack(poses)
 
 

@@ -1,4 +1,4 @@
-"""Grasps tried and what came of them, as the graph keeps them."""
+"""Grasps and attempts as triples."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt, ready to be stated.
+    """An attempt to be stored.
 
     Parameters
     ----------
     thing
         The object.
     grasp
-        In the graph, or about to be.
+        Stored, or added in the same commit.
     task
         IRI and class of the task it was for.
     times
@@ -63,16 +63,16 @@ class Attempt:
 def find_grasp(
     context: Context, thing: NamedNode, gripper_type: str, grasp: Received
 ) -> NamedNode | None:
-    """Return the grasp of an object that is the same as the given one, if the graph has it."""
+    """Return the stored grasp of an object that equals the given one, or None."""
     if grasp.in_object is None:
         return None
-    turn = "rt:theta ?theta"
-    if grasp.turn is not None:
-        turn = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
+    rotation = "rt:theta ?theta"
+    if grasp.orientation is not None:
+        rotation = "rt:qx ?qx ; rt:qy ?qy ; rt:qz ?qz ; rt:qw ?qw"
     rows = context.kb.select(f"""{PREFIXES}
 SELECT DISTINCT * WHERE {{
   {thing} rt:hasGrasp ?grasp . ?grasp rt:gripperType ?type ; rt:graspPose ?pose .
-  ?pose rt:inFrame {body_frame(context, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {turn}
+  ?pose rt:inFrame {body_frame(context, thing)} ; rt:x ?x ; rt:y ?y ; rt:z ?z ; {rotation}
   OPTIONAL {{ ?grasp rt:jawOpening ?opening }}
   FILTER(?type = {literal(gripper_type)}) }} ORDER BY ?grasp""")
     x, y, z, _ = grasp.in_object
@@ -95,39 +95,39 @@ def _angle_between(grasp: Received, there: Mapping[str, Any]) -> float:
     """Return the angle between a received and a stored grasp, rad."""
     from scipy.spatial.transform import Rotation
 
-    if grasp.turn is None:
+    if grasp.orientation is None:
         assert grasp.in_object is not None
         return angle_between_axes(there["theta"], grasp.in_object[3])
     stored = Rotation.from_quat([float(there["q" + axis]) for axis in "xyzw"])
-    return float((stored.inv() * Rotation.from_quat(grasp.turn)).magnitude())
+    return float((stored.inv() * Rotation.from_quat(grasp.orientation)).magnitude())
 
 
 def state_grasp(
     context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received,
     derived_from: NamedNode | None = None,
 ) -> NamedNode:  # fmt: skip
-    """State a new grasp of an object, and return its IRI."""
+    """Add a new grasp of an object and return its IRI."""
     if grasp.in_object is None:
-        raise UsageError("grasp: its pose on the object is not known; send the object's data too")
+        raise UsageError("grasp: its pose on the object is unknown; send the object's data as well")
     x, y, z, theta = grasp.in_object
     node = context.names.counted("grasp")
     pose = iri(node.value + "/pose")
     triples.add(thing, RT.hasGrasp, node)
     triples.node(
         node,
-        [RT.PlanarGrasp if grasp.turn is None else RT.SpatialGrasp, RT.GraspCandidate],
+        [RT.PlanarGrasp if grasp.orientation is None else RT.SpatialGrasp, RT.GraspCandidate],
         {
             RT.gripperType: gripper_type,
             RT.graspPose: pose,
             RT.jawOpening: grasp.opening,
             RT.contactWidth: grasp.width,
             RT.graspQuality: grasp.quality,
-            RT.generator: _GENERATOR if grasp.turn is None else _IN_SPACE,
+            RT.generator: _GENERATOR if grasp.orientation is None else _IN_SPACE,
             PROV.wasDerivedFrom: derived_from,
         },
     )
-    if grasp.turn is not None:
-        at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.turn))
+    if grasp.orientation is not None:
+        at = matrix_from_pose(np.array([x, y, z]), np.array(grasp.orientation))
         triples.pose(pose, body_frame(context, thing), np.asarray(at, dtype=np.float64))
         return node
     triples.node(
@@ -142,7 +142,7 @@ def state_grasp(
 
 
 def _kind(grasp: Received) -> str:
-    return "planar outline" if grasp.turn is None else "pose perturbation"
+    return "planar outline" if grasp.orientation is None else "pose perturbation"
 
 
 def attempt_triples(context: Context, one: Attempt) -> Triples:
@@ -226,12 +226,12 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
 def state_verdict(
     context: Context, triples: Triples, outcome: NamedNode, said: Verdict, votes: tuple[int, int],
 ) -> NamedNode:  # fmt: skip
-    """State what a person says about an outcome; what most people say outweighs the robot.
+    """Add a person's verdict on an outcome; the majority outweighs the robot's report.
 
     Parameters
     ----------
     votes
-        How many people, this one too, say that it held and that it did not.
+        Numbers of people, this one included, who judge that it held and that it did not.
     """
     person = context.kb.graphs.agent_iri(said.by, "teacher")
     triples.node(person, [RT.Human], {RT.name: said.by})

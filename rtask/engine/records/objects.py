@@ -1,7 +1,7 @@
-"""What the graph keeps of an object and of each look at it (Gatto 2016, 3.2.2).
+"""Objects and their views as triples (Gatto 2016, 3.2.2).
 
-One view is enough: the image crop, the compressed cloud and the descriptors are blobs; size and
-frame are numbers. The index of recognition can be made again from these.
+The image crop, the compressed cloud and the descriptors of a view are blobs; size and frame are
+numbers. The recognition index can be rebuilt from these.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ MAX_MATCHES = 3
 
 @dataclass(frozen=True)
 class ObjectRecord:
-    """What is known about an object that enters the graph.
+    """A new object to be stored.
 
     Parameters
     ----------
     iri, object_id, name
-        ``object_id`` is ``namespace/number``, unique for ever.
+        ``object_id`` is ``namespace/number`` and never reused.
     class_iri
         Kind of object.
     class_confidence
-        Of a kind that was guessed from the shape; None = somebody said so.
+        Confidence in a class guessed from the shape; None = it was stated.
     """
 
     iri: NamedNode
@@ -67,12 +67,12 @@ class ObjectRecord:
 
 @dataclass(frozen=True)
 class Sight:
-    """One look, with the IRIs of the things that record it.
+    """An observation of an object, with the IRIs of its records.
 
     Parameters
     ----------
     object_from_camera : (4, 4) or None, m
-        How the camera stood to the object, where the object's model told; else ``placement`` does.
+        Pose of the camera by the object's model; None = by ``placement``.
     """
 
     observation: Observation
@@ -109,7 +109,7 @@ SELECT DISTINCT ?object ?name WHERE {{ ?object rt:objectId ?id
 
 
 def body_frame(context: Context, thing: NamedNode) -> NamedNode:
-    """Return the frame that moves with an object: the one it has, else the one it will get."""
+    """Return the frame that moves with an object, stored or to be stored."""
     for quad in context.kb.match(thing, RT.bodyFrame):
         if isinstance(quad.object, NamedNode):
             return quad.object
@@ -124,7 +124,7 @@ def frame_id_of(context: Context, thing: str) -> str:
 
 
 def state_frame(context: Context, triples: Triples, thing: NamedNode) -> None:
-    """State an object's frame, unless it has one: objects of other sources may lack it."""
+    """Add an object's frame unless it has one; objects from other sources may lack it."""
     if not context.kb.match(thing, RT.bodyFrame):
         frame = body_frame(context, thing)
         triples.add(thing, RT.bodyFrame, frame)
@@ -134,7 +134,7 @@ def state_frame(context: Context, triples: Triples, thing: NamedNode) -> None:
 def state_object(
     context: Context, triples: Triples, new: ObjectRecord, observation: Observation
 ) -> None:
-    """State a new object: identity, kind, size, frame, symmetry."""
+    """Add a new object: identity, class, size, frame, symmetry."""
     shape = observation.shape
     frame = body_frame(context, new.iri)
     triples.node(
@@ -177,13 +177,13 @@ def state_object(
 
 
 def viewpoint_of(seen: Observation, placement: Placement) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of the camera in the frame of an object that stands so."""
+    """Return the pose (4, 4) of the camera in the frame of an object placed like this."""
     pose = np.linalg.inv(placement.frame_from_object) @ seen.frame_from_camera
     return np.asarray(pose, dtype=np.float64)
 
 
 def state_view(context: Context, triples: Triples, thing: NamedNode, sight: Sight) -> None:
-    """State one view of an object: bytes, where it was taken from, who took it when."""
+    """Add a view of an object: bytes, viewpoint, author and time."""
     seen = sight.observation
     triples.node(
         sight.event,
@@ -219,7 +219,7 @@ def state_view(context: Context, triples: Triples, thing: NamedNode, sight: Sigh
 def _contents(
     context: Context, triples: Triples, seen: Observation
 ) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
-    """Return name, classes and properties of what a view holds; its bytes are stored now."""
+    """Return name, classes and properties of a view's contents after storing their bytes."""
     blobs = context.kb.blobs
     picture = blobs.put(encode_crop(seen.frame), "image/jpeg")
     is_own = seen.data.startswith(b"RTKC")
@@ -252,7 +252,7 @@ def _contents(
 def _visual_features(
     context: Context, triples: Triples, seen: Observation
 ) -> list[tuple[str, list[NamedNode], dict[NamedNode, Any]]]:
-    """Return HOG, FPFH and B-splines of a view (Gatto 2016, 3.2.2); their bytes are stored now."""
+    """Return HOG, FPFH and B-splines of a view (Gatto 2016, 3.2.2); after storing their bytes."""
     from features.recognition.views.stored import stored_features
 
     return [
@@ -271,7 +271,7 @@ def _visual_features(
 def state_recognition(
     context: Context, triples: Triples, recognition: Recognition, event: NamedNode | None
 ) -> NamedNode:
-    """State what recognition answered, and return the result's IRI."""
+    """Add the result of recognition and return its IRI."""
     result = context.names.unique("recognition")
     matches = recognition.matches
     triples.node(

@@ -1,4 +1,4 @@
-"""What a robot sends to be stored, decoded, recognised and located; nothing is stored yet."""
+"""Preparation of received objects: decoded, recognised and located, not yet stored."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ if TYPE_CHECKING:
 
 __all__ = ["NewObject", "Prepared", "Repeated", "classes_named", "prepare", "stored_before"]
 
-_MOST_MATCHES = 5
+_MAX_MATCHES = 5
 
 
 class NewObject(Look):
-    """An object that was seen, and what came of grasping it."""
+    """An observed object and the outcome of grasping it."""
 
     object: Iri | None = None
-    """IRI of the object, when the robot followed it and knows; default: recognised, or new"""
+    """IRI of an object that the robot has tracked; default: recognised, or new"""
     name: Text | None = None
-    """what people call this one object; default: made of kind and number"""
+    """name of the object; default: made of kind and number"""
     class_description: Text | None = None
-    """what kind of thing it is, in words; default: guessed from the shape"""
+    """kind of object in words; default: guessed from the shape"""
     function: Text | None = None
-    """what it is for: write, contain liquid, ...; default: not known"""
+    """function of the object: write, contain liquid, ...; default: not known"""
     gripper_id: Text | None = None
-    """name or IRI of the end effector that tried; default: the robot's only one"""
+    """name or IRI of the end effector used; default: the robot's only one"""
     task: Text = "pick"
-    """what it was for: pick, place, push"""
+    """purpose of the grasp: pick, place, push"""
     grasp: Grasp | None = None
-    """the grasp that was tried, as received; default: given by X, Y, Z and rad"""
+    """the attempted grasp, as received; default: given by X, Y, Z and rad"""
     X: Number | None = None
     """grasp in the frame of the cloud, m and rad; default: no grasp"""
     Y: Number | None = None
@@ -62,27 +62,27 @@ class NewObject(Look):
     rad: Number | None = None
     """grasp in the frame of the cloud, m and rad; default: no grasp"""
     success: Flag = True
-    """whether the grasp held, when no outcome is given"""
+    """whether the grasp held, without an outcome"""
     confirmed_by: Literal["physics", "human"] | None = None
-    """who says so; default: a person"""
+    """who confirmed it; default: a person"""
     operator: Text | None = None
-    """the person, when a person says so; default: nobody"""
+    """name of the person who confirmed it; default: nobody"""
     outcome: OutcomeReport | None = None
-    """what came of it; default: given by success"""
+    """the outcome; default: given by success"""
     task_id: Text | None = None
-    """from recognise_for_grasp, or any id: the same id stores once; default: a new task"""
+    """from recognise_for_grasp, or any id; stored once for each id; default: a new task"""
     merge: Flag = True
-    """add the view to a recognised object"""
+    """add the view to the object if it is recognised"""
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """One entry, decoded, recognised and located; nothing stored yet.
+    """An entry that is decoded, recognised and located, but not yet stored.
 
     Parameters
     ----------
     generation
-        Of the index in which it was recognised.
+        Generation of the index in which it was recognised.
     """
 
     item: NewObject
@@ -100,7 +100,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Repeated:
-    """One entry whose id was stored before."""
+    """An entry whose id is already stored."""
 
     task_id: str
     before: Earlier
@@ -108,14 +108,14 @@ class Repeated:
 
 
 def prepare(context: Context, item: NewObject, where: str, access: Access) -> Prepared | Repeated:
-    """Return an entry ready to be written, or what an earlier request of its id stored.
+    """Return an entry ready to be stored, or the result of an earlier request with its id.
 
     Raises
     ------
     UnknownTermError
-        When it names an object or a gripper that the graph does not know.
+        It names an unknown object or gripper.
     UsageError
-        When its fields do not belong together.
+        Its fields contradict each other.
     """
     gripper = _gripper(context, item, access)
     before = stored_before(context, item.task_id, access, gripper)
@@ -124,7 +124,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     seen = observe_once(context, item, where)
     kinds = classes_named(context, item.class_description)
     generation = context.views.generation
-    recognition = recognise(context.views.recogniser, seen, context.policy, _MOST_MATCHES)
+    recognition = recognise(context.views.recogniser, seen, context.policy, _MAX_MATCHES)
     question = question_for(
         context.policy, seen, recognition, item.object, gripper,
         () if item.object else tuple(kind.value for kind in kinds),
@@ -135,7 +135,7 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     if item.object:
         known = memory.objects.get(item.object)
         if known is None:
-            raise UnknownTermError(f"the graph knows no object {item.object}")
+            raise UnknownTermError(f"the graph has no object {item.object}")
     elif item.merge and recognition.accepted and (kinds or not item.class_description):
         known = memory.objects.get(recognition.matches[0].object_iri)
     placement, pose = locate(context.models, seen, recognition, known, memory)
@@ -146,8 +146,8 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     outcome = _outcome(context, item, grasp, where)
     if item.outcome is not None and gripper is None:
         raise UsageError(
-            f"{where}gripper_id is missing: an outcome is one of a gripper; "
-            "register_robot introduces it", field=where + "gripper_id",
+            f"{where}gripper_id is missing: an outcome needs a gripper; "
+            "register it with register_robot", field=where + "gripper_id",
         )  # fmt: skip
     view = context.names.unique("view")
     is_alike = known is None or is_plausible(known, seen, context.policy)
@@ -167,7 +167,7 @@ def _viewpoint(
     placement: Placement | None,
     pose: ObjectPose | None,
 ) -> NDArray[np.float64] | None:
-    """Return how the camera stood to the object, when that is sure."""
+    """Return the pose of the camera in the object's frame if it is certain."""
     if pose is not None and pose.accepted and known is not None and not known.is_round:
         return pose.object_from_camera
     if placement is None or not placement.is_verified:
@@ -178,7 +178,7 @@ def _viewpoint(
 def stored_before(
     context: Context, task_id: str | None, access: Access, gripper: KnownGripper | None
 ) -> Earlier | None:
-    """Return what an earlier request of this id and author stored."""
+    """Return the result of an earlier request with this id and author."""
     if task_id is None:
         return None
     author = context.author(access, gripper.robot_name if gripper else None)
@@ -196,7 +196,7 @@ def _gripper(context: Context, item: NewObject, access: Access) -> KnownGripper 
 
 
 def classes_named(context: Context, description: str | None) -> list[NamedNode]:
-    """Return the classes whose names are the description, not only begin with it."""
+    """Return the classes with exactly this name."""
     if not description:
         return []
     wanted = folded(description)
@@ -211,7 +211,7 @@ def _grasp(item: NewObject, where: str) -> Received | None:
     if x is None and y is None and z is None and rad is None:
         return None
     if x is None or y is None or z is None or rad is None:
-        raise UsageError(f"{where}X: X, Y, Z and rad belong together", field=where + "X")
+        raise UsageError(f"{where}X: X, Y, Z and rad must be given together", field=where + "X")
     return Received(in_frame=(x, y, z, rad))
 
 
@@ -222,9 +222,9 @@ def _outcome(
     if report is None:
         if grasp is None:
             return None
-        # As in the thesis, the operator has validated what is inserted (Gatto 2016, 3.2.4).
+        # As in the thesis, a person has validated the insertion (Gatto 2016, 3.2.4).
         said = {"success": item.success, "confirmed_by": item.confirmed_by or "human"}
         report = read(OutcomeReport, {**said, "operator": item.operator})
     elif grasp is None:
-        raise UsageError(f"{where}grasp is missing: an outcome is one of a grasp")
+        raise UsageError(f"{where}grasp is missing: an outcome needs a grasp")
     return Outcome.of(report, context.reasons, where + "outcome")

@@ -1,4 +1,4 @@
-"""Grasps and outcomes as robots send them back, read and checked."""
+"""Checked grasps and outcomes as sent back by robots."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 Quaternion = tuple[float, float, float, float]
 
 CANDIDATE = "candidate:"
-"""How the ids of proposed grasps begin."""
+"""Prefix of the ids of proposed grasps."""
 
 TIMES = {
     "segmentation_s": RT.segmentationTime,
@@ -48,36 +48,36 @@ TIMES = {
     "execution_s": RT.executionTime,
     "total_s": RT.totalTime,
 }
-"""Durations of a message, s, and the properties that keep them."""
+"""Property of the graph for each duration of a message, s."""
 
 
 class StepTimes(Message):
     """Durations of the steps of an attempt."""
 
     segmentation_s: Annotated[Number, Unit("s")] | None = None
-    """duration of segmentation; default: not measured"""
+    """time for segmentation; default: not measured"""
     transfer_s: Annotated[Number, Unit("s")] | None = None
-    """duration of transfer; default: not measured"""
+    """time for the transfer; default: not measured"""
     decode_s: Annotated[Number, Unit("s")] | None = None
-    """duration of decode; default: not measured"""
+    """time for decoding; default: not measured"""
     extraction_s: Annotated[Number, Unit("s")] | None = None
-    """duration of extraction; default: not measured"""
+    """time for feature extraction; default: not measured"""
     matching_s: Annotated[Number, Unit("s")] | None = None
-    """duration of matching; default: not measured"""
+    """time for matching; default: not measured"""
     query_s: Annotated[Number, Unit("s")] | None = None
-    """duration of query; default: not measured"""
+    """time for the query; default: not measured"""
     pose_s: Annotated[Number, Unit("s")] | None = None
-    """duration of pose; default: not measured"""
+    """time for the pose; default: not measured"""
     generation_s: Annotated[Number, Unit("s")] | None = None
-    """duration of generation; default: not measured"""
+    """time for generating grasps; default: not measured"""
     choice_s: Annotated[Number, Unit("s")] | None = None
-    """duration of choice; default: not measured"""
+    """time for the choice; default: not measured"""
     planning_s: Annotated[Number, Unit("s")] | None = None
-    """duration of planning; default: not measured"""
+    """time for motion planning; default: not measured"""
     execution_s: Annotated[Number, Unit("s")] | None = None
-    """duration of execution; default: not measured"""
+    """time for the execution; default: not measured"""
     total_s: Annotated[Number, Unit("s")] | None = None
-    """duration of total; default: not measured"""
+    """total time; default: not measured"""
 
 
 class Picture(Message):
@@ -90,14 +90,14 @@ class Picture(Message):
 
 
 class OutcomeReport(Message):
-    """What came of an attempt."""
+    """Outcome of an attempt as reported."""
 
     success: Flag
     """whether the object was held"""
     placed: Flag | None = None
-    """whether it arrived where it was to go; default: not known"""
+    """whether it reached its destination; default: not known"""
     reason: Text | None = None
-    """why it ended so: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
+    """code of the reason: ok, missed, slip_lift, ...; default: ok if it held, else not judged"""
     lifted_m: Annotated[Number, Unit("m")] | None = None
     """height reached; default: not known"""
     slip: Annotated[Number, Unit("m")] | None = None
@@ -105,33 +105,33 @@ class OutcomeReport(Message):
     duration_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
     """of the attempt; default: not known"""
     links_touching: Annotated[Whole, Ge(0)] | None = None
-    """hand links in contact at the end of the hold; default: not known"""
+    """number of hand links in contact at the end; default: not known"""
     contact_force: Annotated[Number, Unit("N"), Ge(0)] | None = None
-    """force at the jaws; default: not known"""
+    """contact force at the jaws; default: not known"""
     jaw_gap: Annotated[Number, Unit("m"), Ge(0)] | None = None
-    """opening after closing; default: not known"""
+    """opening of the closed jaws; default: not known"""
     hold_s: Annotated[Number, Unit("s"), Ge(0)] | None = None
-    """time held; default: not known"""
+    """duration of the hold; default: not known"""
     place_offset: Annotated[Number, Unit("m"), Ge(0)] | None = None
-    """distance from where it was to be put; default: not known"""
+    """distance from the destination; default: not known"""
     approach_tilt: Annotated[Number, Unit("rad")] | None = None
-    """angle of the approach to the vertical; default: not known"""
+    """angle between approach and vertical; default: not known"""
     preset: Literal["faithful", "fast", "real"] | None = None
-    """physics: faithful, fast, or real; default: not known"""
+    """kind of physics: faithful, fast or real; default: not known"""
     seed: Annotated[Whole, Ge(0)] | None = None
-    """of the simulation; default: none"""
+    """seed of the simulation; default: none"""
     attempt_number: Annotated[Whole, Ge(1)] | None = None
     """counted from 1 for each object and episode; default: not known"""
     candidate_count: Annotated[Whole, Ge(1)] | None = None
-    """grasps that there were to choose from; default: not known"""
+    """number of grasps to choose from; default: not known"""
     candidate_rank: Annotated[Whole, Ge(1)] | None = None
-    """place of the one taken; default: not known"""
+    """rank of the chosen grasp; default: not known"""
     confirmed_by: Literal["physics", "human"] | None = None
-    """who says so; default: nobody"""
+    """who confirmed it; default: nobody"""
     operator: Text | None = None
-    """the person, when a person says so; default: nobody"""
+    """name of the person who confirmed it; default: nobody"""
     comment: Text | None = None
-    """words of the person or the robot; default: none"""
+    """remark of the person or the robot; default: none"""
     times: StepTimes | None = None
     """durations of the steps; default: not known"""
     images: Annotated[list[Picture], MaxLen(32)] = Field(default_factory=list)
@@ -140,19 +140,19 @@ class OutcomeReport(Message):
 
 @dataclass(frozen=True)
 class Received:
-    """A grasp as a robot sent it back.
+    """A grasp as sent back by a robot.
 
     Parameters
     ----------
     id
-        As it came: an IRI, ``candidate:<k>`` or nothing.
+        As received: an IRI, ``candidate:<k>`` or empty.
     iri
-        Of a grasp that the graph knows, or None.
+        IRI of a stored grasp, or None.
     in_object
         (x, y, z, theta) in the object's frame, or None.
     in_frame
         (x, y, z, theta) in the robot's frame, z absolute, or None.
-    turn
+    orientation
         Quaternion (x, y, z, w) in the object's frame of a grasp in space, or None.
     frame_from_gripper : (4, 4) or None, m
         Pose in the robot's frame of a grasp in space.
@@ -164,7 +164,7 @@ class Received:
     iri: NamedNode | None = None
     in_object: tuple[float, float, float, float] | None = None
     in_frame: tuple[float, float, float, float] | None = None
-    turn: Quaternion | None = None
+    orientation: Quaternion | None = None
     frame_from_gripper: NDArray[np.float64] | None = field(default=None, compare=False)
     width: float | None = None
     opening: float | None = None
@@ -172,14 +172,14 @@ class Received:
     belief: tuple[float, float] | None = None
 
     def completed(self, decision: Decision | None) -> Received:
-        """Return the grasp with what the engine remembers of having offered it."""
+        """Return the grasp completed from the decision in which it was offered."""
         option = decision.options.get(self.id) if decision is not None else None
         if option is None or option.choice is None:
             return self
         return replace(
             self,
             in_object=self.in_object or option.in_object,
-            turn=self.turn or option.quaternion,
+            orientation=self.orientation or option.quaternion,
             width=option.grasp.width if self.width is None else self.width,
             opening=option.opening if self.opening is None else self.opening,
             quality=option.quality if self.quality is None else self.quality,
@@ -187,13 +187,13 @@ class Received:
         )
 
     def placed(self, placement: Placement | None) -> Received:
-        """Return the grasp with its pose in the object's frame, if that can be known."""
+        """Return the grasp with its pose in the object's frame if it can be computed."""
         if placement is None:
             return self
         if self.frame_from_gripper is not None:
             pose = np.linalg.inv(placement.frame_from_object) @ self.frame_from_gripper
-            at, turn = in_object(pose)
-            return replace(self, in_object=at, turn=turn)
+            at, orientation = in_object(pose)
+            return replace(self, in_object=at, orientation=orientation)
         if self.in_frame is None:
             return self
         x, y, z, theta = self.in_frame
@@ -203,7 +203,7 @@ class Received:
 
 
 class _Numbers(Message):
-    """Numbers of a grasp that came back, m and rad."""
+    """Numbers of a received grasp, m and rad."""
 
     x: Number | None = None
     y: Number | None = None
@@ -217,7 +217,7 @@ class _Numbers(Message):
 
 
 class _InObject(Message):
-    """A grasp in the frame of its object, m and rad; a quaternion where it is one in space."""
+    """A grasp in its object's frame, m and rad, with a quaternion if it is in space."""
 
     x: Number
     """abscissa"""
@@ -239,7 +239,7 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
     Raises
     ------
     UsageError
-        Naming the field.
+        The message names the field.
     """
     name = value if isinstance(value, str) else str(value.get("id") or "")
     known = iri(name) if name and not name.startswith(CANDIDATE) else None
@@ -257,19 +257,19 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
             raise UsageError(f"{path}: {error}", field=path) from error
         in_frame = (planar.x, planar.y, planar.z, planar.theta)
         width, opening, quality = planar.width, planar.opening, planar.quality
-    at_object, turn = None, None
+    at_object, orientation = None, None
     if value.get("in_object") is not None:
         at = read(_InObject, value["in_object"], path + ".in_object.")
         at_object = (at.x, at.y, at.z, at.theta)
-        turn = _turn(at, path)
+        orientation = _orientation(at, path)
     if not name and in_frame is None and at_object is None and in_space is None:
-        raise UsageError(f"{path}: neither an id nor a pose", field=path)
+        raise UsageError(f"{path}: expected an id or a pose", field=path)
     return Received(
         id=name,
         iri=known,
         in_object=at_object,
         in_frame=in_frame,
-        turn=turn,
+        orientation=orientation,
         frame_from_gripper=in_space,
         width=width,
         opening=opening,
@@ -286,7 +286,7 @@ def _planar(given: _Numbers) -> tuple[float, float, float, float] | None:
 
 
 def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] | None:
-    """Return the pose (4, 4) of a grasp that says of itself that it is one in space."""
+    """Return the pose (4, 4) of a grasp that is declared as one in space, or None."""
     if value.get("kind") != "spatial" or "grasp_pose" not in value:
         return None
     try:
@@ -295,7 +295,7 @@ def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] |
         raise UsageError(f"{path}.grasp_pose: {error}", field=f"{path}.grasp_pose") from error
 
 
-def _turn(at: _InObject, path: str) -> Quaternion | None:
+def _orientation(at: _InObject, path: str) -> Quaternion | None:
     given = [at.qx, at.qy, at.qz, at.qw]
     if all(one is None for one in given):
         return None
@@ -315,7 +315,7 @@ def in_object(pose: FloatArray) -> tuple[tuple[float, float, float, float], Quat
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an attempt, checked against the reason codes of the ontology."""
+    """Outcome of an attempt, checked against the reason codes of the ontology."""
 
     held: bool
     reason: str
@@ -325,20 +325,20 @@ class Outcome:
 
     @property
     def is_fast(self) -> bool:
-        """Whether it happened in the coarse physics preset."""
+        """Whether it was simulated with the coarse physics preset."""
         return bool(self.report.preset == "fast")
 
     @classmethod
     def of(cls, report: OutcomeReport, known: frozenset[str], path: str) -> Outcome:
-        """Judge an outcome as it was reported.
+        """Interpret a reported outcome.
 
-        A success has the reason ``ok`` and nothing else: what went wrong after holding stands in a
-        comment. An unknown code becomes ``not_judged`` and is kept as a comment.
+        The only reason of a success is ``ok``; a later failure becomes a comment. An unknown code
+        becomes ``not_judged`` and is kept as a comment.
 
         Raises
         ------
         UsageError
-            When a failure gives ``ok`` as its reason.
+            A failure has the reason ``ok``.
         """
         held, code = report.success, report.reason
         comments = [report.comment] if report.comment else []

@@ -1,4 +1,4 @@
-"""One attempt into the graph: shared by inserting an object and reporting an outcome."""
+"""Storage of one attempt, for insertion of objects and reports of outcomes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Withdrawn = list[tuple[NamedNode, NamedNode, Value]]
 
 @dataclass(frozen=True)
 class Earlier:
-    """What a request of the same id stored before."""
+    """Result of an earlier request with the same id."""
 
     thing: str = ""
     grasp: str = ""
@@ -51,12 +51,12 @@ class Earlier:
 
 @dataclass(frozen=True)
 class Entry:
-    """An attempt as the messages describe it.
+    """An attempt as described by messages.
 
     Parameters
     ----------
     graph
-        Where it is written.
+        Graph that it is written to.
     """
 
     thing: NamedNode
@@ -72,10 +72,10 @@ class Entry:
 
 
 def earlier(context: Context, task_id: str, who: list[NamedNode]) -> Earlier | None:
-    """Return what was stored under a request id by one of these agents, or None."""
+    """Return the result of an earlier request with this id by one of these agents, or None."""
     agents = f"VALUES ?agent {{ {' '.join(map(str, who))} }}"
     known = f"?event rt:requestId {literal(task_id)}"
-    # Each part by itself: the store would else read every event before it looks at the id.
+    # Each part is a query of its own; otherwise the store reads every event before the id.
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?thing ?grasp ?view WHERE {{
   {{ {agents} {known} ; rt:performedBy ?agent ; rt:executesGrasp ?grasp .
@@ -96,7 +96,7 @@ SELECT ?thing ?grasp ?view WHERE {{
 
 
 def task_iri(context: Context, task_id: str) -> NamedNode:
-    """Return the task that an id names; ids of clients' own making get an IRI here."""
+    """Return the IRI of a task; ids chosen by clients get one here."""
     start = f"{context.kb.base}task/"
     return iri(task_id) if task_id.startswith(start) else context.names.unique("task")
 
@@ -104,22 +104,22 @@ def task_iri(context: Context, task_id: str) -> NamedNode:
 def resolve_grasp(
     context: Context, triples: Triples, thing: NamedNode, gripper_type: str, grasp: Received
 ) -> tuple[NamedNode, bool]:
-    """Return the grasp of an object that a message means, and whether it was stated just now.
+    """Return the grasp of an object that a message names, and whether it is new.
 
-    A grasp of another object, tried on this one, becomes a grasp of this one that is derived from
-    it.
+    A grasp of another object that was tried on this one becomes a grasp of this one, derived from
+    the other.
 
     Raises
     ------
     UnknownTermError
-        When only an id came and it is no grasp of this object.
+        Only an id is given, and it is not a grasp of this object.
     """
     if grasp.iri is not None and context.kb.match(thing, RT.hasGrasp, grasp.iri):
         return grasp.iri, False
     if grasp.in_object is None:
         name = grasp.id or "without an id"
         raise UnknownTermError(
-            f"grasp {name} is no grasp of {thing.value}, and its pose is missing"
+            f"grasp {name} is not a grasp of {thing.value}, and its pose is missing"
         )
     same = find_grasp(context, thing, gripper_type, grasp)
     if same is not None:
@@ -133,15 +133,15 @@ def resolve_grasp(
 
 @dataclass(frozen=True)
 class Recorded:
-    """What an attempt that is about to be stored changes.
+    """Changes made by an attempt to be stored.
 
     Parameters
     ----------
     withdrawn
-        The statements of the old count and belief, which go.
+        Statements of the old count and belief, to be withdrawn.
     counts
-        Judged attempts of the grasp by (held, in coarse physics), this one too; None where this
-        one is not judged.
+        Judged attempts of the grasp by (held, in coarse physics), including this one; None if
+        this one is not judged.
     """
 
     grasp: NamedNode
@@ -150,7 +150,7 @@ class Recorded:
 
 
 def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Recorded:
-    """State an attempt with grasp, outcome, count and belief.
+    """Add an attempt with grasp, outcome, count and belief.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""The best stored shape of an object, for grasp planning.
+"""Best stored shape of an object for grasp planning.
 
-A closed mesh, else the cloud grown from its views, else the clouds of the single views; all in the
+This is a closed mesh, else the model grown from its views, else the clouds of the views, in the
 object's own frame, where z = 0 is the support.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from grasp.spatial.collision import Support, Surroundings
 from rtask.engine.memory.question import Question
 from rtask.engine.memory.recall import recall
-from rtask.engine.perception.views import stored_frame
+from rtask.engine.perception.observation import stored_frame
 from rtask.engine.records.objects import known_object
 from rtask.errors import DataError, MissingBlobError
 from rtask.rdf.namespaces import PREFIXES
@@ -46,15 +46,15 @@ class ObjectShape:
     thing
         IRI of the object.
     kind
-        ``mesh``, ``model`` (the cloud that its views grew into) or ``views``.
+        ``mesh``, ``model`` (the cloud grown from its views) or ``views``.
     sources
-        IRIs of what it was read from.
+        IRIs of its sources.
     points : (n, 3)
         Of the surface; the vertices of a mesh.
     mesh
-        None unless the surface is closed all around.
+        None unless the surface is closed.
     viewpoints : (k, 3)
-        Where cameras were.
+        Positions of the cameras.
     note
         One line for people.
     """
@@ -79,7 +79,7 @@ class ObjectShape:
         Parameters
         ----------
         floating
-            Nothing is under the object.
+            Whether the object has no support below it.
         """
         from grasp.spatial.grasp_plan import plan_on_cloud, plan_on_mesh
 
@@ -101,9 +101,9 @@ def object_shape(context: Context, name: str) -> ObjectShape:
     Raises
     ------
     UnknownTermError
-        When the graph knows no such object.
+        There is no such object.
     DataError
-        When nothing of it is stored that has a shape.
+        No shape of it is stored.
     """
     thing = known_object(context, name)
     for node, blob in _meshes(context, thing):
@@ -119,7 +119,7 @@ def object_shape(context: Context, name: str) -> ObjectShape:
         note = f"{thing}: round, {len(swept.faces)} faces swept about its axis"
         return ObjectShape(thing, "mesh", (known[0].iri.value,), swept.vertices, swept, note=note)
     if known is None or len(known[1].sources) < 2:
-        # One view as it came is denser than the model that began with it.
+        # A single view is denser than the model made from it.
         _, points, views, eyes = _views(context, thing)
         note = f"{thing}: {len(points)} points of {len(views)} views"
         return ObjectShape(thing, "views", views, points, None, eyes, note)
@@ -142,9 +142,9 @@ def object_cloud(context: Context, name: str) -> tuple[str, NDArray[np.float64]]
     Raises
     ------
     UnknownTermError
-        When the graph knows no such object.
+        There is no such object.
     DataError
-        When no view of it has a cloud whose place is known.
+        No view has a cloud with a known viewpoint.
     """
     return _views(context, known_object(context, name))[:2]
 
@@ -173,7 +173,7 @@ SELECT DISTINCT ?view ?blob ?x ?y ?z ?qx ?qy ?qz ?qw WHERE {{
         if is_camera:
             eyes.append(pose[:3])
     if not clouds:
-        raise DataError(f"no view of {thing} has a cloud whose place is known: insert one first")
+        raise DataError(f"no view of {thing} has a cloud with a known viewpoint; insert one first")
     return thing, np.vstack(clouds), tuple(views), np.array(eyes).reshape(-1, 3)
 
 
@@ -197,7 +197,7 @@ def _points(data: bytes, pose: Sequence[float]) -> tuple[NDArray[np.float64], bo
 
 
 def _meshes(context: Context, thing: str) -> list[tuple[str, str]]:
-    """Return IRIs and blobs of stored meshes: given ones first, then those of the most views."""
+    """Return IRIs and blobs of stored meshes: imported ones first, then by number of views."""
     rows = context.kb.select(f"""{PREFIXES}
 SELECT ?mesh ?blob ?model (COUNT(DISTINCT ?view) AS ?n) WHERE {{
   {iri(thing)} rt:hasFeature ?mesh . ?mesh a rt:TriangleMesh ; rt:hasBlob ?blob
@@ -221,20 +221,20 @@ def _read_mesh(context: Context, blob: str) -> Mesh | None:
 
 
 def _is_of_camera(context: Context, view: str) -> bool:
-    """Tell whether a camera took a view; a cloud without one has no viewpoint."""
+    """Tell whether a view was taken by a camera; other clouds have no viewpoint."""
     found = stored_frame(context.kb, view)
     return found is not None and found[1]
 
 
 def _swept(model: ObjectModel) -> Mesh | None:
-    """Return the closed surface of revolution of a round object, if there is one."""
+    """Return the closed surface of revolution of a round object, or None."""
     from scipy.spatial import cKDTree
 
     from grasp.spatial.meshes.mesh import as_mesh
 
     swept = model.revolved()
     vertices, faces, _ = swept.mesh()
-    # Beyond the last measurement the surface goes on for two cells, off its true direction.
+    # Beyond the last measurement the surface continues for two cells in a wrong direction.
     near = cKDTree(swept.cloud[:, :3]).query(vertices, distance_upper_bound=_NEAR_M)[0] < _NEAR_M
     faces = faces[near[faces].all(axis=1)]
     mesh = as_mesh(vertices, faces) if len(faces) else None
@@ -249,15 +249,15 @@ def _is_round(context: Context, thing: str) -> bool:
 def _is_closed(mesh: Mesh) -> bool:
     """Tell whether nearly every horizontal line through the body enters and leaves it.
 
-    What an object stands on is seldom seen, and no jaw needs it.
+    The underside is seldom observed and is not needed for grasping.
     """
     from grasp.spatial.meshes.rays import crossings
 
     if len(mesh.faces) == 0:
         return False
     rng = np.random.default_rng(0)
-    turn, rise = rng.uniform(0, 2 * np.pi, _LINES), rng.uniform(-_SLOPE, _SLOPE, _LINES)
-    lines = np.stack([np.cos(turn), np.sin(turn), rise], axis=1)
+    yaw, rise = rng.uniform(0, 2 * np.pi, _LINES), rng.uniform(-_SLOPE, _SLOPE, _LINES)
+    lines = np.stack([np.cos(yaw), np.sin(yaw), rise], axis=1)
     lines /= np.linalg.norm(lines, axis=1, keepdims=True)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     through = low + rng.uniform(0.1, 0.9, (_LINES, 3)) * (high - low)

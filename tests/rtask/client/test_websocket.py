@@ -190,7 +190,7 @@ def test_a_value_that_json_cannot_say_is_refused_before_it_is_sent(server):
 
 @pytest.mark.parametrize("url", ["127.0.0.1:8765", "ftp://host", "", "http://"])
 def test_an_address_that_is_none_is_named(url):
-    with pytest.raises(UsageError, match="http://host:port is wanted"):
+    with pytest.raises(UsageError, match="expected http://host:port"):
         addresses(url)
 
 

@@ -13,7 +13,7 @@ import pytest
 import rtask
 from features.modelling import ObjectModel
 from rtask.engine import Engine
-from rtask.engine.perception.views import stored_frame
+from rtask.engine.perception.observation import stored_frame
 from rtask.engine.stored import stored_models
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri

@@ -147,7 +147,7 @@ def test_what_was_excluded_is_not_offered_again(room):
 
 
 def test_an_object_that_the_graph_does_not_know_is_refused(room):
-    with pytest.raises(UnknownTermError, match="the graph knows no object https://example"):
+    with pytest.raises(UnknownTermError, match="the graph has no object https://example"):
         room.ask("a can", objects=["https://example.org/no"])
 
 

@@ -71,7 +71,7 @@ def test_an_object_that_robots_told_of_does_not_vanish(bench, engine, boxes):
     curate(engine, "merge", object=b["object"], into=a["object"])
     split = curate(engine, "split", object=a["object"], views=[b["view"]])
     robot.insert(bench.sight(bench.BOX), object=split["object"])
-    with pytest.raises(ConflictError, match="robots told of"):
+    with pytest.raises(ConflictError, match="robots have reported on"):
         curate(engine, "undo", commit=split["commit"])
 
 

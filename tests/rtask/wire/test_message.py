@@ -108,39 +108,39 @@ def test_an_unknown_field_is_refused_with_the_nearest_name():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"size": "a third"}, "size: a finite number is wanted, got 'a third'"),
+        ({"size": "a third"}, "size: expected a finite number, got 'a third'"),
         ({"size": math.inf}, "size: a finite number"),
         ({"size": True}, "size: a finite number"),
         ({"size": 10**400}, "size: a finite number"),
         ({"count": True}, "count: a finite number"),
-        ({"count": 2.5}, "count: a whole number is wanted, got 2.5"),
+        ({"count": 2.5}, "count: expected a whole number, got 2.5"),
         ({"count": 0}, "count: 0 is below 1"),
         ({"count": "10"}, "count: 10 is above 9"),
-        ({"open": "perhaps"}, "open: true or false is wanted, got 'perhaps'"),
+        ({"open": "perhaps"}, "open: expected true or false, got 'perhaps'"),
         ({"open": "yes"}, "open: true or false"),
-        ({"name": 7}, "name: a text is wanted, got 7"),
+        ({"name": 7}, "name: expected a text, got 7"),
         ({"kind": "Hnad"}, "kind: unknown value 'Hnad'; did you mean 'Hand'"),
         ({"kind": "Foot"}, "kind: unknown value 'Foot'; one of Hand, Jaw"),
-        ({"kind": 5}, "kind: a text is wanted, got 5"),
-        ({"parts": {"x": 1}}, "parts: a list is wanted"),
+        ({"kind": 5}, "kind: expected a text, got 5"),
+        ({"parts": {"x": 1}}, "parts: expected a list"),
         ({"parts": [{}]}, r"parts\[0\]\.x is missing: abscissa, m"),
         ({"parts": [{"x": None}]}, r"parts\[0\]\.x is missing"),
         ({"parts": [{"x": 1, "kind": "lft"}]}, r"parts\[0\]\.kind: .* did you mean 'left'"),
         ({"parts": [{"x": 1}] * 3}, "parts: length 3 is above 2"),
-        ({"parts": [5]}, r"parts\[0\]: an object with fields is wanted"),
-        ({"main": 5}, "main: an object with fields is wanted"),
-        ({"words": ["a", 1]}, "words: a list of texts is wanted"),
+        ({"parts": [5]}, r"parts\[0\]: expected an object with fields"),
+        ({"main": 5}, "main: expected an object with fields"),
+        ({"words": ["a", 1]}, "words: expected a list of texts"),
         ({"words": ["a", "b", "c"]}, "words: length 3 is above 2"),
-        ({"grasp": 5}, "grasp: the id of a grasp, or a grasp as received, is wanted, got 5"),
+        ({"grasp": 5}, "grasp: expected the id of a grasp, or a grasp as received, got 5"),
         ({"place": {"position": {"x": 0}}}, "place: a pose has position"),
-        ({"points": [[0, 0], [1, 1]]}, r"points: a list of \[x, y, z\] in m is wanted"),
-        ({"points": "abc"}, r"points: a list of \[x, y, z\] in m is wanted"),
+        ({"points": [[0, 0], [1, 1]]}, r"points: expected a list of \[x, y, z\] in m"),
+        ({"points": "abc"}, r"points: expected a list of \[x, y, z\] in m"),
         ({"points": [[0, 0, None]]}, "points: points must be finite"),
         ({"points": [[0, 0, 0]] * 501}, "points: 501 points; at most 500"),
         ({"data": "%%%"}, "data: not base64"),
-        ({"data": 5}, "data: base64 text is wanted"),
-        ({"when": {"sec": "soon"}}, "when: a finite number is wanted"),
-        (5, "the request: an object with fields is wanted"),
+        ({"data": 5}, "data: expected base64 text"),
+        ({"when": {"sec": "soon"}}, "when: expected a finite number"),
+        (5, "the request: expected an object with fields"),
     ],
 )
 def test_a_wrong_value_is_named_with_what_is_wanted(given, words):
@@ -159,7 +159,7 @@ def test_a_text_that_must_be_there_must_not_be_blank():
         name: Text
 
     for blank in ("", "  "):
-        with pytest.raises(UsageError, match="name: a text is wanted"):
+        with pytest.raises(UsageError, match="name: expected a text"):
             read(Named, {"name": blank})
 
 
