@@ -4,10 +4,10 @@
 
 A robot recognises a stored box that it has just seen anew, and inserts a box that nobody has seen,
 each after others of their kind, so that imports and catalogues are warm. `sys.setprofile` sees
-every call of a Python function. A file counts when a function of it was called. A climb is a call from a
-file of a lower layer into one of a higher layer, by the import contracts in pyproject.toml: engine
-over knowledge base over SPARQL over terms, and all of `rtask` over `reasoner`, `features` and
-`grasp`. Data goes one way when the only climbs are the announcements of a commit.
+every call of a Python function. A file counts when a function of it was called. A climb is a call
+from a file of a lower layer into one of a higher layer, by the import contracts in pyproject.toml:
+engine over knowledge base over SPARQL over terms, and all of `rtask` over `reasoner`, `features`
+and `grasp`. Data goes one way when the only climbs are the announcements of a commit.
 """
 
 from __future__ import annotations
