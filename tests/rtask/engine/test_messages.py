@@ -39,7 +39,7 @@ def test_a_grasp_may_come_back_with_whatever_the_robot_added():
     ("grasp", "words"),
     [
         ({}, "expected an id or a pose"),
-        ({"x": "here", "y": 0, "z": 0, "theta": 0}, r"grasp\.x: a finite number"),
+        ({"x": "here", "y": 0, "z": 0, "theta": 0}, r"grasp\.x: expected a finite number"),
         ({"grasp_pose": {}}, "grasp: not a grasp message"),
         ({"in_object": {"x": 1}}, r"grasp\.in_object\.y is missing"),
     ],
