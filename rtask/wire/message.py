@@ -189,6 +189,11 @@ class Answer(BaseModel):
             raise KeyError(name)
         return getattr(self, own)
 
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Mapping):
+            return self.as_json() == other
+        return super().__eq__(other)
+
     def __contains__(self, name: object) -> bool:
         return name in set(self.keys())
 

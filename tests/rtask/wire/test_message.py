@@ -261,7 +261,7 @@ def test_an_answer_that_does_not_fit_cannot_be_made():
 
 def test_an_answer_is_written_as_json_and_never_with_a_number_that_is_none():
     answer = Measured(length=1, label="NaN, Infinity \u00fc", more={"a": [1e300, None, True]})
-    assert json.loads(answer.to_json()) == answer.as_json()
+    assert json.loads(answer.to_json()) == answer.as_json() == answer
     assert answer.to_json() == strict_json(answer.as_json())
     for bad in (math.nan, -math.inf):
         with pytest.raises(ValueError, match="JSON"):
