@@ -47,7 +47,7 @@ test: $(READY)  ## run the tests; ARGS="-k name" passes options
 	@$(BIN)/python -m pytest -n 2 --dist loadscope $(ARGS)
 
 test-quick: $(READY)  ## run the tests that are not slow; ARGS as above
-	@$(BIN)/python -m pytest -q -n 2 --dist loadscope -m "not slow and not browser" $(ARGS)
+	@$(BIN)/python -m pytest -q -n 2 --dist loadscope -p no:schemathesis -m "not slow and not browser" $(ARGS)
 
 check: $(READY)  ## lint, types, import layers, docs
 	@$(BIN)/ruff check .
