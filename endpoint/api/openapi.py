@@ -15,7 +15,7 @@ from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.rosbridge.services import Engine, Operation
 from rtask import __version__
-from rtask.wire.message import kind_of
+from rtask.wire.fields import kind_of
 from rtask.wire.openapi import components
 
 JsonObject = dict[str, Any]

@@ -16,7 +16,8 @@ from annotated_types import Ge, Le
 from pydantic.fields import FieldInfo
 
 from rtask.errors import UsageError
-from rtask.wire.message import Kind, Message, absence, kind_of
+from rtask.wire.fields import Kind, absence, kind_of
+from rtask.wire.message import Message
 from rtask.wire.types import Carried, Unit
 
 __all__ = ["Control", "controls_of", "read_form"]

@@ -7,45 +7,25 @@ blank text in a field that may be left out count as left out.
 from __future__ import annotations
 
 import json
-import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticSerializationError, to_json
 
 from rtask.errors import UsageError, nearest
+from rtask.wire.fields import Also, Kind, kind_of, wire_name
 from rtask.wire.types import Carried
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-__all__ = [
-    "Also",
-    "Answer",
-    "Kind",
-    "Message",
-    "absence",
-    "kind_of",
-    "named",
-    "parts_of",
-    "read",
-    "strict_json",
-    "wire_name",
-]
+__all__ = ["Answer", "Message", "named", "read", "strict_json"]
 
 _SHOWN = 60
 M = TypeVar("M", bound=BaseModel)
-
-
-@dataclass(frozen=True)
-class Also:
-    """Another name under which a field may come."""
-
-    name: str
 
 
 class Message(BaseModel):
@@ -210,63 +190,6 @@ def named(name: str) -> Any:
     return Field(validation_alias=name, serialization_alias=name)
 
 
-def wire_name(name: str, field: FieldInfo) -> str:
-    """Return the name of a field in JSON."""
-    return field.serialization_alias or name
-
-
-@dataclass(frozen=True)
-class Kind:
-    """The type of a field, taken apart.
-
-    Parameters
-    ----------
-    type
-        Without list, None and annotations.
-    metadata
-        All annotations.
-    """
-
-    type: Any
-    metadata: tuple[Any, ...] = ()
-    is_list: bool = False
-    is_nullable: bool = False
-
-    @property
-    def message(self) -> type[BaseModel] | None:
-        """The class of the message that a field holds, or lists."""
-        is_message = isinstance(self.type, type) and issubclass(self.type, BaseModel)
-        return self.type if is_message else None
-
-
-def kind_of(field: FieldInfo) -> Kind:
-    """Return the type of a field, taken apart.
-
-    Examples
-    --------
-    >>> class Cup(Message):
-    ...     heights: list[float] | None = None
-    >>> kind = kind_of(Cup.model_fields["heights"])
-    >>> kind.type, kind.is_list, kind.is_nullable
-    (<class 'float'>, True, True)
-    """
-    return _taken_apart(Kind(field.annotation, tuple(field.metadata)))
-
-
-def _taken_apart(kind: Kind) -> Kind:
-    origin, arguments = typing.get_origin(kind.type), typing.get_args(kind.type)
-    if origin is Annotated:
-        first, *more = arguments
-        return _taken_apart(replace(kind, type=first, metadata=(*kind.metadata, *more)))
-    if origin is list:
-        return _taken_apart(replace(kind, type=arguments[0], is_list=True))
-    if origin in (types.UnionType, typing.Union) and type(None) in arguments:
-        present = [one for one in arguments if one is not type(None)]
-        if len(present) == 1:
-            return _taken_apart(replace(kind, type=present[0], is_nullable=True))
-    return kind
-
-
 def strict_json(value: Any) -> bytes:
     """Return a value as JSON text without spaces.
 
@@ -305,40 +228,6 @@ def _is_ambiguous(field: FieldInfo) -> bool:
     if kind.type in (bool, int, float) and carried is None:
         return bool(field.default) or field.default is None
     return kind.message is not None or (carried is not None and carried.ros != "string")
-
-
-def absence(field: FieldInfo) -> str:
-    """Return in words what leaving a field out means; empty where it must be given.
-
-    A default that is no value of its own is named at the end of the field's summary.
-
-    Examples
-    --------
-    >>> from pydantic.fields import FieldInfo
-    >>> absence(FieldInfo(annotation=float, default=0.1))
-    '0.1'
-    >>> absence(FieldInfo(annotation=str | None, default=None, description="who; default: nobody"))
-    'nobody'
-    """
-    if field.is_required():
-        return ""
-    default = field.get_default(call_default_factory=True)
-    if default == []:
-        return "none"
-    if default is not None:
-        return default if isinstance(default, str) else json.dumps(default)
-    return (field.description or "").partition("; default: ")[2]
-
-
-def parts_of(model: type[BaseModel]) -> dict[str, type[BaseModel]]:
-    """Return the messages in a message by their names, the inner ones first, without itself."""
-    found: dict[str, type[BaseModel]] = {}
-    for field in model.model_fields.values():
-        part = kind_of(field).message
-        if part is not None and part.__name__ not in found:
-            found.update(parts_of(part))
-            found[part.__name__] = part
-    return found
 
 
 # Errors

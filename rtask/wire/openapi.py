@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 
-from rtask.wire.message import Message, absence, parts_of
+from rtask.wire.fields import absence, parts_of
+from rtask.wire.message import Message
 from rtask.wire.ros import ros_types
 
 __all__ = ["components"]

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from pydantic import BaseModel
 
-from rtask.wire.message import Answer, Kind, Message, kind_of, wire_name
+from rtask.wire.fields import Kind, kind_of, wire_name
+from rtask.wire.message import Answer, Message
 from rtask.wire.types import Carried
 
 __all__ = ["LIST", "SCALAR", "Member", "ros_types"]

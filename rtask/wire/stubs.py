@@ -15,7 +15,8 @@ from typing import Literal, Protocol
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rtask.wire.message import Also, Answer, Kind, Message, kind_of, parts_of, wire_name
+from rtask.wire.fields import Also, Kind, kind_of, parts_of, wire_name
+from rtask.wire.message import Answer, Message
 from rtask.wire.types import Carried, Unit
 
 __all__ = ["Declared", "source_of"]

@@ -20,7 +20,8 @@ from rtask.engine.perception.placement import classify_shape
 from rtask.errors import MissingBlobError, UsageError
 from rtask.rdf.namespaces import PREFIXES, RT
 from rtask.rdf.terms import NamedNode, iri, python_value
-from rtask.wire.message import Also, Message
+from rtask.wire.fields import Also
+from rtask.wire.message import Message
 from rtask.wire.types import Box, Cloud, Image, Mask, Number, Pose, Stamp, Text, Unit, Whole
 
 if TYPE_CHECKING:

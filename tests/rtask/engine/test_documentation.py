@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rtask.engine import Policy
 from rtask.engine.operations.table import OPERATIONS
-from rtask.wire.message import kind_of
+from rtask.wire.fields import kind_of
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 

@@ -7,7 +7,7 @@ import pytest
 from rtask.engine.operations.table import OPERATIONS
 from rtask.engine.records.received import Outcome, OutcomeReport, received
 from rtask.errors import UsageError
-from rtask.wire.message import kind_of
+from rtask.wire.fields import kind_of
 
 
 def test_every_field_of_every_operation_says_what_it_means():

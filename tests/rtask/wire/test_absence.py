@@ -15,7 +15,8 @@ from endpoint.rosbridge.typedefs import typedefs_of
 from rtask.engine.operations.table import OPERATIONS
 from rtask.engine.records.received import OutcomeReport
 from rtask.errors import UsageError
-from rtask.wire.message import absence, kind_of, parts_of, read, wire_name
+from rtask.wire.fields import absence, kind_of, parts_of, wire_name
+from rtask.wire.message import read
 from rtask.wire.openapi import components
 from rtask.wire.ros import LIST, ros_types
 from rtask.wire.types import Carried

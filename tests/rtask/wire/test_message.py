@@ -13,7 +13,8 @@ from pydantic import Field, ValidationError
 
 from grasp.messages import pose_message
 from rtask.errors import UsageError
-from rtask.wire.message import Also, Answer, Message, named, read, strict_json
+from rtask.wire.fields import Also
+from rtask.wire.message import Answer, Message, named, read, strict_json
 from rtask.wire.types import (
     Bytes,
     Flag,
