@@ -16,6 +16,7 @@ from simulate import options
 from simulate.act.commands import act_serve, act_test
 from simulate.fleet.commands import fetch, sharing
 from simulate.study.commands import grasping, judging, learn, table4, table5
+from simulate.study.quality.command import grasp_quality
 
 __all__ = ["demo", "simulate"]
 
@@ -117,6 +118,7 @@ def simulate(context: click.Context, /, robots: int | None, **options: Any) -> N
 
 
 simulate.add_command(fetch)
+simulate.add_command(grasp_quality)
 simulate.add_command(grasping)
 simulate.add_command(judging)
 simulate.add_command(learn)

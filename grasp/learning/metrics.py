@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from grasp.arrays import FloatArray
 
-__all__ = ["NEVER", "Life", "Measure", "attempts", "bootstrap", "difference", "first_try", "regret"]
+__all__ = [
+    "NEVER",
+    "Life",
+    "Measure",
+    "attempts",
+    "bootstrap",
+    "difference",
+    "first_try",
+    "regret",
+]
 
 Ints = NDArray[np.int64]
 

@@ -90,6 +90,8 @@ class Proposals:
         What was done to the input, for people.
     counts
         How many were tried and what became of them.
+    advice
+        What would help where there is none; "" when nothing is known to.
 
     Examples
     --------
@@ -102,6 +104,7 @@ class Proposals:
     reason: str = ""
     notes: tuple[str, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
+    advice: str = ""
 
     def __len__(self) -> int:
         return len(self.candidates)

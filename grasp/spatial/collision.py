@@ -17,13 +17,29 @@ from grasp.spatial.gripper import ParallelGripper
 if TYPE_CHECKING:
     from grasp.spatial.meshes.mesh import Mesh
 
-__all__ = ["FREE", "HIT_BY", "Room", "Support", "Surroundings", "finger_clearances", "room_around"]
+__all__ = [
+    "FREE",
+    "HIT_BY",
+    "LOW_M",
+    "SLIDE",
+    "Room",
+    "Support",
+    "Surroundings",
+    "finger_clearances",
+    "room_around",
+]
 
 FREE = 0.05
 """Clearance that is reported when nothing is near, m: more than any finger needs."""
 
 HIT_BY = ("free", "object", "neighbours", "support")
 """What a gripper would touch, by code."""
+
+LOW_M = 0.03
+"""Things lower than this count as plates, m: what forbids a grasp of them is the support."""
+
+SLIDE = "slide it to the edge of its support and take it by the side that stands over"
+"""What helps with a plate that lies flat."""
 
 _TIP_SLACK = 0.004
 

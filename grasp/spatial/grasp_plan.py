@@ -16,6 +16,7 @@ from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh, surfels
 from grasp.spatial.scoring.confidence import Load, PoseNoise, Quality, Weighting, score_grasps
 from grasp.spatial.scoring.features import body_of, with_features
+from grasp.spatial.scoring.holding import assumed_mass, with_holding
 from grasp.spatial.scoring.select import diverse, rank
 
 __all__ = ["SpatialOptions", "plan_on_cloud", "plan_on_mesh", "warm_up"]
@@ -39,7 +40,8 @@ class SpatialOptions:
     quality, weighting
         See :func:`grasp.spatial.scoring.confidence.confidences`.
     mass
-        Of the object, kg, where it is known: its weight must be held too.
+        Of the object, kg, where it is known: its weight must be held too. Grasps of a mesh of
+        unknown mass are ordered as if it were as heavy as wood.
     tries
         Points drawn on a mesh, or a tenth as many hands tried on a cloud.
     reachable
@@ -97,8 +99,14 @@ def plan_on_mesh(
     )
     if not found:
         return found
+    mass = options.mass
+    if mass is None:
+        mass = assumed_mass(mesh)
+        found = replace(
+            found, notes=(*found.notes, f"ordered for an assumed mass of {mass:.2g} kg")
+        )
     points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
-    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep)
+    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, mass)
 
 
 def plan_on_cloud(
@@ -163,7 +171,12 @@ def _ranked(
     support: Support | None,
     options: SpatialOptions,
     sweep: float | None = None,
+    mass: float | None = None,
 ) -> Proposals:
+    """Return the proposals scored and ranked: by holding where a mass is given.
+
+    Clouds show one side well and guess the other: their patches say too little about holding.
+    """
     within = list(found)
     if options.reachable is not None:
         within = [c for c in found if options.reachable(c.frame_from_gripper)]
@@ -177,7 +190,14 @@ def _ranked(
         quality=options.quality, weighting=options.weighting, sweep=sweep, load=load,
         seed=options.seed,
     )  # fmt: skip
-    kept = diverse(rank([_honest(c) for c in scored]), gripper, most=options.most)
+    scored = [_honest(c) for c in scored]
+    if mass is not None and options.quality == "closure":
+        scored = with_holding(
+            scored, surface, gripper, mass, options.noise, samples=options.samples,
+            seed=options.seed,
+        )  # fmt: skip
+    up = None if support is None else support.up
+    kept = diverse(rank(scored, up), gripper, most=options.most)
     body = body_of(points)
     return replace(found, candidates=tuple(with_features(c, body, gripper, support) for c in kept))
 

@@ -388,6 +388,7 @@ class PlannedGrasps(TypedDict):
     object: str
     shape: str
     reason: str
+    advice: str
     commit: str
     tried: dict[str, int]
     grasps: list[RecalledGrasp]

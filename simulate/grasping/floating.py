@@ -1,12 +1,13 @@
 """A gripper without an arm, to judge grasps by physics alone.
 
-It moves along its approach, closes with a bounded force, lifts straight up and holds. It consists
-of the boxes that planning checks for collisions; the object is any set of convex parts.
+It moves along its approach, closes with the hand's force, lifts straight up and holds; on request
+it then shakes what it holds. It consists of the boxes that planning checks for collisions; the
+object is any set of convex parts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,15 +20,39 @@ from simulate.robots.description import Floats
 from simulate.world.objects import Friction
 from simulate.world.world import BodyPose, World
 
-__all__ = ["FloatingGripper", "Held", "execute", "settle", "spawn_parts"]
+__all__ = ["Conditions", "FloatingGripper", "Held", "execute", "settle", "spawn_parts"]
 
-_LIFT, _HAND, _LEFT, _RIGHT = range(4)
-_APPROACH_M, _APPROACH_M_S = 0.05, 0.10
-_CLOSE_S, _SQUEEZE_S, _HOLD_S = 0.5, 0.2, 0.5
+_LIFT, _SWAY_X, _SWAY_Y, _ROCK, _HAND, _LEFT, _RIGHT = range(7)
+_APPROACH_M, _APPROACH_M_S = 0.05, 0.20
+_CLOSE_S, _SQUEEZE_S, _HOLD_S = 0.5, 0.2, 0.3
 _LIFT_M, _LIFT_M_S = 0.10, 0.15
 _ARM_N = 800.0
 _LIFTED_SHARE = 0.6
 _STILL_M_S, _SETTLE_S = 0.004, 3.0
+_SHAKE_S, _RAMP_S, _REST_S = 1.25, 0.25, 0.15
+_SWAY_M, _SWAY_HZ = 0.03, (4.0, 3.0)
+_ROCK_RAD, _ROCK_HZ, _ROCK_N_M = float(np.deg2rad(35.0)), 0.8, 200.0
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What differs from one execution of a grasp to the next.
+
+    Parameters
+    ----------
+    friction
+        Coulomb coefficient between fingers and object.
+    com_error : (3,), m
+        How far the centre of mass is from where the physics has it, in the object's frame. Its
+        weight acts there from the lift on; its inertia does not change.
+    shake
+        Whether the hand shakes after the lift.
+    """
+
+    friction: float = 0.5
+    com_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shake: bool = False
 
 
 @dataclass(frozen=True)
@@ -43,13 +68,16 @@ class Held:
     turned_rad
         Rotation of the object in the hand.
     gap_m
-        Gap between the jaws at the end.
+        Gap between the jaws at the top of the lift.
+    carried
+        Whether both fingers still hold it after the shaking; None without shaking.
     """
 
     held: bool
     lifted_m: float
     turned_rad: float
     gap_m: float
+    carried: bool | None = None
 
 
 def spawn_parts(
@@ -121,31 +149,38 @@ class FloatingGripper:
         client = world.client
         start = world_from_gripper[:3, 3] - _APPROACH_M * world_from_gripper[:3, 2]
         orientation = Rotation.from_matrix(world_from_gripper[:3, :3])
-        up = orientation.inv().apply([0.0, 0.0, 1.0])
+        x, y, z = orientation.inv().apply(np.eye(3)).tolist()
         boxes = gripper.boxes(opening)
+        slides, turns = client.JOINT_PRISMATIC, client.JOINT_REVOLUTE
+        empty = [-1] * _HAND
         self.body = int(
             client.createMultiBody(
                 baseMass=0.0,
                 basePosition=start.tolist(),
                 baseOrientation=orientation.as_quat().tolist(),
-                linkMasses=[1.0, 1.0, 0.2, 0.2],
+                linkMasses=[1.0] * (_HAND + 1) + [0.2, 0.2],
                 linkCollisionShapeIndices=[
-                    -1,
+                    *empty,
                     self._shape(boxes[2:], 0.0),
                     self._shape(boxes[:1], self._half),
                     self._shape(boxes[1:2], -self._half),
                 ],
-                linkVisualShapeIndices=[-1] * 4,
-                linkPositions=[[0.0, 0.0, 0.0]] * 4,
-                linkOrientations=[[0.0, 0.0, 0.0, 1.0]] * 4,
-                linkInertialFramePositions=[[0.0, 0.0, 0.0]] * 4,
-                linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * 4,
-                linkParentIndices=[0, 1, 2, 2],
-                linkJointTypes=[client.JOINT_PRISMATIC] * 4,
-                linkJointAxis=[up.tolist(), [0, 0, 1], [-1, 0, 0], [1, 0, 0]],
+                linkVisualShapeIndices=[-1] * 7,
+                linkPositions=[[0.0, 0.0, 0.0]] * 7,
+                linkOrientations=[[0.0, 0.0, 0.0, 1.0]] * 7,
+                linkInertialFramePositions=[[0.0, 0.0, 0.0]] * 7,
+                linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * 7,
+                linkParentIndices=[0, 1, 2, 3, 4, 5, 5],
+                linkJointTypes=[slides, slides, slides, turns, slides, slides, slides],
+                linkJointAxis=[z, x, y, x, [0, 0, 1], [-1, 0, 0], [1, 0, 0]],
                 flags=client.URDF_USE_SELF_COLLISION_EXCLUDE_ALL_PARENTS,
             )
         )
+        for empty_link in range(_HAND):
+            client.changeDynamics(
+                self.body, empty_link, localInertiaDiagonal=[1e-3] * 3, linearDamping=0.0,
+                angularDamping=0.0, jointDamping=0.0,
+            )  # fmt: skip
         for finger in (_LEFT, _RIGHT):
             client.resetJointState(self.body, finger, self._half)
             client.changeDynamics(
@@ -159,9 +194,10 @@ class FloatingGripper:
             self.body, _LEFT, self.body, _RIGHT, client.JOINT_GEAR, [1, 0, 0], [0, 0, 0], [0, 0, 0]
         )
         client.changeConstraint(self._gear, gearRatio=-1, erp=0.2, maxForce=200)
-        self._drive(_LIFT, 0.0, 1.0, _ARM_N)
-        self._drive(_HAND, 0.0, 1.0, _ARM_N)
-        self._fingers(self._half, gripper.max_effort)
+        for joint in (_LIFT, _SWAY_X, _SWAY_Y, _HAND):
+            self._drive(joint, 0.0, 1.0, _ARM_N)
+        self._drive(_ROCK, 0.0, 1.0, _ROCK_N_M)
+        self._fingers(self._half, gripper.max_force)
 
     def _shape(self, boxes: Floats, shift: float) -> int:
         """Return a collision shape of boxes (b, 2, 3), moved along x by ``shift`` m."""
@@ -195,17 +231,45 @@ class FloatingGripper:
     def approach(self) -> None:
         """Move to the grasp pose."""
         self._drive(_HAND, _APPROACH_M, _APPROACH_M_S, _ARM_N)
-        self.world.step(_APPROACH_M / _APPROACH_M_S + 0.15)
+        self.world.step(_APPROACH_M / _APPROACH_M_S + 0.1)
 
     def close(self) -> None:
         """Close both fingers with the gripper's force."""
-        self._fingers(0.0, self.gripper.max_effort)
+        self._fingers(0.0, self.gripper.max_force)
         self.world.step(_CLOSE_S + _SQUEEZE_S)
 
-    def lift(self) -> None:
-        """Move straight up and hold."""
+    def lift(self, pull: Callable[[], None] | None = None) -> None:
+        """Move straight up and hold.
+
+        Parameters
+        ----------
+        pull
+            Called before each step of the physics.
+        """
         self._drive(_LIFT, _LIFT_M, _LIFT_M_S, _ARM_N)
-        self.world.step(_LIFT_M / _LIFT_M_S + _HOLD_S)
+        for _ in range(self._steps(_LIFT_M / _LIFT_M_S + _HOLD_S)):
+            if pull is not None:
+                pull()
+            self.world.step(0.0)
+
+    def shake(self, pull: Callable[[], None] | None = None) -> None:
+        """Sway by 3 cm at 4 and 3 Hz (peaks of 2 g), rock by 35 degrees, and come to rest."""
+        client, step = self.world.client, self.world.preset.step_s
+        for k in range(self._steps(_SHAKE_S + _REST_S)):
+            now = min((k + 1) * step, _SHAKE_S)
+            for joint, force, (target, speed) in zip(
+                (_SWAY_X, _SWAY_Y, _ROCK), (_ARM_N, _ARM_N, _ROCK_N_M), _shaken(now), strict=True
+            ):
+                client.setJointMotorControl2(
+                    self.body, joint, client.POSITION_CONTROL, targetPosition=target,
+                    targetVelocity=speed, force=force, positionGain=0.3, velocityGain=1.0,
+                )  # fmt: skip
+            if pull is not None:
+                pull()
+            self.world.step(0.0)
+
+    def _steps(self, seconds: float) -> int:
+        return max(round(seconds / self.world.preset.step_s), 1)
 
     def touches(self, body: int) -> tuple[bool, bool]:
         """Tell whether the left and the right finger touch a body."""
@@ -221,9 +285,23 @@ class FloatingGripper:
         self.world.client.removeBody(self.body)
 
 
+def _shaken(now: float) -> list[tuple[float, float]]:
+    """Return position and speed of both swaying joints (m) and the rocking one (rad) at a time."""
+    moves = []
+    for size, hertz in ((_SWAY_M, _SWAY_HZ[0]), (_SWAY_M, _SWAY_HZ[1]), (_ROCK_RAD, _ROCK_HZ)):
+        turn = 2 * np.pi * hertz
+        # Fading in and out: a sudden start would be a blow of any strength.
+        before, after = now / _RAMP_S, (_SHAKE_S - now) / _RAMP_S
+        fade = float(np.clip(min(before, after), 0.0, 1.0))
+        slope = 0.0 if fade in (0.0, 1.0) else (1.0 if before < after else -1.0) / _RAMP_S
+        sine, cosine = float(np.sin(turn * now)), float(np.cos(turn * now))
+        moves.append((size * fade * sine, size * (fade * turn * cosine + slope * sine)))
+    return moves
+
+
 def execute(
     world: World, body: int, gripper: ParallelGripper, world_from_gripper: Floats, opening: float,
-    rest: BodyPose, friction: float = 1.0,
+    rest: BodyPose, friction: float = 1.0, conditions: Conditions | None = None,
 ) -> Held:  # fmt: skip
     """Grasp an object at its resting pose, lift it by 10 cm and check whether it is held.
 
@@ -235,19 +313,54 @@ def execute(
         Where the gripper closes.
     opening
         Before closing, m.
+    friction
+        Of the fingers; physics multiplies it with the object's.
+    conditions
+        Friction, centre of mass and shaking; None = the object's own friction and a lift alone.
     """
     client: Any = world.client
     client.resetBasePositionAndOrientation(body, rest.position.tolist(), rest.quaternion.tolist())
     client.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+    pull = None
+    if conditions is not None:
+        client.changeDynamics(body, -1, lateralFriction=conditions.friction / friction)
+        pull = _misplaced_weight(world, body, conditions)
     hand = FloatingGripper(world, gripper, world_from_gripper, opening, friction)
     try:
         hand.approach()
         hand.close()
-        hand.lift()
-        after = world.object_pose(body)
+        if not any(hand.touches(body)):
+            shaken = conditions is not None and conditions.shake
+            return Held(False, 0.0, 0.0, hand.gap, False if shaken else None)
+        hand.lift(pull)
+        after, gap = world.object_pose(body), hand.gap
         lifted = after.z - rest.z
         turned = Rotation.from_matrix(after.rotation @ rest.rotation.T).magnitude()
-        held = lifted > _LIFTED_SHARE * _LIFT_M and all(hand.touches(body))
-        return Held(bool(held), float(lifted), float(turned), hand.gap)
+        held = bool(lifted > _LIFTED_SHARE * _LIFT_M and all(hand.touches(body)))
+        carried = None
+        if conditions is not None and conditions.shake:
+            if held:
+                hand.shake(pull)
+            higher = world.object_pose(body).z - rest.z > _LIFTED_SHARE * _LIFT_M
+            carried = bool(held and higher and all(hand.touches(body)))
+        return Held(held, float(lifted), float(turned), gap, carried)
     finally:
         hand.remove()
+
+
+def _misplaced_weight(world: World, body: int, conditions: Conditions) -> Callable[[], None] | None:
+    """Return what turns an object as if its weight acted beside its centre of mass, if it does."""
+    offset = np.array(conditions.com_error, dtype=np.float64)
+    if not offset.any():
+        return None
+    weight = _GRAVITY * float(world.client.getDynamicsInfo(body, -1)[0])
+
+    def pull() -> None:
+        place = world.object_pose(body)
+        below = place.rotation @ offset
+        for force, at in ((-weight, place.position + below), (weight, place.position)):
+            world.client.applyExternalForce(
+                body, -1, [0.0, 0.0, force], at.tolist(), world.client.WORLD_FRAME
+            )
+
+    return pull

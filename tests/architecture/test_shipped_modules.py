@@ -17,9 +17,7 @@ from tests.architecture.imports import PACKAGES, ROOT, import_graph, source_file
 # Modules that nothing uses yet, each with its reason; the list may only get shorter.
 UNUSED: dict[str, str] = {
     "features.recognition.index.exact": "benchmarks compare the cascade hash with it",
-    "features.recognition.metrics": "benchmarks score with it",
     "grasp.push.mechanics.box2d_check": "benchmarks compare the quasi-static simulation with it",
-    "simulate.grasping.floating": "benchmarks grasp with it",
 }
 
 _DOTTED = re.compile(rf"\b(?:{'|'.join(PACKAGES)})(?:\.[a-z_]\w*)+")

@@ -28,10 +28,11 @@ from scipy.stats import spearmanr
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.gripper import panda_hand
-from grasp.spatial.mesh_candidates import antipodal_pairs, propose_on_mesh
+from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.mesh_files import read_mesh
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, lathed_mesh, sphere_mesh
+from grasp.spatial.pairs import antipodal_pairs
 from grasp.spatial.scoring.confidence import Load, PoseNoise, confidences, score_grasps
 from grasp.spatial.scoring.select import rank
 from simulate.grasping.floating import execute, settle, spawn_parts

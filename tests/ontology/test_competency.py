@@ -20,8 +20,8 @@ def _header(text: str, word: str) -> str:
     return lines[0].removeprefix(f"# {word}: ")
 
 
-def test_there_are_twenty_questions() -> None:
-    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 21)]
+def test_there_are_twenty_one_questions() -> None:
+    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 22)]
 
 
 @pytest.fixture(scope="module", params=["engine", "owlrl"])

@@ -226,6 +226,16 @@ FAULTS = [
         "StateProjection",
         add(":p a rt:StateProjection ; rt:outputDimension 5 ; rt:explainedVariance 1.1e0"),
     ),
+    *(
+        ("refused", "GraspRefusal", add(f":refused a rt:GraspRefusal ; {told}"))
+        for told in [
+            'rt:lackingConfidence "grasp" ; rt:foundConfidence 0.2e0 ; rt:requiredConfidence 0.3e0',
+            'prov:wasAssociatedWith :nao ; rt:lackingConfidence "hunger" ; '
+            "rt:foundConfidence 0.2e0 ; rt:requiredConfidence 0.3e0",
+            'prov:wasAssociatedWith :nao ; rt:lackingConfidence "grasp" ; '
+            "rt:foundConfidence 1.2e0 ; rt:requiredConfidence 0.3e0",
+        ]
+    ),
     ("l", "LearnerSnapshot", add(":l a rt:LearnerSnapshot ; rt:hasBlob :b")),
     ("l", "LearnerSnapshot", add(':l a rt:LearnerSnapshot ; rt:algorithm "beta/1"')),
     *(

@@ -1,7 +1,9 @@
 """Selection of candidates: ranking, threshold, diversity.
 
-The confidence counts first. It is an estimate from a hundred perturbations: candidates above its
-95 % bound of the best cannot be told apart by it, so among them the others decide.
+How likely a grasp lifts and carries the object counts first, where that was computed, else the
+confidence in its closing. Both are estimates, and the best of many has its place by its errors as
+well: what is nearly as good cannot be told apart by them, so plainer things decide, as the distance
+from the centre of mass.
 """
 
 from __future__ import annotations
@@ -10,14 +12,58 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
 
-__all__ = ["diverse", "rank", "select_grasp"]
+__all__ = ["diverse", "rank", "rank_by_confidence", "rank_by_holding", "select_grasp"]
+
+_EQUAL = 1e-7
+_NEARLY = 0.05
+_LEVER_STEP_M = 0.005
 
 
-def rank(candidates: Sequence[GraspCandidate]) -> list[GraspCandidate]:
-    """Return the candidates, best first.
+def rank(
+    candidates: Sequence[GraspCandidate], up: FloatArray | None = None
+) -> list[GraspCandidate]:
+    """Return the candidates, best first: by holding where all have been scored for it.
+
+    Parameters
+    ----------
+    up : (3,) or None
+        Unit vector against gravity in the candidates' frame.
+    """
+    if candidates and all({"lift", "carry", "lever"} <= set(c.scores) for c in candidates):
+        return rank_by_holding(candidates, up)
+    return rank_by_confidence(candidates)
+
+
+def rank_by_holding(
+    candidates: Sequence[GraspCandidate], up: FloatArray | None = None
+) -> list[GraspCandidate]:
+    """Return the candidates, best first by the mean of ``lift`` and ``carry``.
+
+    Of those within 5 % of the best the one with the shorter lever, in steps of 5 mm, comes first,
+    then the one that approaches more steeply, then the one given first.
+    """
+    # Rounded, so that rigid motions change nothing.
+    value = np.round([(c.scores["lift"] + c.scores["carry"]) / 2 for c in candidates], 9)
+    lever = np.round([c.scores["lever"] / _LEVER_STEP_M - _EQUAL for c in candidates])
+    steep = np.zeros(len(candidates))
+    if up is not None:
+        steep = np.round([-float(c.approach @ up) for c in candidates], 6)
+    order = np.argsort(-value, kind="stable")
+    ranked: list[GraspCandidate] = []
+    while len(order):
+        near = value[order] >= value[order[0]] * (1 - _NEARLY)
+        group = np.sort(order[near])
+        ranked += [candidates[i] for i in group[np.lexsort((-steep[group], lever[group]))]]
+        order = order[~near]
+    return ranked
+
+
+def rank_by_confidence(candidates: Sequence[GraspCandidate]) -> list[GraspCandidate]:
+    """Return the candidates, best first by the confidence in their closing.
 
     By confidence; where it does not tell them apart by the classifier's probability, rounded to
     .05, then by epsilon, then by clearance, then in the given order.
@@ -72,26 +118,25 @@ def diverse(
 def _alike(
     a: GraspCandidate, b: GraspCandidate, gripper: ParallelGripper, distance: float, angle: float
 ) -> bool:
-    if np.linalg.norm(a.centre - b.centre) > distance:
+    # Facets may be exactly as far apart as the limits, whatever a frame's rounding makes of it.
+    if np.linalg.norm(a.centre - b.centre) > distance + _EQUAL:
         return False
     between = a.frame_from_gripper[:3, :3].T @ b.frame_from_gripper[:3, :3]
     traces = [np.trace(between)]
     if gripper.symmetric:
         traces.append(between[2, 2] - between[0, 0] - between[1, 1])
-    return bool(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)) <= angle)
+    return bool(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)) <= angle + _EQUAL)
 
 
 def select_grasp(
     candidates: Sequence[GraspCandidate], min_confidence: float = 0.3
 ) -> GraspCandidate | None:
-    """Return the best candidate, or None when none is confident enough (Kehoe 2014, 4.3).
+    """Return the best that is confident enough, or None when none is (Kehoe 2014, 4.3).
 
     Parameters
     ----------
     min_confidence
         c_G: below it a robot had better not try.
     """
-    ranked = rank(candidates)
-    if not ranked or ranked[0].scores.get("confidence", 0.0) < min_confidence:
-        return None
-    return ranked[0]
+    sure = [c for c in candidates if c.scores.get("confidence", 0.0) >= min_confidence]
+    return next(iter(rank(sure)), None)

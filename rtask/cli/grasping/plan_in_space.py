@@ -189,7 +189,8 @@ def _draw(
 def _verdict(found: Proposals, options: dict[str, Any]) -> str:
     """Return why not to grasp, or ""."""
     if not found:
-        return f"no grasp found: {found.reason}"
+        advice = f"; {found.advice}" if found.advice else ""
+        return f"no grasp found: {found.reason}{advice}"
     best = max(c.scores["confidence"] for c in found)
     if best < options["min_confidence"]:
         return f"no grasp found: the best confidence is {best:.2f} < {options['min_confidence']}"
@@ -235,16 +236,18 @@ def _print(
         f"{seconds:.3f} s"
     )
     if found:
+        held = "  lift  carry" if "carry" in found[0].scores else ""
         click.echo(
-            "rank   x, y, z mm             approach               width  s_G   95 %  epsilon"
+            "rank   x, y, z mm             approach               width  s_G   95 %  epsilon" + held
         )
     for row in _rows(found, options):
         x, y, z = (1000 * v for v in row["position"])
         a, b, c = row["approach"]
+        held = f"  {row['lift']:.2f}   {row['carry']:.2f}" if "carry" in row else ""
         click.echo(
             f"{row['rank']:4d}  ({x:6.1f},{y:6.1f},{z:6.1f})  ({a:+.2f},{b:+.2f},{c:+.2f})  "
             f"{1000 * row['width']:7.1f}  {row['confidence']:.2f}  {row['lower_95']:.2f}  "
-            f"{row.get('epsilon', 0.0):7.4f}{'' if row['antipodal'] == 'full' else '  half'}"
+            f"{row.get('epsilon', 0.0):7.4f}{held}{'' if row['antipodal'] == 'full' else '  half'}"
         )
     said = _verdict(found, options)
     if said:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+from grasp.spatial.collision import SLIDE
 from rtask.engine.decisions import Option
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import KnownObject, Memory
@@ -27,11 +28,18 @@ MAX_ALTERNATIVES = 3
 
 @dataclass(frozen=True)
 class Thresholds:
-    """c_I, c_T and c_G, each 0..1."""
+    """c_I, c_T and c_G, each 0..1.
+
+    Parameters
+    ----------
+    needs_pose
+        Whether the request names c_T: a pose that nothing tells is then too uncertain.
+    """
 
     identity: float
     pose: float
     grasp: float
+    needs_pose: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,8 @@ class Assessment:
         Pose of the object; None if stored data do not determine it.
     chosen
         All options of the learner, in its order.
+    lies_flat
+        Whether it is so low and wide that only the support keeps the hand from holding it.
     """
 
     recognition: Recognition
@@ -53,6 +63,7 @@ class Assessment:
     known: KnownObject | None
     pose: PoseEstimate | None
     chosen: Sequence[Option]
+    lies_flat: bool = False
 
 
 class Asking(Protocol):
@@ -85,7 +96,7 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
     >>> from types import SimpleNamespace
     >>> wish = {"min_confidence": None, "min_identity": None, "min_pose": None, "min_grasp": 0.5}
     >>> asked(Policy(), SimpleNamespace(decide=False, **wish))
-    Thresholds(identity=0.7, pose=0.7, grasp=0.5)
+    Thresholds(identity=0.7, pose=0.7, grasp=0.5, needs_pose=False)
     """
     given = (request.min_identity, request.min_pose, request.min_grasp)
     if not request.decide and all(one is None for one in given):
@@ -93,8 +104,8 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
     identity = request.min_confidence
     identity = policy.min_identity if identity is None else identity
     default = (identity, policy.min_pose, policy.min_grasp)
-    numbers = (d if g is None else float(g) for d, g in zip(default, given, strict=True))
-    return Thresholds(*numbers)
+    least, pose, grasp = (d if g is None else float(g) for d, g in zip(default, given, strict=True))
+    return Thresholds(least, pose, grasp, needs_pose=bool(request.min_pose))
 
 
 def grasps_above(chosen: Sequence[Option], threshold: float) -> list[Option]:
@@ -129,8 +140,8 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
     }
     if case.known is None or identity < thresholds.identity:
         low = ("identity", identity, thresholds.identity, _objects(case), _look(case))
-    elif pose is not None and pose < thresholds.pose:
-        low = ("pose", pose, thresholds.pose, _poses(case), _turn(case))
+    elif (pose is not None and pose < thresholds.pose) or (pose is None and thresholds.needs_pose):
+        low = ("pose", pose or 0.0, thresholds.pose, _poses(case), _turn(case))
     elif not case.chosen or grasp < thresholds.grasp:
         low = ("grasp", grasp, thresholds.grasp, _grasps(case), _try(case))
     else:
@@ -142,6 +153,8 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         said = f"identity: {confidence:.2f}, and too little is known yet to compare it with"
     elif name == "grasp" and not case.chosen:
         said = "grasp: there is none that could hold it"
+    elif name == "pose" and case.pose is None:
+        said = f"pose: nothing stored tells it, and {threshold:.2f} is asked for"
     answer.update(
         answer="too_low", too_low=name, confidence=confidence, threshold=threshold,
         alternatives=alternatives, text=said, advice=advice,
@@ -175,13 +188,15 @@ def _look(case: Assessment) -> str:
 
 
 def _poses(case: Assessment) -> list[dict[str, Any]]:
-    assert case.pose is not None
+    if case.pose is None:
+        return []
     others = case.pose.alternatives[:MAX_ALTERNATIVES]
     return [{"score": float(other.score)} for other in others]
 
 
 def _turn(case: Assessment) -> str:
-    assert case.pose is not None
+    if case.pose is None:
+        return "store more views of it (insert_object): its model then tells the pose"
     found = case.pose
     if found.ambiguous:
         return "it fits in several poses: look from a side that tells them apart"
@@ -203,6 +218,8 @@ def _grasps(case: Assessment) -> list[dict[str, Any]]:
 
 
 def _try(case: Assessment) -> str:
+    if case.lies_flat:
+        return SLIDE
     if not case.chosen:
         return "no grasp is left: let geometry propose (propose), or plan one (rtask grasp)"
     return "let geometry propose others (propose), try another hand, or turn the object"

@@ -80,6 +80,7 @@ class PlannedGrasps(Answer):
     object: str
     shape: str
     reason: str
+    advice: str
     commit: str
     tried: dict[str, int]
     grasps: list[RecalledGrasp]
@@ -180,6 +181,7 @@ def plan_in_space(context: Context, request: PlanInSpace, access: Access) -> Pla
         object=shape.thing,
         shape=shape.kind,
         reason=reason,
+        advice=found.advice,
         commit=stored["commit"],
         tried=dict(found.counts),
         grasps=as_messages(context, [known[name] for name in dict.fromkeys(stored["grasps"])]),

@@ -1,13 +1,13 @@
 """Recognition of an object and choice of a grasp (Gatto 2016, 3.2.4: recognition for grasping).
 
-Decode, describe, match, query the graph once, propose, choose. Nothing is written; the robot
-reports the outcome under the task that the answer names.
+Decode, describe, match, query the graph once, propose, choose. Only a refusal is written, if the
+caller may write; the robot reports the outcome under the task that the answer names.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +18,9 @@ from pydantic import Field
 
 from grasp.messages import empty_grasp_message, grasp_message, spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.collision import LOW_M
 from grasp.spatial.frames import closing_yaw, tilt
+from rtask.engine.context import SCOPES
 from rtask.engine.decisions import Decision, Option
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.choice import Scene, choose, options
@@ -34,6 +36,7 @@ from rtask.engine.perception.identity import recognise, settle
 from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate, pose_fields
+from rtask.engine.records.refusals import Refusal, store_refusal
 from rtask.engine.remembered import KnownObject, Memory
 from rtask.engine.terms import find_task
 from rtask.errors import UnknownTermError
@@ -213,6 +216,8 @@ def recognise_for_grasp(
     known = situation.known
     task = context.names.unique("task").value
     fields = _fields(situation, request.max_grasps)
+    if decision is not None:
+        decision = {**decision, "refusal": _refused(context, situation, decision, task, access)}
     clock.times["total_s"] = clock.total()
     times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     context.decisions.put(
@@ -288,6 +293,18 @@ def _decided(
     return replace(situation, chosen=() if decision["too_low"] else chosen), decision
 
 
+def _refused(
+    context: Context, situation: Situation, decision: Mapping[str, Any], task: str, access: Access
+) -> str:
+    """Store a decision against a grasp; return its IRI, or "" for a grasp or a mere reader."""
+    if not decision["too_low"] or "write" not in SCOPES[access.role]:
+        return ""
+    known, matches = situation.known, situation.recognition.matches
+    thing = known.iri if known else matches[0].object_iri if matches else ""
+    refusal = Refusal(task, situation.gripper, thing, decision)
+    return store_refusal(context, refusal, access).value
+
+
 def _assessment(situation: Situation) -> Assessment:
     return Assessment(
         situation.recognition,
@@ -295,7 +312,16 @@ def _assessment(situation: Situation) -> Assessment:
         situation.known,
         None if situation.pose is None else situation.pose.estimate,
         situation.chosen,
+        _lies_flat(situation),
     )
+
+
+def _lies_flat(situation: Situation) -> bool:
+    """Tell whether the thing is too wide for the hand from above and too low from the side."""
+    shape, hand = situation.observation.shape, situation.gripper.gripper
+    if shape is None:
+        return False
+    return shape.height <= LOW_M and not hand.fits(min(shape.length, shape.width))
 
 
 def _identity(situation: Situation) -> float:

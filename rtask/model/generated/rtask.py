@@ -402,6 +402,41 @@ class Physical(Entity):
     time: Links[TimePosition] = Links(_SUMO + "time", _SUMO + "TimePosition")
 
 
+class GraspRefusal(Activity):
+    """A decision against a grasp because a confidence was below its threshold (Kehoe 2014, 4.3).
+
+    ``rt:GraspRefusal``
+
+    Attributes
+    ----------
+    found_confidence
+        The value of the confidence that was too low; 0 where nothing told it. [UNITLESS]
+    lacking_confidence
+        The confidence that was too low: identity, pose or grasp.
+    refusal_advice
+        What would help to grasp after all.
+    refusal_reason
+        The refusal in words.
+    refused_object
+        The object that was not grasped; where its identity was in doubt, the one most alike.
+    refused_with
+        The end effector that would have grasped.
+    required_confidence
+        The threshold that the confidence had to reach: c_I, c_T or c_G. [UNITLESS]
+    """
+
+    __iri__: ClassVar[str] = _RT + "GraspRefusal"
+    __required__: ClassVar[tuple[str, ...]] = ("at_time", "found_confidence", "lacking_confidence", "required_confidence", "was_associated_with",)
+
+    found_confidence: One[float] = One(_RT + "foundConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+    lacking_confidence: One[str] = One(_RT + "lackingConfidence", _XSD + "string", functional=True)
+    refusal_advice: One[str] = One(_RT + "refusalAdvice", _XSD + "string", functional=True)
+    refusal_reason: One[str] = One(_RT + "refusalReason", _XSD + "string", functional=True)
+    refused_object: Link[ManipulableObject] = Link(_RT + "refusedObject", _RT + "ManipulableObject", functional=True)
+    refused_with: Link[EndEffector] = Link(_RT + "refusedWith", _RT + "EndEffector", functional=True)
+    required_confidence: One[float] = One(_RT + "requiredConfidence", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0, most=1.0))
+
+
 class Interval(ProperInterval):
     """A stretch of time with a begin and an end.
 

@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from grasp.spatial.collision import Support, Surroundings
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud, plan_on_mesh
 from grasp.spatial.gripper import ParallelGripper, panda_hand, parallel_jaw
-from grasp.spatial.mesh_candidates import antipodal_pairs, propose_on_mesh
+from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.meshes.mesh import Mesh, as_mesh
 from grasp.spatial.meshes.shapes import box_mesh, cup_mesh, lathed_mesh, sphere_mesh
+from grasp.spatial.pairs import antipodal_pairs
 
 HAND = panda_hand()
 CONE = np.cos(np.arctan(HAND.friction))
@@ -177,6 +178,10 @@ def test_a_grasp_that_the_support_forbids_is_named() -> None:
     found = plan_on_mesh(tile, HAND, Surroundings(Support(-0.005)))
     assert not found
     assert "support" in found.reason
+    assert "slide it to the edge" in found.advice
+    block = box_mesh((0.1, 0.1, 0.05))  # the support is not all that forbids it
+    assert plan_on_mesh(block, HAND, Surroundings(Support(-0.025))).advice == ""
+    assert plan_on_mesh(tile, HAND).advice == ""
 
 
 def test_holes_and_flipped_faces_leave_the_grasps() -> None:

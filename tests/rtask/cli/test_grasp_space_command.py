@@ -136,7 +136,10 @@ def test_flipped_normals_and_holes_change_nothing_where_two_sides_are_left(
     plain, odd = (json.loads(_run(str(p), *asked).output) for p in (whole, tmp_path / "odd.obj"))
     assert odd["grasps"]
     assert odd["grasps"][0]["width"] == pytest.approx(0.04, abs=0.004)
-    assert odd["grasps"][0]["confidence"] >= plain["grasps"][0]["confidence"] - 0.1
+    # The open shell lets the fingers deeper in, to its middle: the order is by holding.
+    assert odd["grasps"][0]["carry"] >= plain["grasps"][0]["carry"] - 0.1
+    sure, plainly = (max(g["confidence"] for g in one["grasps"]) for one in (odd, plain))
+    assert sure >= plainly - 0.1
 
 
 def test_a_broken_mesh_is_named(tmp_path: Path) -> None:

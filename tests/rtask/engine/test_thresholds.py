@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from rtask.engine import Engine, Policy
+from rtask.engine.memory.thresholds import Assessment, Thresholds, decide
 from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
 
 pytestmark = pytest.mark.slow  # starts servers or robots
 
@@ -116,3 +120,60 @@ def test_a_threshold_outside_of_its_range_is_refused(known):
     robot, seen = known
     with pytest.raises(UsageError, match=r"min_pose: 1\.2 is above 1"):
         robot.recognise(seen, min_pose=1.2)
+
+
+def test_a_pose_that_is_asked_for_and_that_nothing_tells_is_too_low():
+    nothing = SimpleNamespace(matches=(), accepted=True)
+    known = SimpleNamespace(iri="urn:box")
+    case = Assessment(nothing, SimpleNamespace(objects={}), known, None, ())
+    asked_for = decide(Thresholds(0.7, 0.7, 0.3, needs_pose=True), case, 0.9)
+    assert (asked_for["too_low"], asked_for["confidence"]) == ("pose", 0.0)
+    assert asked_for["confidences"]["pose"] is None
+    assert "nothing stored tells it" in asked_for["text"]
+    assert "views" in asked_for["advice"]
+    by_default = decide(Thresholds(0.7, 0.7, 0.3), case, 0.9)
+    assert by_default["too_low"] == "grasp"
+
+
+def test_a_plate_that_lies_flat_is_to_be_slid_to_the_edge():
+    known = SimpleNamespace(iri="urn:tray")
+    nothing = SimpleNamespace(matches=(), accepted=True)
+    case = Assessment(nothing, SimpleNamespace(objects={}), known, None, (), lies_flat=True)
+    decision = decide(Thresholds(0.7, 0.7, 0.3), case, 0.9)
+    assert decision["too_low"] == "grasp"
+    assert "slide it to the edge" in decision["advice"]
+
+
+@pytest.mark.parametrize(
+    ("field", "lacking"), [("min_identity", "identity"), ("min_pose", "pose"),
+                           ("min_grasp", "grasp")],
+)  # fmt: skip
+def test_why_a_robot_did_not_grasp_is_a_query(kb, known, field, lacking):
+    robot, seen = known
+    answer = robot.recognise(seen, **{field: 1.0})
+    rows = kb.query("""
+        PREFIX rt: <https://w3id.org/rtask-kg/ns#> PREFIX prov: <http://www.w3.org/ns/prov#>
+        SELECT ?refusal ?robot ?object ?lacking ?found ?required ?graph {
+          GRAPH ?graph { ?refusal a rt:GraspRefusal ; prov:wasAssociatedWith ?robot ;
+            rt:refusedObject ?object ; rt:lackingConfidence ?lacking ;
+            rt:foundConfidence ?found ; rt:requiredConfidence ?required } }""")
+    (row,) = [row.to_dict() for row in rows]
+    decision = answer["decision"]
+    assert row["refusal"] == decision["refusal"] != ""
+    assert (row["lacking"], row["required"]) == (lacking, 1.0)
+    assert row["found"] == pytest.approx(decision["confidence"], abs=1e-6)
+    assert "/graph/agent/" in str(row["graph"])
+
+
+def test_a_grasp_and_a_mere_reader_store_no_refusal(kb, known):
+    _, seen = known
+    before = kb.seq
+    with Engine(kb) as engine:
+        request = {"gripper_id": "right_hand", **seen}
+        granted = engine.call("recognise_for_grasp", {**request, "min_grasp": 0.1})
+        refused = engine.call(
+            "recognise_for_grasp", {**request, "min_grasp": 1.0}, access=Access(None, "reader")
+        )
+    assert granted["decision"]["refusal"] == refused["decision"]["refusal"] == ""
+    assert refused["decision"]["too_low"] == "grasp"
+    assert kb.seq == before

@@ -1,0 +1,140 @@
+"""How likely two pads hold an object that is lifted or carried.
+
+Both patches together resist a force across the closing axis and a torque about it. The limit
+surface of such contacts is nearly an ellipsoid (Howe and Cutkosky 1996): with the demands as shares
+of what each could bear alone, a grasp holds while the sum of their squares is below one. Weight and
+torque come from accelerations in any direction, so the torque is that about the middle of the
+patches. Pads that lean against each other, as on a taper, use up friction by themselves; an object
+whose faces are parallel turns until the pads lie flat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from grasp.arrays import FloatArray
+from grasp.spatial.candidate import GraspCandidate
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.meshes.mesh import Mesh, enclosed_volume
+from grasp.spatial.scoring.confidence import PoseNoise
+from grasp.spatial.scoring.pads import PadContacts, pad_contacts
+
+__all__ = [
+    "CARRY_G", "LIFT_G", "Demand", "assumed_mass", "demands", "hold_shares", "with_holding",
+]  # fmt: skip
+
+LIFT_G, CARRY_G = 1.0, 2.5
+"""Accelerations, g: of a slow lift, and of carrying with some shaking."""
+
+_GRAVITY = 9.81
+_SOFT_M = 0.002
+_SLOPE = 4
+_MASS_KG, _DENSITY = (0.03, 1.0), 700.0
+_UNSURE = 0.65
+
+
+@dataclass(frozen=True, eq=False)
+class Demand:
+    """What a load asks of a grasp, as shares of what its friction bears; all (c, K).
+
+    Parameters
+    ----------
+    force
+        Weight over twice the friction of a jaw's force.
+    torque
+        About the closing axis: weight times lever over what both patches bear.
+    taper
+        Tangent of half the angle between both patches over the friction coefficient.
+    """
+
+    force: FloatArray
+    torque: FloatArray
+    taper: FloatArray
+
+
+def assumed_mass(mesh: Mesh) -> float:
+    """Return a mass, kg, for a mesh of unknown material: 700 kg/m3, from 30 g to 1 kg."""
+    return float(np.clip(_DENSITY * enclosed_volume(mesh), *_MASS_KG))
+
+
+def demands(
+    contacts: PadContacts, gripper: ParallelGripper, mass: float, friction: float | None = None
+) -> Demand:
+    """Return what a mass, kg, asks of grasps at an acceleration of 1 g.
+
+    Parameters
+    ----------
+    friction
+        Coulomb coefficient; None = the gripper's.
+    """
+    mu = gripper.friction if friction is None else friction
+    share = mass * _GRAVITY / (2 * mu * gripper.max_force)
+    reach = np.sqrt(contacts.radius**2 + _SOFT_M**2).mean(axis=-1)
+    lever = np.hypot(contacts.lever[..., 1], contacts.lever[..., 2])
+    # Opposed normals sum to nothing, whichever way both are turned against the pads.
+    lean = np.linalg.norm(contacts.normals.sum(axis=-2), axis=-1) / 2
+    taper = lean / np.sqrt(np.maximum(1 - lean**2, 1e-6)) / mu
+    return Demand(np.full(lever.shape, share), share * lever / reach, taper)
+
+
+def hold_shares(contacts: PadContacts, demand: Demand, acceleration: float = LIFT_G) -> FloatArray:
+    """Return how likely each grasp holds under each error of the pose (c, K), in [0, 1].
+
+    Parameters
+    ----------
+    acceleration
+        That the task asks for, in g: 1 for lifting, 2.5 for carrying.
+    """
+    asked = acceleration**2 * (demand.force**2 + demand.torque**2) + demand.taper**2
+    return np.asarray(np.where(contacts.met, 1 / (1 + asked ** (_SLOPE / 2)), 0.0))
+
+
+def with_holding(
+    candidates: Sequence[GraspCandidate],
+    mesh: Mesh,
+    gripper: ParallelGripper,
+    mass: float,
+    noise: PoseNoise | None = None,
+    *,
+    samples: int = 100,
+    seed: int = 0,
+) -> list[GraspCandidate]:
+    """Return the candidates with ``lift``, ``carry`` and ``lever`` among their scores.
+
+    Parameters
+    ----------
+    candidates
+        With ``confidence``, the share of errors under which the middle line closes and the open
+        hand touches nothing: where it does not, a grasp still holds in two of three cases.
+    mass
+        Of the object, kg.
+    noise, samples, seed
+        Of the pose, as in :func:`grasp.spatial.scoring.confidence.score_grasps`.
+
+    Notes
+    -----
+    ``lever`` is the distance (m) from the centre of mass to the middle of the contacts.
+    """
+    if not candidates:
+        return []
+    noise = noise or PoseNoise()
+    poses = np.stack([c.frame_from_gripper for c in candidates])
+    openings = [gripper.max_opening if c.opening is None else c.opening for c in candidates]
+    contacts = pad_contacts(
+        mesh, poses, gripper, noise.transforms(samples, seed), np.array(openings),
+        noise.covariance is not None,
+    )  # fmt: skip
+    demand = demands(contacts, gripper, mass)
+    shares = {"lift": LIFT_G, "carry": CARRY_G}
+    means = {name: hold_shares(contacts, demand, g).mean(axis=1) for name, g in shares.items()}
+    found = []
+    for i, one in enumerate(candidates):
+        sure = _UNSURE + (1 - _UNSURE) * one.scores.get("confidence", 1.0)
+        middle = one.centre if one.contacts is None else one.contacts.mean(axis=0)
+        scores = {name: float(mean[i]) * sure for name, mean in means.items()}
+        lever = float(np.linalg.norm(middle - mesh.com))
+        found.append(replace(one, scores={**one.scores, **scores, "lever": lever}))
+    return found

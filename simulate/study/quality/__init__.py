@@ -1,0 +1,1 @@
+"""Comparison of planned grasps with a trivial sampler, by physics."""

@@ -1,0 +1,171 @@
+"""The comparison of planned grasps with a trivial sampler's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from grasp.spatial.gripper import nao_hand, panda_hand
+from rtask.errors import UsageError
+from simulate.study.quality.bench import draws, laid_out
+from simulate.study.quality.command import grasp_quality
+from simulate.study.quality.objects import FAMILIES, GraspObject, fits, generated, ycb_models
+from simulate.study.quality.report import quality_rows, summarise_quality
+from simulate.study.quality.sampler import sampled_grasp
+from simulate.study.quality.trial import RULES, quality_trial
+
+HAND = panda_hand()
+
+
+@pytest.mark.parametrize("number", range(len(FAMILIES)), ids=FAMILIES)
+def test_a_generated_object_is_centred_and_suits_its_hand(number: int) -> None:
+    thing, again = generated(3, number, HAND), generated(3, number, HAND)
+    assert thing.name == f"{FAMILIES[number]}-{number}"
+    assert all(np.array_equal(a, b) for a, b in zip(thing.parts, again.parts, strict=True))
+    mesh = thing.mesh()
+    assert np.allclose(mesh.com, 0.0, atol=1e-6)
+    # 20 N at friction .5 bear 2.04 kg.
+    assert 0.2 < thing.mass < 1.02
+    small = generated(3, number, nao_hand())
+    assert np.allclose(np.ptp(small.mesh().vertices, axis=0),
+                       np.ptp(mesh.vertices, axis=0) * 5 / 8)  # fmt: skip
+    assert small.mass == pytest.approx(thing.mass / 10)
+
+
+def _box() -> GraspObject:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return GraspObject("box", (corners * (0.02, 0.03, 0.04),), 0.2)
+
+
+def test_parts_are_written_for_the_physics(tmp_path: Path) -> None:
+    (path,) = _box().write(tmp_path)
+    lines = path.read_text().splitlines()
+    assert sum(line.startswith("v ") for line in lines) == 8
+    assert sum(line.startswith("f ") for line in lines) == 12
+
+
+def test_a_hand_takes_what_is_narrow_and_light() -> None:
+    assert fits(_box(), HAND)
+    assert not fits(GraspObject("lead", _box().parts, 1.5), HAND)
+    assert not fits(GraspObject("crate", (_box().parts[0] * 5,), 0.2), HAND)
+
+
+def test_a_folder_without_models_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="coacd"):
+        ycb_models(tmp_path)
+
+
+def test_the_sampler_takes_a_box_across_from_above() -> None:
+    mesh = _box().mesh()
+    standing = mesh.vertices + np.array([0, 0, 0.04])
+    found = sampled_grasp(standing, mesh.faces, np.array([0, 0, 0.04]), HAND, 0.0, 1)
+    assert found is not None
+    assert found.opening == HAND.max_opening
+    assert found.approach[2] == pytest.approx(-1.0, abs=1e-6)
+    assert found.width == pytest.approx(0.04) or found.width == pytest.approx(0.06)
+    assert np.linalg.norm(found.centre - (0, 0, 0.04)) < 0.01
+
+
+def test_the_sampler_finds_nothing_on_what_is_too_wide() -> None:
+    mesh = GraspObject("crate", (_box().parts[0] * 5,), 1.0).mesh()
+    standing = mesh.vertices + np.array([0, 0, 0.2])
+    assert sampled_grasp(standing, mesh.faces, np.array([0, 0, 0.2]), HAND, 0.0, 1) is None
+
+
+def test_draws_are_the_same_for_all_grasps_of_an_object_and_differ_between_objects() -> None:
+    first, again, other = draws(1, 2, 3, 0.1), draws(1, 2, 3, 0.1), draws(1, 3, 3, 0.1)
+    for a, b, c in zip(first, again, other, strict=True):
+        assert np.array_equal(a.error, b.error)
+        assert a.conditions == b.conditions
+        assert not np.array_equal(a.error, c.error)
+        assert 0.35 <= a.conditions.friction <= 0.8
+        assert a.conditions.shake
+
+
+@pytest.mark.slow
+def test_a_good_grasp_of_a_box_is_carried_and_one_beside_it_is_not() -> None:
+    with laid_out(_box()) as bench:
+        assert bench.rest.z == pytest.approx(0.04, abs=0.002)
+        standing = bench.mesh.vertices @ bench.rest.rotation.T + bench.rest.position
+        found = sampled_grasp(standing, bench.mesh.faces, bench.rest.position, HAND, 0.0, 1)
+        assert found is not None
+        found.frame_from_gripper[:] = np.linalg.inv(bench.world_from_object) @ (
+            found.frame_from_gripper
+        )
+        trials = draws(0, 0, 2, 0.08)
+        assert [one.carried for one in bench.try_out(found, HAND, trials)] == [True, True]
+        found.frame_from_gripper[:3, 3] += found.frame_from_gripper[:3, 1] * 0.1
+        assert not any(one.held for one in bench.try_out(found, HAND, trials))
+
+
+@pytest.mark.slow
+def test_a_trial_depends_on_seed_and_number_alone() -> None:
+    settings = {"seed": 5, "trials": 1, "ycb": "", "preset": "fast"}
+    one = quality_trial(settings, 2)
+    assert one == quality_trial(settings, 2)
+    assert one["hand"] == "panda"
+    assert set(one["rules"]) <= set(RULES)
+    assert {"lift", "carry", "confidence"} <= set(one["rules"]["planned"]["promised"])
+    assert all(len(rule["held"]) == len(rule["carried"]) == 1 for rule in one["rules"].values())
+
+
+def _result(number: int, planned: float, confidence: float, sampler: float) -> dict[str, Any]:
+    def rule(share: float) -> dict[str, Any]:
+        held = [k < round(share * 4) for k in range(4)]
+        return {"held": held, "carried": held, "promised": {"lift": 0.75, "carry": 0.75}}
+
+    return {
+        "hand": "panda" if number % 2 == 0 else "nao",
+        "object": f"thing-{number}",
+        "rules": {"planned": rule(planned), "confidence": rule(confidence),
+                  "sampler": rule(sampler)},
+    }  # fmt: skip
+
+
+def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
+    better = [_result(n, 1.0, 0.5 if n % 3 else 1.0, 0.75) for n in range(60)]
+    summary = summarise_quality(better)
+    assert summary["gate"]["passed"]
+    assert summary["cases"]["panda, lift"]["planned"]["mean"] == 1.0
+    assert summary["cases"]["all"]["minus confidence"]["n"] == 60
+    assert summary["cases"]["all"]["minus sampler"]["mean"] == pytest.approx(0.25)
+    assert summary["calibration"]["nao, carry"]["error"] == pytest.approx(0.25)
+    assert len(quality_rows(summary)) == 5
+
+    same = summarise_quality([_result(n, 0.75, 0.75, 0.75) for n in range(60)])
+    assert not same["gate"]["passed"]
+    assert same["gate"]["nowhere below the sampler"]
+    assert not same["gate"]["better than the former order"]
+
+    worse = summarise_quality([_result(n, 1.0 if n % 2 else 0.5, 0.25, 0.75) for n in range(60)])
+    assert not worse["gate"]["nowhere below the sampler"]
+    assert worse["gate"]["better than the former order"]
+    assert not worse["gate"]["passed"]
+
+
+def test_objects_without_a_grasp_are_counted_and_leave_the_pairs() -> None:
+    results = [_result(n, 1.0, 1.0, 1.0) for n in range(4)]
+    del results[0]["rules"]["sampler"]
+    summary = summarise_quality(results)
+    assert summary["none"] == {"planned": 0, "confidence": 0, "sampler": 1}
+    assert summary["cases"]["all"]["minus sampler"]["n"] == 3
+    assert summary["cases"]["all"]["minus confidence"]["n"] == 4
+
+
+@pytest.mark.slow
+def test_the_command_prints_paired_intervals_and_goes_on_where_it_was(tmp_path: Path) -> None:
+    asked = ["--objects", "1", "-n", "1", "--seed", "5", "--workers", "1", "--out", str(tmp_path)]
+    done = CliRunner().invoke(grasp_quality, asked)
+    assert done.exit_code == 0, done.output
+    assert "planned - sampler" in done.output
+    assert "gate:" in done.output
+    journal = (tmp_path / "journal.jsonl").read_text()
+    again = CliRunner().invoke(grasp_quality, [*asked, "--resume", "--json"])
+    assert again.exit_code == 0, again.output
+    assert (tmp_path / "journal.jsonl").read_text() == journal
+    assert json.loads(again.output.splitlines()[-1])["seed"] == 5
