@@ -1,7 +1,7 @@
 """Description of a robot as data: links, joints, arms with their hands, cameras.
 
-A :class:`RobotDescription` knows no simulator. The URDF text, the kinematic chains, the collision
-spheres of the planner and the body in the physics engine are all made from it.
+A :class:`RobotDescription` is independent of any simulator. The URDF text, the kinematic chains,
+the planner's collision spheres and the body in the physics engine are all derived from it.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ class Arm:
     end_effector
         Name of the hand (Gatto 2016, 4.3: ``end_eff_name``).
     aliases
-        Other names under which the hand is asked for.
+        Other names accepted for the hand.
     fingers
         Joints that close the hand; each moves from 0 (closed) to ``finger_range`` (open).
     mouth
@@ -188,7 +188,7 @@ class Arm:
     max_payload
         kg.
     grip
-        How the hand takes things: ``diagonal_mouth`` comes from aside and below the fingers,
+        How the hand grasps: ``diagonal_mouth`` approaches from aside and below the fingers,
         ``parallel_jaws`` straight down.
     kind
         Class of end effector in the ontology.
@@ -246,7 +246,7 @@ class CameraMount:
 
 @dataclass(frozen=True)
 class Workplace:
-    """The table that suits a robot and what stands on it, base frame, m.
+    """The table that suits a robot, with its boxes, base frame, m.
 
     Parameters
     ----------
@@ -255,9 +255,9 @@ class Workplace:
     box_centre, box_inner, box_height
         Boxes to place into: x and absolute y of their middles, inner side, height of the walls.
     area_x, area_abs_y
-        Where objects stand.
+        Area for objects.
     eye, target
-        From where pictures for people are taken, and what they show, on the right side.
+        Viewpoint of pictures for people, and the point that they show, on the right side.
     """
 
     table_height: float = 0.27
@@ -284,7 +284,7 @@ class Workplace:
 
 @dataclass(frozen=True)
 class Stance:
-    """Another way to stand: the pose of the root link and the joints (rad) that produce it."""
+    """An alternative stance: the pose of the root link and the joints (rad) that produce it."""
 
     base_from_root: Pose
     joints: Mapping[str, float]
@@ -294,9 +294,10 @@ class Stance:
 class RobotDescription:
     """A robot: a tree of links, with arms and cameras named on it.
 
-    ``base_from_root`` is where the root link is when the robot stands on z = 0 of its base frame.
-    ``support`` holds the corners (x, y) m of what its feet cover, counter-clockwise; empty for one
-    that is bolted down. ``stances`` are other ways to stand, the nearest to this one first.
+    ``base_from_root`` is the pose of the root link when the robot stands on z = 0 of its base
+    frame. ``support`` holds the corners (x, y) m of its support polygon, counter-clockwise; it is
+    empty for a robot that is bolted down. ``stances`` are alternative stances, the most similar
+    first.
     """
 
     name: str
@@ -351,7 +352,7 @@ class RobotDescription:
     def welded(self) -> RobotDescription:
         """Return the same robot without fixed joints: child and parent become one link.
 
-        A simulator then has no work with links that never move.
+        This saves the simulator the work for links that never move.
         """
         links = {link.name: link for link in self.links}
         joints = list(self.joints)

@@ -1,6 +1,6 @@
 """The NAO H25 V5, built from :mod:`simulate.robots.facts_nao` and our own primitives.
 
-No mesh of the robot is free to give away, so limbs, torso and head are boxes, spheres and cylinders
+No mesh of the robot may be redistributed, so limbs, torso and head are boxes, spheres and cylinders
 of our own choice; the palm follows from the published touch-sensor frames.
 """
 
@@ -34,11 +34,11 @@ Legs = Literal["fixed", "joints"]
 GRIPPER_TILT = 0.8
 """Angle (rad) of the approach axis below the finger direction: the mouth opens diagonally."""
 PHALANX_MASS = 0.002
-"""kg; the published 2 mg against a hand of 185 g is a ratio that no iterative solver likes."""
+"""kg; the published 2 mg, against a hand of 185 g, would make iterative solvers unstable."""
 LEAN = 0.2
-"""rad, of a Nao that leans over its table: its hands reach a fifth more of it."""
+"""rad, lean of ``nao_leaning``, whose hands reach a fifth more of the table."""
 LEANS = (0.2, 0.4)
-"""rad, that an upright one takes for what it cannot reach otherwise."""
+"""rad, leans that an upright Nao tries for objects out of reach."""
 CAMERA_MASS = 0.05
 CAMERA_TILT = 0.70
 """rad; HeadPitch alone ends at 29.5 deg and would leave the table below the image."""

@@ -1,9 +1,9 @@
 """The Franka Emika Panda with its parallel gripper, from the user's own ``pybullet_data``.
 
-Its URDF and meshes (Apache-2.0) are read where the package installed them and copied nowhere. The
-camera is ours: it stands opposite the robot and looks steeply down, as somebody does who leans over
-the table. So it sees of an object what others see: of 18 products that a Nao had shown it named 18,
-and 15 when it stood 14 cm further back.
+Its URDF and meshes (Apache-2.0) are read where the package is installed, and not copied. The camera
+is our addition: it stands opposite the robot and looks steeply down, so that it sees objects from
+directions similar to those of other robots: of 18 products stored by a Nao, it recognised 18, and
+15 when it was 14 cm further back.
 """
 
 from __future__ import annotations

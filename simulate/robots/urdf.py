@@ -1,8 +1,8 @@
 """Writer of URDF files.
 
-Besides meshes of the user's own installation only boxes, spheres and cylinders are written:
-``<capsule>`` is an extension of one reader and makes others log errors. Sensor frames are written
-on demand as links without mass.
+Apart from meshes of the user's own installation, only boxes, spheres and cylinders are written:
+``<capsule>`` is an extension of one reader and causes errors in others. Sensor frames are written
+on request, as links without mass.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Reader of URDF files.
 
-What a physics engine would guess is refused here: a link that moves without mass or inertia, a
-tensor that no body has, a joint without limits.
+Anything that a physics engine would have to guess is rejected: a moving link without mass or
+inertia, a physically impossible inertia tensor, a joint without limits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class ReadRobot:
-    """Links and joints of a file; ``root`` is the link that hangs on nothing."""
+    """Links and joints of a file; ``root`` is the link without a parent."""
 
     name: str
     root: str
@@ -38,12 +38,12 @@ def read_urdf(path: Path) -> ReadRobot:
     Parameters
     ----------
     path
-        The file; meshes are looked for in its folder.
+        The file; meshes are searched in its folder.
 
     Raises
     ------
     RobotError
-        Naming file, link or joint, and what is wrong with it.
+        With file, link or joint, and the problem.
     """
     try:
         tree = ET.parse(path).getroot()

@@ -1,6 +1,6 @@
 """Untextured shapes for training: seven families with random sizes.
 
-They stand in for what a household holds; nothing that is tested on is copied.
+They stand in for household objects; none is a copy of a test object.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Single depth views of meshes on a table, and the labels of grasps found on them.
 
-A view is what a robot's camera would give; whether a candidate is right is decided on the whole
-mesh: both jaws meet it within their friction cones, and the gripper gets there without touching
+A view corresponds to a robot's camera. Whether a candidate is correct is decided on the whole mesh:
+both jaws must meet it within their friction cones, and the gripper must get there without touching
 anything (Gatto 2016, 3.3.3; ten Pas and Platt 2015, 5).
 """
 
@@ -49,7 +49,7 @@ class View:
 
 
 def sample_camera(rng: np.random.Generator) -> Floats:
-    """Return where a small humanoid's head may be, m: 35 to 55 cm off, 30 to 60 deg up."""
+    """Return a camera position like a small humanoid's, m: 35 to 55 cm away, 30 to 60 deg up."""
     distance, elevation = rng.uniform(0.35, 0.55), np.deg2rad(rng.uniform(30, 60))
     azimuth = rng.uniform(0, 2 * np.pi)
     return distance * np.array(
@@ -123,7 +123,7 @@ def correct(
     gripper: ParallelGripper,
     friction: float | None = None,
 ) -> NDArray[np.bool_]:
-    """Tell which candidates (n,) hold the whole mesh.
+    """Return which candidates (n,) hold the whole mesh.
 
     Both jaws, coming from outside along the closing line, meet the surface within the friction
     cone, and the open gripper gets there along its approach free of object and table.

@@ -1,8 +1,8 @@
 """Trials of grasping with perception in the loop: one object, one robot, an empty graph.
 
-Everything a trial is made of follows from the seed and its number: kind and product, side, place,
-light, noise, and every choice. The robot sees through its noisy camera alone; ground truth says
-afterwards what it had before it.
+The seed and the number of a trial determine everything: kind and product, side, place, light,
+noise, and every choice. The robot sees only through its noisy camera; ground truth is used
+afterwards, for scoring.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PRODUCTS_OF_A_KIND = 200
 
 
 def grasping_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Let a robot clear a table with one object; return the outcome as JSON data."""
+    """Run a robot at a table with one object; return the outcome as JSON data."""
     seed = int(settings["seed"])
     kind = KINDS[number % len(KINDS)]
     side = -1 if (number // len(KINDS)) % 2 == 0 else 1
@@ -142,5 +142,5 @@ def _attempts(encounters: list[Encounter], scorer: Scorer) -> list[dict[str, Any
 
 
 def _first_place(physical: list[dict[str, Any]]) -> bool | None:
-    """Return whether the object was placed when first held; None = never held."""
+    """Return whether the object was placed when first held; None if never held."""
     return next((bool(a["placed"]) for a in physical if a["held"]), None)

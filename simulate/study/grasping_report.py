@@ -34,7 +34,7 @@ def grasping_study(
     preset: str = "faithful",
     robot: str = "nao",
 ) -> Study:
-    """Return the study with perception in the loop: kinds in turn, the arm changing each round."""
+    """Return the study with perception in the loop; kinds alternate, and arms after each round."""
     return Study(
         "grasping with perception in the loop",
         "simulate.study.grasping:grasping_trial",
@@ -46,8 +46,8 @@ def grasping_study(
 def summarise_grasping(results: Results) -> dict[str, Any]:
     """Return the figures as JSON data.
 
-    ``held`` counts all objects, out of reach or not. ``placed_of_held`` is about the first time
-    that an object was held. ``attempts`` are those up to the first success.
+    ``held`` counts all objects, whether in reach or not. ``placed_of_held`` refers to the first
+    time that an object was held. ``attempts`` are those up to the first success.
     """
     groups: dict[str, list[Mapping[str, Any]]] = {"all": list(results)}
     for result in results:

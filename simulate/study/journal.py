@@ -1,7 +1,7 @@
 """Journal of an experiment: a header and one line per finished trial, append-only.
 
-Each line is on the disk before the next trial is given out, so that whatever is killed loses at
-most the trials under way.
+Each line is on disk before the next trial is handed out, so that a crash loses at most the trials
+in progress.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ class Journal:
     Parameters
     ----------
     path
-        File; made with its folder when missing.
+        The file; it is created, with its folder, if missing.
     settings
-        What makes one experiment the same as another: its name, its seed, everything that a trial
-        depends on. Not how many trials or processes.
+        Everything that identifies an experiment: its name, its seed, and all settings on which a
+        trial depends, but not the number of trials or processes.
     resume
-        Go on with the file that is there.
+        Whether to continue an existing file.
 
     Raises
     ------
@@ -63,7 +63,7 @@ class Journal:
             whole = self._read(settings)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self.path.open("a", encoding="utf-8")
-        self._file.truncate(whole)  # a line that was cut off by a crash
+        self._file.truncate(whole)  # a line truncated by a crash
         if not whole:
             self._write({_HEADER: settings})
 

@@ -1,7 +1,7 @@
 """Trials of the robot's own judgement: one attempt at one object, judged and then scored.
 
-In difficult attempts frictions, masses and errors of the grasp are drawn widely, so that many fail.
-What the robot judged is compared with the truth of the simulation afterwards.
+In difficult attempts, friction, mass and grasp errors vary widely, so that many of them fail. The
+robot's judgement is afterwards compared with the ground truth of the simulation.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ Results = Sequence[Mapping[str, Any]]
 def judging_study(
     trials: int, seed: int, robot: str = "nao", preset: str = "faithful", difficult: float = 0.5
 ) -> Study:
-    """Return the study of the judgements of one robot: kinds in turn, sides after each round.
+    """Return the study of one robot's judgements; kinds alternate, and sides after each round.
 
     Parameters
     ----------
     difficult
-        Share of attempts with drawn frictions, masses and errors of the grasp.
+        Share of attempts with random friction, mass and grasp error.
     """
     return Study(
         "own judgement against the truth",
@@ -66,7 +66,7 @@ def judging_study(
 
 
 def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Let a robot try one grasp of one object; return its judgement and the truth."""
+    """Try one grasp of one object; return the robot's judgement and the truth."""
     seed, robot = int(settings["seed"]), str(settings["robot"])
     side = -1 if (number // len(KINDS)) % 2 == 0 else 1
     difficult = stream(seed, _DIFFICULT, number).random() < float(settings["difficult"])
@@ -92,7 +92,7 @@ def judging_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 def _product(kind: Kind, seed: int, number: int, difficult: bool) -> ObjectSpec:
-    """Return a product, with drawn friction and mass if it is to be difficult."""
+    """Return a product, with random friction and mass if it is to be difficult."""
     rng = stream(seed, _PRODUCT, number)
     spec = product(kind, int(rng.integers(_PRODUCTS_OF_A_KIND)))
     if not difficult:
@@ -134,7 +134,7 @@ def _attempt(
 def _request(
     body: SimulatedBody, placement: Placement, error: np.random.Generator | None
 ) -> GraspRequest:
-    """Return a grasp across the narrow side of the object, with errors drawn if wanted."""
+    """Return a grasp across the narrow side of the object, with random errors if requested."""
     spec = placement.spec
     along_x, along_y, height = spec.extent
     theta = placement.yaw + (np.pi / 2 if along_x > along_y else 0.0)

@@ -31,7 +31,7 @@ from simulate.grasping.record import is_counted
 __all__ = ["FAILED", "LEARNERS", "Learner", "replay"]
 
 FAILED = MAX_ATTEMPTS + 1
-"""Attempts that an object counts which no attempt held."""
+"""Number of attempts counted for an object that no attempt held."""
 
 _GRIPPER = ParallelGripper("hand", "hand", 0.0, 0.05)
 _NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
@@ -48,7 +48,7 @@ class Learner:
     Parameters
     ----------
     source
-        Which grasps it chooses among: ``geometry`` or ``blind``.
+        Source of the grasps that it chooses from: ``geometry`` or ``blind``.
     run
         Takes the objects in order and a seed; yields attempts to first success of each.
     """
@@ -97,7 +97,9 @@ def _episode(
     thetas = np.array([a["theta"] for a in arms])
     weights = Weights(policy, {}, _GRIPPER, size, _NOW)
     evidence = gather(at, thetas, told, weights, policy.bandit.bandwidth)
-    ties = _TIE * rng.random(len(arms))  # without a prior all are alike at first: any may go first
+    ties = _TIE * rng.random(
+        len(arms)
+    )  # without a prior all are equal at first: any may come first
     choices = [
         Arm(
             (a["x"], a["y"], a["z"]), a["theta"], a["quality"] if prior else None,
@@ -122,7 +124,7 @@ def _episode(
 
 
 def _alike(grasp: Remembered, thing: Mapping[str, Any], policy: Policy) -> bool:
-    """Tell whether the engine would ask about an object of that size."""
+    """Return whether the engine would consider an object of that size."""
     assert grasp.size is not None
     ratio = np.array(grasp.size) / np.array(thing["size"])
     return bool(np.all(np.maximum(ratio, 1 / ratio) < policy.size_tolerance))
@@ -245,23 +247,23 @@ LEARNERS: tuple[Learner, ...] = (
     Learner("four quadrants, at random", "blind", _any_quadrant),
     Learner("random", "blind", _random),
 )
-"""What is compared; with blind grasps nobody is told what geometry thinks of them."""
+"""The learners that are compared; for blind grasps, none of them uses a quality from geometry."""
 
 
 def replay(
     objects: Objects, learner: Learner, seeds: Sequence[int]
 ) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Let a learner meet all objects once per seed, in pairs of opposite orders.
+    """Replay a learner on all objects once per seed, in pairs of opposite orders.
 
-    The second of a pair swaps the halves of the first, so that every object is met early as often
-    as late and its difficulty tells nothing about learning.
+    The second of a pair swaps the halves of the first, so that every object comes early as often as
+    late and its difficulty does not affect the measured learning.
 
     Returns
     -------
     order : (s, n) int
-        Which object came when.
+        Objects in their order.
     attempts : (s, n) int
-        To its first success; :data:`FAILED` where none held.
+        Attempts up to the first success; :data:`FAILED` if none held.
     """
     orders: list[NDArray[np.intp]] = []
     counts = []

@@ -36,7 +36,7 @@ def outcome_study(
 ) -> Study:
     """Return the study of the outcomes of proposed and blind grasps of each object.
 
-    Where none of a sort holds more are tried, as many as a learner has attempts at most.
+    If none of a source holds, more are tried, up to a learner's maximum number of attempts.
     """
     return Study(
         "outcomes of proposed and blind grasps",
@@ -125,10 +125,10 @@ def _is_late_place(attempts: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _late_less_early(attempts: NDArray[np.float64], is_late: NDArray[np.bool_]) -> float:
-    """Return the mean difference between an object's attempts when met late and early.
+    """Return the mean difference between an object's attempts when it comes late and early.
 
-    Compared object by object, so that a hard one that came late more often counts no other way
-    than an easy one. Objects that never came early, or never late, say nothing; NaN without any.
+    The comparison is made object by object, so that a hard one that came late more often does not
+    bias it. Objects that never came early, or never late, are ignored; NaN without any.
     """
     lates, n = is_late.sum(axis=0), len(is_late)
     both = (lates > 0) & (lates < n)
@@ -161,7 +161,7 @@ def _over_orders_and_objects(
 def _by_kind_seen(
     objects: Results, order: NDArray[np.intp], attempts: NDArray[np.int64], draws: int = 500
 ) -> list[dict[str, Any]]:
-    """Return the share of first tries that held by how many of its kind had been met before.
+    """Return the share of first tries that held, by the number of the kind seen before.
 
     Each object is measured against its own mean, so that whether a hard one came early in few
     orders counts little. Intervals are over orders and objects at once, as those of the change.

@@ -1,9 +1,9 @@
 """Simulated outcomes of many grasps of many objects, on which learners are replayed.
 
-Each object stands alone at its true pose; some grasps are proposed by geometry, others are drawn
-blindly, and where none of them holds more are tried. Every one of them is carried out from the same
-start, so that whatever a learner chooses later, its outcome is known: learners meet the same world,
-and one more seed costs no physics.
+Each object stands alone at its true pose. Some grasps are proposed from geometry, others are drawn
+blindly, and if none of them holds, more are tried. Each is executed from the same initial state, so
+that the outcome of any later choice is known: all learners face the same world, and another seed
+needs no further simulation.
 """
 
 from __future__ import annotations
@@ -113,10 +113,9 @@ class _Bench:
     def try_some(
         self, source: str, grasps: Iterator[PlanarGrasp], wanted: int, most: int
     ) -> list[dict[str, Any]]:
-        """Carry out the first ``wanted`` reachable grasps, and more until one of them holds.
+        """Execute the first ``wanted`` reachable grasps, and more until one of them holds.
 
-        A learner gives an object up after ``most`` attempts: fewer that failed would not tell
-        whether it ought to.
+        The limit is ``most``, the number of attempts after which a learner gives up an object.
         """
         tried: list[dict[str, Any]] = []
         missed = 0
@@ -199,7 +198,7 @@ def _shape(placement: Placement) -> Footprint:
 
 
 def _look(body: SimulatedBody, side: str) -> list[float]:
-    """Return the object's view as pooled descriptors; zeros when it was not seen."""
+    """Return the object's view as pooled descriptors; zeros if it was not seen."""
     frame, base_from_camera = body.look(side)
     seen = perceive(frame, base_from_camera, body.ignored).objects
     descriptors = describe_frame(seen[0].crop).descriptors if seen else np.zeros((0, 128))

@@ -1,4 +1,4 @@
-"""Running an experiment: the trials that are not in its journal yet, on several processes."""
+"""Runs the trials of an experiment that are not in its journal yet, on several processes."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Study:
     name
         Goes into the journal.
     trial
-        What is carried out; ``module:function``; see :func:`simulate.study.workers.run_trials`.
+        Function to run, as ``module:function``; see :func:`simulate.study.workers.run_trials`.
     settings
-        That trials depend on, JSON-able; holds ``seed``.
+        Settings on which trials depend, JSON-able, including ``seed``.
     trials
-        How many.
+        Number of trials.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Study:
 
 
 class Progress:
-    """Progress line of an experiment, rewritten on a terminal, else printed every ten seconds."""
+    """Progress line of an experiment, updated in place on a terminal, else every ten seconds."""
 
     def __init__(self, total: int, done: int, stream: IO[str] | None = None) -> None:
         self._stream = stream or sys.stderr
@@ -81,7 +81,7 @@ def run(
     resume: bool = False,
     progress: IO[str] | None = None,
 ) -> list[dict[str, Any]]:
-    """Carry out the missing trials of an experiment; return all results in order.
+    """Run the missing trials of an experiment; return all results in order.
 
     Parameters
     ----------
@@ -90,19 +90,19 @@ def run(
     folder
         Holds ``journal.jsonl``.
     processes
-        At once; changes nothing but the time.
+        Number of processes; does not affect the results.
     resume
-        Go on with the journal in ``folder``.
+        Whether to continue the journal in ``folder``.
     progress
-        Where to say how far it is; None = standard error.
+        Stream for progress messages; None for standard error.
 
     Raises
     ------
     UsageError
         There is a journal and ``resume`` is off, or it is of another experiment.
     RtaskError
-        Trials broke (an error of the program, not of a grasp). All others are in the journal, and
-        the broken ones are tried again by the next run with ``resume``.
+        Trials crashed (an error of the program, not of a grasp). All others are in the journal, and
+        the next run with ``resume`` repeats the failed ones.
     """
     if study.trials < 1 or processes < 1:
         raise UsageError(f"needs at least 1 trial and 1 process, got {study.trials}, {processes}")

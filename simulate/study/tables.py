@@ -44,9 +44,9 @@ def looks_at(
     Parameters
     ----------
     specs
-        Laid on one table.
+        Products placed on one table.
     turn
-        Which time they are laid: other places, light and noise.
+        Number of the arrangement, which determines places, light and noise.
     """
     conditions = Conditions(
         lighting=Lighting.sample(stream(seed, _LIGHT, turn)), noise_seed=(seed, _NOISE, turn)
@@ -93,8 +93,9 @@ def retrieval_times(
 ) -> list[dict[str, Any]]:
     """Retrieve four known products from new views; return the times of each, s.
 
-    ``round_trip_s`` is what a robot waits, from the encoded look to the decoded answer: sending,
-    recognition, the query, choosing a grasp, and the way back. ``server_s`` is the engine's part.
+    ``round_trip_s`` is the time that a robot waits, from the encoded view to the decoded answer:
+    sending, recognition, the query, choosing a grasp, and the reply. ``server_s`` is the engine's
+    share.
     """
     chosen = sorted(known)[:: max(len(known) // len(TABLE_4), 1)][: len(TABLE_4)]
     rows = []
@@ -129,9 +130,9 @@ def retrieval_times(
 def grasp_times(repeats: int, seed: int, preset: str = "faithful") -> list[dict[str, Any]]:
     """Plan and execute planar grasps (X, Y, theta) of each kind; return median times, s.
 
-    ``plan_s`` is computing time; ``grasp_s`` what the robot moves until the object has been lifted
-    and held for two seconds; ``place_s`` the way into the box and home. Only grasps that held
-    count.
+    ``plan_s`` is computing time; ``grasp_s`` the time of motion until the object has been lifted
+    and held for two seconds; ``place_s`` the motion into the box and home. Only grasps that held
+    are counted.
     """
     rows = []
     for kind, thesis in TABLE_5.items():
@@ -151,7 +152,7 @@ def grasp_times(repeats: int, seed: int, preset: str = "faithful") -> list[dict[
 
 
 def _one_grasp(kind: Kind, seed: int, number: int, preset: str) -> dict[str, float] | None:
-    """Return the times of one grasp; None when it could not be planned or did not hold."""
+    """Return the times of one grasp; None if it could not be planned or did not hold."""
     rng = stream(seed, _TABLE, number)
     spec = product(kind, int(rng.integers(200)))
     (place,) = arrange([spec], rng, [(-1, 1)[number % 2]])

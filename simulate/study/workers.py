@@ -1,7 +1,7 @@
-"""Worker processes that carry out trials; the death of one costs its trial only.
+"""Worker processes that run trials; if one dies, only its trial is lost.
 
-Spawned, not forked: physics and the store's threads do not survive a fork. A worker leaves when
-its parent does, however that ends.
+They are spawned, not forked, because physics and the store's threads do not survive a fork. A
+worker ends with its parent, however that ends.
 """
 
 from __future__ import annotations
@@ -65,20 +65,20 @@ def run_trials(
 ) -> Iterator[tuple[int, dict[str, Any] | None, str]]:
     """Yield (number, result, "") of each trial as it ends, or (number, None, why) if it fails.
 
-    Results do not depend on ``processes``, nor on the order in which trials end: a trial knows
-    its settings and its number and nothing else.
+    Results depend neither on ``processes`` nor on the order in which trials end: a trial gets only
+    its settings and its number.
 
     Parameters
     ----------
     trial
-        What to carry out, as ``module:function``: settings and a number in, a JSON-able result
-        out. The parent does not import it.
+        Function to run, as ``module:function``: takes settings and a number, returns a JSON-able
+        result. The parent does not import it.
     settings
-        For all trials.
+        Settings of all trials.
     numbers
-        Which trials.
+        Numbers of the trials.
     processes
-        At once.
+        Number of processes.
     """
     todo = deque(numbers)
     workers = [_Worker(trial, settings) for _ in range(min(processes, len(todo)))]

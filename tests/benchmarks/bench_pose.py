@@ -42,7 +42,7 @@ from features.pose.rotations import rotation_about
 from features.segmentation import SegmentParams, segment_scene
 from simulate.study.chart import Line, line_chart
 
-LEAST_PX = 400
+MIN_PX = 400
 CONCAVE = SegmentParams(tolerance_deg=35, bad_sanity=0.10, min_points=60)
 
 
@@ -200,7 +200,7 @@ def run(scenes: list[TableScene], models: Models, params: PoseParams, masks: str
         labels = np.where(visible, np.maximum(scene.labels, 0), 0).astype(np.int32)
         cut = predicted(scene) if masks == "predicted" else labels
         for thing in scene.things:
-            if thing.pixels < LEAST_PX:
+            if thing.pixels < MIN_PX:
                 continue
             number, overlap = best_overlap(cut, labels == thing.number)
             estimate, seconds = None, 0.0
