@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from endpoint.access.auth import Caller, cors_headers
 from endpoint.context import ServerContext
@@ -21,6 +22,7 @@ from endpoint.router import Router
 from endpoint.sparql import protocol
 from endpoint.sparql.answers import SlowerThanItLooksError
 from rtask.errors import AccessError, RtaskError, TooLargeError
+from rtask.kb.readers.streams import ReaderStream
 
 THREADS = 32
 POINT_THREADS = 8
@@ -41,6 +43,8 @@ class Job:
         Who sent it; none if not yet, or not to be, identified.
     leave
         Called when the request has ended.
+    version
+        Of the graph when the request came.
     """
 
     request: Request
@@ -48,6 +52,7 @@ class Job:
     caller: Caller | None = None
     leave: list[Callable[[], None]] = field(default_factory=list)
     started: float = field(default_factory=time.perf_counter)
+    version: str = ""
 
 
 class Application:
@@ -67,6 +72,7 @@ class Application:
         self.pool = ThreadPoolExecutor(THREADS, thread_name_prefix="work")
         self.query_pool = ThreadPoolExecutor(context.config.max_queries, thread_name_prefix="query")
         self.point_pool = ThreadPoolExecutor(POINT_THREADS, thread_name_prefix="point")
+        self._starting: Future[None] | None = None
         self._stop_listening = context.kb.on_commit(context.request_log.commit)
 
     def handle(self, request: Request) -> Response:
@@ -104,14 +110,14 @@ class Application:
                         limit=MAX_WHOLE_BYTES,
                     )
         except RtaskError as error:
-            return self._finish(self._problem(error, job), job.request)
+            return self._finish(self._problem(error, job), job)
         finally:
             response.chunks.close()
         return replace(response, body=b"".join(pieces), chunks=None)
 
     def admit(self, request: Request) -> Job:
         """Parse and authorise a request; never raises, for errors are answers too."""
-        job = Job(request, Plan.ready(Response()))
+        job = Job(request, Plan.ready(Response()), version=self.context.versions.current())
         try:
             self._route(job)
         except Exception as error:  # noqa: BLE001 - every error is an answer
@@ -124,8 +130,57 @@ class Application:
         job.plan = Plan.ready(self._problem(error, job))
         return job
 
-    def submit(self, job: Job) -> Future[Response]:
-        """Start the work of a request on the thread pool of its lane."""
+    def begin(self, job: Job) -> ReaderStream | None:
+        """Send a point query without waiting; none if it must be submitted to a thread.
+
+        When its first piece has come, pass the stream to :meth:`resume`, or to :meth:`submit` if it
+        is not whole.
+        """
+        if job.plan.begin is None or job.plan.lane != "point":
+            return None
+        try:
+            return job.plan.begin()
+        except RtaskError:
+            return None  # the thread meets it again and answers it
+
+    def start_reader(self) -> None:
+        """Start a reader in the background, if none is being started yet."""
+        readers = self.context.kb.readers
+        if not readers.possible or (self._starting is not None and not self._starting.done()):
+            return
+        self._starting = self.pool.submit(readers.start, False)
+
+    def resume(self, job: Job, stream: ReaderStream) -> Response:
+        """Answer from a stream that is whole; does not wait.
+
+        Raises
+        ------
+        SlowerThanItLooksError
+            The query is to be submitted again, among the long ones.
+        """
+        assert job.plan.resume is not None
+        job.plan.run = partial(job.plan.resume, stream)
+        return self.run(job)
+
+    def look_up(self, job: Job) -> Response | None:
+        """Answer a look-up at once from the store; none if it is not one, or not a small one."""
+        found = job.plan.look_up() if job.plan.look_up else None
+        if found is None:
+            return None
+        job.plan.run = lambda: found
+        return self.run(job)
+
+    def submit(self, job: Job, stream: ReaderStream | None = None) -> Future[Response]:
+        """Start the work of a request on the thread pool of its lane.
+
+        Parameters
+        ----------
+        stream
+            An answer that has begun to arrive, by :meth:`begin`.
+        """
+        if stream is not None:
+            assert job.plan.resume is not None
+            job.plan.run = partial(job.plan.resume, stream)
         if job.plan.lane == "point":
             return self._submit_point(job)
         pool = self.query_pool if job.plan.lane == "query" else self.pool
@@ -141,8 +196,7 @@ class Application:
             try:
                 answer.set_result(self.run(job))
             except SlowerThanItLooksError:
-                assert job.plan.again is not None
-                job.plan = replace(job.plan, run=job.plan.again, lane="query", again=None)
+                self.slower(job)
                 self.query_pool.submit(second)
             except BaseException as error:  # noqa: BLE001 - the future carries it
                 answer.set_exception(error)
@@ -156,6 +210,12 @@ class Application:
         self.point_pool.submit(first)
         return answer
 
+    @staticmethod
+    def slower(job: Job) -> None:
+        """Plan a query that took longer than it looked among the long ones."""
+        assert job.plan.again is not None
+        job.plan.run, job.plan.lane, job.plan.again = job.plan.again, "query", None
+
     def run(self, job: Job) -> Response:
         """Do the work of a request; errors become answers."""
         try:
@@ -164,7 +224,10 @@ class Application:
             raise
         except Exception as error:  # noqa: BLE001 - every error is an answer
             response = self._problem(error, job)
-        return self._finish(compressed(response, job.request), job.request)
+        response = compressed(response, job.request)
+        if job.plan.keep is not None:
+            job.plan.keep(response)
+        return self._finish(response, job)
 
     def give_up(self, work: Future[Response], job: Job) -> Response:
         """Answer for work that exceeded its time limit."""
@@ -176,7 +239,7 @@ class Application:
             running.stop()
             seconds = running.timeout_s
         refusal = protocol.timed_out(seconds or config.timeout_s, config)
-        return self._finish(problem(refusal, job.request.id), job.request)
+        return self._finish(problem(refusal, job.request.id), job)
 
     def end(self, job: Job) -> None:
         """Release what a request held; may be called repeatedly."""
@@ -217,10 +280,14 @@ class Application:
             metrics.count("rtask_query_total", form=job.plan.form, outcome=slug_of(error))
         return response
 
-    def _finish(self, response: Response, request: Request) -> Response:
+    def _finish(self, response: Response, job: Job) -> Response:
+        request = job.request
+        # A query has at least what had been committed when it came; a write has its own commit.
+        is_query = job.plan.form not in ("", "UPDATE")
+        version = job.version if is_query else self.context.versions.current()
         headers = [
             ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
-            ("RTASK-Version", self.context.versions.current()),
+            ("RTASK-Version", version),
             ("RTASK-Request-Id", request.id),
             *cors_headers(request, self.context.config),
         ]

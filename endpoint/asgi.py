@@ -24,11 +24,14 @@ from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.http.response_stream import SEND_IDLE_S, Wire, send
 from endpoint.http.websocket import Message, Receive, Transmit
+from endpoint.point_queue import PointQueue
 from endpoint.rosbridge.connections import Connections
 from endpoint.rosbridge.session import Bridge
 from endpoint.router import serves
+from endpoint.sparql.answers import SlowerThanItLooksError
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError
+from rtask.kb.readers.streams import ReaderStream
 
 _log = logging.getLogger(__name__)
 SMALL_BODY = 16 << 10
@@ -56,6 +59,7 @@ class AsgiApplication:
         self._application = application
         self._context = application.context
         self._held = 0
+        self.points = PointQueue(application)
         self.connections = Connections(bridge, self._context.auth)
         self.changes = Changes(self._context)
         self._context.gauges["rtask_subscribers"] = lambda: len(self.changes)
@@ -78,7 +82,7 @@ class AsgiApplication:
         if scope["type"] == "lifespan":
             await self._lifespan(receive, transmit)
         elif scope["type"] == "websocket":
-            request = self._request(scope, b"")
+            request = self.request_of(scope)
             if self.changes.serves(request.raw_path):
                 await self.changes.serve_socket(request, scope, receive, transmit)
             else:
@@ -103,7 +107,7 @@ class AsgiApplication:
             await self.changes.close_revoked()
 
     async def _http(self, scope: Message, receive: Receive, transmit: Transmit) -> None:
-        request = self._request(scope, b"")
+        request = self.request_of(scope)
         try:
             if _is_large(request):
                 await self._check_sender(request)
@@ -149,22 +153,71 @@ class AsgiApplication:
         else:
             loop = asyncio.get_running_loop()
             job = await loop.run_in_executor(application.pool, application.admit, request)
+        await self.complete(job, wire)
+
+    async def complete(
+        self,
+        job: Job,
+        wire: Wire,
+        stream: ReaderStream | None = None,
+        response: Response | None = None,
+    ) -> None:
+        """Do the work of a request that was admitted, and send the answer.
+
+        Parameters
+        ----------
+        stream
+            An answer that has begun to arrive, but is not whole.
+        response
+            The answer, if only the sending is left.
+        """
+        application = self._application
         try:
-            if job.plan.lane == "loop":
+            if response is not None:
+                pass
+            elif stream is not None:
+                response = await self._work(job, wire, stream)
+            elif job.plan.lane == "loop":
                 response = application.run(job)
             else:
-                response = await self._work(job, wire)
-            sent, whole = await send(response, request.method, wire)
+                response = await self._answer(job, wire)
+            sent, whole = await send(response, job.request.method, wire)
         finally:
             application.end(job)
         application.report(job, response, sent, whole=whole)
 
-    async def _work(self, job: Job, wire: Wire) -> Response:
+    async def _answer(self, job: Job, wire: Wire) -> Response:
+        """Answer a point query from a reader's pipe if one is free; leave the rest to threads."""
+        application = self._application
+        if job.plan.lane != "point":
+            return await self._work(job, wire)
+        loop = asyncio.get_running_loop()
+        come: asyncio.Future[ReaderStream | None] = loop.create_future()
+        self.points.ask(job, lambda found: None if come.done() else come.set_result(found))
+        assert job.plan.running is not None
+        watch = loop.call_later(WATCH_AFTER_S, wire.watch, job.plan.running.stop)
+        try:
+            stream = await come
+        finally:
+            watch.cancel()
+        if stream is None:
+            found = application.look_up(job)
+            if found is not None:
+                return found
+        elif stream.is_whole:
+            try:
+                return application.resume(job, stream)
+            except SlowerThanItLooksError:
+                application.slower(job)
+                stream = None
+        return await self._work(job, wire, stream)
+
+    async def _work(self, job: Job, wire: Wire, stream: ReaderStream | None = None) -> Response:
         """Wait for a thread to do the work, for its deadline, or for the client to leave."""
         application, plan = self._application, job.plan
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Response] = loop.create_future()
-        work = application.submit(job)
+        work = application.submit(job, stream)
 
         def deliver() -> None:
             if answer.done():
@@ -254,7 +307,13 @@ class AsgiApplication:
             self._held -= size
             buffer.close()
 
-    def _request(self, scope: Message, body: bytes) -> Request:
+    @property
+    def application(self) -> Application:
+        """What answers programs."""
+        return self._application
+
+    def request_of(self, scope: Message, body: bytes = b"") -> Request:
+        """Return the request that a connection's scope describes."""
         headers: dict[str, str] = {}
         for name, value in scope["headers"]:
             key, text = name.decode("latin-1"), value.decode("latin-1")

@@ -21,6 +21,7 @@ from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.served import embedded
 from endpoint.sparql import graph_store, protocol
+from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.request import (
@@ -70,7 +71,9 @@ class Router:
         kb, config = context.kb, context.config
         answers = Answers(kb, config)
         self._store = graph_store.GraphStore(kb, context.auth, config, context.versions, answers)
-        self._asked = protocol.Asked(answers, Lookups(kb), context.versions)
+        cache = AnswerCache(kb, context.metrics, config.cache)
+        context.gauges["rtask_answer_cache_bytes"] = lambda: cache.bytes
+        self._asked = protocol.Asked(answers, Lookups(kb), cache, context.versions)
         self._admin = AdminRoutes(context)
         self._keys = IdempotencyKeys()
 
@@ -127,6 +130,9 @@ class Router:
 
     def _protocol(self, request: Request, caller: Caller, kinds: tuple[str, ...]) -> Plan:
         context = self._context
+        kept = self._asked.cache.find(request)
+        if kept is not None:
+            return kept
         operation = parse_operation(request, kinds)
         if isinstance(operation, DescriptionRequest):
             return protocol.plan_description(

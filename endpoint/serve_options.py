@@ -188,6 +188,9 @@ _LIMITS = _options(
         help="Changes per second of one token; 0 for no limit.",
     ),
     click.option(
+        "--no-cache", is_flag=True, help="Evaluate every query, even if nothing was written since."
+    ),
+    click.option(
         "--limit",
         multiple=True,
         metavar="NAME=N",
@@ -289,6 +292,7 @@ def config_of(options: dict[str, Any]) -> Config:
         drain_delay_s=options["drain_delay"],
         backup_dir=options["backup_dir"],
         log_queries=options["log_queries"],
+        cache=not options["no_cache"],
         limits=limits_of(options["limit"]),
     )
 

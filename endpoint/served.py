@@ -33,6 +33,9 @@ class ServedReaders(Protocol):
     def evaluate_updates(self) -> bool:
         """Whether they evaluate updates, too."""
 
+    def start(self, wait: bool = True, updates: bool = False) -> None:
+        """Start a process in advance."""
+
 
 class ServedGraph(Graph, Protocol):
     """A graph that answers SPARQL requests.

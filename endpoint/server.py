@@ -11,6 +11,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from types import FrameType
 
 import uvicorn
@@ -19,7 +20,7 @@ from endpoint.access.tokens import TokenStore
 from endpoint.application import Application
 from endpoint.asgi import AsgiApplication
 from endpoint.context import ServerContext
-from endpoint.http.server_protocol import GuardedProtocol
+from endpoint.direct import DirectProtocol
 from endpoint.rosbridge.session import Bridge
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
@@ -139,7 +140,7 @@ def _allow_open_files() -> None:
 def _uvicorn_settings(asgi: AsgiApplication, config: Config) -> uvicorn.Config:
     return uvicorn.Config(
         asgi,
-        http=GuardedProtocol,
+        http=partial(DirectProtocol, asgi=asgi),  # type: ignore[arg-type]
         log_config=None,
         access_log=False,
         server_header=False,

@@ -96,6 +96,8 @@ class Config:
         Folder for backups; by default beside the data folder.
     log_queries
         Log the text of every query, not only of slow ones.
+    cache
+        Keep small answers until the next commit, to answer equal requests from memory.
     limits
         Bounds on one SPARQL text.
     """
@@ -125,6 +127,7 @@ class Config:
     drain_delay_s: float = 0.0
     backup_dir: Path | None = None
     log_queries: bool = False
+    cache: bool = True
     limits: Limits = field(default_factory=Limits)
 
     @property

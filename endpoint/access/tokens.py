@@ -1,8 +1,9 @@
 """Access tokens: ``rtk_<id>_<secret>``, kept as digests in ``tokens.sqlite``.
 
 The file is in the data folder, with mode 0600. A secret is shown once, when the token is created;
-only its SHA-256 is kept, and compared in constant time. Any process may create or revoke tokens:
-each request checks whether the file has changed, so a revocation takes effect at once.
+only its SHA-256 is kept, and compared in constant time. Any process may create or revoke tokens;
+whether the file has changed is checked every half second, so that a revocation by another process
+takes effect within that time, and one by this process at once.
 """
 
 from __future__ import annotations
@@ -10,15 +11,17 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import hmac
+import math
 import os
 import re
 import secrets
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import cached_property
 from pathlib import Path
 from typing import cast
 
@@ -32,6 +35,7 @@ _AGENT = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _LIFETIME = re.compile(r"([0-9]{1,6})([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
 _LOOK_EVERY_S = 0.1
+CHECK_EVERY_S = 0.5
 _MAX_KNOWN = 10_000
 Row = tuple[str, bytes, str | None, str, str, str | None, str | None, str | None]
 _SCHEMA = """
@@ -74,7 +78,7 @@ class Token:
     revoked: str | None = None
     rights: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def access(self) -> Access:
         """The rights that the token grants."""
         return Access(self.agent, cast(Role, self.role), frozenset(self.rights))
@@ -93,6 +97,8 @@ class TokenStore:
     ----------
     folder
         Data folder; none to keep the tokens in memory, for a server without a folder.
+    clock
+        Returns seconds; tests pass their own.
 
     Examples
     --------
@@ -107,7 +113,7 @@ class TokenStore:
     rtask.errors.AuthenticationError: token ... was revoked; ask for a new one
     """
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, clock: Callable[[], float] = time.monotonic) -> None:
         self._path = folder / FILE_NAME if folder else None
         self._lock = threading.Lock()
         self._local = threading.local()
@@ -119,6 +125,9 @@ class TokenStore:
         self._known_at = b""
         self._memory_version = 0
         self._handle = -1
+        self._clock = clock
+        self._check_again = -math.inf
+        self._file_version = b""
         if self._path:
             # Created with the right mode before SQLite opens it, so it is never readable by others.
             self._path.touch(mode=0o600, exist_ok=True)
@@ -240,12 +249,16 @@ class TokenStore:
     def _version(self) -> bytes:
         """Return a number that changes with every commit to the file, by whatever process.
 
-        It is the "file change counter" of the SQLite file format (1.3.8), read by one system call,
-        which saves a look-up while revocations still take effect at once.
+        It is the "file change counter" of the SQLite file format (1.3.8), read by one system call
+        every half second, which saves a look-up for each request.
         """
         if self._handle < 0:
             return self._memory_version.to_bytes(4, "big")
-        return os.pread(self._handle, 4, 24)
+        now = self._clock()
+        if now >= self._check_again:
+            self._check_again = now + CHECK_EVERY_S
+            self._file_version = os.pread(self._handle, 4, 24)
+        return self._file_version
 
     def ever_issued(self) -> bool:
         """Tell whether any token was ever issued; from then on, nobody writes without one.
@@ -327,6 +340,7 @@ class TokenStore:
                 yield connection
         finally:
             connection.close()
+            self._check_again = -math.inf
 
 
 def parse_lifetime(text: str, what: str = "") -> timedelta:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from endpoint.http.messages import RefusedError, Request, Response
 from rtask.errors import TooLargeError
 
-SMALLEST = 1_024
+SMALLEST = 4 << 10
 _LEVEL = 1  # the network of a robot is slow, its server busy: the first level does most of it
 _PIECE = 1 << 20
 

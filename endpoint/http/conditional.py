@@ -11,7 +11,6 @@ from endpoint.served import ServedGraph
 from rtask.kb.commit.commit import Change
 from rtask.rdf.terms import GraphName
 
-# A query that calls these has another answer each time, though nothing was written.
 _UNSTEADY = re.compile(r"\b(?:NOW|RAND|UUID|STRUUID|BNODE|SERVICE)\b", re.I)
 
 
@@ -55,7 +54,7 @@ class Versions:
         *parts
             Everything else on which the answer depends: dataset, media type, rights.
         """
-        if _UNSTEADY.search(text):
+        if is_unsteady(text):
             return ""
         digest = hashlib.blake2b(repr((text, *parts)).encode("utf-8", "replace"), digest_size=8)
         return f'W/"{self._epoch}-{self._kb.seq}-{digest.hexdigest()}"'
@@ -76,6 +75,11 @@ class Versions:
     def close(self) -> None:
         """Stop listening to commits."""
         self._stop()
+
+
+def is_unsteady(text: str) -> bool:
+    """Tell whether a query may have another answer each time, though nothing was written."""
+    return _UNSTEADY.search(text) is not None
 
 
 def is_known(request: Request, etag: str) -> bool:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 from rtask.errors import RtaskError
 
@@ -92,7 +92,10 @@ def parse_fields(text: str, where: str) -> list[tuple[str, str]]:
 
 def _decoded(text: str) -> str:
     text = text.replace("+", " ")
-    return unquote(text, errors="strict") if "%" in text else text
+    if "%" not in text:
+        return text
+    # What `unquote` does for ASCII, in one step.
+    return unquote_to_bytes(text).decode() if text.isascii() else unquote(text, errors="strict")
 
 
 def split_media_type(value: str) -> tuple[str, dict[str, str]]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from endpoint.http.messages import Response
+from rtask.kb.readers.streams import ReaderStream
 
 MAX_SHOWN_TEXT = 2_000
 
@@ -68,7 +69,7 @@ class RunningQuery:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Plan:
     """A request that was understood; running it does the work.
 
@@ -87,6 +88,14 @@ class Plan:
         The query to list, and to stop on request, while it runs.
     again
         Does the work in the lane ``query`` if it turns out not to be quick.
+    begin, resume
+        For the lane ``point`` on an event loop: send the query to a reader without waiting, or
+        return none if that is not possible at once; and return the answer once its first piece has
+        come. It waits unless the stream is whole.
+    look_up
+        Answers a look-up in the calling thread, if no reader is free at once; or returns none.
+    keep
+        Is given the response before it is sent, for the answer cache.
     """
 
     run: Callable[[], Response]
@@ -96,6 +105,10 @@ class Plan:
     text: str = ""
     running: RunningQuery | None = None
     again: Callable[[], Response] | None = None
+    begin: Callable[[], ReaderStream | None] | None = None
+    resume: Callable[[ReaderStream], Response] | None = None
+    look_up: Callable[[], Response | None] | None = None
+    keep: Callable[[Response], None] | None = None
 
     @staticmethod
     def ready(response: Response) -> Plan:

@@ -73,6 +73,10 @@ class GuardedProtocol(HttpToolsProtocol):
         needed = self.parser.get_http_version() != "1.0"
         if len(hosts) > 1 or (needed and not hosts) or not all(map(_HOST.fullmatch, hosts)):
             self._refuse(HTTPStatus.BAD_REQUEST)
+        self.begin_request()
+
+    def begin_request(self) -> None:
+        """Start answering a request whose header is complete and correct."""
         super().on_headers_complete()
 
     def send_400_response(self, msg: str) -> None:

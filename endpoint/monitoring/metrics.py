@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 
 from prometheus_client import (
     CONTENT_TYPE_PLAIN_0_0_4,
@@ -41,12 +42,14 @@ _ROUTES = (
 _COUNTERS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("rtask_query", "Queries by form and outcome.", ("form", "outcome")),
     ("rtask_query_aborted", "Queries that did not reach their end.", ("reason",)),
+    ("rtask_answer_cache", "Queries that the answer cache was asked for.", ("outcome",)),
     ("rtask_rate_limited", "Requests refused because a caller sent too many.", ()),
     ("rtask_denied", "Requests refused for lack of rights.", ("status",)),
     ("rtask_commits", "Commits stored.", ()),
     ("rtask_commit_quads", "Statements that commits added, removed or derived.", ("kind",)),
 )
 _GAUGE_HELP = {
+    "rtask_answer_cache_bytes": "Size of the answers kept until the next commit.",
     "rtask_store_seq": "Number of the last commit.",
     "rtask_quads": "Statements in the store, counted at most once a minute.",
     "rtask_queries_running": "Queries that run or wait.",
@@ -62,6 +65,7 @@ _GAUGE_HELP = {
 disable_created_metrics()  # type: ignore[no-untyped-call]
 
 
+@lru_cache(maxsize=256)
 def route_of(path: str) -> str:
     """Return the route that a path belongs to; `page` for everything else.
 
@@ -107,18 +111,30 @@ class Metrics:
             for name, text, labels in _COUNTERS
         }
         ProcessCollector(registry=self._registry)
+        # Finding the series of some labels takes longer than adding to it.
+        self._known_requests: dict[tuple[str, str, int], Counter] = {}
+        self._known_times: dict[str, Histogram] = {}
+        self._known_counters: dict[tuple[str, ...], Counter] = {}
 
     def request(self, path: str, method: str, status: int, seconds: float) -> None:
         """Count a request and the time it took."""
         route = route_of(path)
-        method = method if method in _METHODS else "other"
-        self._requests.labels(route, method, str(status)).inc()
-        self._seconds.labels(route).observe(seconds)
+        key = (route, method if method in _METHODS else "other", status)
+        if (requests := self._known_requests.get(key)) is None:
+            requests = self._known_requests[key] = self._requests.labels(*map(str, key))
+        if (times := self._known_times.get(route)) is None:
+            times = self._known_times[route] = self._seconds.labels(route)
+        requests.inc()
+        times.observe(seconds)
 
     def count(self, name: str, amount: int = 1, **labels: str) -> None:
         """Add to a counter; all its labels must be given."""
-        counter = self._counters[name]
-        (counter.labels(**labels) if labels else counter).inc(amount)
+        key = (name, *labels.values())
+        if (counter := self._known_counters.get(key)) is None:
+            family = self._counters[name]
+            counter = family.labels(**labels) if labels else family
+            self._known_counters[key] = counter
+        counter.inc(amount)
 
     def total(self, name: str) -> int:
         """Return the sum of a counter over its labels."""

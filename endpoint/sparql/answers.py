@@ -21,7 +21,9 @@ from endpoint.settings import Config
 from endpoint.sparql import negotiation
 from endpoint.sparql.request import QueryRequest
 from rtask.errors import ClosedError, QueryTimeout
-from rtask.kb.readers.streams import Stream
+from rtask.kb.readers.keeper import ReaderGone
+from rtask.kb.readers.streams import ReaderStream, Stream
+from rtask.knowledge_base import KnowledgeBase
 
 # A reader is killed at its deadline; whoever waits for it allows so much more.
 GRACE_S = 5.0
@@ -122,7 +124,57 @@ class Answers:
         The guess that a query is quick says nothing about how long its answer is, nor how fast its
         client reads. It bounds the time until the size is known, never the sending.
         """
-        stream, pieces = self._begin(question, timeout_s, None)
+        return self._read_quick(question, *self._begin(question, timeout_s, None))
+
+    def begin(self, question: Question) -> ReaderStream | None:
+        """Send a point query to a reader without waiting; none if no reader is free at once."""
+        query, running = question.query, question.running
+        if not isinstance(self._kb, KnowledgeBase) or running.stopped:
+            return None
+        stream = self._kb.stream_now(
+            query.text,
+            question.media_type,
+            inferred=query.inferred,
+            default_graphs=query.default_graphs or None,
+            named_graphs=query.named_graphs or None,
+            base_iri=query.base or None,
+            gzip=question.gzip and question.media_type not in _XML_TYPES,
+            max_rows=self._config.max_rows,
+            max_bytes=self._config.max_result_bytes,
+        )
+        if stream is not None:
+            running.on_stop(stream.stop)
+        return stream
+
+    def resume(self, question: Question, stream: ReaderStream) -> Response:
+        """Return the answer from a stream that has begun to arrive; waits unless it is whole.
+
+        Raises
+        ------
+        SlowerThanItLooksError, QueryTimeout, RtaskError
+            As :meth:`open`.
+        """
+        pieces = Pieces(stream, None, question.media_type in _XML_TYPES)
+        left = question.deadline - time.monotonic()
+        try:
+            stream.start()
+            if stream.is_whole:
+                return self._response(question, b"".join(pieces), None, stream)
+            question.running.on_stop(stream.close)
+            if not stream.extend(max(0.001, min(QUICK_S, left))):
+                raise SlowerThanItLooksError
+        except ReaderGone:  # killed from outside, or by this query: another reader will tell
+            return self._open_quick(question, max(0.001, min(QUICK_S, left)))
+        except QueryTimeout:
+            if left > 0.0 and not question.running.stopped:
+                raise SlowerThanItLooksError from None
+            raise
+        except BaseException:
+            pieces.close()
+            raise
+        return self._read_quick(question, stream, pieces)
+
+    def _read_quick(self, question: Question, stream: Stream, pieces: Pieces) -> Response:
         try:
             first = b""
             for piece in pieces:

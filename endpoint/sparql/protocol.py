@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -16,40 +17,48 @@ from endpoint.http.plan import Plan, RunningQuery
 from endpoint.served import ServedGraph, embedded
 from endpoint.settings import Config, Limits
 from endpoint.sparql import federation, negotiation
+from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import GRACE_S, Answers, Question
 from endpoint.sparql.description import MAX_NAMED_GRAPHS, describe
 from endpoint.sparql.limits import checked_form
 from endpoint.sparql.lookups import Lookups
 from endpoint.sparql.request import QueryRequest, UpdateRequest
 from endpoint.sparql.update_trial import try_where
-from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout
+from rtask.errors import ClosedError, QuerySyntaxError, QueryTimeout, RtaskError
 from rtask.kb.commit.commit import Commit
 from rtask.kb.commit.update_limits import UpdateLimits
+from rtask.kb.readers.streams import ReaderStream
 from rtask.sparql.query_cost import is_lookup, is_quick
 from rtask.sparql.service import without_services
+from rtask.sparql.tokens import shape
 
 _CACHED_TEXT = 16_384
 _LIST_GRAPHS = f"SELECT ?g WHERE {{ GRAPH ?g {{}} }} ORDER BY ?g LIMIT {MAX_NAMED_GRAPHS}"
 
 
 @lru_cache(maxsize=512)
-def _known_form(text: str, limits: Limits) -> str:
-    return checked_form(text, limits)
+def _known_form(masked: str, limits: Limits) -> str:
+    return checked_form(masked, limits)
 
 
 def _form(text: str, limits: Limits) -> str:
-    """Return the form of a query; short texts, which robots repeat, are parsed once."""
-    if len(text) > _CACHED_TEXT:
+    """Return the form of a query; short texts that differ in their IRIs only are read once."""
+    if len(text) > min(_CACHED_TEXT, limits.query_bytes):
         return checked_form(text, limits)
-    return _known_form(text, limits)
+    masked = shape(text)
+    try:
+        return _known_form(masked, limits)
+    except RtaskError:
+        return checked_form(text, limits)  # for the position in the text as sent
 
 
 @dataclass(frozen=True)
 class Asked:
-    """The parts that answer queries: readers, the store for look-ups, or the client's own cache."""
+    """The parts that answer queries: readers, the store for look-ups, caches here and there."""
 
     answers: Answers
     lookups: Lookups
+    cache: AnswerCache
     versions: Versions
 
 
@@ -92,47 +101,91 @@ def plan_query(
     if request.method == "HEAD":
         return Plan.ready(Response(200, b"", content_type, headers))
     running = RunningQuery(request.id, caller.key, caller.name, query.text, timeout_s)
-    question = Question(
-        query,
-        media_type,
-        wants_gzip(request),
-        headers,
-        running,
-        running.started + timeout_s,
-    )
-    if lookup and query.inferred and not (query.default_graphs or query.named_graphs):
-        found = asked.lookups.try_now(question)
-        if found is not None:
-            return Plan(lambda: found, None, "loop", form, query.text)
-
-    lane = "point" if lookup or is_quick(query.text) else "query"
-
-    def run(point: bool = lane == "point") -> Response:
-        try:
-            return asked.answers.open(_federated(question, config), point=point)
-        except QueryTimeout:
-            raise timed_out(timeout_s, config) from None
-        except ClosedError:
-            if not running.stopped:
-                raise
-            raise RefusedError(503, "query-stopped", "the query was stopped") from None
-
-    # The reader is killed at the deadline; the plan's own limit is for what cannot be killed.
+    deadline = running.started + timeout_s
+    question = Question(query, media_type, wants_gzip(request), headers, running, deadline)
+    planned = _PlannedQuery(question, lookup, timeout_s, config, asked)
+    keep = None
+    if query.timeout_s is None:  # a limit may be answered with a header that depends on the role
+        keep = asked.cache.keeper(request, form, query.text, etag)
+    if lookup and asked.lookups.in_memory and (found := planned.look_up()) is not None:
+        return Plan(lambda: found, None, "loop", form, query.text, keep=keep)
+    is_point = lookup or is_quick(query.text)
     return Plan(
-        run,
+        planned.run_point if is_point else planned.run,
         timeout_s + GRACE_S,
-        lane,
+        "point" if is_point else "query",
         form,
         query.text,
         running,
-        again=lambda: run(False),
+        planned.run,
+        planned.begin,
+        planned.resume,
+        planned.look_up,
+        keep,
     )
+
+
+class _PlannedQuery:
+    """The ways to answer one query; its reader is killed at the deadline."""
+
+    __slots__ = ("_asked", "_config", "_lookup", "_question", "_timeout_s")
+
+    def __init__(
+        self, question: Question, lookup: bool, timeout_s: float, config: Config, asked: Asked
+    ) -> None:
+        self._question = question
+        self._lookup = lookup
+        self._timeout_s = timeout_s
+        self._config = config
+        self._asked = asked
+
+    def run(self) -> Response:
+        """Answer among the long queries."""
+        return self._guarded(lambda: self._open(point=False))
+
+    def run_point(self) -> Response:
+        """Answer among the quick queries."""
+        return self._guarded(lambda: self._open(point=True))
+
+    def _open(self, point: bool) -> Response:
+        return self._asked.answers.open(_federated(self._question, self._config), point=point)
+
+    def begin(self) -> ReaderStream | None:
+        """Send the query to a reader, without waiting."""
+        if _calls_out(self._question.query.text, self._config):
+            return None
+        return self._asked.answers.begin(self._question)
+
+    def resume(self, stream: ReaderStream) -> Response:
+        """Answer from what a reader has sent."""
+        return self._guarded(lambda: self._asked.answers.resume(self._question, stream))
+
+    def look_up(self) -> Response | None:
+        """Answer from the store in this process, if the query only asks about one thing."""
+        query = self._question.query
+        if not self._lookup or not query.inferred or query.default_graphs or query.named_graphs:
+            return None
+        return self._asked.lookups.try_now(self._question)
+
+    def _guarded(self, work: Callable[[], Response]) -> Response:
+        try:
+            return work()
+        except QueryTimeout:
+            raise timed_out(self._timeout_s, self._config) from None
+        except ClosedError:
+            if not self._question.running.stopped:
+                raise
+            raise RefusedError(503, "query-stopped", "the query was stopped") from None
+
+
+def _calls_out(text: str, config: Config) -> bool:
+    return bool(config.allow_service) and federation.mentions(text, "SERVICE")
 
 
 def _federated(question: Question, config: Config) -> Question:
     """Query other servers first if that is allowed; otherwise the store refuses SERVICE."""
     query = question.query
-    if not config.allow_service or not federation.mentions(query.text, "SERVICE"):
+    if not _calls_out(query.text, config):
         return question
     outgoing = Outgoing("SERVICE", config.allow_service)
     text = federation.answer_services(query.text, outgoing, question.deadline, query.base)

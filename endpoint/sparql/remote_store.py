@@ -37,6 +37,9 @@ class _Readers:
     possible: bool = False
     evaluate_updates: bool = False
 
+    def start(self, wait: bool = True, updates: bool = False) -> None:
+        """Do nothing."""
+
 
 class RemoteStore(RemoteKnowledgeBase):
     """A SPARQL server in the place of an embedded graph: an ``endpoint.served.ServedGraph``.

@@ -161,6 +161,8 @@ def _single(fields: Fields, name: str) -> str:
 
 
 def _query(text: str, fields: Fields, request: Request) -> QueryRequest:
+    if len(fields) == 1 and fields[0][0] == QUERY:
+        return QueryRequest(_without_nul(text, "query"), base=request.url)
     return QueryRequest(
         _without_nul(text, "query"),
         _iris(fields, "default-graph-uri"),

@@ -12,11 +12,12 @@ from rtask.errors import UnsupportedError
 from rtask.kb.readers import evaluation
 from rtask.kb.readers.evaluation import QueryDataset
 from rtask.kb.readers.request import Question
-from rtask.kb.readers.streams import Stream, WholeStream
+from rtask.kb.readers.streams import ReaderStream, Stream, WholeStream
 from rtask.kb.searching import Searching
 from rtask.rdf.terms import GraphName, NamedNode, Subject, Value, iri, object_term, subject_term
 from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.results import Solutions, Triples, read_answer
+from rtask.sparql.service import TEXT_SERVICE
 
 __all__ = ["Reading"]
 
@@ -152,6 +153,40 @@ class Reading(Searching):
         )
         return self._ask(text, dataset, question, timeout_s, on_start, quick)
 
+    def stream_now(
+        self,
+        text: str,
+        media_type: str | None = None,
+        *,
+        inferred: bool = True,
+        default_graphs: Iterable[NamedNode | str] | None = None,
+        named_graphs: Iterable[NamedNode | str] | None = None,
+        base_iri: str | None = None,
+        gzip: bool = False,
+        max_rows: int | None = None,
+        max_bytes: int | None = None,
+    ) -> ReaderStream | None:
+        """Send a quick query to a reader without waiting for it, for event loops.
+
+        Returns
+        -------
+        The stream, of which nothing has come yet; see
+        :meth:`rtask.kb.readers.pool.Readers.ask_now`. ``None`` if no reader is free at once, or the
+        text searches for words: use :meth:`stream` in a thread.
+
+        Raises
+        ------
+        ForbiddenError, TooLargeError, QueryTooExpensive
+            As :meth:`stream`; the parameters are the same.
+        """
+        if not self.readers.has_idle or TEXT_SERVICE in text:
+            return None
+        dataset = QueryDataset.of(default_graphs, named_graphs, inferred, base_iri)
+        question = Question(
+            "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes
+        )
+        return self.readers.ask_now(self._question(text, dataset, question))
+
     def _ask(
         self,
         text: str,
@@ -161,12 +196,17 @@ class Reading(Searching):
         on_start: Callable[[Stream], None] | None = None,
         quick: bool | None = None,
     ) -> Stream:
+        question = self._question(text, dataset, question)
+        return self.readers.ask(question, timeout_s, on_start, quick)
+
+    def _question(self, text: str, dataset: QueryDataset, question: Question) -> Question:
+        """Check a query; return it as it is sent to a reader."""
         text, graphs = evaluation.prepare(self.store, self.graphs, self.plain, text, dataset)
         names = [
             None if graphs.get(key) is None else tuple(graph.value for graph in graphs[key])
             for key in ("default_graph", "named_graphs")
         ]
-        question = replace(
+        return replace(
             question,
             text=text,
             base=dataset.base,
@@ -174,7 +214,6 @@ class Reading(Searching):
             named_graphs=names[1],
             union="use_default_graph_as_union" in graphs,
         )
-        return self.readers.ask(question, timeout_s, on_start, quick)
 
     def match(
         self,

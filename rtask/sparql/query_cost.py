@@ -13,7 +13,7 @@ from functools import lru_cache
 
 from rtask.errors import RtaskError
 from rtask.sparql.lexer import body_start, tokenise
-from rtask.sparql.tokens import Token
+from rtask.sparql.tokens import Token, shape
 
 __all__ = ["is_lookup", "is_quick"]
 
@@ -69,7 +69,7 @@ def is_quick(text: str) -> bool:
     >>> is_quick("SELECT (COUNT(*) AS ?n) { <urn:mug> ?p ?o }")
     False
     """
-    return len(text) <= _MAX_LENGTH and _is_quick(text)
+    return len(text) <= _MAX_LENGTH and _is_quick(shape(text))
 
 
 @lru_cache(maxsize=2_048)

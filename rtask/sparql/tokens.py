@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from rtask.errors import QuerySyntaxError
 
-__all__ = ["Token", "line_and_column", "scan"]
+__all__ = ["Token", "line_and_column", "scan", "shape"]
 
 _TOKEN = re.compile(
     r"""
@@ -28,6 +28,11 @@ _TOKEN = re.compile(
     """,
     re.X | re.S,
 )
+
+
+_MAX_SHAPE = 2_000
+_RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+_IRI = re.compile(rf'<(?!{re.escape(_RDF_TYPE)}>)[^<>"{{}}|^`\\\x00-\x20]*>')
 
 
 class Token(NamedTuple):
@@ -68,6 +73,25 @@ def scan(text: str) -> Iterator[Token]:
             assert found.lastgroup is not None
             yield Token(found.lastgroup, found.group(), position, found.end())
         position = found.end()
+
+
+def shape(text: str) -> str:
+    """Return a text with its IRIs masked; texts of one shape have the same tokens but for IRIs.
+
+    Programs ask the same query about one thing after the other, so what depends on the tokens only
+    can be remembered by shape. ``rdf:type`` stays, because estimates of cost know it. Texts in
+    which a masked stretch might not be a token, or be long, are their own shape.
+
+    Examples
+    --------
+    >>> shape("ASK { <urn:mug> ?p <urn:table> }")
+    'ASK { <> ?p <> }'
+    >>> shape("ASK { 'a<b'&&?x>'c' }")
+    "ASK { 'a<b'&&?x>'c' }"
+    """
+    if len(text) > _MAX_SHAPE or "<<" in text or "\\" in text or "'" in text:
+        return text
+    return _IRI.sub("<>", text)
 
 
 def line_and_column(text: str, position: int) -> tuple[int, int]:

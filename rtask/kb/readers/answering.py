@@ -9,18 +9,22 @@ import json
 import os
 import zlib
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import pyoxigraph as ox
 
-from rtask.kb.readers.memory import resident_bytes
+from rtask.kb.readers.memory import ResidentBytes
 from rtask.kb.readers.messages import HEADER, message
 
 __all__ = ["PIECES", "answer_query", "refuse", "send_all"]
 
 PIECES = (8 << 10, 32 << 10, 128 << 10, 256 << 10)
-_MIN_GZIP = 1 << 10
+_MIN_GZIP = 4 << 10
 _ANSWERS = ("application/sparql-results+json", "application/n-triples")
+
+
+_memory = ResidentBytes()
 
 
 class _LimitExceeded(Exception):
@@ -76,7 +80,7 @@ class _Answer:
             packed = self._wants_gzip and not (last and len(data) < _MIN_GZIP)
             if packed:
                 self._packer = zlib.compressobj(1, zlib.DEFLATED, 31)
-            head = message(b"M", json.dumps({**self._facts, "gzip": packed}).encode())
+            head = _head(self._facts["kind"], self._facts["type"], packed)
         if self._packer is not None:
             data = self._packer.compress(data)
             mode = zlib.Z_FINISH if last else zlib.Z_SYNC_FLUSH
@@ -86,8 +90,7 @@ class _Answer:
         if data:
             head += HEADER.pack(b"C", len(data))
         if last:
-            facts = {"bytes": self._total, "rss": resident_bytes()}
-            tail = message(b"E", json.dumps(facts).encode())
+            tail = message(b"E", b'{"bytes":%d,"rss":%d}' % (self._total, _memory.recent()))
         send_all(self._pipe, b"".join((head, data, tail)))
 
     def _check(self, data: bytes) -> None:
@@ -101,6 +104,12 @@ class _Answer:
                 self.error = _LimitExceeded("rows", self._rows, self._max_rows)
         if self.error is not None:
             raise self.error
+
+
+@lru_cache(maxsize=64)
+def _head(kind: str, media_type: str, packed: bool) -> bytes:
+    facts = {"kind": kind, "type": media_type, "gzip": packed}
+    return message(b"M", json.dumps(facts).encode())
 
 
 def _row_mark(media_type: str) -> tuple[bytes, int]:

@@ -38,6 +38,7 @@ _PIPE_BYTES = 1 << 20
 _SEND_TIMEOUT_S = 30.0
 _COALESCE_S = 0.005
 _FEW = 64
+_AT_ONCE = 64 << 10
 # -I: neither the script's folder nor the environment may shadow the standard library. The packages
 # that this process uses are searched next, before anything else that is installed.
 _START = """
@@ -120,6 +121,26 @@ class ReaderProcess:
         with self._lock:
             self._flush(message(kind, question))
 
+    def ask_now(self, question: bytes) -> bool:
+        """Send the waiting commits and a query, if that needs no waiting; tell whether it did."""
+        if self.waiting_bytes > _AT_ONCE or not self._lock.acquire(blocking=False):
+            return False
+        try:
+            if self._closed or self._pid < 0:
+                return False
+            data = message(b"Q", question)
+            if self._frames:
+                data = b"".join([*self._waiting(), data])
+            # The socket has a time limit, and therefore does not block as a descriptor.
+            if os.write(self._control.fileno(), data) == len(data):
+                return True
+        except OSError:
+            pass
+        finally:
+            self._lock.release()
+        self.kill()  # half a message was sent
+        return False
+
     def follow(self) -> None:
         """Send the queued commits now if the reader is idle; a few may stay queued."""
         if len(self._frames) < _FEW or not self._lock.acquire(blocking=False):
@@ -133,14 +154,18 @@ class ReaderProcess:
             self._lock.release()
 
     def _flush(self, last: bytes) -> None:
+        try:
+            self._control.sendall(b"".join([*self._waiting(), last]))
+        except OSError as error:
+            raise ReaderGone from error
+
+    def _waiting(self) -> list[bytes]:
+        """Take the queued commits, encoded."""
         parts = []
         while self._frames:
             parts.append(self._frames.popleft().encode())
         self.waiting_bytes = 0
-        try:
-            self._control.sendall(b"".join([*parts, last]))
-        except OSError as error:
-            raise ReaderGone from error
+        return parts
 
     def measured(self, rss: int) -> None:
         """Record the size of the process after a query."""

@@ -24,7 +24,7 @@ import pyoxigraph as ox
 
 from rtask.kb.readers.answering import answer_query
 from rtask.kb.readers.memory import limit_memory, resident_bytes
-from rtask.kb.readers.messages import Incoming, decode_change, message
+from rtask.kb.readers.messages import Incoming, Questions, decode_change, message
 
 _PARENT_CHECK_S = 2.0
 _PR_SET_PDEATHSIG = 1
@@ -141,9 +141,9 @@ def _read(
         store = ox.Store.read_only(order["snapshot"])
     limit_memory(order["memory"])
     _send_hello(control)
-    incoming = Incoming(control)
+    incoming = Questions(control)
     while True:
-        kind, payload, _ = incoming.next()
+        kind, payload = incoming.next()
         if kind == b"F":
             apply_change(store, payload)
         elif kind == b"U":

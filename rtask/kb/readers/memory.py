@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 from collections.abc import Iterator
 
-__all__ = ["limit_memory", "memory_limit", "resident_bytes"]
+__all__ = ["ResidentBytes", "limit_memory", "memory_limit", "resident_bytes"]
+
+_MEASURE_EVERY_S = 0.25
 
 
 def limit_memory(allowed: int) -> None:
@@ -50,3 +53,19 @@ def resident_bytes() -> int:
     except OSError:
         return 0
     return (resident - shared) * os.sysconf("SC_PAGE_SIZE")
+
+
+class ResidentBytes:
+    """Resident memory of this process, measured at most a few times a second."""
+
+    def __init__(self) -> None:
+        self._again = 0.0
+        self._bytes = 0
+
+    def recent(self) -> int:
+        """Return a recent measurement."""
+        now = time.monotonic()
+        if now >= self._again:
+            self._again = now + _MEASURE_EVERY_S
+            self._bytes = resident_bytes()
+        return self._bytes

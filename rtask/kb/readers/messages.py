@@ -23,9 +23,18 @@ from typing import Any, NamedTuple
 
 import pyoxigraph as ox
 
-__all__ = ["HEADER", "Incoming", "ReceivedChange", "decode_change", "encode_change", "message"]
+__all__ = [
+    "HEADER",
+    "Incoming",
+    "Questions",
+    "ReceivedChange",
+    "decode_change",
+    "encode_change",
+    "message",
+]
 
 HEADER = struct.Struct("<cI")
+_READ_AHEAD = 64 << 10
 
 
 def message(kind: bytes, payload: bytes = b"") -> bytes:
@@ -67,6 +76,39 @@ class Incoming:
                 raise EOFError
             view = view[count:]
         return bytes(data)
+
+
+class Questions:
+    """Messages from a socket without file descriptors, read ahead to save system calls."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._ahead = b""
+
+    def next(self) -> tuple[bytes, bytes]:
+        """Return type and payload of the next message.
+
+        Raises
+        ------
+        EOFError
+            When the other side has closed.
+        """
+        kind, length = HEADER.unpack(self._exactly(HEADER.size))
+        return kind, self._exactly(length)
+
+    def _exactly(self, length: int) -> bytes:
+        ahead = self._ahead
+        if len(ahead) < length:
+            parts, left = [ahead], length - len(ahead)
+            while left > 0:
+                part = self._connection.recv(max(left, _READ_AHEAD))
+                if not part:
+                    raise EOFError
+                parts.append(part)
+                left -= len(part)
+            ahead = b"".join(parts)
+        self._ahead = ahead[length:]
+        return ahead[:length]
 
 
 class ReceivedChange(NamedTuple):

@@ -136,6 +136,53 @@ class Readers:
         stream.hold(leave)
         return stream
 
+    def ask_now(self, question: Question) -> ReaderStream | None:
+        """Send a quick query without waiting; return its answer, of which nothing has come yet.
+
+        For event loops: call :meth:`ReaderStream.receive` when the answer's descriptor is readable,
+        then :meth:`ReaderStream.start`. The caller keeps the deadline by :meth:`ReaderStream.end`.
+
+        Returns
+        -------
+        ``None`` if that is not possible at once; use :meth:`ask`, in a thread.
+
+        Raises
+        ------
+        QueryTooExpensive
+            The same text ended a reader lately.
+        """
+        if not self._supply.has_idle:
+            return None
+        asked = _Asked(question.encode(), question.text)
+        self._refused.check(asked.kind, asked.text)
+        leave = self._places.enter_now()
+        if leave is None:
+            return None
+        reader = self._supply.take_now()
+        if reader is None:
+            leave()
+            return None
+        crash = functools.partial(self._too_expensive, asked)
+        give_back = self._supply.give_back
+        stream = ReaderStream(reader, asked.text, None, give_back, crash, self._deadlines)
+        stream.hold(leave)
+        if not reader.ask_now(asked.payload):
+            stream.abandon()
+            return None
+        with self._lock:
+            self._running.add(stream)
+        return stream
+
+    @property
+    def has_idle(self) -> bool:
+        """Whether :meth:`ask_now` has a chance."""
+        return self._supply.has_idle
+
+    @property
+    def changes(self) -> int:
+        """Number that grows with each change of the store, after the readers know of it."""
+        return self._supply.changes
+
     def evaluate_update(
         self, text: str, order: bytes, timeout_s: float, limit_s: float
     ) -> tuple[bytes, Callable[[], bool]]:

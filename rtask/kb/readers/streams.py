@@ -9,6 +9,7 @@ import heapq
 import itertools
 import json
 import os
+import select
 import threading
 import time
 import weakref
@@ -32,6 +33,8 @@ from rtask.sparql.syntax import syntax_error
 __all__ = ["Deadlines", "ReaderStream", "Stream", "WholeStream"]
 
 _READ_AHEAD = 8 << 10
+_AT_ONCE = 64 << 10
+_LONG = 128 << 10
 
 
 class Stream(Iterator[bytes]):
@@ -124,6 +127,7 @@ class ReaderStream(Stream):
         self.deadline: float | None = None
         self.expired = False
         self.closed = False
+        self.is_whole = False
         self._text = text
         self._timeout_s = timeout_s
         self._done: Callable[[ReaderProcess, bool], None] | None = done
@@ -147,6 +151,47 @@ class ReaderStream(Stream):
                 self._release = release
                 return
         release()
+
+    @property
+    def descriptor(self) -> int:
+        """The pipe that becomes readable when more of the answer has come."""
+        return self.reader.answers
+
+    def receive(self) -> bool:
+        """Read what has come; call this when the pipe is readable, and it does not wait.
+
+        Returns
+        -------
+        Whether :meth:`start` does not wait: the answer has come as a whole, its first piece has,
+        or the reader has ended.
+        """
+        data = os.read(self.reader.answers, _AT_ONCE)
+        self._read_ahead += data
+        ahead, at, pieces = self._read_ahead, 0, 0
+        while len(ahead) >= at + HEADER.size:
+            kind, length = HEADER.unpack_from(ahead, at)
+            at += HEADER.size + length
+            if at > len(ahead):
+                return not data
+            if kind in (b"E", b"X"):
+                self.is_whole = True
+                return True
+            pieces += kind == b"C"
+            if pieces and len(ahead) > _LONG:
+                return True
+        return not data or (pieces > 0 and at == len(ahead))
+
+    def end(self, timeout_s: float) -> None:
+        """Stop the query because its time is up; the pipe becomes readable."""
+        self._timeout_s = timeout_s
+        self.expired = True
+        self.expire()
+
+    def stop(self) -> None:
+        """Stop the query on request, from any thread; the pipe becomes readable."""
+        if self._done is not None:
+            self.closed = True
+            self.reader.kill()
 
     def start(self) -> None:
         """Wait for the first piece.
@@ -244,7 +289,7 @@ class ReaderStream(Stream):
         parts, left = [have[:length]], length - len(have)
         self._read_ahead = have[length:]
         while left > 0:
-            data = os.read(self.reader.answers, max(left, _READ_AHEAD))
+            data = _read(self.reader.answers, max(left, _READ_AHEAD))
             if not data:
                 raise EOFError
             parts.append(data[:left])
@@ -287,6 +332,15 @@ class ReaderStream(Stream):
 
     def __del__(self) -> None:
         self.close()
+
+
+def _read(descriptor: int, size: int) -> bytes:
+    """Read from a pipe, waiting; an event loop that watched it may have left it non-blocking."""
+    while True:
+        try:
+            return os.read(descriptor, size)
+        except BlockingIOError:
+            select.select([descriptor], [], [])
 
 
 def _rebuilt(name: str, text: str, details: dict[str, Any]) -> RtaskError:

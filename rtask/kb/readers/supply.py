@@ -71,13 +71,15 @@ class ReaderSupply:
         self._closed = False
         self._size = -1
         self.possible = sys.platform != "win32" and hasattr(os, "fork") and bool(sys.executable)
-        self.killed = self.answered = 0
+        self.killed = self.answered = self.changes = 0
 
     def stored(self, writes: Writes) -> None:
         """Forward a commit to the replica; called by the writer after each commit, in order."""
         replica = self._replica
         if replica is not None:
             replica.add(CommitFrame(writes))
+        # Only now, so that an answer remembered under this number contains the commit.
+        self.changes += 1
 
     def invalidate(self) -> None:
         """Discard the replica after a change outside a commit; the next query builds a new one."""
@@ -90,6 +92,7 @@ class ReaderSupply:
             for reader in gone:
                 reader.close()
             replica.retire()
+        self.changes += 1
 
     @property
     def evaluate_updates(self) -> bool:
@@ -159,6 +162,26 @@ class ReaderSupply:
             raise
         return reader
 
+    @property
+    def has_idle(self) -> bool:
+        """Whether there is an idle reader, which may yet turn out to be unusable."""
+        return bool(self._idle)
+
+    def take_now(self) -> ReaderProcess | None:
+        """Return an idle reader that has every commit stored so far; ``None`` if there is none."""
+        with self._lock:
+            replica = self._replica
+            if replica is not None and not replica.ready.is_set():
+                replica = None
+            for at in reversed(range(len(self._idle))):
+                reader = self._idle[at]
+                fits = reader.keeper is replica or reader.snapshot_seq == self._last_seq()
+                if fits and reader.pid > 0 and not (reader.keeper.failed or reader.killed):
+                    del self._idle[at]
+                    reader.busy = True
+                    return reader
+        return None
+
     def _idle_reader(self, replica: KeeperProcess | None) -> ReaderProcess | None:
         stale: list[ReaderProcess] = []
         found = None
@@ -225,7 +248,7 @@ class ReaderSupply:
             replica.ready.wait(None if at is None else max(0.0, at - time.monotonic()))
         return replica
 
-    def start(self, wait: bool = True, updates: bool = False) -> None:
+    def start(self, wait: bool = True, updates: bool = False, count: int = 1) -> None:
         """Start the processes now that the first query would otherwise start.
 
         Parameters
@@ -234,14 +257,17 @@ class ReaderSupply:
             Whether to wait for the replica even where snapshots can serve in the meantime.
         updates
             Whether to prepare readers for updates, too.
+        count
+            Number of readers to start.
         """
         replica = self._ready_replica(None, wait)
         if updates and replica is not None:
             replica.evaluates_updates = True
-        reader = self.take(time.monotonic() + _HELLO_S)
+        readers = [self.take(time.monotonic() + _HELLO_S) for _ in range(count)]
         with self._lock:
-            reader.busy = False
-            self._idle.append(reader)
+            for reader in readers:
+                reader.busy = False
+                self._idle.append(reader)
 
     def processes(self) -> tuple[str, list[int], int]:
         """Return the kind of the readers, the process ids, and how many readers are idle."""

@@ -1,0 +1,149 @@
+"""Cache of small answers to queries, each valid until the next commit.
+
+A request is looked up by everything of it on which the answer depends, as it was sent: address,
+query string, body, Accept, Accept-Encoding and Host (relative IRIs). All callers see the same
+statements, so rights are not part of it; they are checked before the cache is asked. An answer is
+kept when its question comes for the second time, because most questions come only once.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from endpoint.http.conditional import is_known, is_unsteady
+from endpoint.http.messages import Request, Response
+from endpoint.http.plan import Plan
+from endpoint.monitoring.metrics import Metrics
+from endpoint.served import ServedGraph
+from rtask.knowledge_base import KnowledgeBase
+
+__all__ = ["AnswerCache"]
+
+MAX_BYTES = 32 << 20
+MAX_ANSWER_BYTES = 64 << 10
+_MAX_ASKED = 10_000
+_OVERHEAD_BYTES = 1_000
+_HEADERS = ("content-type", "accept", "accept-encoding")
+
+Key = tuple[str | bytes, ...]
+Version = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """One answer, ready to be sent."""
+
+    plan: Plan
+    etag: str
+    size: int
+
+
+class AnswerCache:
+    """Answers to the queries of one server.
+
+    Parameters
+    ----------
+    kb
+        The graph; a graph stored elsewhere has no version, so its answers are not kept.
+    metrics
+        Counts how often an answer was found.
+    enabled
+        Whether to keep anything at all.
+
+    Attributes
+    ----------
+    bytes
+        Size of what is kept.
+    """
+
+    def __init__(self, kb: ServedGraph, metrics: Metrics, enabled: bool = True) -> None:
+        self._kb = kb if enabled and isinstance(kb, KnowledgeBase) else None
+        self._metrics = metrics
+        self._lock = threading.Lock()
+        self._version: Version = (-1, -1)
+        self._kept: OrderedDict[Key, _Kept] = OrderedDict()
+        self._asked: OrderedDict[Key, None] = OrderedDict()
+        self.bytes = 0
+
+    def _current(self, kb: KnowledgeBase) -> Version:
+        """Return the number of the last commit and that of the last change of the store.
+
+        Both grow only after the readers know of a change, so an answer may be newer than the
+        numbers it was evaluated under, but never older.
+        """
+        return kb.seq, kb.readers.changes
+
+    def find(self, request: Request) -> Plan | None:
+        """Return the plan of a request whose answer is kept."""
+        kb = self._kb
+        if kb is None or request.method == "HEAD":
+            return None
+        with self._lock:
+            if self._version != (version := self._current(kb)):
+                self._kept.clear()
+                self.bytes = 0
+                self._version = version
+            kept = self._kept.get(_key(request))
+        if kept is None:
+            return None
+        self._metrics.count("rtask_answer_cache_total", outcome="hit")
+        if is_known(request, kept.etag):
+            return Plan.ready(Response(304, headers=(("ETag", kept.etag),)))
+        return kept.plan
+
+    def keeper(
+        self, request: Request, form: str, text: str, etag: str
+    ) -> Callable[[Response], None] | None:
+        """Return the function to call with the answer to a request; none if it is not to be kept.
+
+        Call it before the query is evaluated.
+        """
+        kb = self._kb
+        if kb is None or request.method == "HEAD" or is_unsteady(text):
+            return None
+        key = _key(request)
+        self._metrics.count("rtask_answer_cache_total", outcome="miss")
+        with self._lock:
+            if key not in self._asked:
+                self._asked[key] = None
+                if len(self._asked) > _MAX_ASKED:
+                    self._asked.popitem(last=False)
+                return None
+            self._asked.move_to_end(key)
+        version = self._current(kb)
+
+        def keep(response: Response) -> None:
+            if response.status != 200 or response.chunks is not None:
+                return
+            if len(response.body) <= MAX_ANSWER_BYTES and self._current(kb) == version:
+                plan = Plan(lambda: response, None, "loop", form, text)
+                self._keep(key, version, _Kept(plan, etag, _size(key, response)))
+
+        return keep
+
+    def _keep(self, key: Key, version: Version, kept: _Kept) -> None:
+        with self._lock:
+            if self._version != version or key in self._kept:
+                return
+            self._kept[key] = kept
+            self.bytes += kept.size
+            while self.bytes > MAX_BYTES:
+                _, oldest = self._kept.popitem(last=False)
+                self.bytes -= oldest.size
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+
+def _key(request: Request) -> Key:
+    headers = request.headers
+    given = (headers.get(name, "") for name in _HEADERS)
+    sent = (request.method, request.site, request.raw_path, request.query_string, request.body)
+    return (*sent, *given)
+
+
+def _size(key: Key, response: Response) -> int:
+    return len(response.body) + sum(map(len, key)) + _OVERHEAD_BYTES
