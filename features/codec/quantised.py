@@ -104,7 +104,8 @@ class Lattice:
         """Return the cloud of cells (count, 3), which need not be whole numbers."""
         positions = np.empty((len(cells), 3), np.float32)
         for axis in range(3):
-            places = cells[:, axis] * self.step_m + self.origin[axis]
+            places = np.multiply(cells[:, axis], self.step_m)
+            places += self.origin[axis]
             most = max(places.max(initial=0), -places.min(initial=0))
             if not most <= _MAX_COORDINATE_M:  # true of NaN too
                 raise CloudFormatError(f"positions: a point lies beyond {_MAX_COORDINATE_M:.0f} m")
