@@ -114,8 +114,13 @@ class TableScene:
     down: NDArray[np.float64]
 
 
-def make_scene(kind: str, seed: int, ycb: Path | None = None, clean: bool = False) -> TableScene:
-    """Drop objects, wait until they lie still, take a picture."""
+def make_scene(
+    kind: str, seed: int, ycb: Path | None = None, clean: bool = False, alone: str = ""
+) -> TableScene:
+    """Drop objects, wait until they lie still, take a picture.
+
+    With ``alone``, the name of one YCB object, only that one is dropped.
+    """
     from simulate.world.world import World
 
     if kind not in KINDS:
@@ -137,16 +142,18 @@ def make_scene(kind: str, seed: int, ycb: Path | None = None, clean: bool = Fals
             ),
             [0, 0, -0.02],
         )
-        bodies = _drop(client, kind, rng, ycb)
+        bodies = _drop(client, kind, rng, ycb, alone)
         for _ in range(480):
             client.stepSimulation()
         return _picture(client, table, bodies, rng, clean)
 
 
-def _drop(client: Any, kind: str, rng: np.random.Generator, ycb: Path | None) -> dict[int, str]:
+def _drop(
+    client: Any, kind: str, rng: np.random.Generator, ycb: Path | None, alone: str
+) -> dict[int, str]:
     reach = 0.16 if kind == "primstacked" else 0.26
     bodies: dict[int, str] = {}
-    for k in range(int(rng.integers(5, 13))):
+    for k in range(1 if alone else int(rng.integers(5, 13))):
         angle, r = rng.uniform(0, 2 * np.pi), reach * np.sqrt(rng.random())
         turn = rng.uniform(-np.pi, np.pi, 3)
         place = [r * np.cos(angle), 0.8 * r * np.sin(angle), 0.06 + 0.05 * k]
@@ -160,7 +167,7 @@ def _drop(client: Any, kind: str, rng: np.random.Generator, ycb: Path | None) ->
             assert ycb is not None
             client.setAdditionalSearchPath(str(ycb))
             names = sorted(p.name for p in ycb.glob("*.urdf"))
-            source = str(rng.choice(names))
+            source = f"{alone}.urdf" if alone else str(rng.choice(names))
             body = client.loadURDF(source)
         else:
             named = rng.random() < 0.35

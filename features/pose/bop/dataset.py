@@ -1,0 +1,255 @@
+"""Folders of BOP datasets: scenes, cameras, true poses, models, targets, and files of results.
+
+Layout: ``<dataset>/<split>/000001/{scene_camera,scene_gt,scene_gt_info}.json``, ``depth/`` and
+``rgb/`` or ``gray/``, ``mask_visib/``; ``<dataset>/models/obj_000001.ply`` with
+``models_info.json``. Lengths on disk are mm, here they are m.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import Float64Array, Frame, Intrinsics
+
+__all__ = ["BopDataset", "BopEstimate", "BopModel", "BopObject", "BopView", "write_results"]
+
+_MM = 0.001
+_TURNS = 72
+
+
+@dataclass(frozen=True, eq=False)
+class BopObject:
+    """One object in a view.
+
+    Parameters
+    ----------
+    camera_from_object : (4, 4) float64, m
+    visible
+        Share of its pixels that nothing hides; None where the dataset does not say.
+    mask : (h, w) bool or None
+        Of its visible pixels.
+    """
+
+    object_id: int
+    camera_from_object: Float64Array
+    visible: float | None = None
+    mask: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BopView:
+    """One image with its true poses."""
+
+    scene_id: int
+    image_id: int
+    frame: Frame
+    objects: tuple[BopObject, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class BopModel:
+    """The mesh of an object.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float64, m
+    faces : (f, 3) int64
+    diameter_m
+        Largest distance of two vertices, as the dataset says.
+    symmetries : (s, 4, 4) float64, m
+        The identity first; continuous ones in 72 steps.
+    """
+
+    vertices: Float64Array
+    faces: NDArray[np.int64]
+    diameter_m: float
+    symmetries: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class BopEstimate:
+    """One line of a file of results."""
+
+    scene_id: int
+    image_id: int
+    object_id: int
+    score: float
+    camera_from_object: Float64Array
+    seconds: float = -1.0
+
+
+class BopDataset:
+    """A dataset on disk.
+
+    Parameters
+    ----------
+    folder
+        With ``models/`` and the splits.
+
+    Raises
+    ------
+    FileNotFoundError
+        When there is no such folder.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        if not self.folder.is_dir():
+            raise FileNotFoundError(f"no BOP dataset: {self.folder} is no folder")
+        self._info: dict[str, Any] | None = None
+
+    def scenes(self, split: str = "test") -> list[int]:
+        """Return the numbers of the scenes of a split."""
+        folder = self.folder / split
+        return sorted(int(one.name) for one in folder.iterdir() if one.name.isdigit())
+
+    def targets(self, name: str = "test_targets_bop19.json") -> list[tuple[int, int, int, int]]:
+        """Return (scene, image, object, number of instances) of what is to be estimated."""
+        listed = json.loads((self.folder / name).read_text("utf-8"))
+        keys = ("scene_id", "im_id", "obj_id", "inst_count")
+        return [tuple(int(one[key]) for key in keys) for one in listed]  # type: ignore[misc]
+
+    def views(
+        self, scene: int, split: str = "test", images: Iterable[int] | None = None
+    ) -> Iterator[BopView]:
+        """Yield the views of a scene, in order.
+
+        Parameters
+        ----------
+        images
+            Only these; None = all.
+
+        Raises
+        ------
+        ValueError
+            When a file is damaged or an entry missing, with its path.
+        """
+        folder = self.folder / split / f"{scene:06d}"
+        cameras = _read_json(folder / "scene_camera.json")
+        true = _read_json(folder / "scene_gt.json", {})
+        info = _read_json(folder / "scene_gt_info.json", {})
+        wanted = None if images is None else set(images)
+        for number in sorted(map(int, cameras)):
+            if wanted is not None and number not in wanted:
+                continue
+            key = str(number)
+            frame = _frame(folder, number, cameras[key])
+            yield BopView(
+                scene, number, frame,
+                tuple(_objects(folder, number, true.get(key, []), info.get(key, []))),
+            )  # fmt: skip
+
+    def model(self, object_id: int, kind: str = "models") -> BopModel:
+        """Return the mesh of an object with its symmetries.
+
+        Raises
+        ------
+        ValueError
+            When the mesh does not read, or ``models_info.json`` does not name the object.
+        """
+        import trimesh
+
+        folder = self.folder / kind
+        if self._info is None:
+            self._info = _read_json(folder / "models_info.json")
+        info = self._info.get(str(object_id))
+        if info is None:
+            raise ValueError(f"{folder / 'models_info.json'}: no object {object_id}")
+        mesh = trimesh.load(folder / f"obj_{object_id:06d}.ply", process=False, force="mesh")
+        if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
+            raise ValueError(f"obj_{object_id:06d}.ply: not a mesh")
+        return BopModel(
+            np.asarray(mesh.vertices, np.float64) * _MM,
+            np.asarray(mesh.faces, np.int64),
+            float(info["diameter"]) * _MM,
+            _symmetries(info),
+        )
+
+
+def _read_json(path: Path, default: Any = None) -> Any:
+    if default is not None and not path.is_file():
+        return default
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _frame(folder: Path, number: int, camera: dict[str, Any]) -> Frame:
+    depth = cv2.imread(str(folder / "depth" / f"{number:06d}.png"), cv2.IMREAD_UNCHANGED)
+    if depth is None:
+        raise ValueError(f"{folder}/depth/{number:06d}.png: no depth image")
+    k = np.asarray(camera["cam_K"], np.float64).reshape(3, 3)
+    height, width = depth.shape[:2]
+    lens = Intrinsics(width, height, *(float(k[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))))
+    depth_m = np.asarray(depth, np.float32) * np.float32(float(camera["depth_scale"]) * _MM)
+    return Frame(depth_m, lens, _colour(folder, number))
+
+
+def _colour(folder: Path, number: int) -> NDArray[np.uint8] | None:
+    for kind in ("rgb", "gray"):
+        for suffix in ("png", "jpg", "tif"):
+            path = folder / kind / f"{number:06d}.{suffix}"
+            image = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
+            if image is not None:
+                return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
+    return None
+
+
+def _objects(
+    folder: Path, number: int, true: list[dict[str, Any]], info: list[dict[str, Any]]
+) -> Iterator[BopObject]:
+    for k, entry in enumerate(true):
+        pose = np.eye(4)
+        pose[:3, :3] = np.asarray(entry["cam_R_m2c"], np.float64).reshape(3, 3)
+        pose[:3, 3] = np.asarray(entry["cam_t_m2c"], np.float64) * _MM
+        path = folder / "mask_visib" / f"{number:06d}_{k:06d}.png"
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+        visible = float(info[k]["visib_fract"]) if k < len(info) else None
+        mask = None if image is None else np.asarray(image > 0)
+        yield BopObject(int(entry["obj_id"]), pose, visible, mask)
+
+
+def _symmetries(info: dict[str, Any]) -> Float64Array:
+    """Return all products of the discrete and the continuous symmetries (s, 4, 4), m."""
+    discrete = [np.eye(4)]
+    for numbers in info.get("symmetries_discrete", ()):
+        turn = np.asarray(numbers, np.float64).reshape(4, 4).copy()
+        turn[:3, 3] *= _MM
+        discrete.append(turn)
+    continuous = [np.eye(4)]
+    for one in info.get("symmetries_continuous", ()):
+        axis = np.asarray(one["axis"], np.float64)
+        offset = np.asarray(one.get("offset", (0, 0, 0)), np.float64) * _MM
+        for step in range(1, _TURNS):
+            turn = np.eye(4)
+            angle = 2 * np.pi * step / _TURNS
+            turn[:3, :3] = cv2.Rodrigues(angle * axis / np.linalg.norm(axis))[0]
+            turn[:3, 3] = offset - turn[:3, :3] @ offset
+            continuous.append(turn)
+    return np.stack([a @ b for a in discrete for b in continuous])
+
+
+def write_results(path: Path, estimates: Iterable[BopEstimate]) -> None:
+    """Write estimates as the benchmark's server takes them: one line each, R by rows, t in mm."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["scene_id", "im_id", "obj_id", "score", "R", "t", "time"])
+        for one in estimates:
+            turn, place = one.camera_from_object[:3, :3], one.camera_from_object[:3, 3] / _MM
+            writer.writerow(
+                [
+                    one.scene_id, one.image_id, one.object_id, f"{one.score:.6f}",
+                    " ".join(f"{v:.9g}" for v in turn.ravel()),
+                    " ".join(f"{v:.9g}" for v in place), f"{one.seconds:.6f}",
+                ]
+            )  # fmt: skip
