@@ -249,7 +249,7 @@ def run_bop(folder: Path, split: str, params: PoseParams, results: Path | None) 
     for scene in dataset.scenes(split):
         for view in dataset.views(scene, split):
             for thing in view.objects:
-                if thing.mask is None or thing.mask.sum() < LEAST_PX:
+                if thing.mask is None or thing.mask.sum() < MIN_PX:
                     continue
                 if thing.object_id not in models:
                     mesh = dataset.model(thing.object_id)
