@@ -27,6 +27,7 @@ from rtask.kb.durability.settings import Settings
 from rtask.kb.maintenance.statistics import closure_state
 from rtask.kb.rules.rule import Rule, Source, read_rules
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.late_notes import LateNotes
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.bundled import refresh
 from rtask.rdf.terms import LONG_AGO
@@ -186,6 +187,7 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
         last_seq=max(catalogue.seq, files.last_seq),
         last_time=catalogue.last_time() or LONG_AGO,
         quarantines=options.quarantines,
+        late=_late_notes(files, graphs, options),
     )
     if inference is not None:
         inference.follow(lambda: committer.last_seq)
@@ -193,6 +195,12 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
     if options.mode == "r":
         writer.close()
     return KnowledgeBase(files, catalogue, inference, writer)
+
+
+def _late_notes(files: Files, graphs: Graphs, options: _Options) -> LateNotes | None:
+    if files.settings.plain or options.mode == "r":
+        return None
+    return LateNotes(files.store, graphs.meta, graphs.provenance)
 
 
 def _validator(files: Files, graphs: Graphs, validate: str) -> Validator | None:
@@ -208,6 +216,8 @@ def _bring_up_to_date(kb: KnowledgeBase, files: Files, options: _Options) -> Non
         files.checkpoints.make(kb.seq)
     if kb.complete_interrupted():
         _log.warning("completed a load that was interrupted")
+    if kb.take_in_lost():
+        _log.warning("the store held statements of commits that the journal lost; they are kept")
     if kb.plain:
         return
     if options.ontologies:

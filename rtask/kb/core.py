@@ -124,6 +124,7 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
             return
         self.expiry.close()
         self._writer.close()
+        self._writer.settle()
         self.feed.close()
         self.readers.close()
         self.live_queries.close()

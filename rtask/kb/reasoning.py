@@ -7,7 +7,7 @@ from typing import Any
 
 from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
-from rtask.kb.commit.bulk import complete, finish_bulk
+from rtask.kb.commit.bulk import complete, finish_bulk, take_in
 from rtask.kb.commit.commit import Commit, Request
 from rtask.kb.commit.entailment import Entailment, as_triples
 from rtask.kb.commit.inference import Inference
@@ -237,3 +237,7 @@ class Reasoning(Writing):
     def complete_interrupted(self) -> bool:
         """Complete a bulk load that a crash interrupted; return whether there was one."""
         return complete(self._writer, self._files, self._inference, self.access())
+
+    def take_in_lost(self) -> bool:
+        """Count statements whose commits were lost when the machine stopped, and derive anew."""
+        return take_in(self._writer, self._files, self._inference, self.access())

@@ -24,6 +24,7 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.settings import write_durably
+from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.union import is_joined
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
@@ -180,19 +181,40 @@ def complete(writer: Writer, files: Files, inference: Inference | None, access: 
         return False
     name = json.loads(mark.read_text("utf-8"))["graph"]
     if name and not files.settings.plain:
-        store, catalogue = files.store, writer.committer.catalogue
+        store = files.store
         if files.settings.is_merged:
             store.raw.bulk_extend(
                 Quad(quad.subject, quad.predicate, quad.object)
                 for quad in store.quads_for_pattern(None, None, None, iri(name))
             )
-        kept = (writer.committer.graphs.meta, writer.committer.graphs.provenance)
-        changed = {g for g in store.named_graphs() if store.count(g) != catalogue.triple_count(g)}
-        recount = frozenset(changed - {*kept} | {iri(name)})
+        recount = _miscounted(writer.committer, store) | {iri(name)}
         note = "complete an interrupted load"
         finish_bulk(writer, inference, Request(access, note=note, trusted=True, recount=recount))
     _unmark(files)
     return True
+
+
+def take_in(writer: Writer, files: Files, inference: Inference | None, access: Access) -> bool:
+    """Count and close statements of commits that the journal lost; return whether there were any.
+
+    When a machine stops, the store may keep the statements of a commit that was never acknowledged,
+    without its notes.
+    """
+    if not files.may_be_ahead or files.settings.plain or files.folder is None:
+        return False
+    discard_saved(files.folder)
+    recount = _miscounted(writer.committer, files.store)
+    if recount:
+        note = "take in what was stored when the machine stopped"
+        finish_bulk(writer, inference, Request(access, note=note, trusted=True, recount=recount))
+    return bool(recount)
+
+
+def _miscounted(committer: Committer, store: GraphStore) -> frozenset[GraphName]:
+    """Return the graphs that hold another number of statements than the catalogue says."""
+    catalogue, graphs = committer.catalogue, committer.graphs
+    found = {g for g in store.named_graphs() if store.count(g) != catalogue.triple_count(g)}
+    return frozenset(found - {graphs.meta, graphs.provenance})
 
 
 def _mark_file(files: Files) -> Path | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import logging
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
 from pyoxigraph import Quad
@@ -30,6 +31,7 @@ from rtask.kb.rules.rulebook import changed
 from rtask.kb.store.apply import LARGE, Writes, apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
 from rtask.rdf.terms import LONG_AGO, GraphName, NamedNode
@@ -38,6 +40,8 @@ __all__ = ["Change", "Commit", "Committer", "Request"]
 
 _log = logging.getLogger(__name__)
 MAX_QUADS = 200_000
+MAX_LATE = 1_000
+"""Changes with more statements store their notes at once: it costs them little."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,8 @@ class Committer:
         store; it is in the journal, so opening the folder again completes it.
     quarantines
         Move contradictory statements to quarantine instead of refusing the whole commit.
+    late
+        Where the notes of small commits wait; ``None`` without notes.
     """
 
     store: GraphStore
@@ -161,6 +167,7 @@ class Committer:
     last_time: dt.datetime = LONG_AGO
     interrupted: bool = False
     quarantines: bool = False
+    late: LateNotes | None = None
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change with the statements derived from it, or raise and store nothing."""
@@ -225,12 +232,30 @@ class Committer:
         rules = None if self.plain else changed(change, self.graphs)
         if self.inference is None:
             return Overlay(self.store), None, 0
-        if self.quarantines and not request.strict:
-            return set_aside(change, self.inference, self.graphs, self.last_seq + 1, rules)
-        return *self.inference.stage(change, rules, request.cause_ms), 0
+        # Notes say nothing about the world, so those that wait do not matter here.
+        with self.late.quiet() if self.late is not None else nullcontext():
+            if self.quarantines and not request.strict:
+                return set_aside(change, self.inference, self.graphs, self.last_seq + 1, rules)
+            return *self.inference.stage(change, rules, request.cause_ms), 0
 
     def _store(
         self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request
+    ) -> Change:
+        late = self.late
+        if late is None:
+            return self._store_now(change, derived, staged, request)
+        small = len(change.added) + len(change.removed) + len(derived.added) <= MAX_LATE
+        common = not (change.dropped or request.sources or request.recount)
+        with late.storing(small and common) as is_late, late.quiet():
+            return self._store_now(change, derived, staged, request, late if is_late else None)
+
+    def _store_now(
+        self,
+        change: Overlay,
+        derived: Overlay,
+        staged: Staged | None,
+        request: Request,
+        late: LateNotes | None = None,
     ) -> Change:
         record = self._next_record(request)
         everything = _joined(self.store, change, derived)
@@ -242,17 +267,18 @@ class Committer:
                 request.kinds, request.sources, self._sizes(request, everything), current
             )
             notes = self.catalogue.record(everything, record, facts)
-            everything = _joined(self.store, everything, notes)
-            if not self.store.is_view:
-                fresh = (self.graphs.inferred, self.graphs.provenance)
-                union = union_change(self.store, everything.removed, everything.added, fresh)
+        whole = _joined(self.store, everything, notes)
+        stored = everything if late is not None else whole
+        if not (self.plain or self.store.is_view):
+            fresh = (self.graphs.inferred, self.graphs.provenance)
+            union = union_change(self.store, stored.removed, stored.added, fresh)
         writes = Writes(
-            [*everything.removed, *union.removed],
-            [*everything.added, *union.added],
+            [*stored.removed, *union.removed],
+            [*stored.added, *union.added],
             list(change.created),
             list(change.dropped),
         )
-        self.journal.append(record, everything)
+        self.journal.append(record, whole)
         self.interrupted = True
         try:
             if len(writes.added) > LARGE:
@@ -265,6 +291,8 @@ class Committer:
                 self.store.is_stuck = True
                 raise StorageFullError("no room in the store; nothing was stored") from error
             raise
+        if late is not None:
+            late.add(notes)
         if staged is not None:
             staged.apply()
         self._advance(record, notes, change)

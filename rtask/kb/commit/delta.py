@@ -396,7 +396,8 @@ def _run_and_roll_back(
     store: GraphStore, text: str, functions: Functions, base: str | None
 ) -> None:
     try:
-        store.update(text, base_iri=base, custom_functions=functions)
+        with store.complete():
+            store.update(text, base_iri=base, custom_functions=functions)
     except RuntimeError as error:
         if "already exists" not in str(error):
             raise DataError(f"the update cannot be evaluated: {error}") from error

@@ -122,6 +122,12 @@ class Writer:
                     except Exception:  # noqa: BLE001 - a listener must not undo a stored commit
                         _log.exception("a listener failed on commit %d", change.commit.seq)
 
+    def settle(self) -> None:
+        """Store the notes of commits that wait, unless a commit was interrupted."""
+        late = self.committer.late
+        if late is not None and not self.committer.interrupted:
+            late.try_flush()
+
     def close(self) -> None:
         """Wait for the current write and refuse further ones."""
         with self._lock:

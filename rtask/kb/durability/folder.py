@@ -38,6 +38,8 @@ class Files:
     ----------
     last_seq
         Number of the last commit in the journal.
+    may_be_ahead
+        Whether the store may hold statements of commits that the journal lost.
     """
 
     settings: Settings
@@ -48,6 +50,7 @@ class Files:
     lock: FolderLock | None = None
     checkpoints: Checkpoints | None = None
     last_seq: int = 0
+    may_be_ahead: bool = False
 
     def saved_closures(self) -> SavedClosures | None:
         """Return the closures saved in the folder; ``None`` for a store in memory."""
@@ -116,14 +119,24 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
     journal = JournalFile(folder / "journal", durable)
     try:
         store = _open_store(folder, reading=False)
-        settings, last_seq = recover(folder, store, journal, settings)
+        recovered = recover(folder, store, journal, settings)
         checkpoints = Checkpoints(folder, store, journal, durable)
         blobs = BlobStore(folder / "blobs")
     except BaseException:
         journal.close()
         lock.release()
         raise
-    return Files(settings, store, blobs, journal, folder, lock, checkpoints, last_seq)
+    return Files(
+        recovered.settings,
+        store,
+        blobs,
+        journal,
+        folder,
+        lock,
+        checkpoints,
+        recovered.last_seq,
+        recovered.may_be_ahead,
+    )
 
 
 def open_for_reading(folder: Path, settings: Settings) -> Files:

@@ -10,9 +10,12 @@ import json
 import logging
 import time
 import zlib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+
+from pyoxigraph import Quad
 
 from rtask.errors import StoreError, StoreFormatError
 from rtask.kb.durability.blobs import sync_folder
@@ -24,12 +27,13 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
 
-__all__ = ["Checkpoint", "Checkpoints", "recover", "replay"]
+__all__ = ["Checkpoint", "Checkpoints", "recover", "replay", "replay_all"]
 
 _log = logging.getLogger(__name__)
 _FILE = "checkpoint.json"
 _EVERY_S = 60.0
 _EVERY_BYTES = 64 << 20
+_MAX_TOUCHED = 50_000
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -152,15 +156,28 @@ def require_clean(folder: Path) -> None:
         )
 
 
-def recover(
-    folder: Path, store: GraphStore, journal: JournalFile, settings: Settings
-) -> tuple[Settings, int]:
-    """Replay the journal into the store after an unclean shutdown.
+@dataclass(frozen=True)
+class Recovered:
+    """Result of :func:`recover`.
 
-    Returns
-    -------
-    The settings, with a new epoch if acknowledged commits may be lost, and the number of the last
-    commit in the journal.
+    Parameters
+    ----------
+    settings
+        With a new epoch if acknowledged commits may be lost.
+    last_seq
+        Number of the last commit in the journal.
+    may_be_ahead
+        Whether the store may hold parts of commits that the journal lost, because the machine
+        stopped; they were never acknowledged.
+    """
+
+    settings: Settings
+    last_seq: int
+    may_be_ahead: bool = False
+
+
+def recover(folder: Path, store: GraphStore, journal: JournalFile, settings: Settings) -> Recovered:
+    """Replay the journal into the store after an unclean shutdown.
 
     Raises
     ------
@@ -171,19 +188,17 @@ def recover(
     if checkpoint.clean:
         if checkpoint.journal is not None:
             require_sealed(folder, journal, checkpoint.journal)
-        return settings, checkpoint.seq
+        return Recovered(settings, checkpoint.seq)
     journal.cut_torn_end()
-    last, redone = checkpoint.seq, 0
-    for record in journal.records(checkpoint.seq):
-        replay(store, record, settings.is_merged)
-        last, redone = record.seq, redone + 1
-    _log.info("recovered after an unclean shutdown: %d commits replayed", redone)
-    if not checkpoint.durable and checkpoint.boot != boot_id():
+    last = replay_all(store, journal.records(checkpoint.seq), settings.is_merged) or checkpoint.seq
+    _log.info("recovered after an unclean shutdown: replayed up to commit %d", last)
+    was_restarted = checkpoint.boot != boot_id()
+    if not checkpoint.durable and was_restarted:
         settings = replace(settings, epoch=Settings.new().epoch)
         settings.save(folder)
         _log.warning("the machine was restarted: the newest commits may be lost; new epoch")
     sync_folder(folder)
-    return settings, last
+    return Recovered(settings, last, was_restarted)
 
 
 def _checkpoint_lost(folder: Path, store: GraphStore, journal: JournalFile) -> Checkpoint:
@@ -199,6 +214,37 @@ def _checkpoint_lost(folder: Path, store: GraphStore, journal: JournalFile) -> C
             damaged="journal",
         )
     return Checkpoint()
+
+
+def replay_all(store: GraphStore, records: Iterable[Record], merged: bool) -> int:
+    """Apply records, oldest first, many in one step; return the number of the last one, or 0.
+
+    Of several records that touch a statement the last one decides, so only what it says is looked
+    up and stored.
+    """
+    last = 0
+    touched: dict[Quad, bool] = {}
+    for record in records:
+        last = record.seq
+        if record.graphs("created") or record.graphs("dropped"):
+            _store_touched(store, touched, merged)
+            replay(store, record, merged)
+            continue
+        touched.update(dict.fromkeys(record.removed(), False))
+        touched.update(dict.fromkeys(record.added(), True))
+        if len(touched) > _MAX_TOUCHED:
+            _store_touched(store, touched, merged)
+    _store_touched(store, touched, merged)
+    return last
+
+
+def _store_touched(store: GraphStore, touched: dict[Quad, bool], merged: bool) -> None:
+    removed = [quad for quad, is_there in touched.items() if not is_there and quad in store]
+    added = [quad for quad, is_there in touched.items() if is_there and quad not in store]
+    touched.clear()
+    if removed or added:
+        union = union_change(store, removed, added) if merged else Overlay(store)
+        apply(store, Writes([*removed, *union.removed], [*added, *union.added]))
 
 
 def replay(store: GraphStore, record: Record, merged: bool) -> None:

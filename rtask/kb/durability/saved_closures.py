@@ -7,6 +7,7 @@ left alone: the closure is then built from the asserted statements, and the log 
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import shutil
 import threading
@@ -69,7 +70,15 @@ def saved_folders(folder: Path) -> list[Path]:
 def discard_saved(folder: Path) -> None:
     """Delete all saved closures, e.g. because statements change that no journal record holds."""
     for path in folder.glob(f"{_PREFIX}*"):
-        shutil.rmtree(path, ignore_errors=True)
+        _delete(path)
+
+
+def _delete(path: Path) -> None:
+    """Delete a folder, which has its name no longer once anything of it is gone."""
+    if path.suffix != ".tmp":
+        with contextlib.suppress(OSError):
+            path = path.rename(path.with_suffix(".tmp"))
+    shutil.rmtree(path, ignore_errors=True)
 
 
 class SavedClosures:
@@ -218,7 +227,7 @@ class SavedClosures:
             with self._writing:
                 path = self._folder / f"{_PREFIX}{seq}"
                 try:
-                    shutil.rmtree(path, ignore_errors=True)
+                    _delete(path)
                     image.write(path, head)
                     self._prune()
                 except OSError as error:
@@ -230,8 +239,8 @@ class SavedClosures:
     def _prune(self) -> None:
         """Delete all but the newest, and what a kill left half-written."""
         half_written = self._folder.glob(f"{_PREFIX}*.tmp")
-        for path in (*saved_folders(self._folder)[_KEPT:], *half_written):
-            shutil.rmtree(path, ignore_errors=True)
+        for path in (*half_written, *saved_folders(self._folder)[_KEPT:]):
+            _delete(path)
 
     def discard(self) -> None:
         """Delete all saved closures."""

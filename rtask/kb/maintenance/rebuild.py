@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from rtask.errors import StoreError, StoreFormatError
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.durability.journal import JournalFile, Record, encode
 from rtask.kb.durability.lock import FolderLock
-from rtask.kb.durability.recovery import Checkpoint, boot_id, replay
+from rtask.kb.durability.recovery import Checkpoint, boot_id, replay_all
 from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings
@@ -67,17 +68,19 @@ def rebuild_store(folder: Path) -> int:
 
 
 def _replay_all(folder: Path, store: GraphStore, journal: JournalFile, settings: Settings) -> int:
-    last = 0
-    for record in journal.records():
-        if record.seq != last + 1:
-            raise StoreFormatError(
-                f"the journal in {folder} goes from commit {last} to {record.seq}; those between "
-                "are missing or were deleted because of their age; restore a backup"
-            )
-        _require_known(folder, record)
-        replay(store, record, settings.is_merged)
-        last = record.seq
-    return last
+    def gapless() -> Iterator[Record]:
+        last = 0
+        for record in journal.records():
+            if record.seq != last + 1:
+                raise StoreFormatError(
+                    f"the journal in {folder} goes from commit {last} to {record.seq}; those "
+                    "between are missing or were deleted because of their age; restore a backup"
+                )
+            _require_known(folder, record)
+            last = record.seq
+            yield record
+
+    return replay_all(store, gapless(), settings.is_merged)
 
 
 def _require_known(folder: Path, record: Record) -> None:

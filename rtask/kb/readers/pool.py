@@ -62,6 +62,7 @@ class Readers:
         folder: Path | None = None,
         frozen: bool = False,
     ) -> None:
+        self._store = store
         self._places = Places()
         self._supply = ReaderSupply(store, last_seq, folder, frozen, self._places)
         self._refused = RefusedTexts()
@@ -217,6 +218,17 @@ class Readers:
             return stream.read(), lambda: self._supply.is_replica(keeper)
 
     def _ask(
+        self,
+        asked: _Asked,
+        at: float | None,
+        timeout_s: float | None,
+        on_start: Callable[[ReaderStream], None] | None,
+    ) -> ReaderStream:
+        # Until the reader has the question, it gets every commit complete, before the question.
+        with self._store.complete():
+            return self._send(asked, at, timeout_s, on_start)
+
+    def _send(
         self,
         asked: _Asked,
         at: float | None,

@@ -8,9 +8,10 @@ on ``close()``.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
 
@@ -23,6 +24,21 @@ __all__ = ["GraphStore"]
 
 _ATTEMPTS = 20
 _PAUSE_S = 0.05
+_OPEN = nullcontext()
+
+
+class Gate(Protocol):
+    """Something that completes the store before a read begins."""
+
+    @property
+    def graphs(self) -> Collection[GraphName]:
+        """Graphs whose content may not be complete."""
+
+    def reading(self) -> AbstractContextManager[None]:
+        """Return the context in which a read that may see these graphs begins."""
+
+    def flush(self) -> None:
+        """Complete the store."""
 
 
 class GraphStore:
@@ -42,9 +58,12 @@ class GraphStore:
         stored; see :mod:`rtask.kb.store.union`.
     followers
         Functions that :func:`rtask.kb.store.apply.apply` calls with the changes of each commit.
+    gate
+        Completes the store before a read begins; ``None`` if it is always complete. Methods of this
+        class take care of it; what reads :attr:`raw` begins inside :meth:`complete`.
     """
 
-    __slots__ = ("_path", "_store", "followers", "is_stuck", "is_view")
+    __slots__ = ("_path", "_store", "followers", "gate", "is_stuck", "is_view")
 
     def __init__(self, store: Store, path: str | None = None) -> None:
         self._store: Store | None = store
@@ -52,6 +71,14 @@ class GraphStore:
         self.is_stuck = False
         self.followers: list[Callable[[Any], None]] = []
         self.is_view = False
+        self.gate: Gate | None = None
+
+    def complete(self, graph: GraphName | None = None) -> AbstractContextManager[None]:
+        """Return the context in which a read of a graph, or of any with ``None``, begins."""
+        gate = self.gate
+        if gate is None or (graph is not None and graph not in gate.graphs):
+            return _OPEN
+        return gate.reading()
 
     @property
     def raw(self) -> Store:
@@ -99,13 +126,15 @@ class GraphStore:
 
     def __contains__(self, quad: Quad) -> bool:
         try:
-            return quad in self.raw
+            with self.complete(quad.graph_name):
+                return quad in self.raw
         except RuntimeError as error:
             raise self._failed(error) from error
 
     def __len__(self) -> int:
         try:
-            return len(self.raw)
+            with self.complete():
+                return len(self.raw)
         except RuntimeError as error:
             raise self._failed(error) from error
 
@@ -135,7 +164,8 @@ class GraphStore:
             yield from self._view(subject, predicate, value)
             return
         try:
-            found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+            with self.complete(graph):
+                found = self.raw.quads_for_pattern(subject, predicate, value, graph)
             if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
                 yield from found
             else:
@@ -158,23 +188,27 @@ class GraphStore:
         if not isinstance(graph, NamedNode):
             return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
         text = f"SELECT (COUNT(*) AS ?n) {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
-        [row] = self.raw.query(text)  # type: ignore[misc]
+        with self.complete(graph):
+            [row] = self.raw.query(text)  # type: ignore[misc]
         return int(row["n"].value)
 
     def named_graphs(self) -> Iterator[GraphName]:
         """Yield the names of the named graphs, empty ones included."""
-        return self.raw.named_graphs()
+        with self.complete():
+            return self.raw.named_graphs()
 
     def contains_named_graph(self, graph: GraphName) -> bool:
         """Whether a named graph exists."""
-        return self.raw.contains_named_graph(graph)
+        with self.complete(graph):
+            return self.raw.contains_named_graph(graph)
 
     def query(self, text: str, **options: Any) -> Any:
         """Evaluate a query; consume the answer in this thread."""
         if self.is_view and "default_graph" not in options and not names_dataset(text):
             options["use_default_graph_as_union"] = True
         try:
-            return self.raw.query(text, **options)
+            with self.complete():
+                return self.raw.query(text, **options)
         except RuntimeError as error:
             raise self._failed(error) from error
 
@@ -201,6 +235,8 @@ class GraphStore:
 
     def flush(self) -> None:
         """Force everything to disk."""
+        if self.gate is not None:
+            self.gate.flush()
         try:
             self.raw.flush()
         except RuntimeError as error:

@@ -79,7 +79,8 @@ class Snapshots:
             path = self._home / str(self._number)
             try:
                 self._home.mkdir(exist_ok=True)
-                self._store.raw.backup(str(path))
+                with self._store.complete():
+                    self._store.raw.backup(str(path))
             except (OSError, RuntimeError) as error:
                 shutil.rmtree(path, ignore_errors=True)
                 raise StoreError(f"cannot make a snapshot of {self._folder}: {error}") from error

@@ -9,14 +9,15 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import rtask
 from rtask.kb.durability import saved_closures
-from rtask.kb.durability.recovery import Checkpoint
 from rtask.kb.durability.saved_closures import saved_folders
+from rtask.kb.durability.settings import Settings
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Literal, iri
 
@@ -195,7 +196,7 @@ def test_one_made_by_another_version_of_the_reasoner_is_not_used(
 def test_one_of_another_numbering_is_not_used(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    Checkpoint(0, clean=False, boot="another", durable=False).save(folder)  # gives a new epoch
+    replace(Settings.load(folder), epoch="another").save(folder)
     _assert_rebuilt(folder, caplog, "numbered anew")
 
 

@@ -1,0 +1,172 @@
+"""Notes of commits that reach the store late: one step for many commits, before anybody can look.
+
+A commit's own statements are stored at once. Its notes, the activity and the numbers of the
+catalogue, are in the journal with it, and wait here until a read might see them, until there are
+many, or until there is a pause. Whoever begins a read announces it first: the notes that wait are
+then stored, and commits store theirs at once until the read has begun. So no read can tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+
+from rtask.errors import RtaskError
+from rtask.kb.store.apply import Writes, apply
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.overlay import NetChange, Overlay
+from rtask.kb.store.union import union_change
+from rtask.rdf.terms import DEFAULT, GraphName
+
+__all__ = ["LateNotes"]
+
+_log = logging.getLogger(__name__)
+_MAX_COMMITS = 256
+_REST_S = 0.2
+
+
+class LateNotes:
+    """Notes that wait to be stored, and the gate through which reads begin.
+
+    Parameters
+    ----------
+    store
+        The quads; its reads go through this gate from now on.
+    meta, provenance
+        The graphs of the notes.
+    """
+
+    def __init__(self, store: GraphStore, meta: GraphName, provenance: GraphName) -> None:
+        self._store = store
+        self._provenance = provenance
+        self.graphs = frozenset({meta, provenance, DEFAULT})
+        self._waiting = NetChange()
+        self._commits = 0
+        self._last = 0.0
+        self._quiet = threading.local()
+        self._readers = 0
+        self._was_read = False
+        self._is_behind = False
+        self._gate = threading.Lock()
+        self._storing = threading.RLock()
+        self._rest: threading.Thread | None = None
+        store.gate = self
+
+    # Reading
+
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[None]:
+        """Begin a read in this block: every note of every commit is in the store meanwhile."""
+        if getattr(self._quiet, "is_on", False):
+            yield
+            return
+        with self._gate:
+            self._readers += 1
+            self._was_read = True
+            is_behind = self._is_behind
+        try:
+            if is_behind:
+                self.try_flush()
+            yield
+        finally:
+            with self._gate:
+                self._readers -= 1
+
+    @contextlib.contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Let this thread read in the block without waiting notes, which do not concern it."""
+        before = getattr(self._quiet, "is_on", False)
+        self._quiet.is_on = True
+        try:
+            yield
+        finally:
+            self._quiet.is_on = before
+
+    # Writing
+
+    @contextlib.contextmanager
+    def storing(self, may_wait: bool) -> Iterator[bool]:
+        """Store a commit in this block; yield whether its notes are to be given to :meth:`add`.
+
+        Parameters
+        ----------
+        may_wait
+            Whether the commit is small and of the common kind. Others store their notes at once,
+            after those that wait.
+        """
+        with self._storing:
+            with self._gate:
+                # Where reads and commits alternate, one step for both costs less than two.
+                is_late = may_wait and not self._readers and not self._was_read
+                self._was_read = False
+                if is_late:
+                    self._is_behind = True
+            if not is_late:
+                self.flush()
+            yield is_late
+
+    def add(self, notes: Overlay) -> None:
+        """Let the notes of a commit wait, inside the block of :meth:`storing`."""
+        self._waiting.join(notes)
+        self._commits += 1
+        self._last = time.monotonic()
+        if self._commits >= _MAX_COMMITS:
+            self.try_flush()
+        elif self._rest is None:
+            self._rest = threading.Thread(
+                target=_flush_at_rest, args=(weakref.ref(self),), name="rtask-notes", daemon=True
+            )
+            self._rest.start()
+
+    def flush(self) -> None:
+        """Store the notes that wait."""
+        with self._storing:
+            waiting = self._waiting
+            if waiting.removed or waiting.added:
+                union = Overlay(self._store)
+                with self.quiet():
+                    if not self._store.is_view:
+                        union = union_change(
+                            self._store, waiting.removed, waiting.added, (self._provenance,)
+                        )
+                    apply(
+                        self._store,
+                        Writes([*waiting.removed, *union.removed], [*waiting.added, *union.added]),
+                    )
+            self._waiting, self._commits = NetChange(), 0
+            with self._gate:
+                self._is_behind = False
+
+    def try_flush(self) -> None:
+        """Store the notes; if that fails, they go on waiting: the commits themselves are stored."""
+        try:
+            self.flush()
+        except (RtaskError, RuntimeError, OSError) as error:
+            if "No space left" in str(error):
+                self._store.is_stuck = True
+            _log.warning("notes of commits are in the journal, but could not be stored: %s", error)
+
+    def rested(self) -> bool:
+        """Store what waits if there was no commit for a while; tell whether nothing waits now."""
+        if time.monotonic() - self._last < _REST_S:
+            return False
+        with self._storing:
+            if time.monotonic() - self._last < _REST_S:
+                return False
+            if self._store.is_open:
+                self.try_flush()
+            self._rest = None
+            return True
+
+
+def _flush_at_rest(reference: weakref.ref[LateNotes]) -> None:
+    while True:
+        time.sleep(_REST_S)
+        notes = reference()
+        if notes is None or notes.rested():
+            return
+        del notes
