@@ -136,7 +136,7 @@ def test_views_are_split_off_or_forgotten(site: Site) -> None:
     assert "white mug" in page(boss, done.headers["Location"])
     assert "one view only" in page(boss, "/object/split?iri=urn:lab/object/1")
     for form, words in (
-        ({"views": ["urn:lab/view/1"]}, "at least one must stay"),
+        ({"views": ["urn:lab/view/1"]}, "at least one view of the object must stay"),
         ({}, "views is missing"),
         ({"views": ["urn:lab/view/3"]}, "is not a view of"),
     ):

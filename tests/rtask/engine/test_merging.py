@@ -185,9 +185,9 @@ def test_mistakes_are_named(bench, engine, twice):
         curate(engine, "merge", object=one["object"])
     with pytest.raises(UnknownTermError, match="no object urn:nothing"):
         curate(engine, "forget", object="urn:nothing")
-    with pytest.raises(UnknownTermError, match="no view"):
+    with pytest.raises(UnknownTermError, match="is not a view of"):
         curate(engine, "split", object=one["object"], views=[other["view"]])
-    with pytest.raises(UsageError, match="at least one must stay"):
+    with pytest.raises(UsageError, match="at least one view of the object must stay"):
         curate(engine, "split", object=one["object"], views=[one["view"]])
     with pytest.raises(ForbiddenError, match="did not name, merge, split or forget"):
         curate(engine, "undo", commit=robot.insert(bench.sight(bench.PEN))["commit"])
