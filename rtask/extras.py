@@ -21,6 +21,7 @@ EXTRA_OF = {
     "gymnasium": "perception",
     "matplotlib": "perception",
     "numba": "perception",
+    "onnxruntime": "embed",
     "open3d": "perception",
     "scipy": "perception",
     "trimesh": "perception",

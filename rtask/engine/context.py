@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from rtask.engine.decisions import Decision
+from rtask.engine.embeddings import Embeddings
 from rtask.engine.grippers import GripperCatalogue
 from rtask.engine.names import Names
 from rtask.engine.observation import Observation
@@ -47,8 +48,12 @@ class Context:
         Knowledge base with the ontology and the union of graphs.
     index_folder
         Where the index of views is kept; None = in memory.
+    embedder
+        ONNX file of a network that proposes objects; None = none.
     policy
         Thresholds and weights.
+    embedder
+        ONNX file of a network whose vectors propose objects; None = none.
 
     Attributes
     ----------
@@ -69,7 +74,13 @@ class Context:
         only: after a restart an outcome is stored without them.
     """
 
-    def __init__(self, kb: GraphCore, index_folder: Path | None, policy: Policy) -> None:
+    def __init__(
+        self,
+        kb: GraphCore,
+        index_folder: Path | None,
+        policy: Policy,
+        embedder: Path | None = None,
+    ) -> None:
         self.kb = kb
         self.policy = policy
         self.writing = threading.RLock()
@@ -81,7 +92,8 @@ class Context:
         self.models = Models(kb)
         self.observations: Recent[Observation] = Recent(_OBSERVATIONS)
         self.decisions: Recent[Decision] = Recent(_DECISIONS)
-        self.views = ViewIndex(kb, index_folder, self.writing)
+        embeddings = None if embedder is None else Embeddings(kb, embedder, self.writing)
+        self.views = ViewIndex(kb, index_folder, self.writing, embeddings)
         self._stop_listening = kb.on_commit(self._on_commit)
         self.views.sync()
 

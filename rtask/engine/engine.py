@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,9 @@ class Engine:
         memory with a knowledge base in memory.
     policy
         Thresholds and weights.
+    embedder
+        ONNX file of a network whose vectors propose objects where print is missing; default: the
+        environment variable RTASK_EMBEDDER, else none.
 
     Attributes
     ----------
@@ -67,11 +71,16 @@ class Engine:
         kb: GraphCore,
         index_dir: Path | str | None = None,
         policy: Policy | None = None,
+        embedder: Path | str | None = None,
     ) -> None:
         if kb.plain:
             raise UnsupportedError("a plain knowledge base has no ontology for the engine")
         folder = kb.folder / "index" if index_dir is None and kb.folder else index_dir
-        self.context = Context(kb, None if folder is None else Path(folder), policy or Policy())
+        network = embedder or os.environ.get("RTASK_EMBEDDER")
+        self.context = Context(
+            kb, None if folder is None else Path(folder), policy or Policy(),
+            Path(network) if network else None,
+        )  # fmt: skip
 
     @property
     def kb(self) -> GraphCore:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser
     from features.recognition.views.view import ViewFeatures
+    from rtask.engine.embeddings import Embeddings
     from rtask.kb.core import GraphCore
 
 __all__ = ["ViewIndex"]
@@ -35,6 +36,8 @@ class ViewIndex:
         Folder of the index; None = in memory.
     writing
         Lock of the writer.
+    embeddings
+        Vectors of a user's network, brought in step with the views; None = none are used.
 
     Attributes
     ----------
@@ -42,10 +45,17 @@ class ViewIndex:
         Number of changes of the index; recognition may give another result in the next generation.
     """
 
-    def __init__(self, kb: GraphCore, folder: Path | None, writing: threading.RLock) -> None:
+    def __init__(
+        self,
+        kb: GraphCore,
+        folder: Path | None,
+        writing: threading.RLock,
+        embeddings: Embeddings | None = None,
+    ) -> None:
         self._kb = kb
         self._folder = folder
         self._writing = writing
+        self.embeddings = embeddings
         self.generation = 0
         self._opened: tuple[RecognitionIndex, Recogniser] | None = None
         try:
@@ -87,6 +97,8 @@ class ViewIndex:
         """Synchronise the index with the graph; return the number of added views."""
         if self._opened is None:
             return 0
+        if self.embeddings is not None:
+            self.embeddings.sync()
         with self._writing:
             wanted = {row.view: row for row in stored_views(self._kb)}
             present = {name.view_iri: name for name in self.index.views()}

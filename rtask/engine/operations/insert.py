@@ -115,6 +115,9 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
         commit = context.commit_id(tx.commit) if tx.commit.added else ""
         for view, thing, class_iri, seen in writer.views:
             context.views.learn(view, thing, class_iri, seen.features)
+        if context.views.embeddings is not None:
+            for view, thing, class_iri, vector in writer.vectors:
+                context.views.embeddings.learn(view.value, thing.value, class_iri, vector)
         for blob, model in writer.models:
             context.models.keep(blob, model)
     objects = [InsertedObject(**entry, commit=commit) for entry in entries]
@@ -134,6 +137,7 @@ class _Writer:
         self.pending = Pending()
         self.withdrawn: Withdrawn = []
         self.views: list[tuple[NamedNode, NamedNode, str, Observation]] = []
+        self.vectors: list[tuple[NamedNode, NamedNode, str, NDArray[np.float32]]] = []
         self.models: list[tuple[str, ObjectModel]] = []
         self.stored = 0
         self._grown_things: set[NamedNode] = set()
@@ -197,6 +201,10 @@ class _Writer:
             Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time,
                   self._grown(one, thing)),
         )  # fmt: skip
+        embeddings = context.views.embeddings
+        if embeddings is not None and one.vector is not None:
+            embeddings.state(self.triples, view, one.vector)
+            self.vectors.append((view, thing, class_iri, one.vector))
         grasp = self._grasp(one, thing, task_id, event, now)
         self.views.append((view, thing, class_iri, one.seen))
         features = len(one.seen.features)

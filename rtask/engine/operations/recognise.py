@@ -199,7 +199,10 @@ def recognise_for_grasp(
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
     least = request.min_confidence if thresholds is None else thresholds.identity
-    recognition = recognise(context.views.recogniser, seen, context.policy, _MAX_MATCHES, least)
+    recognition = recognise(
+        context.views.recogniser, seen, context.policy, _MAX_MATCHES, least,
+        context.views.embeddings,
+    )  # fmt: skip
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
     question = replace(question, in_space=request.in_space)

@@ -89,6 +89,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         context.policy,
         request.max_results,
         request.min_confidence,
+        context.views.embeddings,
     )
     description = request.class_description
     kinds = context.classes.find(description) if description else []

@@ -19,6 +19,7 @@ from rtask.engine.remembered import KnownObject, Memory
 if TYPE_CHECKING:
     from features.recognition.index.recognition_index import RecognitionIndex
     from features.recognition.recogniser import Recogniser, Recognition
+    from rtask.engine.embeddings import Embeddings
 
 __all__ = ["has_rivals", "is_plausible", "recognise", "settle"]
 
@@ -29,15 +30,19 @@ def recognise(
     policy: Policy,
     max_results: int,
     min_confidence: float | None = None,
+    embeddings: Embeddings | None = None,
 ) -> Recognition:
     """Match a view against the index; lower the confidence if it holds a single object.
 
+    Where no print was matched, ``embeddings`` propose objects below the confidence of acceptance.
     Other objects are counted first, so that one inserted by another robot meanwhile is ignored.
     """
     with_rivals = has_rivals(recogniser.index)
     found = recogniser.recognise(
         seen.features, min_confidence=min_confidence, max_results=max_results
     )
+    if embeddings is not None and not found.accepted:
+        return embeddings.propose(found, seen, max_results, policy.suggestion)
     if with_rivals or not found.accepted or found.matches[0].inliers >= policy.inliers_when_alone:
         return found
     first = found.matches[0]

@@ -83,6 +83,8 @@ class Prepared:
     ----------
     generation
         Generation of the index in which it was recognised.
+    vector : (d,) float32 or None
+        Vector of the view, if a network is in use.
     """
 
     item: NewObject
@@ -96,6 +98,7 @@ class Prepared:
     view: NamedNode
     growth: Growth | None
     generation: int = 0
+    vector: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
@@ -156,9 +159,12 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
         context.models, None if known is None else iri(known.iri), seen,
         _viewpoint(seen, known, placement, pose) if is_alike else None, view, is_round,
     )  # fmt: skip
+    embeddings = context.views.embeddings
+    vector = None if embeddings is None else embeddings.vector_of(seen)
     return Prepared(
-        item, where, seen, known, placement, gripper, grasp, outcome, view, growth, generation
-    )
+        item, where, seen, known, placement, gripper, grasp, outcome, view, growth, generation,
+        vector,
+    )  # fmt: skip
 
 
 def _viewpoint(

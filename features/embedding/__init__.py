@@ -1,0 +1,1 @@
+"""Vectors of a network that the user brings (extra ``embed``): a feature beside SIFT."""

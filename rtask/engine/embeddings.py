@@ -1,0 +1,194 @@
+"""Vectors of a user's network beside SIFT: stored in the graph, searched where print is missing.
+
+They propose what a thing may be. Nothing is accepted, and no outcome credited, by them.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rtask.engine.observation import Observation
+from rtask.engine.stored import stored_views
+from rtask.engine.triples import Triples
+from rtask.errors import MissingBlobError, UsageError
+from rtask.extras import naming_extras
+from rtask.rdf.namespaces import PREFIXES, RT
+from rtask.rdf.terms import NamedNode, iri
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from features.recognition.recogniser import Recognition
+    from rtask.kb.core import GraphCore
+
+__all__ = ["Embeddings"]
+
+log = logging.getLogger(__name__)
+
+_MIN_COSINE = 0.5
+_PRINT = 6
+
+
+class Embeddings:
+    """Vectors of all views of a knowledge base, of one network.
+
+    Parameters
+    ----------
+    model
+        The network's ONNX file.
+    writing
+        Lock of the writer.
+
+    Raises
+    ------
+    UsageError
+        The file is no network that can be used.
+    MissingExtraError
+        The extra ``embed`` is not installed.
+    """
+
+    def __init__(self, kb: GraphCore, model: Path, writing: threading.RLock) -> None:
+        with naming_extras(str(model)):
+            import faiss  # noqa: F401 - asked for now, not at the first view
+            import onnxruntime  # noqa: F401
+
+            from features.embedding.embedder import Embedder
+            from features.embedding.index import VectorIndex
+
+        try:
+            self._embedder = Embedder(model)
+        except (OSError, ValueError) as error:
+            raise UsageError(f"embedder: {error}") from error
+        self._kb = kb
+        self._writing = writing
+        self._index = VectorIndex()
+        self._searching = threading.Lock()
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    @property
+    def name(self) -> str:
+        """Last part of the IRI of each stored vector: vectors of one network have the same."""
+        return f"embedding-{self._embedder.digest[:12]}"
+
+    def vector_of(self, seen: Observation) -> NDArray[np.float32] | None:
+        """Return the vector of a look; None when the network gives none."""
+        if seen.frame.rgb is None:
+            return None
+        try:
+            return self._embedder.embed(seen.frame.rgb, seen.frame.object_mask())
+        except ValueError as error:
+            log.warning("no vector: %s", error)
+            return None
+
+    def state(self, triples: Triples, view: NamedNode, vector: NDArray[np.float32]) -> None:
+        """State a view's vector as one more of its contents."""
+        from features.embedding.embedder import vector_to_bytes
+
+        data = vector_to_bytes(vector, self._embedder.digest)
+        content = iri(f"{view.value}/{self.name}")
+        triples.add(view, RT.viewContent, content)
+        triples.node(
+            content,
+            [RT.DescriptorSet],
+            {
+                RT.hasBlob: triples.blob(self._kb.blobs.put(data, "application/x-npz")),
+                RT.descriptorCount: 1,
+                RT.descriptorLength: len(vector),
+                RT.elementType: "float32",
+            },
+        )
+
+    def learn(self, view: str, thing: str, class_iri: str, vector: NDArray[np.float32]) -> None:
+        """Search a view from now on."""
+        with self._searching:
+            self._index.add(view, thing, class_iri, vector)
+
+    def sync(self) -> int:
+        """Bring the vectors in step with the graph; return how many views have one.
+
+        Views that were stored before the network came have none, and are not proposed.
+        """
+        from features.embedding.embedder import vector_from_bytes
+
+        with self._writing:
+            wanted = {row.view: row for row in stored_views(self._kb)}
+            blobs = self._stored()
+            with self._searching:
+                for view, (thing, kind) in self._index.views().items():
+                    row = wanted.get(view)
+                    if row is None:
+                        self._index.remove(view)
+                    elif (thing, kind) != (row.object, row.class_iri):
+                        self._index.relabel(view, row.object, row.class_iri)
+                for view, row in wanted.items():
+                    if view in self._index or view not in blobs:
+                        continue
+                    try:
+                        data = self._kb.blobs.read(blobs[view])
+                        vector = vector_from_bytes(data, self._embedder.digest)
+                        self._index.add(view, row.object, row.class_iri, vector)
+                    except (MissingBlobError, ValueError) as error:
+                        log.warning("view %s has no vector: %s", view, error)
+                return len(self._index)
+
+    def propose(
+        self, found: Recognition, seen: Observation, most: int, confidence: float
+    ) -> Recognition:
+        """Return an answer with objects that look alike to the network, where print is missing.
+
+        Parameters
+        ----------
+        most
+            Length of the list.
+        confidence
+            The most that a proposal can have; below what is accepted.
+        """
+        from features.recognition.recogniser import Match
+
+        if found.accepted or any(match.inliers >= _PRINT for match in found.matches):
+            return found
+        vector = self.vector_of(seen)
+        if vector is None:
+            return found
+        with self._searching:
+            near = self._index.nearest(vector, most)
+        sure = {
+            one.object_iri: confidence * (one.cosine - _MIN_COSINE) / (1 - _MIN_COSINE)
+            for one in near
+            if one.cosine > _MIN_COSINE
+        }
+        kept = [
+            replace(match, confidence=max(match.confidence, sure.pop(match.object_iri, 0.0)))
+            for match in found.matches
+        ]
+        kept += [
+            Match(
+                object_iri=one.object_iri,
+                class_iri=one.class_iri,
+                confidence=sure[one.object_iri],
+                inliers=0,
+                views=(one.view_iri,),
+                appearance=one.cosine,
+                size_ok=None,
+                query_from_view=None,
+                view_iri=one.view_iri,
+            )
+            for one in near
+            if one.object_iri in sure
+        ]
+        kept.sort(key=lambda match: -match.confidence)
+        return replace(found, accepted=False, matches=tuple(kept[:most]))
+
+    def _stored(self) -> dict[str, str]:
+        """Return the blob of each view's vector."""
+        rows = self._kb.select(f"""{PREFIXES}
+SELECT ?view ?blob WHERE {{ ?view rt:viewContent ?content . ?content rt:hasBlob ?blob
+  FILTER(STRENDS(STR(?content), "/{self.name}")) }}""")
+        return {str(row.value("view")): str(row.value("blob")) for row in rows}
