@@ -33,6 +33,18 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
     :class:`rtask.knowledge_base.KnowledgeBase` adds them as methods.
     """
 
+    @property
+    def needs_exact_changes(self) -> bool:
+        """Whether every statement of a load must pass through a commit, however large the load is.
+
+        So it is while shapes are checked, contradictory statements go to quarantine, or somebody
+        subscribes; otherwise large documents are streamed into the store.
+        """
+        committer = self._writer.committer
+        if committer.validator is not None or committer.quarantines:
+            return True
+        return self.feed.has_subscribers or self.live_queries.has_subscribers
+
     def warm_up(self) -> None:
         """Build the closure and start the readers now instead of on first use.
 

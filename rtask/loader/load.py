@@ -291,6 +291,8 @@ class _Loader:
             self._import(name, document)
         loose = any(isinstance(quad.graph_name, DefaultGraph) for quad in first)
         rest = next(quads, None)
+        if rest is not None and not self.options.dry_run and self.kb.needs_exact_changes:
+            first, rest = [*first, rest, *quads], None
         if rest is None:
             first, header = self._mended(document, first, header)
         item = Item(document, header, self._target(document, header), loose)
@@ -353,7 +355,7 @@ class _Loader:
         return left, replace(header, patches=tuple(patch.name for patch in applied))
 
     def _is_text(self, document: Document, form: Format) -> bool:
-        if self.options.dry_run or self.kb.plain:
+        if self.options.dry_run or self.kb.plain or self.kb.needs_exact_changes:
             return False
         return readable_by_the_store(document, form)
 

@@ -34,6 +34,9 @@ _TARGETS = {
 _NAME = re.compile(r"\b(\w+):(\w+)")
 _DEPTH = 2
 _MAX_NODES = 5_000
+_BATCH = 200
+"""Nodes validated at once: pySHACL compares each focus node with all others."""
+
 _POLICIES = ("off", "warn", "refuse")
 
 
@@ -199,7 +202,12 @@ class Validator:
             return []
         wanted = {value for _, p, value in definitions if p in _TARGETS}
         focus = [node for node, found in roles.items() if any(v in wanted for _, v in found)]
-        return run(view.around(focus, shapes.objects_of), definitions, focus, view.graph)
+        found: list[Violation] = []
+        for start in range(0, len(focus), _BATCH):
+            part = focus[start : start + _BATCH]
+            around = view.around(part, shapes.objects_of)
+            found += run(around, definitions, list(part), view.graph)
+        return sorted(found, key=str)
 
 
 def refuse(found: Iterable[Violation]) -> None:
@@ -260,6 +268,7 @@ class _View:
         self.graph = graph
         self._by_subject: dict[Term, set[TripleKey]] = {}
         self._by_object: dict[Term, set[TripleKey]] = {}
+        self._superclasses: dict[Term, set[Term]] = {}
         for quad in change.added:
             if self._counts(quad):
                 self._by_subject.setdefault(quad.subject, set()).add(triple_key(quad))
@@ -300,6 +309,7 @@ class _View:
                 if isinstance(quad.object, NamedNode | BlankNode) and quad.predicate != RDF_TYPE:
                     nodes[quad.object] = None
         edge = [*nodes]
+        most = len(nodes) + _MAX_NODES
         for _ in range(_DEPTH):
             edge = [
                 key[0]
@@ -308,7 +318,7 @@ class _View:
                 if key[0] not in nodes
             ]
             nodes.update(dict.fromkeys(edge))
-            if len(nodes) > _MAX_NODES:
+            if len(nodes) > most:
                 break
         return list(nodes)
 
@@ -327,12 +337,16 @@ class _View:
         return roles
 
     def _with_superclasses(self, kind: Term) -> set[Term]:
+        known = self._superclasses.get(kind)
+        if known is not None:
+            return known
         found, waiting = {kind}, [kind]
         while waiting:
             for _, _, above in self._stored(waiting.pop(), _SUBCLASS, None):
                 if above not in found:
                     found.add(above)
                     waiting.append(above)
+        self._superclasses[kind] = found
         return found
 
     def around(self, focus: Iterable[Subject], objects_of: Iterable[NamedNode]) -> set[TripleKey]:

@@ -72,6 +72,11 @@ class Feed:
         """Return a position that :meth:`subscribe` takes as ``since``."""
         return f"{self.epoch}:{seq}"
 
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether anybody follows the commits."""
+        return bool(self._by_pattern)
+
     # Announcing
 
     def announce(self, change: Change) -> None:

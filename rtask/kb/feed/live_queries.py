@@ -122,6 +122,11 @@ class LiveQueries:
         self._thread: threading.Thread | None = None
         self._closed = False
 
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether anybody follows the rows of a query."""
+        return bool(self._queries)
+
     def announce(self, change: Change) -> None:
         """Mark the queries that a commit may affect."""
         if not self._queries:
