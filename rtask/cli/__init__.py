@@ -25,6 +25,7 @@ __all__ = ["cli", "main"]
 _BUILT_IN = {
     "ask": "rtask.cli.people:ask",
     "backup": "rtask.cli.maintenance:backup",
+    "camera": "rtask.cli.perception.camera:camera",
     "doctor": "rtask.cli.doctor:doctor",
     "entails": "rtask.cli.entails:entails",
     "explain": "rtask.cli.reasoning:explain",

@@ -1,0 +1,78 @@
+"""``rtask camera``: check a camera's calibration against its depth."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from rtask.cli.options import json_option, print_json
+from rtask.cli.perception.scene_file import View, camera_options, read_scene
+from rtask.errors import DataError, UsageError
+
+__all__ = ["camera"]
+
+_MAX_SHIFT_PX, _MIN_GAIN = 2, 1.05
+_MAX_REPROJECTION_PX, _MAX_SCALE = 1.0, 0.03
+
+
+@click.command()
+@click.argument("file", type=click.Path(exists=True, path_type=Path))
+@camera_options
+@click.option(
+    "--board",
+    nargs=2,
+    type=click.IntRange(3),
+    metavar="N M",
+    help="Inner corners of a printed chessboard in view, along either side.",
+)
+@click.option("--square", type=click.FloatRange(0.001, 1), help="Side of its squares, m.")
+@json_option
+def camera(
+    file: Path, view: View, board: tuple[int, int] | None, square: float | None, as_json: bool
+) -> None:  # fmt: skip
+    """Check a camera's calibration against its depth. Exit code 1 if it is off.
+
+    FILE is a depth image with --colour, a recording or a crop, of things that stand before others:
+    colours must end where depth does. With --board and --square, a printed chessboard must be as
+    far and as large in depth as in the picture.
+    """
+    from features.geometry import Frame
+    from features.imaging.calibration import check_board, registration_shift
+
+    if (board is None) != (square is None):
+        raise UsageError("--board and --square belong together")
+    seen = read_scene(file, view)
+    if not isinstance(seen, Frame):
+        raise UsageError(f"{file} is a cloud; the calibration shows in images of depth and colour")
+    told: dict[str, object] = {}
+    faults: list[str] = []
+    try:
+        shift = registration_shift(seen)
+        told["registration"] = asdict(shift)
+        off = max(abs(shift.right_px), abs(shift.down_px))
+        if off > _MAX_SHIFT_PX and shift.gain > _MIN_GAIN:
+            faults.append(
+                f"colours lie {shift.right_px:+d} px right and {shift.down_px:+d} px below depth"
+            )
+        if board is not None and square is not None:
+            checked = check_board(seen, (max(board), min(board)), square)
+            told["board"] = asdict(checked)
+            if checked.reprojection_px > _MAX_REPROJECTION_PX:
+                faults.append(f"corners are {checked.reprojection_px:.1f} px off: lens or focal")
+            if abs(checked.depth_scale - 1) > _MAX_SCALE:
+                faults.append(f"depth is {checked.depth_scale:.3f} times what the board says")
+    except ValueError as error:
+        raise DataError(f"{file}: {error}") from error
+    told["faults"] = faults
+    if as_json:
+        print_json(told)
+    else:
+        for name, values in told.items():
+            if isinstance(values, dict):
+                click.echo(f"{name}: " + ", ".join(f"{k} {v:.4g}" for k, v in values.items()))
+        for fault in faults or ["the calibration fits"]:
+            click.echo(fault)
+    if faults:
+        raise click.exceptions.Exit(1)
