@@ -26,7 +26,7 @@ _EDGES = ((0, 1), (0, 2), (0, 4), (1, 3), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5)
 _AXIS_COLOURS = ((230, 60, 50), (60, 190, 70), (60, 100, 240))
 _MAX_DOTS = 300
 _MAX_LINES = 40
-_GREEN, _GREY = (70, 220, 90), (150, 150, 150)
+_GREEN, _GREY, _RED = (70, 220, 90), (150, 150, 150), (240, 50, 40)
 
 
 def colour_of(number: int) -> tuple[int, int, int]:
@@ -81,6 +81,7 @@ def draw_matches(
     places: tuple[FloatArray, FloatArray],
     agreed: NDArray[np.bool_],
     title: str = "",
+    differs: tuple[float, float, float, float] | None = None,
 ) -> UInt8Array:
     """Put two views side by side and mark matched places; those that agree are green.
 
@@ -94,6 +95,9 @@ def draw_matches(
     agreed : (n,) bool
     title
         One line above.
+    differs
+        Left, top, width and height, px, of a region of the first view to mark in red: the second
+        shows something else there.
     """
     scale = [max(1.0, 360 / max(side.shape[0], 1)) for side in (left, right)]
     sides = [
@@ -116,6 +120,9 @@ def draw_matches(
             cv2.line(shown, here[k].tolist(), there[k].tolist(), colour, 1, cv2.LINE_AA)
         for place in (*here[rows], *there[rows]):
             cv2.circle(shown, place.tolist(), 2, colour, -1, cv2.LINE_AA)
+    if differs is not None:
+        x, y, wide, high = (round(scale[0] * value) for value in differs)
+        cv2.rectangle(shown, (x, y + 24), (x + wide, y + high + 24), _RED, 2, cv2.LINE_AA)
     _write(shown, title, 4, 16)
     return shown
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from features.recognition.comparison.confidence import PrintParams
 from features.recognition.confidence import ConfidenceParams
 from features.recognition.index.cascade import squared_distances
 from features.recognition.index.snapshot import Matches, Snapshot
@@ -54,8 +55,8 @@ class RecogniserParams:
         stored.
     look_least_objects
         With fewer objects stored, a look that resembles one of them most may suggest it only.
-    verify, confidence
-        Constants of the two steps that follow.
+    verify, confidence, printed
+        Constants of the steps that follow.
     """
 
     distance_cap: int = 65536
@@ -71,6 +72,7 @@ class RecogniserParams:
     look_least_objects: int = 20
     verify: VerifyParams = field(default_factory=VerifyParams)
     confidence: ConfidenceParams = field(default_factory=ConfidenceParams)
+    printed: PrintParams = field(default_factory=PrintParams)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,7 @@ def verified_views(
     snapshot: Snapshot,
     similarity: NDArray[np.float32],
     params: RecogniserParams,
+    matches: Matches,
 ) -> list[VerifiedView]:
     """Return the views that the query may show, in no particular order.
 
@@ -107,9 +110,10 @@ def verified_views(
     ----------
     similarity : (V,) float32
         Of the query's look to that of each view, negative where it was removed.
+    matches
+        Of the query's descriptors in the snapshot.
     """
     search = _Search(features, snapshot, similarity, params)
-    matches = snapshot.match(features.descriptors)
     found = search.by_votes(matches)
     if search.is_settled(found):
         return found

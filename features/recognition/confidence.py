@@ -45,6 +45,14 @@ class Evidence:
         So many objects are stored that one of them would look more alike, were it not this one.
     is_twin
         Another object carries the same print: which of the two it is cannot be seen.
+    is_solid
+        The places agree in space as well: both views have depth.
+    has_print
+        Query and views have pictures, so that the print between the places was compared.
+    print_odds
+        Logarithmic odds by that comparison; None where too few matches agree.
+    family_odds
+        The same, had nothing contradicted.
     """
 
     inliers: int
@@ -58,6 +66,14 @@ class Evidence:
     place_gap: float | None = None
     is_among_many: bool = False
     is_twin: bool = False
+    is_solid: bool = False
+    has_print: bool = False
+    print_odds: float | None = None
+    family_odds: float | None = None
+
+    def passes_on_print(self, confidence: float) -> bool:
+        """Tell whether the comparison of print alone gives so much confidence."""
+        return self.print_odds is not None and _logistic(self.print_odds) >= confidence
 
 
 @dataclass(frozen=True)
@@ -89,6 +105,13 @@ class ConfidenceParams:
         many other objects are stored.
     undecided
         The most confidence without that, and of twins.
+    suggestion
+        The most confidence of a look without depth, where print could have been compared.
+    undecided_from
+        The least confidence of a rejected answer that another view may turn.
+    family_odds
+        Logarithmic odds that the print would have to reach, had nothing contradicted, for the
+        view to be called one of the family.
     """
 
     place_inliers: float = 1.91
@@ -111,6 +134,9 @@ class ConfidenceParams:
     most_rival_share: float = 0.5
     decisive_inliers: int = 4
     undecided: float = 0.69
+    suggestion: float = 0.3
+    undecided_from: float = 0.5
+    family_odds: float = 0.85
 
 
 def confidences(
@@ -135,7 +161,12 @@ def _confidence(e: Evidence, params: ConfidenceParams) -> float:
     look = _by_look(e, params)
     if not (e.size_ok and e.is_among_many and e.size_gap is not None):
         look = min(look, params.undecided)
-    best = max(look, _by_places(e, params))
+    if e.has_print and e.size_gap is None:
+        look = min(look, params.suggestion)
+    # In the image alone the places of an emblem are as good as any: the print between decides.
+    places = 0.0 if e.has_print and not e.is_solid else _by_places(e, params)
+    printed = 0.0 if e.print_odds is None else _logistic(e.print_odds)
+    best = max(look, places, printed)
     return min(best, params.undecided) if e.is_twin else best
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from features.recognition.comparison.alignment import align_views, mutual_matches
 from features.recognition.index.cascade import squared_distances
 from features.recognition.verify import VerifyParams, fit_affine, fit_rigid
 from features.recognition.views.view import ViewFeatures
 
-__all__ = ["PairMatches", "match_views"]
+__all__ = ["PairMatches", "counted_matches", "match_views"]
 
 _CAP, _RATIO = 65536, 0.72
 
@@ -73,3 +74,14 @@ def match_views(
     if rigid is not None:
         movement = rigid.query_from_view
     return PairMatches(rows, columns, agreed, movement)
+
+
+def counted_matches(query: ViewFeatures, view: ViewFeatures) -> PairMatches:
+    """Return the matches of a query with a stored view; those that agree are the ones counted.
+
+    The same as recognition finds: ``agreed`` counts :attr:`Match.inliers`.
+    """
+    rows, columns = mutual_matches(query.descriptors, view.descriptors)
+    found = align_views(query, view, query.side_px)
+    counted = np.empty(0, np.intp) if found is None else found.query_rows
+    return PairMatches(rows, columns, np.isin(rows, counted), None)

@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from features.geometry import Frame, Intrinsics
 from features.recognition.candidates import RecogniserParams, VerifiedView, verified_views
+from features.recognition.comparison.confidence import print_score, without_contradiction
+from features.recognition.comparison.evidence import Difference
+from features.recognition.comparison.printed import PrintedView, printed_objects, proposed_views
+from features.recognition.comparison.store_facts import StoreFacts
 from features.recognition.confidence import Evidence, confidences, decide, is_size_plausible
 from features.recognition.index.cascade import match_flat, match_tables
 from features.recognition.index.recognition_index import RecognitionIndex
-from features.recognition.index.snapshot import Snapshot
+from features.recognition.index.snapshot import Matches, Snapshot
 from features.recognition.views.stored import stored_features
 from features.recognition.views.view import ViewFeatures, describe_view
 
@@ -21,6 +25,8 @@ __all__ = ["Match", "Recogniser", "RecogniserParams", "Recognition", "warm_up"]
 
 # Less says nothing, not even what it looks like.
 _MIN_NAMED = 0.001
+_PRINTED_PER_OBJECT, _PRINTED_FITS = 2, 4
+"""Views whose print is compared: so many that were voted for, and so many that were verified."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +40,8 @@ class Match:
     confidence
         0 to 1, see :mod:`features.recognition.confidence`.
     inliers
-        Places of the best view whose matches agree on one movement.
+        Matches of the best view that agree on one map of the image; without a picture of the view,
+        the places that agree on one movement.
     views
         IRIs of all its views that were verified, best first; without any the most similar one.
     appearance
@@ -45,6 +52,11 @@ class Match:
         Movement of the best view's camera frame into the query's: carries stored grasps over.
     view_iri
         The best view.
+    difference
+        Where the print contradicts that view most, None where it does not or was not compared.
+    by_print
+        The confidence is that of the print, compared place by place: it means the same however few
+        objects are stored.
     """
 
     object_iri: str
@@ -56,6 +68,8 @@ class Match:
     size_ok: bool | None
     query_from_view: NDArray[np.float64] | None
     view_iri: str
+    difference: Difference | None = None
+    by_print: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,11 +84,18 @@ class Recognition:
         The first match reaches the threshold and is clear of the second.
     matches
         Best first; also those below the threshold, so that a caller can say what it looks like.
+    family
+        IRI of an object that the view looks like and differs from in print; empty where there is
+        none. The first match's ``difference`` says where.
+    ask_again
+        Another view may decide: nothing is accepted, and the first match is not unlikely.
     """
 
     outcome: Literal["null", "single", "multiple"]
     accepted: bool
     matches: tuple[Match, ...] = ()
+    family: str = ""
+    ask_again: bool = False
 
 
 class Recogniser:
@@ -91,6 +112,7 @@ class Recogniser:
     def __init__(self, index: RecognitionIndex, params: RecogniserParams | None = None) -> None:
         self.index = index
         self.params = params or RecogniserParams()
+        self._facts = StoreFacts(self.params.distance_cap)
 
     def recognise(
         self,
@@ -120,16 +142,59 @@ class Recogniser:
             for k in order[:max_results]
             if confidence[k] >= _MIN_NAMED
         ]
-        return Recognition(outcome, accepted, tuple(matches))
+        family = "" if accepted else self._family(candidates, confidence, snapshot)
+        if family:
+            outcome = "multiple"
+        first = matches[0].confidence if matches else 0.0
+        return Recognition(
+            outcome, accepted, tuple(matches), family,
+            ask_again=not accepted and first >= constants.undecided_from,
+        )  # fmt: skip
+
+    def _family(
+        self,
+        candidates: list[Candidate],
+        confidence: NDArray[np.float64],
+        snapshot: Snapshot,
+    ) -> str:
+        """Return the object that would be accepted if nothing contradicted, else nothing."""
+        if len(candidates) == 0:
+            return ""
+        first = candidates[int(np.argmax(confidence))]
+        odds = first.evidence.family_odds
+        if odds is None or first.printed is None or first.printed.evidence.difference is None:
+            return ""
+        is_near = odds >= self.params.confidence.family_odds
+        return snapshot.object_iris[first.object_number] if is_near else ""
 
     def gather(self, features: ViewFeatures, snapshot: Snapshot) -> list[Candidate]:
         """Return the three objects of most inliers and the three of most similar look."""
         if not snapshot.alive.any():
             return []
         similarity = snapshot.appearance(features.appearance)
-        found = verified_views(features, snapshot, similarity, self.params)
-        ranking = _Ranking(features, snapshot, similarity, found, self.params)
+        matches = snapshot.match(features.descriptors)
+        found = verified_views(features, snapshot, similarity, self.params, matches)
+        printed = self._printed(features, snapshot, matches, found)
+        ranking = _Ranking(features, snapshot, similarity, found, printed, self.params)
         return [ranking.candidate(number) for number in ranking.chosen()]
+
+    def _printed(
+        self,
+        features: ViewFeatures,
+        snapshot: Snapshot,
+        matches: Matches,
+        found: list[VerifiedView],
+    ) -> dict[int, PrintedView]:
+        """Return the objects whose print agrees, by number."""
+        if not features.picture:
+            return {}
+        params = self.params
+        proposed = proposed_views(
+            matches, snapshot, params.distance_cap, params.most_views, _PRINTED_PER_OBJECT
+        )
+        best = sorted(found, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
+        views = dict.fromkeys([*(fit.view for fit in best), *proposed])
+        return printed_objects(features, snapshot, self._facts, views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,20 +205,32 @@ class Candidate:
     evidence: Evidence
     fits: tuple[VerifiedView, ...]
     most_similar_view: int
+    printed: PrintedView | None = None
 
     def as_match(self, snapshot: Snapshot, confidence: float) -> Match:
         """Return the answer's entry."""
-        views = [fit.view for fit in self.fits] or [self.most_similar_view]
+        views = [fit.view for fit in self.fits]
+        inliers, difference = self.evidence.inliers, None
+        if self.printed is not None:
+            difference = self.printed.evidence.difference
+            inliers = self.printed.evidence.matches
+            views = list(dict.fromkeys([self.printed.view, *views]))
+        views = views or [self.most_similar_view]
+        movement = next((fit.query_from_view for fit in self.fits if fit.view == views[0]), None)
+        if movement is None and self.printed is not None:
+            movement = self.printed.query_from_view
         return Match(
             object_iri=snapshot.object_iris[self.object_number],
             class_iri=snapshot.class_iris[snapshot.class_of_view[views[0]]],
             confidence=confidence,
-            inliers=self.evidence.inliers,
+            inliers=inliers,
             views=tuple(snapshot.view_iris[view] for view in views),
             appearance=self.evidence.appearance,
             size_ok=self.evidence.size_ok,
-            query_from_view=self.fits[0].query_from_view if self.fits else None,
+            query_from_view=movement,
             view_iri=snapshot.view_iris[views[0]],
+            difference=difference,
+            by_print=self.evidence.passes_on_print(confidence),
         )
 
 
@@ -166,9 +243,10 @@ class _Ranking:
         snapshot: Snapshot,
         similarity: NDArray[np.float32],
         found: list[VerifiedView],
+        printed: dict[int, PrintedView],
         params: RecogniserParams,
     ) -> None:
-        self._params = params
+        self._params, self._printed = params, printed
         self._features, self._snapshot, self._similarity = features, snapshot, similarity
         self._fits: dict[int, list[VerifiedView]] = {}
         for fit in sorted(found, key=lambda f: (f.is_twin, -f.places, f.view)):
@@ -182,7 +260,8 @@ class _Ranking:
     def chosen(self) -> list[int]:
         """Return the three best objects of each sort."""
         by_places = sorted(self._fits, key=lambda number: -self._fits[number][0].places)
-        return list(dict.fromkeys(by_places[:3] + self._by_look[:3]))
+        by_print = sorted(self._printed, key=lambda k: -self._printed[k].evidence.matches)
+        return list(dict.fromkeys(by_places[:3] + by_print[:3] + self._by_look[:3]))
 
     def candidate(self, number: int) -> Candidate:
         """Collect what speaks for an object."""
@@ -203,6 +282,12 @@ class _Ranking:
         likeness = self._likeness(most_similar)
         at_places = self._likeness(fits[0].view) if fits else _Likeness(0.0, None)
         is_smaller = features.is_cut and at_places.is_smaller
+        printed = self._printed.get(number)
+        odds = family = None
+        if printed is not None:
+            odds = print_score(printed.evidence, self._params.printed)
+            family = print_score(without_contradiction(printed.evidence), self._params.printed)
+        shown = printed.view if printed is not None else fits[0].view if fits else most_similar
         evidence = Evidence(
             inliers=fits[0].places if fits else 0,
             rival_inliers=max(rivals, default=0),
@@ -215,8 +300,12 @@ class _Ranking:
             place_gap=None if is_smaller else at_places.size_gap,
             is_among_many=self._has_many,
             is_twin=is_twin,
+            is_solid=bool(fits) and fits[0].query_from_view is not None,
+            has_print=bool(features.picture) and len(snapshot.stored_view(shown).picture) > 0,
+            print_odds=odds,
+            family_odds=family,
         )
-        return Candidate(number, evidence, fits, most_similar)
+        return Candidate(number, evidence, fits, most_similar, printed)
 
     def _likeness(self, view: int) -> _Likeness:
         """Compare the query with one view."""

@@ -200,7 +200,8 @@ def _give_bases(
     given = _under(feet[0] - first, labels.ravel()[taken], feet[1] - first, size)
     out = labels.copy()
     out.reshape(-1)[low] = given
-    return out
+    # An object may have gained more points than a larger one: the numbers follow the sizes.
+    return number_by_size(out.ravel(), 1)[0].reshape(labels.shape)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -324,7 +324,9 @@ def squared_distances(query: UInt8Array, stored: UInt8Array) -> NDArray[np.float
     """Return all squared distances (n, N), exact: every number is whole and below 2**24."""
     a, b = query.astype(np.float32), stored.astype(np.float32)
     norms = (b * b).sum(axis=1)[None, :] + (a * a).sum(axis=1)[:, None]
-    distances: NDArray[np.float32] = norms - 2.0 * (a @ b.T)
+    distances: NDArray[np.float32] = a @ b.T
+    distances *= -2.0
+    distances += norms
     return distances
 
 

@@ -30,6 +30,7 @@ class Delta:
         self._rows = self._views = 0
         self._arrays: dict[str, NDArray[Any]] = Block.empty(4096, 16).arrays()
         self._per_view = {"looks", "measures"}
+        self._pictures: tuple[bytes | memoryview, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of views."""
@@ -47,6 +48,7 @@ class Delta:
                 longer[:start] = self._arrays[field][:start]
                 self._arrays[field] = longer
             self._arrays[field][start:stop] = array
+        self._pictures += tuple(block.picture(view) for view in range(len(block.looks)))
         self._rows += len(block)
         self._views += len(block.looks)
 
@@ -56,4 +58,4 @@ class Delta:
             field: array[: self._views if field in self._per_view else self._rows]
             for field, array in self._arrays.items()
         }
-        return Block(**shown)
+        return Block(**shown, pictures=self._pictures)

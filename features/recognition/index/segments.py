@@ -37,6 +37,7 @@ _LAYOUT: dict[str, tuple[str, str, int, str]] = {
     "measures": ("measure.f32", "<f4", 3, "view"),
 }
 _NAMES = "views.jsonl"
+_PICTURES = "picture.bin"
 _TABLE_FILES = {"offsets": "off.i32", "rows": "ids.i32"}
 
 
@@ -77,6 +78,9 @@ class Block:
         Of each view.
     tables
         Offsets and rows of the hash tables, where the block has them.
+    pictures
+        Encoded picture of each view, empty where there is none; none at all in a block that was
+        written before pictures were kept.
     """
 
     descriptors: UInt8Array
@@ -89,6 +93,7 @@ class Block:
     measures: NDArray[np.float32]
     names: tuple[ViewName, ...] = ()
     tables: tuple[NDArray[np.int32], NDArray[np.int32]] | None = None
+    pictures: tuple[bytes | memoryview, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -99,6 +104,10 @@ class Block:
         start, stop = np.searchsorted(self.view_of_row, [view, view + 1])
         return slice(int(start), int(stop))
 
+    def picture(self, view: int) -> bytes | memoryview:
+        """Return the encoded picture of one view, empty where there is none."""
+        return self.pictures[view] if view < len(self.pictures) else b""
+
     def arrays(self) -> dict[str, Any]:
         """Return every array by its field's name, without the tables."""
         return {field: getattr(self, field) for field in _LAYOUT}
@@ -106,7 +115,7 @@ class Block:
     def with_tables(self) -> Block:
         """Return the block with hash tables, their size chosen by the number of rows."""
         tables = build_tables(np.ascontiguousarray(self.buckets), used_table_bits(len(self)))
-        return Block(**self.arrays(), names=self.names, tables=tables)
+        return Block(**self.arrays(), names=self.names, tables=tables, pictures=self.pictures)
 
     def kept(self, views: NDArray[np.bool_], names: Sequence[ViewName]) -> Block:
         """Return only the chosen views (V,) under the names (V) that they have by now."""
@@ -117,7 +126,11 @@ class Block:
             for field, array in self.arrays().items()
         }
         chosen["view_of_row"] = number[chosen["view_of_row"]].astype(np.int32)
-        return Block(**chosen, names=tuple(n for n, keep in zip(names, views, strict=True) if keep))
+        return Block(
+            **chosen,
+            names=tuple(n for n, keep in zip(names, views, strict=True) if keep),
+            pictures=tuple(self.picture(v) for v in np.flatnonzero(views).tolist()),
+        )
 
     @staticmethod
     def joined(blocks: Sequence[Block]) -> Block:
@@ -129,7 +142,11 @@ class Block:
         columns["view_of_row"] = np.concatenate(
             [b.view_of_row + first for b, first in zip(blocks, first_views[:-1], strict=True)]
         ).astype(np.int32)
-        return Block(**columns, names=tuple(name for b in blocks for name in b.names))
+        return Block(
+            **columns,
+            names=tuple(name for b in blocks for name in b.names),
+            pictures=tuple(b.picture(v) for b in blocks for v in range(len(b.looks))),
+        )
 
     @staticmethod
     def empty(rows: int = 0, views: int = 0) -> Block:
@@ -155,6 +172,7 @@ def block_of_view(name: ViewName, features: ViewFeatures, hasher: Hasher) -> Blo
         looks=features.appearance[None, :],
         measures=np.array([measures], np.float32),
         names=(name,),
+        pictures=(features.picture,),
     )
 
 
@@ -170,11 +188,14 @@ def save_block(folder: Path, block: Block) -> None:
     offsets, rows = block.tables
     files[_TABLE_FILES["offsets"]] = np.ascontiguousarray(offsets, "<i4").tobytes()
     files[_TABLE_FILES["rows"]] = np.ascontiguousarray(rows, "<i4").tobytes()
+    pictures = [bytes(block.picture(view)) for view in range(len(block.looks))]
+    files[_PICTURES] = b"".join(pictures)
     files[_NAMES] = "".join(json.dumps(name) + "\n" for name in block.names).encode()
     meta = {
         "rows": len(block),
         "views": len(block.looks),
         "table_bits": int(np.log2(offsets.shape[1] - 1)),
+        "picture_bytes": [len(picture) for picture in pictures],
         "crc32": {file_name: zlib.crc32(data) for file_name, data in files.items()},
     }
     files["meta.json"] = json.dumps(meta, indent=1).encode()
@@ -206,11 +227,21 @@ def load_block(folder: Path) -> Block:
         rows = _mapped(folder / _TABLE_FILES["rows"], "<i4", (TABLES, counts["row"]))
         lines = (folder / _NAMES).read_text(encoding="utf-8").splitlines()
         names = tuple(ViewName(*json.loads(line)) for line in lines)
+        pictures = _pictures(folder / _PICTURES, meta.get("picture_bytes", []))
     except (KeyError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise IndexCorruptError(folder / "meta.json", f"unreadable ({error})") from error
     if len(names) != counts["view"]:
         raise IndexCorruptError(folder / _NAMES, f"{len(names)} names for {counts['view']} views")
-    return Block(**columns, names=names, tables=(offsets, rows))
+    return Block(**columns, names=names, tables=(offsets, rows), pictures=pictures)
+
+
+def _pictures(path: Path, lengths: list[int]) -> tuple[memoryview, ...]:
+    """Return views into a file of pictures one behind the other; nothing is read yet."""
+    if not lengths:
+        return ()
+    ends = np.cumsum(lengths).tolist()
+    data = memoryview(_mapped(path, "u1", (ends[-1],)))
+    return tuple(data[end - n : end] for end, n in zip(ends, lengths, strict=True))
 
 
 def _mapped(path: Path, dtype: str, shape: tuple[int, ...]) -> NDArray[Any]:

@@ -121,11 +121,21 @@ def _stamps(rows: int, queries: int) -> tuple[NDArray[np.int64], int]:
 
 @dataclass(frozen=True, eq=False)
 class StoredView:
-    """One stored view, as verification needs it."""
+    """One stored view, as verification needs it.
+
+    Parameters
+    ----------
+    descriptors : (n, 128) uint8
+    keypoints : (n, 4) float32
+    points3d : (n, 3) float32, m
+    picture
+        Encoded; empty where none was kept.
+    """
 
     descriptors: UInt8Array
     keypoints: NDArray[np.float32]
     points3d: NDArray[np.float32]
+    picture: bytes | memoryview
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +223,14 @@ class Snapshot:
         chosen: NDArray[np.float32] = measures[views]
         return chosen
 
+    def look(self, view: int) -> NDArray[np.float32]:
+        """Return the appearance vector (768,) of one view."""
+        part = self._part_of(view)
+        return np.asarray(part.block.looks[view - part.first_view], np.float32)
+
     def colour(self, view: int) -> NDArray[np.float32]:
         """Return the colour histogram (192,) of one view, as :func:`colour_histogram` makes it."""
-        part = self._part_of(view)
-        return colour_of(part.block.looks[view - part.first_view])
+        return colour_of(self.look(view))
 
     def _part_of(self, view: int) -> Part:
         starts = [part.first_view for part in self.parts]
@@ -225,6 +239,9 @@ class Snapshot:
     def stored_view(self, view: int) -> StoredView:
         """Return the rows of one view."""
         part = self._part_of(view)
-        rows = part.block.rows_of(view - part.first_view)
-        block = part.block
-        return StoredView(block.descriptors[rows], block.keypoints[rows], block.points3d[rows])
+        number, block = view - part.first_view, part.block
+        rows = block.rows_of(number)
+        return StoredView(
+            block.descriptors[rows], block.keypoints[rows], block.points3d[rows],
+            block.picture(number),
+        )  # fmt: skip

@@ -24,6 +24,7 @@ from features.recognition.views.bspline import (
     fit_surface,
 )
 from features.recognition.views.hog import HOG_SIZE, hog_of_crop
+from features.recognition.views.picture import take_picture
 from features.recognition.views.sift import SiftParams, detect_keypoints
 
 __all__ = ["EXTRACTOR", "MAX_SIDE_PX", "ViewFeatures", "describe_frame", "describe_view"]
@@ -63,6 +64,9 @@ class ViewFeatures:
         B-splines of the outline and of the depth, when there was enough to fit them.
     extractor
         :data:`EXTRACTOR` of the version that made this.
+    picture
+        Small picture of the object, as :func:`take_picture` encodes it; empty where it was
+        described before pictures were kept.
     """
 
     keypoints: NDArray[np.float32]
@@ -76,6 +80,7 @@ class ViewFeatures:
     contour: ContourSpline | None = None
     surface: SurfaceSpline | None = None
     extractor: str = EXTRACTOR
+    picture: bytes = b""
 
     def __post_init__(self) -> None:
         n = len(self.keypoints)
@@ -122,6 +127,8 @@ class ViewFeatures:
         if self.surface is not None:
             arrays["surface"] = self.surface.coefficients.astype("<f4")
             arrays["surface_box"] = np.append(self.surface.box, self.surface.rms_m).astype("<f4")
+        if self.picture:
+            arrays["picture"] = np.frombuffer(self.picture, np.uint8)
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
         return buffer.getvalue()
@@ -159,6 +166,7 @@ class ViewFeatures:
             contour=contour,
             surface=surface,
             extractor=arrays["extractor"].tobytes().decode(),
+            picture=arrays["picture"].astype(np.uint8).tobytes() if "picture" in arrays else b"",
         )
 
 
@@ -227,6 +235,7 @@ def describe_view(
             _enlarged(small, factor),
             mask_px=np.array([left, top, width, height], np.float32),
             is_cut=_is_cut(mask),
+            picture=take_picture(rgb, mask),
         )
 
     grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
@@ -252,6 +261,7 @@ def describe_view(
         is_cut=_is_cut(mask),
         contour=fit_contour(mask),
         surface=surface,
+        picture=take_picture(rgb, mask),
     )
 
 

@@ -229,12 +229,18 @@ def _with_pose(
 
 def _matches(one: Seen, match: Match, stored: Frame, features: ViewFeatures) -> NDArray[np.uint8]:
     from features.pictures import draw_matches
-    from features.recognition.pairs import match_views
+    from features.recognition.pairs import counted_matches, match_views
 
     assert one.crop.rgb is not None
     assert stored.rgb is not None
-    pairs = match_views(one.features, features)
+    pairs = (counted_matches if features.picture else match_views)(one.features, features)
     verdict = "accepted" if one.answer.accepted else "not accepted"
+    differs, difference = None, match.difference
+    if difference is not None and one.answer.family == match.object_iri:
+        verdict = f"looks like it, but differs {difference.place}"
+        left, top, width, height = one.features.mask_px.tolist()
+        x, y, wide, high = difference.box
+        differs = (left + x * width, top + y * height, wide * width, high * height)
     return draw_matches(
         one.crop.rgb,
         stored.rgb,
@@ -242,6 +248,7 @@ def _matches(one: Seen, match: Match, stored: Frame, features: ViewFeatures) -> 
         pairs.agreed,
         f"{one.label} = {short_name(match.object_iri)} {match.confidence:.2f}, {verdict}, "
         f"{int(pairs.agreed.sum())} of {len(pairs.first)} matches agree",
+        differs,
     )
 
 

@@ -32,7 +32,7 @@ from rtask.engine.observation import Observation
 from rtask.engine.operations.grasps import GraspFields, GraspMessage
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.search import SimilarObject, match_message, similar_objects
-from rtask.engine.perception.identity import recognise, settle
+from rtask.engine.perception.identity import recognise, settle, verdict
 from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate, pose_fields
@@ -372,6 +372,9 @@ def _fields(situation: Situation, max_grasps: int) -> dict[str, Any]:
         "recognition": {
             "outcome": situation.recognition.outcome,
             "accepted": bool(situation.recognition.accepted),
+            "family": situation.recognition.family,
+            "ask_again": situation.recognition.ask_again,
+            "message": verdict(situation.recognition, situation.memory),
             "matches": [
                 match_message(match, situation.memory) for match in situation.recognition.matches
             ],

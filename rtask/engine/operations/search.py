@@ -118,7 +118,11 @@ def match_message(match: Match, memory: Memory) -> dict[str, Any]:
         "label": known.label,
         "confidence": float(match.confidence),
         "inliers": int(match.inliers),
-    }
+        "difference": None if match.difference is None else {
+            **dict(zip(("left", "top", "width", "height"), match.difference.box, strict=True)),
+            "share": float(match.difference.share),
+        },
+    }  # fmt: skip
 
 
 def similar_objects(

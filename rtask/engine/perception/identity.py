@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from features.recognition.recogniser import Recogniser, Recognition
     from rtask.engine.embeddings import Embeddings
 
-__all__ = ["has_rivals", "is_plausible", "recognise", "settle"]
+__all__ = ["has_rivals", "is_plausible", "recognise", "settle", "verdict"]
 
 
 def recognise(
@@ -43,9 +43,11 @@ def recognise(
     )
     if embeddings is not None and not found.accepted:
         return embeddings.propose(found, seen, max_results, policy.suggestion)
-    if with_rivals or not found.accepted or found.matches[0].inliers >= policy.inliers_when_alone:
+    if with_rivals or not found.accepted:
         return found
     first = found.matches[0]
+    if first.by_print or first.inliers >= policy.inliers_when_alone:
+        return found
     doubted = replace(first, confidence=min(first.confidence, policy.suggestion))
     return replace(found, accepted=False, matches=(doubted, *found.matches[1:]))
 
@@ -66,6 +68,20 @@ def settle(
     )
     is_first = bool(kept) and kept[0] is recognition.matches[0]
     return replace(recognition, accepted=recognition.accepted and is_first, matches=kept)
+
+
+def verdict(recognition: Recognition, memory: Memory) -> str:
+    """Return in a sentence what was recognised, or why nothing was accepted."""
+    if not recognition.matches:
+        return "resembles no stored object"
+    first = recognition.matches[0]
+    known = memory.objects.get(first.object_iri)
+    name = (known.label if known is not None else "") or first.object_iri
+    if recognition.accepted:
+        return f"is {name}"
+    if recognition.family == first.object_iri and first.difference is not None:
+        return f"looks like {name}, but differs {first.difference.place}"
+    return f"may be {name}" + ("; another view may decide" if recognition.ask_again else "")
 
 
 def is_plausible(known: KnownObject, seen: Observation, policy: Policy) -> bool:

@@ -1,0 +1,93 @@
+"""Confidence from the evidence of print: one logistic function for each amount of stored views.
+
+Every weight has the sign that its meaning demands, so that more agreement never lowers the
+confidence. The constants are shipped; ``docs/recognition.md`` says on which photographs they were
+fitted, and ``tests/benchmarks/fit_print.py`` does it again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.recognition.comparison.evidence import PrintEvidence
+
+__all__ = ["PRINT_TERMS", "PrintParams", "print_score", "print_terms", "without_contradiction"]
+
+PRINT_TERMS: dict[str, int] = {
+    "matches": 1, "extent": 1, "stable": 1, "stable_share": 1, "low_quartile": 1, "median": 1,
+    "colour_contradiction": -1, "colour_gap": -1, "error": -1, "stable_lead": 1, "lead": 1,
+    "supported": 1, "agreeing": 1, "blank": -1, "other_colour": -1, "correlation": 1, "seen": 1,
+    "difference": -1,
+}  # fmt: skip
+"""Terms of the logistic function and the sign of the weight of each."""
+
+
+def print_terms(e: PrintEvidence) -> NDArray[np.float64]:
+    """Return the values of :data:`PRINT_TERMS` for one view.
+
+    Examples
+    --------
+    >>> same = PrintEvidence(30, 0.5, 3.0, 0.7, 0.85, 0.0, 0.5, 25, 0.6)
+    >>> len(print_terms(same)) == len(PRINT_TERMS)
+    True
+    """
+    s = e.supported
+    largest = 0.0 if e.difference is None else e.difference.share
+    return np.array(
+        [
+            np.log2(1 + min(e.matches, 63)), e.extent, min(np.log2(1 + e.stable), 5.0),
+            e.stable_share, e.low_quartile, e.median, e.colour_contradiction, e.colour_gap,
+            min(e.error, 20.0) / 4, e.stable_lead, e.lead,
+            s, s * (e.agreeing - 0.5), s * e.blank, s * e.other_colour,
+            s * (e.correlation - 0.4), s * (e.seen - 0.5), s * min(4 * largest, 1.5),
+        ]
+    )  # fmt: skip
+
+
+# Offset first, then the weights in the order of the terms.
+_ONE = (-6.75, 0, 9.39, .415, .71, 2.06, 2.89, -4.5, -.14, -.46, 4.01, .11, 0, 0, 0, 0, 0, 0, 0)  # fmt: skip
+_TWO = _ONE
+_FOUR = (-6.75, 0, 9.39, .415, .71, 2.06, 2.89, -4.5, -.14, -.46, 4.01, .11, 1.9, 2.53, 0, -4.05, 0, .54, -.03)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PrintParams:
+    """Constants of the confidence of print.
+
+    Parameters
+    ----------
+    weights
+        Offset and weights of the terms, for an object with one view, with two or three that
+        verify against each other, and with more.
+    margin
+        Logarithmic odds above those of the threshold that an answer by print needs.
+    """
+
+    weights: tuple[tuple[float, ...], ...] = field(default=(_ONE, _TWO, _FOUR))
+    margin: float = 0.0
+
+
+def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:
+    """Return the logarithmic odds that the print of the query is that of the view's object."""
+    weights = (params or PrintParams()).weights
+    offset, *slopes = weights[0 if e.verified == 0 else 1 if e.verified < 3 else 2]
+    return float(offset + np.dot(slopes, print_terms(e)))
+
+
+def without_contradiction(e: PrintEvidence) -> PrintEvidence:
+    """Return the evidence as if nothing contradicted: what a member of the family would show."""
+    return replace(
+        e,
+        low_quartile=max(e.low_quartile, 0.7),
+        median=max(e.median, 0.85),
+        colour_contradiction=0.0,
+        colour_gap=min(e.colour_gap, 0.6),
+        agreeing=1.0,
+        blank=0.0,
+        other_colour=0.0,
+        correlation=max(e.correlation, 0.8),
+        difference=None,
+    )

@@ -1,0 +1,291 @@
+"""Aligned comparison of two views: where their print agrees, cell by cell, and where it does not.
+
+The number of matches that agree cannot tell a look-alike from the object: another flavour of one
+brand agrees in thirty places. What tells is what does not agree between them. The stored view is
+laid over the query; in a grid of cells the grey values are compared by normalised cross
+correlation (blind to brightness and contrast) and the colours by their distance in Lab, after the
+difference of light was taken out where the print agrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from features.geometry import UInt8Array
+from features.recognition.views.picture import ViewPicture
+
+__all__ = ["Comparison", "ComparisonParams", "compare_pictures"]
+
+Mask = NDArray[np.bool_]
+
+_FEW_AGREEING = 4
+
+
+@dataclass(frozen=True)
+class ComparisonParams:
+    """Constants of the comparison; lengths in px of the pictures.
+
+    Parameters
+    ----------
+    cell_px, window_px
+        Step of the grid and side of the window that is compared around each cell's centre.
+    grey_sigma_px
+        Of the smoothing before grey values are compared.
+    flow_sigma_px, max_flow_px
+        Smoothing and bound of the residual shift that is taken out first: packages bulge.
+    noise_variance
+        Added to the variance of both windows.
+    textured_variance
+        A window of less contrast on both sides is blank.
+    agreeing
+        Correlation from which a cell takes part in the white balance.
+    max_tint, max_shift
+        Bounds of the white balance, of red and blue over green and then in Lab units: it must not
+        turn red print into green.
+    reach
+        Cells within so many times the extent of the matches belong to the comparison.
+    min_cover
+        Share of a window that both pictures must show.
+    """
+
+    cell_px: int = 8
+    window_px: int = 15
+    grey_sigma_px: float = 1.2
+    flow_sigma_px: float = 6.0
+    max_flow_px: float = 6.0
+    noise_variance: float = 25.0
+    textured_variance: float = 100.0
+    agreeing: float = 0.5
+    max_tint: float = 1.4
+    max_shift: float = 6.0
+    reach: float = 3.0
+    min_cover: float = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Agreement of two pictures over a grid of the first one's cells, (rows, columns) each.
+
+    Parameters
+    ----------
+    correlation : float32
+        Of the grey values, -1 to 1.
+    colour_gap : float32
+        Distance of the colours, Lab units.
+    textured : bool
+        The print of either side has contrast here.
+    between : bool
+        Both show the object here, and it lies between the matches (in their convex hull).
+    near : bool
+        Both show the object here, within reach of the matches.
+    view_cell : (rows, columns) intp
+        The same place in the second picture's grid, as an index into its flattened cells; -1
+        where it does not show it.
+    extent
+        Square root of the area between the matches, of the longer side of the first object.
+    """
+
+    correlation: NDArray[np.float32]
+    colour_gap: NDArray[np.float32]
+    textured: Mask
+    between: Mask
+    near: Mask
+    view_cell: NDArray[np.intp]
+    extent: float
+
+
+def grid_shape(shape: tuple[int, ...], params: ComparisonParams) -> tuple[int, int]:
+    """Return the rows and columns of cells of a picture."""
+    step = params.cell_px
+    return -(-shape[0] // step), -(-shape[1] // step)
+
+
+def compare_pictures(
+    query: ViewPicture,
+    view: ViewPicture,
+    query_from_view: NDArray[np.float64],
+    places: NDArray[np.float32],
+    params: ComparisonParams | None = None,
+) -> Comparison:
+    """Lay a stored view's picture over the query's and compare them.
+
+    Parameters
+    ----------
+    query_from_view : (3, 3) float64, px of the images that the pictures were taken from
+    places : (n, 2) float32, px of the query's image
+        Where matches agree.
+    """
+    params = params or ComparisonParams()
+    matrix = query.picture_from_image @ query_from_view @ np.linalg.inv(view.picture_from_image)
+    height, width = query.mask.shape
+    warped, cover = _warped(view, matrix, (width, height))
+    cover &= query.mask
+    grey, other, moved = _brought_together(query.rgb, warped, params)
+    rows, columns = (np.arange(n) * params.cell_px for n in grid_shape((height, width), params))
+    # Centres of cells; a cell at the border is compared as far as the picture goes.
+    at = np.ix_(
+        np.minimum(rows + params.cell_px // 2, height - 1),
+        np.minimum(columns + params.cell_px // 2, width - 1),
+    )
+    correlation, variance, share = _correlation(grey, other, cover, at, params)
+    valid = (share > params.min_cover) & cover[at]
+    hull = _hull(query, places)
+    between = valid & _inside(hull, 1.0, (height, width))[at]
+    near = valid & _inside(hull, params.reach, (height, width))[at]
+    gap = _colour_gap(
+        query.rgb, moved, cover, at, between & (correlation > params.agreeing), params
+    )
+    return Comparison(
+        correlation=correlation.astype(np.float32),
+        colour_gap=gap.astype(np.float32),
+        textured=valid & (variance > params.textured_variance),
+        between=between,
+        near=near,
+        view_cell=_view_cells(view, matrix, at, near, params),
+        extent=_extent(hull, query),
+    )
+
+
+def _warped(
+    view: ViewPicture, matrix: NDArray[np.float64], size: tuple[int, int]
+) -> tuple[UInt8Array, Mask]:
+    """Return the stored picture and its mask as the query's camera would see them."""
+    image = cv2.warpPerspective(view.rgb, matrix, size, borderMode=cv2.BORDER_REPLICATE)
+    cover = cv2.warpPerspective(view.mask.astype(np.uint8), matrix, size)
+    # What lies behind the horizon of the map comes out mirrored: it is not shown.
+    v, u = np.indices(size[::-1])
+    back = np.linalg.inv(matrix)
+    weight = back[2, 0] * u + back[2, 1] * v + back[2, 2]
+    middle = weight[size[1] // 2, size[0] // 2]
+    return np.asarray(image, np.uint8), (cover > 0) & (weight * np.sign(middle) > 0)
+
+
+def _brought_together(
+    rgb: UInt8Array, warped: UInt8Array, params: ComparisonParams
+) -> tuple[NDArray[np.float32], NDArray[np.float32], UInt8Array]:
+    """Return both grey images, and the second one's colours, without the residual shift."""
+    sigma = params.grey_sigma_px
+    pair = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (rgb, warped)]
+    pair = [np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8) for image in pair]
+    grey, other = pair
+    if min(grey.shape) >= 24:
+        solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        flow = solver.calc(grey, other, np.zeros((*grey.shape, 2), np.float32))
+        flow = cv2.GaussianBlur(flow, (0, 0), params.flow_sigma_px)
+        flow = np.clip(flow, -params.max_flow_px, params.max_flow_px)
+        v, u = np.indices(grey.shape, dtype=np.float32)
+        at_u, at_v = u + flow[..., 0], v + flow[..., 1]
+        way = cv2.INTER_LINEAR
+        other = np.asarray(cv2.remap(other, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE))
+        warped = np.asarray(cv2.remap(warped, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE))
+    return grey.astype(np.float32), other.astype(np.float32), np.asarray(warped, np.uint8)
+
+
+def _box(image: NDArray[np.float32], params: ComparisonParams) -> NDArray[np.float32]:
+    side = (params.window_px, params.window_px)
+    summed = cv2.boxFilter(image, cv2.CV_32F, side, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(summed, np.float32)
+
+
+def _correlation(
+    grey: NDArray[np.float32],
+    other: NDArray[np.float32],
+    cover: Mask,
+    at: tuple[NDArray[np.intp], ...],
+    params: ComparisonParams,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return correlation, the larger variance and the covered share of every cell's window."""
+    weight = cover.astype(np.float32)
+    a, b = (grey - 128) * weight, (other - 128) * weight
+    share = _box(weight, params)[at]
+    scale = 1 / np.maximum(share, 1e-3)
+    mean_a, mean_b = _box(a, params)[at] * scale, _box(b, params)[at] * scale
+    var_a = np.maximum(_box(a * a, params)[at] * scale - mean_a**2, 0)
+    var_b = np.maximum(_box(b * b, params)[at] * scale - mean_b**2, 0)
+    covariance = _box(a * b, params)[at] * scale - mean_a * mean_b
+    noise = np.float32(params.noise_variance)
+    return covariance / np.sqrt((var_a + noise) * (var_b + noise)), np.maximum(var_a, var_b), share
+
+
+def _colour_gap(
+    rgb: UInt8Array,
+    moved: UInt8Array,
+    cover: Mask,
+    at: tuple[NDArray[np.intp], ...],
+    agreeing: Mask,
+    params: ComparisonParams,
+) -> NDArray[np.float32]:
+    """Return the distance of the mean colours (a, b of Lab) of every cell.
+
+    Another light multiplies the channels (von Kries); what is left of it after that, and of the
+    camera's own correction, is a shift.
+    """
+    weight = cover.astype(np.float32)[..., None]
+    share = np.maximum(_box(weight[..., 0], params)[at], 1e-3)[..., None]
+    here, there = (
+        _box(image.astype(np.float32) * weight, params)[at] / share for image in (rgb, moved)
+    )
+    if np.count_nonzero(agreeing) >= _FEW_AGREEING:
+        gains = np.median((here[agreeing] + 5) / (there[agreeing] + 5), axis=0)
+        green = np.clip(gains[1], 0.4, 2.5)
+        tint = np.clip(gains / gains[1], 1 / params.max_tint, params.max_tint)
+        there = np.clip(there * green * tint, 0, 255)
+    difference = _lab(here) - _lab(there)
+    if np.count_nonzero(agreeing) >= _FEW_AGREEING:
+        shift = np.median(difference[agreeing], axis=0)
+        difference -= np.clip(shift, -params.max_shift, params.max_shift)
+    gap: NDArray[np.float32] = np.hypot(difference[..., 0], difference[..., 1])
+    return gap
+
+
+def _lab(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a and b of Lab of colours in 0..255."""
+    lab = cv2.cvtColor((rgb / 255).astype(np.float32), cv2.COLOR_RGB2LAB)
+    return np.asarray(lab, np.float32)[..., 1:]
+
+
+def _hull(query: ViewPicture, places: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the convex hull (k, 2) of places, in px of the picture."""
+    to_picture = query.picture_from_image
+    moved = places.astype(np.float64) @ to_picture[:2, :2].T + to_picture[:2, 2]
+    return np.asarray(cv2.convexHull(moved.astype(np.float32)), np.float32).reshape(-1, 2)
+
+
+def _inside(hull: NDArray[np.float32], times: float, shape: tuple[int, int]) -> Mask:
+    """Return the pixels inside a hull that was enlarged about its middle."""
+    middle = hull.mean(axis=0)
+    corners = np.clip(middle + (hull - middle) * times, -4096, 4096)
+    filled = np.zeros(shape, np.uint8)
+    cv2.fillConvexPoly(filled, np.rint(corners).astype(np.int32), 1)
+    return filled > 0
+
+
+def _extent(hull: NDArray[np.float32], query: ViewPicture) -> float:
+    longer = max(query.mask.shape)
+    return float(np.sqrt(max(cv2.contourArea(hull), 0.0))) / longer
+
+
+def _view_cells(
+    view: ViewPicture,
+    matrix: NDArray[np.float64],
+    at: tuple[NDArray[np.intp], ...],
+    shown: Mask,
+    params: ComparisonParams,
+) -> NDArray[np.intp]:
+    """Return the cell of the stored picture that each cell of the query shows."""
+    back = np.linalg.inv(matrix)
+    v, u = (grid.astype(np.float64) for grid in np.broadcast_arrays(*at))
+    weight = back[2, 0] * u + back[2, 1] * v + back[2, 2]
+    weight = np.where(np.abs(weight) < 1e-9, 1e-9, weight)
+    x = (back[0, 0] * u + back[0, 1] * v + back[0, 2]) / weight
+    y = (back[1, 0] * u + back[1, 1] * v + back[1, 2]) / weight
+    height, width = view.mask.shape
+    seen = shown & (x >= -0.5) & (y >= -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    columns = grid_shape((height, width), params)[1]
+    row = np.where(seen, np.rint(y), 0).astype(np.intp) // params.cell_px
+    column = np.where(seen, np.rint(x), 0).astype(np.intp) // params.cell_px
+    return np.where(seen, row * columns + column, -1)

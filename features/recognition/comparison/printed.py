@@ -1,0 +1,155 @@
+"""Objects whose print the query may show, with the evidence for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.recognition.comparison.alignment import Alignment, align_views
+from features.recognition.comparison.difference import compare_pictures
+from features.recognition.comparison.evidence import PrintEvidence, print_evidence
+from features.recognition.comparison.store_facts import StoreFacts
+from features.recognition.index.snapshot import Matches, Snapshot, StoredView
+from features.recognition.verify import VerifyParams, fit_rigid
+from features.recognition.views.picture import ViewPicture
+from features.recognition.views.view import ViewFeatures
+
+__all__ = ["PrintedView", "printed_objects", "proposed_views"]
+
+_MIN_VOTES = 4
+_MAX_COMPARED = 6
+"""Aligned views whose pictures are compared; the others have fewer matches."""
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedView:
+    """A stored view whose print the query may show.
+
+    Parameters
+    ----------
+    view
+        Number in the snapshot.
+    alignment
+        Of the view with the query.
+    evidence
+        Of its print, leads over the other objects included.
+    query_from_view : (4, 4) float64 or None, m
+        The movement in space, where both views have depth.
+    """
+
+    view: int
+    alignment: Alignment
+    evidence: PrintEvidence
+    query_from_view: NDArray[np.float64] | None = None
+
+
+def proposed_views(
+    matches: Matches, snapshot: Snapshot, distance_cap: int, views: int, per_object: int
+) -> list[int]:
+    """Return the views that most descriptors vote for, only so many of one object.
+
+    Here a descriptor votes for its nearest view and for the nearest of another object: products
+    that share print must both be looked at, which the ratio rule prevents.
+    """
+    votes = np.zeros(len(snapshot.alive), np.int64)
+    for voted, distances in (
+        (matches.view, matches.nearest),
+        (matches.rival_view, matches.rival),
+    ):
+        near = voted[(voted >= 0) & (distances < distance_cap)]
+        votes += np.bincount(near, minlength=len(votes))
+    chosen: list[int] = []
+    taken: dict[int, int] = {}
+    for view in np.argsort(-votes, kind="stable").tolist():
+        if votes[view] < _MIN_VOTES or len(chosen) == views:
+            break
+        number = int(snapshot.object_of_view[view])
+        if taken.get(number, 0) < per_object:
+            taken[number] = taken.get(number, 0) + 1
+            chosen.append(view)
+    return chosen
+
+
+def printed_objects(
+    query: ViewFeatures, snapshot: Snapshot, facts: StoreFacts, views: Iterable[int]
+) -> dict[int, PrintedView]:
+    """Return the best view of every object whose print agrees in enough places.
+
+    Parameters
+    ----------
+    views
+        Numbers of the views to compare.
+    """
+    if not query.picture or len(query) < 2:
+        return {}
+    picture = ViewPicture.from_bytes(query.picture)
+    aligned: list[tuple[int, Alignment]] = []
+    for view in views:
+        stored = snapshot.stored_view(view)
+        found = align_views(query, stored, query.side_px) if len(stored.picture) else None
+        if found is not None:
+            aligned.append((view, found))
+    aligned.sort(key=lambda pair: (-len(pair[1]), snapshot.view_iris[pair[0]]))
+    best: dict[int, PrintedView] = {}
+    for view, alignment in aligned[:_MAX_COMPARED]:
+        agrees, movement = _in_space(query, snapshot.stored_view(view), alignment)
+        if not agrees:
+            continue
+        evidence = _evidence(query, picture, snapshot, facts, view, alignment)
+        number = int(snapshot.object_of_view[view])
+        if evidence is None:
+            continue
+        if number not in best or evidence.preference > best[number].evidence.preference:
+            best[number] = PrintedView(view, alignment, evidence, movement)
+    return with_leads(best)
+
+
+def _in_space(
+    query: ViewFeatures, stored: StoredView, alignment: Alignment
+) -> tuple[bool, NDArray[np.float64] | None]:
+    """Tell whether the matches agree on a movement in space, where both sides have depth."""
+    here, there = query.points3d[alignment.query_rows], stored.points3d[alignment.view_rows]
+    solid = np.isfinite(here).all(axis=1) & np.isfinite(there).all(axis=1)
+    if np.count_nonzero(solid) < VerifyParams().least_inliers:
+        return True, None
+    rigid = fit_rigid(here[solid], there[solid], query.size_m)
+    return rigid is not None, None if rigid is None else rigid.query_from_view
+
+
+def _evidence(
+    query: ViewFeatures,
+    picture: ViewPicture,
+    snapshot: Snapshot,
+    facts: StoreFacts,
+    view: int,
+    alignment: Alignment,
+) -> PrintEvidence | None:
+    stored_picture = facts.picture(snapshot, view)
+    if stored_picture is None:
+        return None
+    places = query.keypoints[alignment.query_rows, :2]
+    comparison = compare_pictures(picture, stored_picture, alignment.query_from_view, places)
+    keypoints: NDArray[np.float32] = snapshot.stored_view(view).keypoints
+    return print_evidence(alignment, comparison, keypoints, query.mask_px, facts.of(snapshot, view))
+
+
+def with_leads(best: dict[int, PrintedView]) -> dict[int, PrintedView]:
+    """Return the candidates with their leads over the next one by matches."""
+    ranked = sorted(best.values(), key=lambda p: -p.evidence.matches)
+    found = {}
+    for number, printed in best.items():
+        rival = next((other for other in ranked if other is not printed), None)
+        evidence = printed.evidence
+        if rival is not None:
+            ahead = (1 + evidence.matches) / (1 + rival.evidence.matches)
+            gain = evidence.stable_share - rival.evidence.stable_share
+            evidence = replace(
+                evidence,
+                lead=float(np.clip(np.log2(ahead), -2, 3)),
+                stable_lead=float(np.clip(gain, -0.5, 0.5)),
+            )
+        found[number] = replace(printed, evidence=evidence)
+    return found

@@ -1,0 +1,94 @@
+"""Agreement of one stored view with another: what the facts of the store are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.recognition.comparison.alignment import Alignment
+from features.recognition.comparison.difference import Comparison
+from features.recognition.comparison.evidence import ViewFacts
+
+__all__ = ["ViewPair", "facts_of", "view_pair"]
+
+MIN_MATCHES = 8
+"""Matches from which another view says something about a view's keypoints and cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPair:
+    """Agreement of a stored view with another one, seen in the first one's frame.
+
+    Parameters
+    ----------
+    rows : (n,) intp
+        Keypoints of the first that the second confirms.
+    valid, agreeing : (cells,) bool
+        Cells of its picture that both show, and those where the print is the same.
+    agreement, contradiction
+        Share of the cells between the matches that agree, and that show another colour.
+    """
+
+    rows: NDArray[np.intp]
+    valid: NDArray[np.bool_]
+    agreeing: NDArray[np.bool_]
+    agreement: float
+    contradiction: float
+
+
+def view_pair(alignment: Alignment, comparison: Comparison) -> ViewPair:
+    """Return what a comparison in the frame of the first view says of it."""
+    same = (comparison.correlation > 0.5) | (~comparison.textured & (comparison.correlation > -0.2))
+    same &= comparison.near & (comparison.colour_gap < 12)
+    between = comparison.between
+    cells = max(int(np.count_nonzero(between)), 1)
+    return ViewPair(
+        rows=alignment.query_rows,
+        valid=comparison.near.ravel(),
+        agreeing=same.ravel(),
+        agreement=np.count_nonzero(same & between) / cells,
+        contradiction=np.count_nonzero((comparison.colour_gap > 18) & between) / cells,
+    )
+
+
+def facts_of(
+    keypoints: int, cells: int, own: Sequence[ViewPair], others: Sequence[ViewPair]
+) -> ViewFacts:
+    """Return the facts of a view.
+
+    Parameters
+    ----------
+    keypoints, cells
+        How many the view has.
+    own, others
+        Its pairs with other views of the same object, and of other objects.
+
+    Examples
+    --------
+    >>> every = np.ones(4, bool)
+    >>> pair = ViewPair(np.arange(8), every, every, 1.0, 0.0)
+    >>> facts = facts_of(9, 4, [pair], [])
+    >>> facts.own.tolist(), facts.support.round(2).tolist()
+    ([1, 1, 1, 1, 1, 1, 1, 1, 0], [0.59, 0.59, 0.59, 0.59])
+    """
+    agreeing, valid = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
+    for pair in own:
+        agreeing += pair.agreeing
+        valid += pair.valid
+    return ViewFacts(
+        own=_counted(keypoints, own),
+        shared=_counted(keypoints, others),
+        # One view that agrees is not yet the rule: the 0.7 stands for those that were not taken.
+        support=agreeing / (valid + np.float32(0.7)),
+        verified=len(own),
+    )
+
+
+def _counted(keypoints: int, pairs: Sequence[ViewPair]) -> NDArray[np.int32]:
+    counts = np.zeros(keypoints, np.int32)
+    for pair in pairs:
+        counts[np.unique(pair.rows)] += 1
+    return counts

@@ -1,0 +1,236 @@
+"""Products that share print are told apart by what does not agree between their matches."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from features.recognition import Recogniser, RecognitionIndex, ViewFeatures, describe_view
+from features.recognition.comparison.alignment import align_views
+from features.recognition.comparison.confidence import (
+    PRINT_TERMS,
+    PrintParams,
+    print_score,
+    without_contradiction,
+)
+from features.recognition.comparison.difference import compare_pictures
+from features.recognition.comparison.evidence import PrintEvidence
+from features.recognition.comparison.store_facts import StoreFacts
+from features.recognition.views.picture import ViewPicture
+
+Image = NDArray[np.uint8]
+QUARTER = np.s_[180:, 240:]
+"""Of a print of 360 x 480 px."""
+
+
+_described: dict[tuple[bytes, int, bool], ViewFeatures] = {}
+
+
+@pytest.fixture
+def see(photograph_print):
+    """Describe a print as a colour camera sees it, from one of several sides."""
+
+    def described(print_: Image, side: int, warm: bool = False) -> ViewFeatures:
+        key = (print_.tobytes(), side, warm)
+        if key not in _described:
+            shot = photograph_print(
+                print_, yaw=0.25 * side - 0.3, tilt=0.15 + 0.1 * side, distance=0.15, seed=side
+            )
+            gain = np.array([1.15, 1.0, 0.75] if warm else [1.0, 1.0, 1.0])
+            image = np.clip(shot.image * gain, 0, 255).astype(np.uint8)
+            _described[key] = describe_view(image, shot.mask)
+        return _described[key]
+
+    return described
+
+
+def other_quarter(print_: Image, other: Image) -> Image:
+    changed = print_.copy()
+    changed[QUARTER] = other[QUARTER]
+    return changed
+
+
+def other_colour(print_: Image) -> Image:
+    """Swap red and green in a quarter, and keep the grey values: nothing for SIFT to see."""
+    changed = print_.copy()
+    lab = np.asarray(cv2.cvtColor(print_, cv2.COLOR_RGB2LAB))
+    lab[..., 1] = 255 - lab[..., 1]
+    changed[QUARTER] = np.asarray(cv2.cvtColor(lab, cv2.COLOR_LAB2RGB))[QUARTER]
+    return changed
+
+
+def with_emblem(print_: Image, emblem: Image) -> Image:
+    """Copy a fiftieth of the area from another print."""
+    changed = print_.copy()
+    changed[40:91, 40:108] = emblem[40:91, 40:108]
+    return changed
+
+
+def store(see, views: dict[str, list[tuple[Image, int]]]) -> RecognitionIndex:
+    index = RecognitionIndex()
+    for name, seen in views.items():
+        for k, (print_, side) in enumerate(seen):
+            index.add(f"{name}/view:{k}", name, "class:carton", see(print_, side))
+    return index
+
+
+def sides(print_: Image, count: int) -> list[tuple[Image, int]]:
+    return [(print_, side) for side in range(count)]
+
+
+@pytest.mark.parametrize("change", ["picture", "colour"])
+def test_a_sibling_is_refused_as_one_of_the_family(see, print_image, change: str) -> None:
+    apple = print_image(0)
+    pear = other_quarter(apple, print_image(1)) if change == "picture" else other_colour(apple)
+    index = store(see, {"apple": sides(apple, 3), "else": sides(print_image(5), 2)})
+    recogniser = Recogniser(index)
+    assert recogniser.recognise(see(apple, 4)).accepted
+    answer = recogniser.recognise(see(pear, 4))
+    assert not answer.accepted
+    assert answer.family == "apple"
+    difference = answer.matches[0].difference
+    assert difference is not None
+    left, top, width, height = difference.box
+    # The quarter is the lower right one, seen from the side: its middle lies near (3/4, 3/4).
+    assert left + width / 2 > 0.5
+    assert top + height / 2 > 0.5
+
+
+@pytest.mark.parametrize("change", ["picture", "colour"])
+def test_siblings_are_told_from_each_other(see, print_image, change: str) -> None:
+    apple = print_image(0)
+    pear = other_quarter(apple, print_image(1)) if change == "picture" else other_colour(apple)
+    recogniser = Recogniser(store(see, {"apple": sides(apple, 3), "pear": sides(pear, 3)}))
+    for print_, name in ((apple, "apple"), (pear, "pear")):
+        answer = recogniser.recognise(see(print_, 4))
+        assert answer.matches[0].object_iri == name
+
+
+def test_a_shared_emblem_is_no_evidence(see, print_image) -> None:
+    stranger = with_emblem(print_image(2), print_image(0))
+    recogniser = Recogniser(store(see, {"apple": sides(print_image(0), 3)}))
+    assert not recogniser.recognise(see(stranger, 4)).accepted
+
+
+def test_a_mirrored_print_is_refused_and_one_upside_down_is_not(see, print_image) -> None:
+    apple = print_image(0)
+    recogniser = Recogniser(store(see, {"apple": sides(apple, 3)}))
+    mirrored = np.ascontiguousarray(apple[:, ::-1])
+    assert not recogniser.recognise(see(mirrored, 4)).accepted
+    turned = np.ascontiguousarray(apple[::-1, ::-1])
+    assert recogniser.recognise(see(turned, 4)).accepted
+
+
+def test_a_third_hidden_is_never_taken_for_another(see, print_image) -> None:
+    index = store(see, {f"card {k}": sides(print_image(k), 2) for k in range(3)})
+    recogniser = Recogniser(index)
+    for k in range(3):
+        hidden = print_image(k).copy()
+        hidden[:, :160] = 128
+        answer = recogniser.recognise(see(hidden, 4))
+        assert not answer.accepted or answer.matches[0].object_iri == f"card {k}"
+
+
+def facts_by_iri(index: RecognitionIndex) -> dict[str, tuple]:
+    snapshot, facts = index.snapshot(), StoreFacts(65536)
+    found = {}
+    for view in np.flatnonzero(snapshot.alive).tolist():
+        of = facts.of(snapshot, view)
+        sums = of.own.tolist(), of.shared.tolist(), of.support.round(4).tolist(), of.verified
+        found[snapshot.view_iris[view]] = sums
+    return found
+
+
+def test_facts_are_those_of_a_fresh_store_whatever_happened_before(see, print_image) -> None:
+    apple, pear = print_image(0), other_quarter(print_image(0), print_image(1))
+    fresh = store(see, {"apple": sides(apple, 3), "pear": sides(pear, 2)})
+    expected = facts_by_iri(fresh)
+    assert expected["apple/view:0"][3] == 2
+    assert sum(expected["apple/view:0"][1]) > 0  # print that the sibling carries too
+
+    changed = store(see, {"pear": sides(pear, 2), "gone": sides(print_image(3), 1)})
+    for k in (2, 0, 1):
+        changed.add(f"apple/view:{k}", "wrong", "class:carton", see(apple, k))
+    facts_by_iri(changed)
+    changed.save()
+    changed.remove("gone/view:0")
+    for k in range(3):
+        changed.relabel(f"apple/view:{k}", "apple")
+    assert facts_by_iri(changed) == expected
+
+
+def test_light_is_no_contradiction_and_another_colour_is(see, print_image) -> None:
+    apple = print_image(0)
+    view = see(apple, 0)
+    shares = []
+    for query in (see(apple, 1, warm=True), see(other_colour(apple), 1)):
+        found = align_views(query, view, query.side_px)
+        assert found is not None
+        comparison = compare_pictures(
+            ViewPicture.from_bytes(query.picture),
+            ViewPicture.from_bytes(view.picture),
+            found.query_from_view,
+            query.keypoints[found.query_rows, :2],
+        )
+        shares.append(float((comparison.colour_gap[comparison.between] > 15).mean()))
+    assert shares[0] < 0.1 < shares[1]
+
+
+def test_the_same_query_gives_the_same_answer_in_any_thread(see, print_image) -> None:
+    index = store(see, {f"card {k}": sides(print_image(k), 2) for k in range(2)})
+    query = see(print_image(0), 4)
+
+    def ask(_: int) -> tuple[float, int]:
+        first = Recogniser(index).recognise(query).matches[0]
+        return first.confidence, first.inliers
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(ask, range(6)))) == 1
+
+
+def test_pictures_survive_sealing_and_reopening(tmp_path: Path, see, print_image) -> None:
+    query = see(print_image(0), 4)
+    with RecognitionIndex(tmp_path / "index") as index:
+        for k in range(2):
+            index.add(f"view:{k}", f"card {k}", "class:carton", see(print_image(k), 0))
+        before = Recogniser(index).recognise(query)
+        index.save()
+        index.remove("view:1")
+        index.save()
+    with RecognitionIndex(tmp_path / "index") as index:
+        after = Recogniser(index).recognise(query)
+        assert bytes(index.snapshot().stored_view(0).picture) == see(print_image(0), 0).picture
+    assert after.matches[0].inliers == before.matches[0].inliers
+
+
+def test_a_segment_of_before_pictures_were_kept_still_opens(
+    tmp_path: Path, see, print_image
+) -> None:
+    with RecognitionIndex(tmp_path / "index") as index:
+        index.add("view:0", "card 0", "class:carton", see(print_image(0), 0))
+        index.save()
+    meta_path = next((tmp_path / "index").glob("seg-*/meta.json"))
+    meta = json.loads(meta_path.read_bytes())
+    del meta["picture_bytes"], meta["crc32"]["picture.bin"]
+    meta_path.write_text(json.dumps(meta))
+    (meta_path.parent / "picture.bin").unlink()
+    with RecognitionIndex(tmp_path / "index") as index:
+        answer = Recogniser(index).recognise(see(print_image(0), 4))
+        assert answer.matches[0].object_iri == "card 0"
+        index.add("view:1", "card 1", "class:carton", see(print_image(1), 0))
+        index.save()
+        assert len(index.snapshot().stored_view(1).picture) > 0
+
+
+def test_more_agreement_never_lowers_the_confidence() -> None:
+    signs = np.array(list(PRINT_TERMS.values()))
+    for weights in PrintParams().weights:
+        assert (np.array(weights[1:]) * signs >= 0).all()
+    seen = PrintEvidence(12, 0.3, 4.0, 0.2, 0.5, 0.2, 1.5, 4, 0.3)
+    assert print_score(without_contradiction(seen)) > print_score(seen)
