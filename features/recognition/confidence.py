@@ -163,8 +163,10 @@ def _confidence(e: Evidence, params: ConfidenceParams) -> float:
         look = min(look, params.undecided)
     if e.has_print and e.size_gap is None:
         look = min(look, params.suggestion)
-    # In the image alone the places of an emblem are as good as any: the print between decides.
-    places = 0.0 if e.has_print and not e.is_solid else _by_places(e, params)
+    places = _by_places(e, params)
+    if e.has_print and not e.is_solid:
+        # In the image alone the places of an emblem are as good as any: the print between decides.
+        places = min(places, params.suggestion)
     printed = 0.0 if e.print_odds is None else _logistic(e.print_odds)
     best = max(look, places, printed)
     return min(best, params.undecided) if e.is_twin else best

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rtask.errors import MissingBlobError
@@ -58,10 +58,37 @@ class StoredView:
         from features.recognition.views.view import ViewFeatures
 
         try:
-            return ViewFeatures.from_bytes(kb.blobs.read(self.blob))
+            features = ViewFeatures.from_bytes(kb.blobs.read(self.blob))
         except (MissingBlobError, ValueError) as error:
             log.warning("view %s cannot be indexed: %s", self.view, error)
             return None
+        return features if features.picture else _with_picture(kb, self.view, features)
+
+
+def _with_picture(kb: GraphCore, view: str, features: ViewFeatures) -> ViewFeatures:
+    """Take the picture of a view that was described before pictures were kept from its cloud."""
+    import numpy as np
+
+    from features.codec import decode
+    from features.geometry import Frame
+    from features.recognition.views.picture import take_picture
+
+    rows = kb.select(f"""{PREFIXES}
+SELECT ?blob WHERE {{ <{view}> rt:viewContent ?content .
+  ?content a rt:CompressedPointCloud ; rt:hasBlob ?blob }} ORDER BY ?blob LIMIT 1""")
+    for row in rows:
+        try:
+            frame = decode(kb.blobs.read(str(row.value("blob"))))
+        except (MissingBlobError, ValueError):
+            continue
+        if isinstance(frame, Frame) and frame.rgb is not None:
+            mask = frame.object_mask()
+            v, u = np.nonzero(mask)
+            box = [u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1] if len(u) else []
+            # A picture that came beside the cloud has pixels of its own.
+            if np.array_equal(box, features.mask_px):
+                return replace(features, picture=take_picture(frame.rgb, mask))
+    return features
 
 
 def stored_views(kb: GraphCore) -> list[StoredView]:

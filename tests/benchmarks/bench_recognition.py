@@ -5,12 +5,18 @@
     python tests/benchmarks/bench_recognition.py speed           # time of every step
     python tests/benchmarks/bench_recognition.py turntable       # a sixth of it, Kehoe 4.6
     python tests/benchmarks/bench_recognition.py turntable --every 1 --step 5 --cache FOLDER
+    python tests/benchmarks/bench_recognition.py prints          # generated cartons with siblings
+    python tests/benchmarks/bench_recognition.py prints --save-plot FAMILY.png
+    python tests/benchmarks/bench_recognition.py photographs --photos FOLDER
 
 ``tables`` lays products on simulated tables, each with its own light, turns the head to both
 sides, and describes what perception cut out, sent through the wire format: what robots really
 exchange. Half of the products are stored from some of their views, the other half is unknown;
 then every view that was not stored is asked. ``turntable`` needs the YCB models in
-``$RTASK_SHARED_DATA/ycb``. Without a command: ``tables`` and ``speed``.
+``$RTASK_SHARED_DATA/ycb``. ``prints`` stores two thirds of the cartons of ``generated_prints`` and
+asks all: siblings of what is stored are the unknown. ``photographs`` runs the ``evaluate.py`` that
+lies beside a collection of photographs, in the modes that are reported. Without a command:
+``tables`` and ``speed``.
 """
 
 from __future__ import annotations
@@ -261,6 +267,88 @@ def _report_confusions(answers: list[tuple[View, str | None, Recognition]]) -> N
         print(f"    {count} x {pair}")
 
 
+# ---- print ------------------------------------------------------------------------------------
+
+
+def run_prints(args: argparse.Namespace) -> None:
+    """Ask for cartons of families of which two thirds of the members are stored."""
+    from generated_prints import described, families
+
+    rng = np.random.default_rng(args.seed)
+    cards = families(args.families, 10_000 * args.seed)
+    stored = {card.name: [described(card.print_, rng) for _ in range(5)] for card in cards}
+    asked = {card.name: [described(card.print_, rng) for _ in range(2)] for card in cards}
+    for count in (1, 3, 5):
+        answers, told = [], 0
+        for draw in range(args.draws):
+            choice = np.random.default_rng([args.seed, count, draw])
+            known = set(choice.permutation(sorted(stored))[: 2 * len(cards) // 3].tolist())
+            index = RecognitionIndex()
+            for name in sorted(known):
+                for k in choice.permutation(5)[:count].tolist():
+                    index.add(f"{name}/{k}", name, "class:carton", stored[name][k])
+            recogniser = Recogniser(index)
+            for card in cards:
+                for features in asked[card.name]:
+                    answer = recogniser.recognise(features)
+                    truth = card.name if card.name in known else None
+                    told += truth is None and answer.family.startswith(card.family)
+                    answers.append((View(card.name, "carton", None, features), truth, answer))
+        report(f"{count} stored views, {args.draws} draws", answers)
+        print(f"    of the unknown, told to be of their family: {told}")
+    if args.save_plot is not None:
+        _save_family(cards, args.save_plot)
+
+
+def _save_family(cards: list, path: Path) -> None:
+    """Draw a carton beside its stored view, and under it a sibling that differs in one place."""
+    import cv2
+    from generated_prints import photograph
+
+    from features.pictures import draw_matches
+    from features.recognition import describe_view
+    from features.recognition.pairs import counted_matches
+
+    rng = np.random.default_rng(1)
+    pictures, index, seen = [], RecognitionIndex(), {}
+    for k in range(3):
+        image, mask = photograph(cards[1].print_, rng)
+        seen[f"view:{k}"] = image, describe_view(image, mask)
+        index.add(f"view:{k}", "the stored one", "class:carton", seen[f"view:{k}"][1])
+    recogniser = Recogniser(index)
+    for card in (cards[1], cards[0], cards[2]):
+        image, mask = photograph(card.print_, rng)
+        query = describe_view(image, mask)
+        answer = recogniser.recognise(query)
+        first = answer.matches[0]
+        stored_image, stored = seen[first.view_iri]
+        pairs, differs = counted_matches(query, stored), None
+        verdict = "accepted" if answer.accepted else "not accepted"
+        if answer.family and first.difference is not None:
+            verdict = f"looks like it, but differs {first.difference.place}"
+            left, top, width, height = query.mask_px.tolist()
+            x, y, wide, high = first.difference.box
+            differs = (left + x * width, top + y * height, wide * width, high * height)
+        title = f"{first.confidence:.2f}, {verdict}, {first.inliers} matches agree"
+        places = query.keypoints[pairs.first], stored.keypoints[pairs.second]
+        pictures.append(draw_matches(image, stored_image, places, pairs.agreed, title, differs))
+    width = max(picture.shape[1] for picture in pictures)
+    rows = [np.pad(p, ((0, 6), (0, width - p.shape[1]), (0, 0))) for p in pictures]
+    cv2.imwrite(str(path), np.concatenate(rows)[..., ::-1])
+    print(f"saved {path}")
+
+
+def run_photographs(args: argparse.Namespace) -> None:
+    """Run the collection's own protocol in the modes that are reported."""
+    import subprocess
+    import sys
+
+    script = args.photos / "evaluate.py"
+    for mode in ([], ["--few"], ["--blur", "1.5"], ["--views", "1"], ["--views", "3"]):
+        command = [sys.executable, str(script), "--mask", "centre", "--draws", str(args.draws)]
+        subprocess.run([*command, *mode], check=True)
+
+
 # ---- speed ------------------------------------------------------------------------------------
 
 
@@ -299,9 +387,12 @@ def _milliseconds(steps: list) -> str:
     )
 
 
+_COMMANDS = ("tables", "speed", "turntable", "prints", "photographs")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("command", nargs="?", choices=("tables", "speed", "turntable"))
+    parser.add_argument("command", nargs="?", choices=_COMMANDS)
     parser.add_argument("--tables", type=int, default=24, help="tables of six products")
     parser.add_argument("--products", type=int, default=30, help="in the pool of tables")
     parser.add_argument("--draws", type=int, default=4, help="of what is known and stored")
@@ -310,13 +401,22 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=15, help="turntable: degrees between views")
     parser.add_argument("--cache", type=Path, help="turntable: keep described views here")
     parser.add_argument("--queries", type=int, default=400, help="turntable: views asked")
+    parser.add_argument("--families", type=int, default=8, help="prints: families of three")
+    parser.add_argument("--save-plot", type=Path, help="prints: picture of a family")
+    parser.add_argument("--photos", type=Path, help="photographs: folder with evaluate.py")
     args = parser.parse_args()
+    if args.command == "photographs" and args.photos is None:
+        parser.error("photographs needs --photos FOLDER")
     if args.command in (None, "tables"):
         run_tables(args)
     if args.command in (None, "speed"):
         run_speed(args)
     if args.command == "turntable":
         run_turntable(args)
+    if args.command == "prints":
+        run_prints(args)
+    if args.command == "photographs":
+        run_photographs(args)
 
 
 if __name__ == "__main__":

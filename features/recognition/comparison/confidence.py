@@ -35,22 +35,37 @@ def print_terms(e: PrintEvidence) -> NDArray[np.float64]:
     True
     """
     s = e.supported
-    largest = 0.0 if e.difference is None else e.difference.share
+    largest = 0.0 if e.difference is None else min(4 * e.difference.share, 1.5)
+    largest *= s if e.verified else 1.0  # where nothing is supported, between the matches
+    # The clearer the rest agrees, the more a region that does not agree says.
+    largest *= float(np.clip(2 * (e.median - 0.4), 0.2, 1.0))
     return np.array(
         [
             np.log2(1 + min(e.matches, 63)), e.extent, min(np.log2(1 + e.stable), 5.0),
             e.stable_share, e.low_quartile, e.median, e.colour_contradiction, e.colour_gap,
             min(e.error, 20.0) / 4, e.stable_lead, e.lead,
             s, s * (e.agreeing - 0.5), s * e.blank, s * e.other_colour,
-            s * (e.correlation - 0.4), s * (e.seen - 0.5), s * min(4 * largest, 1.5),
+            s * (e.correlation - 0.4), s * (e.seen - 0.5), largest,
         ]
     )  # fmt: skip
 
 
 # Offset first, then the weights in the order of the terms.
-_ONE = (-6.75, 0, 9.39, .415, .71, 2.06, 2.89, -4.5, -.14, -.46, 4.01, .11, 0, 0, 0, 0, 0, 0, 0)  # fmt: skip
-_TWO = _ONE
-_FOUR = (-6.75, 0, 9.39, .415, .71, 2.06, 2.89, -4.5, -.14, -.46, 4.01, .11, 1.9, 2.53, 0, -4.05, 0, .54, -.03)  # fmt: skip
+_ONE = (
+    -5.29, 0.0, 8.89, 0.522, 1.15, 1.2, 0.0, -3.58,
+    -0.649, 0.0, 3.24, 0.192, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, -2.74,
+)  # fmt: skip
+_TWO = (
+    -3.08, 0.0, 0.0, 0.0, 0.0, 0.0, 1.76, -5.9,
+    -1.14, -0.221, 4.94, 0.264, 2.34, 1.57, 0.0, 0.0,
+    0.0, 6.14, -6.0,
+)  # fmt: skip
+_FOUR = (
+    -3.95, 0.0443, 0.848, 0.191, 0.0, 0.0, 1.94, -6.53,
+    -0.933, -1.14, 5.73, 0.0, 3.46, 0.0, 0.0, 0.0,
+    0.0, 5.51, -6.0,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -62,12 +77,9 @@ class PrintParams:
     weights
         Offset and weights of the terms, for an object with one view, with two or three that
         verify against each other, and with more.
-    margin
-        Logarithmic odds above those of the threshold that an answer by print needs.
     """
 
     weights: tuple[tuple[float, ...], ...] = field(default=(_ONE, _TWO, _FOUR))
-    margin: float = 0.0
 
 
 def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:

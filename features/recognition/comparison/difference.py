@@ -208,7 +208,9 @@ def _correlation(
     var_b = np.maximum(_box(b * b, params)[at] * scale - mean_b**2, 0)
     covariance = _box(a * b, params)[at] * scale - mean_a * mean_b
     noise = np.float32(params.noise_variance)
-    return covariance / np.sqrt((var_a + noise) * (var_b + noise)), np.maximum(var_a, var_b), share
+    correlation = covariance / np.sqrt((var_a + noise) * (var_b + noise))
+    contrast = np.maximum(var_a, var_b)
+    return np.asarray(correlation, np.float32), np.asarray(contrast, np.float32), share
 
 
 def _colour_gap(
@@ -242,7 +244,7 @@ def _colour_gap(
     return gap
 
 
-def _lab(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+def _lab(rgb: NDArray[np.floating]) -> NDArray[np.float32]:
     """Return a and b of Lab of colours in 0..255."""
     lab = cv2.cvtColor((rgb / 255).astype(np.float32), cv2.COLOR_RGB2LAB)
     return np.asarray(lab, np.float32)[..., 1:]
@@ -266,7 +268,7 @@ def _inside(hull: NDArray[np.float32], times: float, shape: tuple[int, int]) -> 
 
 def _extent(hull: NDArray[np.float32], query: ViewPicture) -> float:
     longer = max(query.mask.shape)
-    return float(np.sqrt(max(cv2.contourArea(hull), 0.0))) / longer
+    return float(np.sqrt(max(cv2.contourArea(hull), 0.0)) / longer)
 
 
 def _view_cells(

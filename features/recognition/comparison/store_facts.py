@@ -163,7 +163,7 @@ def _first_by(
 
 def _identity(snapshot: Snapshot, view: int, stored: StoredView) -> str:
     """Return a name of a view's content: a view may be replaced under the same IRI."""
-    content = zlib.crc32(stored.picture, zlib.crc32(np.ascontiguousarray(stored.keypoints)))
+    content = zlib.crc32(stored.picture, zlib.crc32(stored.keypoints.tobytes()))
     return f"{snapshot.view_iris[view]} {content:08x}"
 
 

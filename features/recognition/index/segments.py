@@ -240,7 +240,7 @@ def _pictures(path: Path, lengths: list[int]) -> tuple[memoryview, ...]:
     if not lengths:
         return ()
     ends = np.cumsum(lengths).tolist()
-    data = memoryview(_mapped(path, "u1", (ends[-1],)))
+    data = _mapped(path, "u1", (ends[-1],)).data
     return tuple(data[end - n : end] for end, n in zip(ends, lengths, strict=True))
 
 
