@@ -13,6 +13,7 @@ Every view that is added is found by the next query (Gatto 2016, 3.2.4). IRIs ar
 from __future__ import annotations
 
 from features.recognition.confidence import ConfidenceParams
+from features.recognition.fusion import fuse
 from features.recognition.index.folder import IndexLockedError
 from features.recognition.index.recognition_index import RecognitionIndex
 from features.recognition.index.segments import IndexCorruptError, ViewName
@@ -43,5 +44,6 @@ __all__ = [
     "ViewName",
     "describe_frame",
     "describe_view",
+    "fuse",
     "warm_up",
 ]
