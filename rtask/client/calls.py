@@ -598,6 +598,7 @@ class Calls(ABC):
         min_identity: float | None = None,
         min_pose: float | None = None,
         min_grasp: float | None = None,
+        cautious: bool | None = None,
     ) -> Recognition:
         """Name an object and the grasps to try, in order.
 
@@ -653,6 +654,9 @@ class Calls(ABC):
             c_T, least confidence in the pose; default: decide says
         min_grasp
             c_G, least confidence in the grasp; default: decide says
+        cautious
+            compare c_G with the lower end of the interval90 of a grasp, not with its mean; default:
+            False
         """
         answer: Recognition = self._operate("recognise_for_grasp", locals())
         return answer

@@ -226,6 +226,15 @@ FAULTS = [
         "StateProjection",
         add(":p a rt:StateProjection ; rt:outputDimension 5 ; rt:explainedVariance 1.1e0"),
     ),
+    (
+        "map",
+        "ScoreCalibration",
+        add(
+            ':map a rt:ScoreCalibration ; rt:calibratesHand :naoHand ; rt:calibratedScore "x" ; '
+            "rt:calibrationOffset 0e0 ; rt:calibrationSlope -0.1e0 ; rt:offsetVariance 0.1e0 ; "
+            "rt:slopeVariance 0.1e0 ; rt:offsetSlopeCovariance 0e0 ; rt:outcomeCount 3"
+        ),
+    ),
     *(
         ("refused", "GraspRefusal", add(f":refused a rt:GraspRefusal ; {told}"))
         for told in [

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from grasp.learning.bandit import Arm, Axes, BetaThompson
 from grasp.learning.bandit import Trial as Tried
+from grasp.learning.calibration import ScoreMap
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
@@ -18,6 +19,7 @@ from grasp.spatial.frames import move_planar, wrap_axis
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate_all
 from rtask.engine.decisions import Option
+from rtask.engine.memory.calibration import PLANAR, SPATIAL
 from rtask.engine.memory.experience import Weights, gather, without_trials
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, Remembered, Trial
@@ -98,6 +100,7 @@ def choose(
     confidence: Mapping[str, float],
     policy: Policy,
     now: dt.datetime | None = None,
+    maps: Mapping[str, ScoreMap] | None = None,
 ) -> list[Option]:
     """Return the options in the order in which to try them; empty if none is worthwhile.
 
@@ -105,6 +108,8 @@ def choose(
     ----------
     confidence
         Confidence that each remembered object is the present one, by IRI.
+    maps
+        The hand's own, from scores to chances, by kind of score.
     """
     if not candidates:
         return []
@@ -116,7 +121,7 @@ def choose(
     )
     arms = [
         Arm(
-            (float(x), float(y), float(z)), float(theta), option.quality,
+            (float(x), float(y), float(z)), float(theta), _chance(option, maps or {}),
             float(evidence.successes[i]), float(evidence.failures[i]), option.opening,
             _axes(option.remembered),
         )
@@ -128,6 +133,12 @@ def choose(
         replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
         for c in learner.rank(arms, trials, scene.seed)
     ]
+
+
+def _chance(option: Option, maps: Mapping[str, ScoreMap]) -> float:
+    """Return what a score has been worth with this hand."""
+    kind = SPATIAL if isinstance(option.grasp, GraspCandidate) else PLANAR
+    return maps[kind].chance(option.quality) if kind in maps else option.quality
 
 
 def _from_above(scene: Scene, known: Sequence[Remembered]) -> list[Option]:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rtask.engine.memory.calibration import Scored, calibrate, own_outcomes
 from rtask.engine.memory.question import JUDGED, UNJUDGED
 from rtask.engine.names import tail
 from rtask.engine.triples import Triples
@@ -22,6 +23,7 @@ from rtask.wire.message import Answer
 if TYPE_CHECKING:
     from rtask.engine.context import Context
     from rtask.kb.commit.commit import Commit
+    from rtask.kb.commit.transaction import Transaction
 
 __all__ = [
     "GraspStatistics",
@@ -87,10 +89,13 @@ class Pending:
         (successes, attempts) by the IRI of a robot's count.
     judged
         Judged attempts by grasp and (held, in coarse physics).
+    scored
+        Judged attempts with a score by hand and kind of score.
     """
 
     totals: dict[NamedNode, tuple[int, int]] = field(default_factory=dict)
     judged: dict[NamedNode, Counter[tuple[bool, bool]]] = field(default_factory=dict)
+    scored: dict[tuple[NamedNode, str], list[Scored]] = field(default_factory=dict)
 
 
 def count(
@@ -205,7 +210,20 @@ def rebuild(context: Context) -> Commit:
                 graph = kb.graphs.agent(tail(robot))
                 for subject, predicate, value in triples:
                     tx.add(subject, predicate, value, graph)
+            _rebuild_maps(context, tx)
         return tx.commit
+
+
+def _rebuild_maps(context: Context, tx: Transaction) -> None:
+    """Compute each hand's maps from scores to chances again from its outcomes."""
+    for gripper in context.grippers.all():
+        graph = context.kb.graphs.agent(tail(gripper.robot))
+        for kind in sorted({one.kind for one in own_outcomes(context, gripper.iri)}):
+            triples = Triples()
+            for subject, predicate, value in calibrate(context, triples, gripper, kind, (), graph):
+                tx.remove(subject, predicate, value, graph)
+            for subject, predicate, value in triples:
+                tx.add(subject, predicate, value, graph)
 
 
 def judged(

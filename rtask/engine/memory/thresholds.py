@@ -34,12 +34,16 @@ class Thresholds:
     ----------
     needs_pose
         Whether the request names c_T: a pose that nothing tells is then too uncertain.
+    cautious
+        Whether c_G is compared with the lower end of the 90 % interval of a grasp's chance, not
+        with its mean.
     """
 
     identity: float
     pose: float
     grasp: float
     needs_pose: bool = False
+    cautious: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,14 +93,18 @@ class Asking(Protocol):
     def min_grasp(self) -> float | None:
         """Threshold c_G."""
 
+    @property
+    def cautious(self) -> bool:
+        """Whether the task asks for caution."""
+
 
 def asked(policy: Policy, request: Asking) -> Thresholds | None:
     """Return the thresholds of a request, or None when it does not ask for a decision.
 
     >>> from types import SimpleNamespace
     >>> wish = {"min_confidence": None, "min_identity": None, "min_pose": None, "min_grasp": 0.5}
-    >>> asked(Policy(), SimpleNamespace(decide=False, **wish))
-    Thresholds(identity=0.7, pose=0.7, grasp=0.5, needs_pose=False)
+    >>> asked(Policy(), SimpleNamespace(decide=False, cautious=False, **wish)).grasp
+    0.5
     """
     given = (request.min_identity, request.min_pose, request.min_grasp)
     if not request.decide and all(one is None for one in given):
@@ -105,12 +113,25 @@ def asked(policy: Policy, request: Asking) -> Thresholds | None:
     identity = policy.min_identity if identity is None else identity
     default = (identity, policy.min_pose, policy.min_grasp)
     least, pose, grasp = (d if g is None else float(g) for d, g in zip(default, given, strict=True))
-    return Thresholds(least, pose, grasp, needs_pose=bool(request.min_pose))
+    return Thresholds(
+        least,
+        pose,
+        grasp,
+        needs_pose=bool(request.min_pose),
+        cautious=request.cautious,
+    )
 
 
-def grasps_above(chosen: Sequence[Option], threshold: float) -> list[Option]:
+def grasps_above(chosen: Sequence[Option], thresholds: Thresholds) -> list[Option]:
     """Return the options with sufficient confidence, in their order."""
-    return [one for one in chosen if one.choice is not None and one.choice.mean >= threshold]
+    return [one for one in chosen if _chance(one, thresholds.cautious) >= thresholds.grasp]
+
+
+def _chance(one: Option, cautious: bool = False) -> float:
+    """Return the chance that a grasp holds, 0 where the learner has not looked at it."""
+    if one.choice is None:
+        return 0.0
+    return one.choice.interval90[0] if cautious else one.choice.mean
 
 
 def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[str, Any]:
@@ -122,7 +143,7 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
         s_I of the best match; 1.0 for an object that the robot kept track of.
     """
     pose = None if case.pose is None else float(case.pose.confidence)
-    grasp = max((o.choice.mean for o in case.chosen if o.choice is not None), default=0.0)
+    grasp = max((_chance(one, thresholds.cautious) for one in case.chosen), default=0.0)
     answer: dict[str, Any] = {
         "answer": "grasp",
         "too_low": "",
@@ -143,7 +164,7 @@ def decide(thresholds: Thresholds, case: Assessment, identity: float) -> dict[st
     elif (pose is not None and pose < thresholds.pose) or (pose is None and thresholds.needs_pose):
         low = ("pose", pose or 0.0, thresholds.pose, _poses(case), _turn(case))
     elif not case.chosen or grasp < thresholds.grasp:
-        low = ("grasp", grasp, thresholds.grasp, _grasps(case), _try(case))
+        low = ("grasp", grasp, thresholds.grasp, _grasps(case, thresholds.cautious), _try(case))
     else:
         answer["text"] = _sentence(identity, pose, grasp)
         return answer
@@ -203,13 +224,13 @@ def _turn(case: Assessment) -> str:
     return f"{100 * found.coverage:.0f} % of what was seen fits: look from where it was seen before"
 
 
-def _grasps(case: Assessment) -> list[dict[str, Any]]:
+def _grasps(case: Assessment, cautious: bool) -> list[dict[str, Any]]:
     sure = [one for one in case.chosen if one.choice is not None]
-    sure.sort(key=lambda one: -one.choice.mean if one.choice else 0.0)
+    sure.sort(key=lambda one: -_chance(one, cautious))
     return [
         {
             "id": one.id,
-            "confidence": one.choice.mean if one.choice else 0.0,
+            "confidence": _chance(one, cautious),
             "attempts": one.remembered.attempts if one.remembered else 0,
             "text": one.explanation.get("text", ""),
         }

@@ -12,6 +12,7 @@ import datetime as dt
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from rtask.engine.memory.calibration import Scored, calibrate, score_of
 from rtask.engine.memory.confidence import Confidence, believe, stored_confidences
 from rtask.engine.memory.statistics import GraspStatistics, Pending, count, judged_counts, totalled
 from rtask.engine.memory.verdicts import Judged, Verdict, find_attempt, label_of
@@ -21,7 +22,8 @@ from rtask.engine.records.attempts import state_verdict
 from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError, nearest
 from rtask.kb.commit.access import Access
-from rtask.rdf.terms import GraphName
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import GraphName, NamedNode, Value
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Flag, Iri, Text
 
@@ -171,6 +173,7 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
                 key = label, after.is_fast
                 totals[key] = max(totals.get(key, 0) + more, 0)
         who = context.agent_iri(author)
+        recounted += _recalibrated(context, counts, after, now, kept)
         withdrawn = believe(context, triples, after.grasp, totals, who, home)
     rights = _Recounting(author.agent, author.role, counts=kept)
     with context.kb.transaction(access=rights, note="a person's verdict") as tx:
@@ -183,6 +186,21 @@ def _write(context: Context, before: Judged, after: Judged, author: Access) -> s
         for subject, predicate, value in triples:
             tx.add(subject, predicate, value, home)
     return context.commit_id(tx.commit)
+
+
+def _recalibrated(
+    context: Context, triples: Triples, judged: Judged, held: bool | None, graph: NamedNode
+) -> list[tuple[NamedNode, NamedNode, Value]]:
+    """State anew the map of the hand whose attempt was judged otherwise; return what goes."""
+    scored = score_of(context, judged.attempt)
+    hands = {quad.object for quad in context.kb.match(judged.attempt, RT.activates)}
+    gripper = next((g for g in context.grippers.all() if g.iri in hands), None)
+    if scored is None or gripper is None:
+        return []
+    kind, score = scored
+    attempt = judged.attempt.value
+    more = [] if held is None else [Scored(attempt, kind, score, held)]
+    return calibrate(context, triples, gripper, kind, more, graph, without=attempt)
 
 
 def _answer(context: Context, judged: Judged, stored: int, commit: str) -> Feedback:

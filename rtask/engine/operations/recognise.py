@@ -23,6 +23,7 @@ from grasp.spatial.frames import closing_yaw, tilt
 from rtask.engine.context import SCOPES
 from rtask.engine.decisions import Decision, Option
 from rtask.engine.grippers import KnownGripper
+from rtask.engine.memory.calibration import score_maps
 from rtask.engine.memory.choice import Scene, choose, options
 from rtask.engine.memory.question import question_for
 from rtask.engine.memory.recall import recall
@@ -99,6 +100,8 @@ class RecogniseForGrasp(Look, _Wanted):
     """c_T, least confidence in the pose; default: decide says"""
     min_grasp: Probability | None = None
     """c_G, least confidence in the grasp; default: decide says"""
+    cautious: Flag = False
+    """compare c_G with the lower end of the interval90 of a grasp, not with its mean"""
 
 
 class OfferedGrasp(GraspMessage):
@@ -267,7 +270,8 @@ def _choose(
     confidence = {m.object_iri: float(m.confidence) for m in situation.recognition.matches}
     if request.object:
         confidence[request.object] = 1.0
-    chosen = choose(found, scene, situation.memory, confidence, context.policy)
+    maps = score_maps(context, situation.gripper)
+    chosen = choose(found, scene, situation.memory, confidence, context.policy, maps=maps)
     clock.lap("choice_s")
     return chosen
 
@@ -290,7 +294,7 @@ def _decided(
     if thresholds is None:
         return situation, None
     decision = decide(thresholds, _assessment(situation), _identity(situation))
-    chosen = grasps_above(situation.chosen, thresholds.grasp)
+    chosen = grasps_above(situation.chosen, thresholds)
     if decision["too_low"] == "identity":
         return replace(situation, known=None, chosen=()), decision
     return replace(situation, chosen=() if decision["too_low"] else chosen), decision

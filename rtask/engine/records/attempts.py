@@ -11,6 +11,7 @@ import numpy as np
 
 from grasp.spatial.frames import angle_between_axes, matrix_from_pose, wrap_2pi
 from rtask.engine.grippers import KnownGripper
+from rtask.engine.memory.calibration import PLANAR, SPATIAL
 from rtask.engine.memory.verdicts import Verdict
 from rtask.engine.perception.images import check_picture
 from rtask.engine.records.objects import body_frame
@@ -23,7 +24,14 @@ from rtask.rdf.terms import NamedNode, iri, literal
 if TYPE_CHECKING:
     from rtask.engine.context import Context
 
-__all__ = ["Attempt", "attempt_triples", "find_grasp", "state_grasp", "state_verdict"]
+__all__ = [
+    "Attempt",
+    "attempt_triples",
+    "find_grasp",
+    "quality_kind",
+    "state_grasp",
+    "state_verdict",
+]
 
 _GENERATOR, _IN_SPACE = "rtask planar outline 1", "rtask antipodal 1"
 
@@ -141,8 +149,9 @@ def state_grasp(
     return node
 
 
-def _kind(grasp: Received) -> str:
-    return "planar outline" if grasp.orientation is None else "pose perturbation"
+def quality_kind(grasp: Received) -> str:
+    """Return the kind of score that a grasp's quality is."""
+    return PLANAR if grasp.orientation is None else SPATIAL
 
 
 def attempt_triples(context: Context, one: Attempt) -> Triples:
@@ -177,7 +186,7 @@ def attempt_triples(context: Context, one: Attempt) -> Triples:
             RT.candidateCount: report.candidate_count,
             RT.candidateRank: report.candidate_rank,
             RT.analyticQuality: one.received.quality,
-            RT.qualityKind: None if one.received.quality is None else _kind(one.received),
+            RT.qualityKind: None if one.received.quality is None else quality_kind(one.received),
             RT.priorAlpha: belief[0] if belief else None,
             RT.priorBeta: belief[1] if belief else None,
             RT.policyVersion: context.policy.version if belief else None,

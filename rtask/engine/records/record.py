@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 from rtask.engine.decisions import Decision
 from rtask.engine.grippers import KnownGripper
+from rtask.engine.memory.calibration import Scored, calibrate
 from rtask.engine.memory.confidence import believe
 from rtask.engine.memory.question import UNJUDGED
 from rtask.engine.memory.statistics import Pending, count, judged_counts
-from rtask.engine.records.attempts import Attempt, attempt_triples, find_grasp, state_grasp
+from rtask.engine.records.attempts import (
+    Attempt,
+    attempt_triples,
+    find_grasp,
+    quality_kind,
+    state_grasp,
+)
 from rtask.engine.records.objects import state_frame, state_recognition
 from rtask.engine.records.received import Outcome, Received
 from rtask.engine.terms import find_task
@@ -198,7 +205,19 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         context, triples, grasp, counts, gripper.robot, entry.graph,
         None if quality is None else rounded(quality),
     )  # fmt: skip
+    withdrawn += _calibrate(context, triples, entry, pending)
     return Recorded(grasp, withdrawn, counts)
+
+
+def _calibrate(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Withdrawn:
+    """State the hand's map from scores to chances anew where the robot itself reports a score."""
+    quality, gripper = entry.received.quality, entry.gripper
+    if quality is None or entry.graph != context.kb.graphs.agent(gripper.robot_name):
+        return []
+    kind = quality_kind(entry.received)
+    told = pending.scored.setdefault((gripper.iri, kind), [])
+    told.append(Scored("", kind, rounded(quality), entry.outcome.held))
+    return calibrate(context, triples, gripper, kind, told, entry.graph)
 
 
 def _times(entry: Entry) -> Mapping[str, float]:

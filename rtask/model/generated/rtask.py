@@ -1633,6 +1633,45 @@ class Rule(InformationEntity):
     rule_text: Many[str] = Many(_RT + "ruleText", _XSD + "string")
 
 
+class ScoreCalibration(InformationEntity):
+    """The map from a planner's score to the chance that a grasp of one robot's hand holds:
+    logistic(offset + slope logit(score)), grown from that robot's outcomes.
+
+    ``rt:ScoreCalibration``
+
+    Attributes
+    ----------
+    calibrated_score
+        The kind of score that is mapped, as rt:qualityKind names it.
+    calibrates_hand
+        The end effector whose outcomes made the map.
+    calibration_offset
+        The offset of the map, in logits. [UNITLESS]
+    calibration_slope
+        The slope of the map; never negative. [UNITLESS]
+    offset_slope_covariance
+        The covariance of offset and slope. [UNITLESS]
+    offset_variance
+        The variance of the offset. [UNITLESS]
+    outcome_count
+        The number of outcomes from which the map grew. [NUM]
+    slope_variance
+        The variance of the slope. [UNITLESS]
+    """
+
+    __iri__: ClassVar[str] = _RT + "ScoreCalibration"
+    __required__: ClassVar[tuple[str, ...]] = ("calibrated_score", "calibrates_hand", "calibration_offset", "calibration_slope", "offset_slope_covariance", "offset_variance", "outcome_count", "slope_variance",)
+
+    calibrated_score: One[str] = One(_RT + "calibratedScore", _XSD + "string", functional=True)
+    calibrates_hand: Link[EndEffector] = Link(_RT + "calibratesHand", _RT + "EndEffector", functional=True)
+    calibration_offset: One[float] = One(_RT + "calibrationOffset", _XSD + "double", functional=True, unit="UNITLESS")
+    calibration_slope: One[float] = One(_RT + "calibrationSlope", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(least=0.0))
+    offset_slope_covariance: One[float] = One(_RT + "offsetSlopeCovariance", _XSD + "double", functional=True, unit="UNITLESS")
+    offset_variance: One[float] = One(_RT + "offsetVariance", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(above=0.0))
+    outcome_count: One[int] = One(_RT + "outcomeCount", _XSD + "nonNegativeInteger", functional=True, unit="NUM")
+    slope_variance: One[float] = One(_RT + "slopeVariance", _XSD + "double", functional=True, unit="UNITLESS", limits=Limits(above=0.0))
+
+
 class Service(InformationEntity):
     """A collection of methods at one address (Kehoe 2014, 5.5).
 

@@ -62,8 +62,12 @@ def grasp_quality(
     print_table("First grasps by physics", COLUMNS, quality_rows(summary))
     for name, found in summary["calibration"].items():
         if found["n"]:
-            click.echo(f"{name}: promised {found['promised']:.3f}, held {found['held']:.3f}, "
-                       f"calibration error {found['error']:.3f} (n {found['n']})")  # fmt: skip
+            click.echo(
+                f"{name}: score {found['promised']:.3f}, held {found['held']:.3f}; calibration "
+                f"error of the score {found['error']:.3f}, by the factory's map "
+                f"{found['error_by_factory']:.3f}, after 50 own outcomes "
+                f"{found.get('error_after_50', float('nan')):.3f}; n {found['n']}"
+            )
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")
     click.echo(f"report  {out / 'report.json'}")

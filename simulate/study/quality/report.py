@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from features.recognition.metrics import expected_calibration_error
+from grasp.arrays import FloatArray, IntArray
+from grasp.learning.calibration import fit_map
+from grasp.spatial.scoring.holding import FACTORY
 from simulate.study.intervals import mean_interval
 from simulate.study.quality.trial import HANDS, RULES
 from simulate.study.runner import Study
@@ -19,6 +23,8 @@ __all__ = ["COLUMNS", "quality_rows", "quality_study", "summarise_quality", "wri
 COLUMNS = ("hand, outcome", "objects", *RULES, "planned - confidence", "planned - sampler")
 OUTCOMES = {"held": "lift", "carried": "carry"}
 """Outcomes of a trial, and the score that promises each."""
+
+_OWN, _DRAWS = 50, 20
 
 Results = Sequence[Mapping[str, Any]]
 
@@ -77,21 +83,62 @@ def _share(result: Mapping[str, Any], rule: str, outcome: str) -> float:
 
 
 def _promises(group: Sequence[tuple[Mapping[str, Any], str]]) -> dict[str, Any]:
-    """Compare what was promised of the planned picks with what held."""
-    promised, held = [], []
-    for result, outcome in group:
+    """Compare what was promised of the planned picks with what held: raw, and by maps."""
+    promised: list[float] = []
+    held: list[bool] = []
+    objects: list[int] = []
+    for number, (result, outcome) in enumerate(group):
         pick = result["rules"].get(RULES[0])
         promise = None if pick is None else pick["promised"].get(OUTCOMES[outcome])
         if pick is not None and promise is not None:
             promised += [promise] * len(pick[outcome])
             held += [bool(h) for h in pick[outcome]]
+            objects += [number] * len(pick[outcome])
     if not held:
         return {"n": 0}
+    score = OUTCOMES[group[0][1]]
+    learnt = _after_own_outcomes(score, np.array(promised), np.array(held), np.array(objects))
+    mapped = np.array([FACTORY[score].chance(one) for one in promised])
     return {
         "n": len(held),
+        "error_by_factory": round(expected_calibration_error(mapped, np.array(held)), 4),
+        "gap_by_factory": round(abs(float(mapped.mean()) - float(np.mean(held))), 4),
+        **learnt,
         "promised": round(float(np.mean(promised)), 4),
         "held": round(float(np.mean(held)), 4),
         "error": round(expected_calibration_error(np.array(promised), np.array(held)), 4),
+    }
+
+
+def _after_own_outcomes(
+    score: str,
+    promised: FloatArray,
+    held: NDArray[np.bool_],
+    objects: IntArray,
+    seed: int = 0,
+) -> dict[str, float]:
+    """Return what a map from 50 outcomes promises of other objects: error and gap of the means.
+
+    Means over 20 draws: half of the objects give the outcomes, the other half is judged.
+    """
+    rng = np.random.default_rng(seed)
+    numbers = np.unique(objects)
+    errors, gaps = [], []
+    for _ in range(_DRAWS if len(numbers) > 1 else 0):
+        mine = rng.permutation(numbers)[: len(numbers) // 2]
+        own = np.flatnonzero(np.isin(objects, mine))
+        own = rng.permutation(own)[:_OWN]
+        told = zip(promised[own].tolist(), held[own].tolist(), strict=True)
+        found = fit_map(told, FACTORY[score])
+        new = ~np.isin(objects, mine)
+        chances = np.array([found.chance(score) for score in promised[new].tolist()])
+        errors.append(expected_calibration_error(chances, held[new]))
+        gaps.append(abs(float(chances.mean()) - float(held[new].mean())))
+    if not errors:
+        return {}
+    return {
+        "error_after_50": round(float(np.mean(errors)), 4),
+        "gap_after_50": round(float(np.mean(gaps)), 4),
     }
 
 

@@ -18,6 +18,7 @@ from grasp.spatial.meshes.shapes import box_mesh, lathed_mesh, sphere_mesh
 from grasp.spatial.scoring.confidence import PoseNoise, score_grasps
 from grasp.spatial.scoring.holding import (
     CARRY_G,
+    FACTORY,
     LIFT_G,
     assumed_mass,
     demands,
@@ -99,6 +100,8 @@ def test_holding_adds_its_scores_and_keeps_the_others() -> None:
     candidate = GraspCandidate(_down(), 0.04, opening=0.06, scores={"confidence": 0.5})
     (found,) = with_holding([candidate], box, HAND, 0.1, PoseNoise(0.0, 0.0), samples=1)
     assert found.scores["confidence"] == 0.5
+    for name in ("lift", "carry"):
+        assert found.scores[f"{name}_chance"] == FACTORY[name].chance(found.scores[name])
     assert 0 < found.scores["carry"] < found.scores["lift"] <= 0.65 + 0.35 * 0.5
     assert found.scores["lever"] == pytest.approx(0.0, abs=1e-9)
     assert with_holding([], box, HAND, 0.1) == []

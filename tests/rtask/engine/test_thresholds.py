@@ -99,6 +99,18 @@ def test_failures_bring_the_confidence_of_a_grasp_below_its_threshold(bench, kno
     assert "propose" in now["decision"]["advice"]
 
 
+def test_a_cautious_task_compares_the_lower_end_of_the_interval(known):
+    robot, seen = known
+    best = max(robot.recognise(seen)["grasps"], key=lambda g: g["interval90"][0])
+    between = (best["mean"] + best["interval90"][0]) / 2
+    bold = robot.recognise(seen, min_grasp=between)
+    careful = robot.recognise(seen, min_grasp=between, cautious=True)
+    assert bold["decision"]["answer"] == "grasp"
+    assert careful["decision"]["too_low"] == "grasp"
+    assert careful["decision"]["confidence"] == pytest.approx(best["interval90"][0])
+    assert careful["grasps"] == []
+
+
 def test_an_object_that_nobody_knows_cannot_be_identified(bench, known):
     robot, _ = known
     answer = robot.recognise(bench.sight(bench.PEN), decide=True)

@@ -1,0 +1,135 @@
+"""A robot's own map from a planner's score to the chance that a grasp holds.
+
+Scores order grasps; whether .8 means four of five depends on the robot, its hand and its world. The
+map is a line in the logit of the score (Platt 1999) whose two numbers start where a prior has them
+and move with the robot's own outcomes: the most probable values under a Gaussian prior. It is
+computed from all outcomes together, so that it can be rebuilt from them exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from grasp.arrays import FloatArray
+
+__all__ = ["IDENTITY", "ScoreMap", "fit_map"]
+
+_EDGE = 0.02
+_OFFSET_STD, _SLOPE_STD = 0.5, 0.2
+_ITERATIONS, _SETTLED = 100, 1e-13
+_LOWER_Z = 1.6448536269514722
+
+
+@dataclass(frozen=True)
+class ScoreMap:
+    """Chance = logistic(offset + slope logit(score)), with how sure both numbers are.
+
+    Parameters
+    ----------
+    offset, slope
+        a and b; b is never negative.
+    variances
+        Of a and b.
+    covariance
+        Of a with b.
+    outcomes
+        From how many it grew.
+
+    Examples
+    --------
+    >>> round(IDENTITY.chance(0.7), 6), IDENTITY.lower(0.7) < 0.7
+    (0.7, True)
+    """
+
+    offset: float = 0.0
+    slope: float = 1.0
+    variances: tuple[float, float] = (_OFFSET_STD**2, _SLOPE_STD**2)
+    covariance: float = 0.0
+    outcomes: int = 0
+
+    def chance(self, score: float) -> float:
+        """Return the chance that a grasp with a score holds; scores count within .02 and .98."""
+        return _logistic(self.offset + self.slope * _logit(score))
+
+    def lower(self, score: float) -> float:
+        """Return the one-sided 95 % bound below the chance."""
+        x = _logit(score)
+        spread = self.variances[0] + 2 * x * self.covariance + x * x * self.variances[1]
+        return _logistic(self.offset + self.slope * x - _LOWER_Z * float(np.sqrt(max(spread, 0.0))))
+
+
+IDENTITY = ScoreMap()
+"""The map of a robot without outcomes: scores are believed."""
+
+
+def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) -> ScoreMap:
+    """Return the most probable map after outcomes, which may come in any order.
+
+    Parameters
+    ----------
+    outcomes
+        Score of a grasp, and whether it held.
+    prior
+        Means and variances of both numbers before; taken as independent.
+
+    Examples
+    --------
+    >>> optimist = fit_map([(0.9, True), (0.9, False)] * 20)
+    >>> round(optimist.chance(0.9), 1), optimist.outcomes
+    (0.6, 40)
+    """
+    # Sorted, so that sums round the same whatever the order.
+    told = sorted((float(score), bool(held)) for score, held in outcomes)
+    if not told:
+        return prior
+    x = np.array([_logit(score) for score, _ in told])
+    y = np.array([held for _, held in told], dtype=np.float64)
+    start = np.array([prior.offset, prior.slope])
+    precision = 1.0 / np.array(prior.variances)
+    best = _newton(x, y, start, precision, free=True)
+    if best[1] < 0:
+        best = _newton(x, y, np.array([prior.offset, 0.0]), precision, free=False)
+    p = 1 / (1 + np.exp(-(best[0] + best[1] * x)))
+    covariance = np.linalg.inv(_curvature(x, p, precision))
+    return ScoreMap(
+        float(best[0]), float(best[1]), (float(covariance[0, 0]), float(covariance[1, 1])),
+        float(covariance[0, 1]), prior.outcomes + len(told),
+    )  # fmt: skip
+
+
+def _newton(
+    x: FloatArray, y: FloatArray, start: FloatArray, precision: FloatArray, free: bool
+) -> FloatArray:
+    """Maximise the posterior; with ``free`` off the slope stays as it is."""
+    at = start.copy()
+    for _ in range(_ITERATIONS):
+        p = 1 / (1 + np.exp(-(at[0] + at[1] * x)))
+        slope = np.array([(y - p).sum(), ((y - p) * x).sum()]) - precision * (at - start)
+        curvature = _curvature(x, p, precision)
+        step = np.linalg.solve(curvature, slope)
+        if not free:
+            step = np.array([slope[0] / curvature[0, 0], 0.0])
+        # A full step may overshoot far from the optimum; half the prior's width never does.
+        step *= min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-300))
+        at = at + step
+        if float(np.abs(step).max()) < _SETTLED:
+            break
+    return at
+
+
+def _curvature(x: FloatArray, p: FloatArray, precision: FloatArray) -> FloatArray:
+    w = p * (1 - p)
+    cross = (w * x).sum()
+    return np.array([[w.sum(), cross], [cross, (w * x * x).sum()]]) + np.diag(precision)
+
+
+def _logit(score: float) -> float:
+    inside = min(max(float(score), _EDGE), 1 - _EDGE)
+    return float(np.log(inside / (1 - inside)))
+
+
+def _logistic(value: float) -> float:
+    return float(1 / (1 + np.exp(-value)))
