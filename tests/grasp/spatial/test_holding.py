@@ -116,11 +116,17 @@ def _scored(lift: float, carry: float, lever: float, down: float = 1.0) -> Grasp
 def test_what_is_nearly_as_good_goes_by_lever_and_then_by_steepness() -> None:
     best, near = _scored(0.9, 0.7, 0.04), _scored(0.88, 0.7, 0.001)
     steep, worse = _scored(0.9, 0.69, 0.001, 1.0), _scored(0.7, 0.6, 0.0)
-    near = replace(near, frame_from_gripper=_scored(0, 0, 0, 0.5).frame_from_gripper)
+    near = replace(near, frame_from_gripper=_scored(0, 0, 0, 0.9).frame_from_gripper)
     up = np.array([0.0, 0.0, 1.0])
     assert rank_by_holding([best, near, steep, worse], up) == [steep, near, best, worse]
     assert rank_by_holding([worse, best]) == [best, worse]
     assert rank_by_holding([]) == []
+
+
+def test_from_the_side_counts_less_than_from_above() -> None:
+    side, above = _scored(0.9, 0.7, 0.0, 0.0), _scored(0.8, 0.6, 0.0, 1.0)
+    assert rank_by_holding([side, above], np.array([0.0, 0.0, 1.0])) == [above, side]
+    assert rank_by_holding([side, above]) == [side, above]
 
 
 def test_without_all_scores_the_confidence_ranks() -> None:
