@@ -61,7 +61,10 @@ def reasoner_paths(
                 "summary": "Does everything that a document says follow?",
                 "requestBody": {
                     "required": True,
-                    "content": {"text/turtle": {}, "application/n-triples": {}},
+                    "content": {
+                        media_type: {"schema": _TEXT}
+                        for media_type in ("text/turtle", "application/n-triples")
+                    },
                 },
                 "responses": {
                     "200": {"description": "the answer", "content": {JSON_TYPE: {}}},

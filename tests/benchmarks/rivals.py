@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from kitchens import OWL, RDF, RDFS, XSD, Triple
-from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, serialize
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse, serialize
 from pyoxigraph import Triple as RdfTriple
 
 from reasoner import Closure
@@ -113,9 +113,73 @@ def run(
     return found
 
 
-def _work(engine: Callable[[list[Triple]], Any], text: bytes, pipe: Any) -> None:
-    from pyoxigraph import parse
+@dataclass
+class Closed:
+    """The closure that another engine derived.
 
+    Attributes
+    ----------
+    cpu : float
+        CPU seconds of deriving and of handing the triples over.
+    triples : list
+        Terms of pyoxigraph; without triples that no RDF store takes.
+    failure : str
+        Why there is no result.
+    """
+
+    cpu: float = 0.0
+    triples: list[Any] = field(default_factory=list)
+    failure: str = ""
+
+
+def closed(engine: Callable[[list[Triple]], Any], triples: list[Any], limit_s: float) -> Closed:
+    """Close triples with an engine in a process of its own; return the closure's triples."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe(duplex=False)
+    child = context.Process(target=_close, args=(engine, _text(triples), there))
+    child.start()
+    there.close()
+    try:
+        found = here.recv() if here.poll(limit_s) else (0.0, b"", f"over {limit_s:g} s")
+    except EOFError:
+        found = (0.0, b"", "out of memory (8 GiB)")
+    child.kill()
+    child.join()
+    cpu, text, failure = found
+    quads = parse(text, format=RdfFormat.N_TRIPLES) if text else ()
+    return Closed(cpu, [(q.subject, q.predicate, q.object) for q in quads], failure)
+
+
+def _close(engine: Callable[[list[Triple]], Any], text: bytes, pipe: Any) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    triples: list[Any] = [
+        (q.subject, q.predicate, q.object) for q in parse(text, format=RdfFormat.N_TRIPLES)
+    ]
+    try:
+        _, cpu, found = engine(triples)
+    except ImportError as error:
+        pipe.send((0.0, b"", f"skipped: pip install {error.name}"))
+        return
+    except MemoryError:
+        pipe.send((0.0, b"", "out of memory (8 GiB)"))
+        return
+    lines = (" ".join(map(_n3, triple)) + " .\n" for triple in found if _is_storable(triple))
+    pipe.send((cpu, "".join(lines).encode(), ""))
+
+
+def _is_storable(triple: Any) -> bool:
+    return type(triple[0]).__name__ != "Literal" and type(triple[1]).__name__ in (
+        "NamedNode",
+        "URIRef",
+    )
+
+
+def _n3(term: Any) -> str:
+    """Return a term of pyoxigraph or rdflib in N-Triples syntax."""
+    return str(term.n3()) if hasattr(term, "n3") else str(term)
+
+
+def _work(engine: Callable[[list[Triple]], Any], text: bytes, pipe: Any) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     quads = parse(text, format=RdfFormat.N_TRIPLES)
     triples: list[Any] = [(quad.subject, quad.predicate, quad.object) for quad in quads]

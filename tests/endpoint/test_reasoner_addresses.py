@@ -217,3 +217,17 @@ def test_a_refused_change_names_its_causes(vessels: FlaskClient, tokens: TokenSt
     assert cause["smallest"] is True
     assert "urn:lab/graph/shared" in cause["graphs"]
     assert vessels.get("/reasoner/contradictions").json == {"contradictions": [], "causes": []}
+
+
+def test_the_addresses_are_described_for_programs_and_people(client: FlaskClient) -> None:
+    paths = client.get("/openapi.json").json["paths"]
+    assert {path for path in paths if path.startswith("/reasoner/")} == {
+        "/reasoner/rules",
+        "/reasoner/rules/{name}",
+        "/reasoner/explain",
+        "/reasoner/entails",
+        "/reasoner/contradictions",
+    }
+    page = client.get("/openapi")
+    assert page.status_code == 200
+    assert "POST /reasoner/entails" in page.text
