@@ -57,7 +57,7 @@ class GraphBase:
         self.readers = Readers(
             files.store,
             lambda: writer.committer.last_seq,
-            files.folder,
+            files.read_from,
             frozen=files.checkpoints is None,
         )
         files.store.followers.append(self.readers.stored)

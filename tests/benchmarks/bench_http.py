@@ -35,7 +35,7 @@ from endpoint.access.tokens import TokenStore
 from tests.servers import running_server
 
 THINGS, EACH = 2_000, 24
-CONNECTIONS, SECONDS, ROUNDS = 8, 2.0, 5
+CONNECTIONS, SECONDS, ROUNDS = 8, 2.0, 3
 LONG_ONES, POINTS = 4, 400
 KINDS = {
     "star": "SELECT ?p ?o WHERE {{ <urn:bench:s{n}> ?p ?o }}",

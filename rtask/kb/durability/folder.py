@@ -9,6 +9,7 @@
         checkpoint.json   last commit that the store holds durably without the journal
         closure-<seq>/    what the reasoner had derived at a commit, to go on from
         blobs/            byte strings by digest
+        published/        snapshots for processes that read beside the writer
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from pathlib import Path
 
 from pyoxigraph import Store
 
-from rtask.errors import StoreError, StoreFormatError
+from rtask.errors import StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.durability.journal import JournalFile, NoJournal
 from rtask.kb.durability.lock import FolderLock
+from rtask.kb.durability.published import HeldSnapshot, hold_newest
 from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
 from rtask.kb.durability.saved_closures import SavedClosures
 from rtask.kb.durability.settings import Settings
@@ -40,6 +42,8 @@ class Files:
         Number of the last commit in the journal.
     may_be_ahead
         Whether the store may hold statements of commits that the journal lost.
+    held
+        The snapshot that is read in the place of the folder's own store, beside a writer.
     """
 
     settings: Settings
@@ -51,6 +55,12 @@ class Files:
     checkpoints: Checkpoints | None = None
     last_seq: int = 0
     may_be_ahead: bool = False
+    held: HeldSnapshot | None = None
+
+    @property
+    def read_from(self) -> Path | None:
+        """Folder with the folder ``store`` that is open."""
+        return self.held.path if self.held is not None else self.folder
 
     def saved_closures(self) -> SavedClosures | None:
         """Return the closures saved in the folder; ``None`` for a store in memory."""
@@ -73,6 +83,8 @@ class Files:
         self.store.close()
         if self.lock is not None:
             self.lock.release()
+        if self.held is not None:
+            self.held.release()
 
 
 def find(folder: Path, mode: str) -> Settings | None:
@@ -140,8 +152,17 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
 
 
 def open_for_reading(folder: Path, settings: Settings) -> Files:
-    """Open a folder for reading, together with other readers."""
-    lock = _lock(folder, shared=True)
+    """Open a folder for reading, together with other readers.
+
+    Beside a writer, the newest snapshot that it has published is opened.
+    """
+    try:
+        lock = _lock(folder, shared=True)
+    except StoreLockedError:
+        held = hold_newest(folder)
+        if held is None:
+            raise
+        return _open_snapshot(folder, settings, held)
     try:
         require_clean(folder)
         store = _open_store(folder, reading=True)
@@ -151,6 +172,16 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
     blobs = BlobStore(folder / "blobs", writable=False)
     journal = JournalFile(folder / "journal")
     return Files(settings, store, blobs, journal, folder, lock)
+
+
+def _open_snapshot(folder: Path, settings: Settings, held: HeldSnapshot) -> Files:
+    try:
+        store = _open_store(held.path, reading=True)
+    except BaseException:
+        held.release()
+        raise
+    blobs = BlobStore(folder / "blobs", writable=False)
+    return Files(settings, store, blobs, NoJournal(), folder, last_seq=held.seq, held=held)
 
 
 def _lock(folder: Path, shared: bool) -> FolderLock:

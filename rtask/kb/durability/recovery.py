@@ -20,6 +20,7 @@ from pyoxigraph import Quad
 from rtask.errors import StoreError, StoreFormatError
 from rtask.kb.durability.blobs import sync_folder
 from rtask.kb.durability.journal import JournalFile, Record, encode
+from rtask.kb.durability.published import Publisher
 from rtask.kb.durability.seal import Seal, require_sealed, seal
 from rtask.kb.durability.settings import Settings, write_durably
 from rtask.kb.store.apply import Writes, apply
@@ -107,6 +108,7 @@ class Checkpoints:
         self._store = store
         self._journal = journal
         self._durable = durable
+        self._publisher = Publisher(folder, store)
         self._seal: Seal = {}
         self._time = time.monotonic()
 
@@ -123,6 +125,10 @@ class Checkpoints:
             self._seal = seal(self._journal, self._seal)
         sealed = self._seal if clean else None
         Checkpoint(seq, clean, boot_id(), self._durable, sealed).save(self._folder)
+        if clean:
+            self._publisher.clear()
+        else:
+            self._publisher.publish(seq)
         self._journal.prune(seq)
         self._journal.written_bytes = 0
         self._time = time.monotonic()
