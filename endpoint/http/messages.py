@@ -5,6 +5,7 @@ Handlers know only these two classes, so the same ones answer under Flask, under
 
 from __future__ import annotations
 
+import codecs
 import itertools
 import re
 import secrets
@@ -12,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
-from urllib.parse import unquote, unquote_to_bytes
+from urllib.parse import unquote
 
 from rtask.errors import RtaskError
 
@@ -94,8 +95,10 @@ def _decoded(text: str) -> str:
     text = text.replace("+", " ")
     if "%" not in text:
         return text
-    # What `unquote` does for ASCII, in one step.
-    return unquote_to_bytes(text).decode() if text.isascii() else unquote(text, errors="strict")
+    if "\\" in text or not text.isascii():
+        return unquote(text, errors="strict")
+    # What `unquote` does, by codecs instead of a loop: most of a request's text is escaped.
+    return codecs.decode(text.replace("%", "\\x"), "unicode_escape").encode("latin-1").decode()
 
 
 def split_media_type(value: str) -> tuple[str, dict[str, str]]:

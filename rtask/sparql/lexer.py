@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from rtask.errors import QuerySyntaxError
 from rtask.sparql.complexity import check_complexity, limit
-from rtask.sparql.tokens import Token, scan
+from rtask.sparql.tokens import Token, scan, shape
 
 __all__ = ["body_start", "find_block_end", "guard", "names_dataset", "query_form", "tokenise"]
 
@@ -74,7 +74,7 @@ def guard(text: str) -> None:
     if len(text) > _CACHED:
         tokenise(text)
     else:
-        _guard(text)
+        _guard(shape(text))
 
 
 @lru_cache(maxsize=1024)

@@ -90,7 +90,7 @@ class _Answer:
         if data:
             head += HEADER.pack(b"C", len(data))
         if last:
-            tail = message(b"E", b'{"bytes":%d,"rss":%d}' % (self._total, _memory.recent()))
+            tail = message(b"E", b'{"rss":%d}' % _memory.recent())
         send_all(self._pipe, b"".join((head, data, tail)))
 
     def _check(self, data: bytes) -> None:

@@ -14,6 +14,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 from rtask import errors
@@ -206,7 +207,7 @@ class ReaderStream(Stream):
         with self._reading:
             kind, payload = self._next_message()
             if kind == b"M":
-                facts = json.loads(payload)
+                facts = _facts(payload)
                 self.kind, self.media_type = facts["kind"], facts["type"]
                 self.gzip = facts["gzip"]
                 kind, payload = self._next_message()
@@ -233,7 +234,7 @@ class ReaderStream(Stream):
         """Return a piece of the answer, or empty bytes at its end."""
         if kind == b"C":
             return payload
-        facts = json.loads(payload)
+        facts = _facts(payload)
         if kind == b"X":
             known = facts["reason"] not in ("memory", "limit")
             self._finish(facts.get("reusable", known))
@@ -332,6 +333,13 @@ class ReaderStream(Stream):
 
     def __del__(self) -> None:
         self.close()
+
+
+@lru_cache(maxsize=256)
+def _facts(payload: bytes) -> dict[str, Any]:
+    """Return what a message says; heads and ends of answers repeat."""
+    facts: dict[str, Any] = json.loads(payload)
+    return facts
 
 
 def _read(descriptor: int, size: int) -> bytes:
