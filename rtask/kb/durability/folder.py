@@ -14,6 +14,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +31,8 @@ from rtask.kb.durability.settings import Settings
 from rtask.kb.store.graph_store import GraphStore
 
 __all__ = ["Files", "find", "make", "open_for_reading", "open_for_writing", "open_in_memory"]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -158,10 +161,11 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
     """
     try:
         lock = _lock(folder, shared=True)
-    except StoreLockedError:
+    except StoreLockedError as error:
         held = hold_newest(folder)
         if held is None:
             raise
+        _log.warning("%s, or read its state after commit %d, as here", error, held.seq)
         return _open_snapshot(folder, settings, held)
     try:
         require_clean(folder)

@@ -42,7 +42,7 @@ def test_the_lock_names_who_holds_the_folder_and_where_it_is_served(tmp_path: Pa
             _bare(tmp_path)
         kb.publish(url="http://127.0.0.1:8765/sparql")
         with pytest.raises(StoreLockedError, match=r"use the server at http://127\.0\.0\.1:8765"):
-            _bare(tmp_path, mode="r")
+            _bare(tmp_path)
 
 
 def _hold(path: Path, ready: object, done: object) -> None:
