@@ -1,4 +1,6 @@
-"""Perturbed parts: independent Gaussians on every vertex and the centre of mass (Kehoe 2014, 3.3).
+"""Perturbed parts: Gaussian deviations of the vertices and the centre of mass (Kehoe 2014, 3.3).
+
+They are independent, or those of a smooth warp of the plane (6.2).
 
 Perturbation i of a part is a function of (seed, part, i) alone, so that any shard of a run can be
 made anywhere, in any order. Standard normals are drawn once and scaled: two tolerances are compared
@@ -10,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit, uint64
@@ -24,6 +27,11 @@ VERTEX_SCALE, COM_SCALE = 0.045, 0.084
 shape radius" and ".7" for the centre of mass (3.5), read as variances in pixels of an outline of
 about 100 pixels radius. Read as standard deviations they give a fifth of the published qualities.
 """
+
+MAX_WARP = 0.4
+"""Largest standard deviation of a warp, in correlation lengths; up to .23 no outline crossed."""
+
+_KEPT_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -41,17 +49,24 @@ class Tolerance:
     com_follows
         The centre of mass is the centroid of each perturbed part, plus its own deviation (as in the
         tolerancing tests of Kehoe 2014, 3.5).
+    correlation
+        Length over which deviations resemble each other: the plane is warped smoothly and carries
+        vertices and centre of mass with it, so that close vertices keep their order (Kehoe 2014,
+        6.2). None = each vertex deviates on its own.
     """
 
     vertex_std: float | FloatArray
     com_std: float = 0.0
     pose_std: tuple[float, float] = (0.0, 0.0)
     com_follows: bool = False
+    correlation: float | None = None
 
     def __post_init__(self) -> None:
         given = np.concatenate([np.atleast_1d(self.vertex_std), [self.com_std, *self.pose_std]])
         if not np.all(np.isfinite(given)) or np.any(given < 0):
             raise ValueError(f"standard deviations must be finite and at least 0, got {given}")
+        if self.correlation is not None:
+            _check_warp(self.vertex_std, self.correlation)
 
     @classmethod
     def default(cls, part: Part) -> Tolerance:
@@ -65,6 +80,25 @@ class Tolerance:
             raise ValueError(f"radius_px must be positive, got {radius_px}")
         scale = part.radius / radius_px
         return cls(math.sqrt(0.2 * radius_px) * scale, math.sqrt(0.7 * radius_px) * scale)
+
+
+def _check_warp(vertex_std: float | FloatArray, length: float) -> None:
+    """Refuse a warp that is not smooth, or that may fold the plane.
+
+    Raises
+    ------
+    ValueError
+        Saying which.
+    """
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"the correlation length is positive and finite, got {length}")
+    if np.ptp(vertex_std) > 0:
+        raise ValueError("correlated deviations take one vertex_std for all vertices")
+    if float(np.max(vertex_std)) > MAX_WARP * length:
+        raise ValueError(
+            f"vertex_std {float(np.max(vertex_std)):.4g} is more than {MAX_WARP} of the "
+            f"correlation length {length:.4g}: such a warp folds the outline"
+        )
 
 
 def part_key(part: Part, seed: int) -> int:
@@ -154,6 +188,24 @@ def _centroids(vx: FloatArray, vy: FloatArray) -> FloatArray:
     return np.column_stack([cx, cy])
 
 
+@lru_cache(maxsize=16)
+def _warp_basis(points: bytes, length: float) -> FloatArray:
+    """Return A (p, q) with A A' = exp(-d^2 / 2 l^2) of the distances d between points (p, 2).
+
+    The directions of largest variance come first; those below a millionth of the largest carry
+    nothing but rounding and are left out. q < p, so that the last point's own draw stays free.
+    """
+    at = np.frombuffer(points, dtype=np.float64).reshape(-1, 2)
+    apart = ((at[:, None] - at[None]) ** 2).sum(axis=2)
+    values, vectors = np.linalg.eigh(np.exp(-apart / (2 * length**2)))
+    order = np.argsort(-values, kind="stable")[: len(at) - 1]
+    order = order[values[order] > _KEPT_VARIANCE * values.max()]
+    # A vector's sign is free: the largest entry is positive, so that every machine draws alike.
+    kept = vectors[:, order]
+    signs = np.sign(kept[np.argmax(np.abs(kept), axis=0), np.arange(kept.shape[1])])
+    return np.asarray(kept * signs * np.sqrt(values[order]))
+
+
 def perturbed(
     ring: FloatArray, com: FloatArray, tolerance: Tolerance, draws: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -174,9 +226,17 @@ def perturbed(
     """
     n = len(ring)
     spread = np.broadcast_to(np.asarray(tolerance.vertex_std, dtype=np.float64), (n,))
-    vx = ring[:, 0] + draws[:, :n, 0] * spread
-    vy = ring[:, 1] + draws[:, :n, 1] * spread
-    middle = _centroids(vx, vy) if tolerance.com_follows else com
+    if tolerance.correlation is None:
+        vx = ring[:, 0] + draws[:, :n, 0] * spread
+        vy = ring[:, 1] + draws[:, :n, 1] * spread
+        middle = com
+    else:
+        basis = _warp_basis(np.vstack([ring, com]).tobytes(), tolerance.correlation)
+        moved = np.matmul(basis, draws[:, : basis.shape[1]]) * spread[0]
+        vx, vy = ring[:, 0] + moved[:, :n, 0], ring[:, 1] + moved[:, :n, 1]
+        middle = com + moved[:, n]
+    if tolerance.com_follows:
+        middle = _centroids(vx, vy)
     mass = middle + draws[:, n] * tolerance.com_std
     lateral, turn = tolerance.pose_std
     if lateral or turn:

@@ -61,6 +61,7 @@ def tolerance_of(
     vertex_std: float | ArrayLike | None,
     com_std: float | None,
     pose_std: tuple[float, float] | None = None,
+    correlation: float | None = None,
 ) -> Tolerance:
     """Return a tolerance whose missing numbers are the thesis's for a part of this size."""
     usual = Tolerance.default(part)
@@ -73,6 +74,7 @@ def tolerance_of(
         spread if np.ndim(spread) else float(spread),
         usual.com_std if com_std is None else com_std,
         pose_std or (0.0, 0.0),
+        correlation=correlation,
     )
 
 
@@ -85,6 +87,7 @@ def plan_push_grasps(
     vertex_std: float | ArrayLike | None = None,
     com_std: float | None = None,
     pose_std: tuple[float, float] | None = None,
+    correlation: float | None = None,
     filter_distance: float = 0.0,
     density: float = 1.5,
     angles: int = 5,
@@ -114,6 +117,9 @@ def plan_push_grasps(
         Standard deviations; default .045 and .084 part radii (`Tolerance`).
     pose_std
         Of the part's lateral position (a length) and rotation (rad).
+    correlation
+        Length over which the deviations of vertices resemble each other (`Tolerance`); None =
+        independent. Not with ``weighting="density"``, which weighs independent draws.
     filter_distance, density, angles, max_angle_deg
         Of the candidates (`sample_grasps`).
     samples, elimination, stop, weighting
@@ -143,7 +149,9 @@ def plan_push_grasps(
             "simplify it first (grasp.push.simplify)"
         )
     test = PushTest(jaw_width, friction, method, closure, sampling=sampling)
-    tolerance = tolerance_of(part, vertex_std, com_std, pose_std)
+    tolerance = tolerance_of(part, vertex_std, com_std, pose_std, correlation)
+    if correlation is not None and weighting == "density":
+        raise ValueError("correlated deviations are averaged plainly: weighting must be mean")
     grasps = sample_grasps(
         part, filter_distance=filter_distance, density=density, angles=angles,
         max_angle_deg=max_angle_deg,

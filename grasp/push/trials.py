@@ -116,6 +116,7 @@ class Trials:
             tolerance.com_std / unit,
             (lateral / unit, turn),
             tolerance.com_follows,
+            None if tolerance.correlation is None else tolerance.correlation / unit,
         )
         return cls(
             (part.vertices - part.centroid) / unit,

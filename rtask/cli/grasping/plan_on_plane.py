@@ -72,6 +72,11 @@ grasp.add_command(train)
     help="Push: standard deviation of a vertex.  [default: 0.045 radii]",
 )
 @click.option(
+    "--correlation",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Push: length over which vertices deviate alike, in a smooth warp.  [default: each alone]",
+)
+@click.option(
     "--com-std",
     type=float,
     help="Push: standard deviation of the centre of mass.  [default: 0.084 radii]",
@@ -247,8 +252,8 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
 
 
 _PLANNED = (
-    "friction", "vertex_std", "com_std", "filter_distance", "density", "angles", "samples",
-    "method", "closure", "sampling", "max_opening", "seed",
+    "friction", "vertex_std", "com_std", "correlation", "filter_distance", "density", "angles",
+    "samples", "method", "closure", "sampling", "max_opening", "seed",
 )  # fmt: skip
 
 
