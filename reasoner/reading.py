@@ -8,6 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from reasoner.facts import arrays
+from reasoner.facts.arrays import Column
 from reasoner.facts.equality import Equality
 from reasoner.facts.layer import Asserted, Layer
 from reasoner.facts.relations import Facts
@@ -146,13 +151,34 @@ class Reading:
 
     def everything(self) -> Iterator[Fact]:
         """Yield the content of the inferred graph."""
+        if self.equality:
+            yield from self._everything_expanded()
+            return
+        asserted = self.asserted.columns()
+        for p, column in self.facts.columns().items():
+            keys = column.keys
+            if p in asserted:
+                keys = keys[~arrays.is_in(keys, asserted[p].keys)]
+            if p == TYPE:
+                keys = keys[self._is_shown_class(arrays.lower(keys))]
+            # Facts with any other predicate are exported unchanged.
+            is_special = p == SAME or p in v.SCHEMA_PREDICATES
+            for s, o in Column(keys):
+                if not is_special or is_exported((s, p, o), self.terms):
+                    yield s, p, o
+
+    def _is_shown_class(self, classes: arrays.Ids) -> NDArray[np.bool_]:
+        """Tell for each class of a column whether its members' types are exported."""
+        distinct, place = np.unique(classes, return_inverse=True)
+        shown = [is_exported((v.RESERVED, TYPE, c), self.terms) for c in distinct.tolist()]
+        return np.array(shown, bool)[place]
+
+    def _everything_expanded(self) -> Iterator[Fact]:
         asserted = self.asserted.facts if self.asserted.is_unchanged() else self.asserted
         for p in self.facts.predicates():
-            # Facts with any other predicate are exported unchanged.
             is_special = p in (TYPE, SAME) or p in v.SCHEMA_PREDICATES
             for s, o in self.facts.pairs(p):
-                fact = (s, p, o)
-                for form in self.equality.expand(fact) if self.equality else (fact,):
+                for form in self.equality.expand((s, p, o)):
                     if form not in asserted and not (
                         is_special and not is_exported(form, self.terms)
                     ):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
+from reasoner.facts import arrays
+from reasoner.facts.arrays import Column
 from reasoner.facts.relations import Facts, Ids
 from reasoner.terms.dictionary import Fact
 
@@ -91,6 +93,10 @@ class Layer:
             return True
         return self.base.has(s, p, o) and self.removed.add(s, p, o)
 
+    def columns(self) -> dict[int, Column]:
+        """Return all facts after the changes as columns, by property."""
+        return changed_columns(self.base, self.added.columns(), self.removed.columns())
+
     def about(self, number: int) -> list[Fact]:
         """Return the facts that mention an id, after the changes."""
         found = [fact for fact in self.base.about(number) if fact not in self.removed]
@@ -139,19 +145,41 @@ class Asserted:
         yield from self.added
         yield from (fact for fact in self.facts if fact not in self.removed)
 
+    def columns(self) -> dict[int, Column]:
+        """Return all facts after the changes as columns, by property."""
+        added, removed = Facts(), Facts()
+        added.replace(self.added)
+        removed.replace(self.removed)
+        return changed_columns(self.facts, added.columns(), removed.columns())
+
     def is_unchanged(self) -> bool:
         """Tell whether nothing is staged."""
         return not self.added and not self.removed
 
     def apply(self) -> None:
         """Write the changes into the facts."""
-        if not len(self.facts):
-            self.facts.replace(self.added)
+        if len(self.removed) + len(self.added) >= len(self.facts):
+            self.facts.replace(self)
             return
         for fact in self.removed:
             self.facts.discard(*fact)
         for fact in self.added:
             self.facts.add(*fact)
+
+
+def changed_columns(
+    base: Facts, added: Mapping[int, Column], removed: Mapping[int, Column]
+) -> dict[int, Column]:
+    """Return columns of facts without those that go and with those that come."""
+    found = base.columns()
+    for p, column in removed.items():
+        if p in found:
+            keys = found[p].keys
+            found[p] = Column(keys[~arrays.is_in(keys, column.keys)])
+    for p, column in added.items():
+        old = found[p].keys if p in found else arrays.NO_KEYS
+        found[p] = Column(arrays.merge(old, column.keys[~arrays.is_in(column.keys, old)]))
+    return {p: column for p, column in found.items() if len(column)}
 
 
 def _overlay(base: Ids, added: Ids, removed: Ids) -> Ids:

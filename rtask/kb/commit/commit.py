@@ -33,6 +33,7 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
 from rtask.kb.store.union import union_change
 from rtask.rdf.terms import LONG_AGO, GraphName, NamedNode
 
@@ -260,7 +261,6 @@ class Committer:
         record = self._next_record(request)
         everything = _joined(self.store, change, derived)
         notes = Overlay(self.store)
-        union = Overlay(self.store)
         if not self.plain:
             current = self._closure_state(change, staged, request)
             facts = GraphFacts(
@@ -269,21 +269,12 @@ class Committer:
             notes = self.catalogue.record(everything, record, facts)
         whole = _joined(self.store, everything, notes)
         stored = everything if late is not None else whole
-        if not (self.plain or self.store.is_view):
-            fresh = (self.graphs.inferred, self.graphs.provenance)
-            union = union_change(self.store, stored.removed, stored.added, fresh)
-        writes = Writes(
-            [*stored.removed, *union.removed],
-            [*stored.added, *union.added],
-            list(change.created),
-            list(change.dropped),
-        )
         self.journal.append(record, whole)
         self.interrupted = True
         try:
-            if len(writes.added) > LARGE:
-                self.journal.sync(record.seq)
-            apply(self.store, writes)
+            self._write(stored, record.seq)
+        except ReplacementError:
+            raise  # the journal keeps the commit, and opening the folder again completes it
         except Exception as error:
             self.journal.withdraw()
             self.interrupted = False
@@ -298,6 +289,26 @@ class Committer:
         self._advance(record, notes, change)
         self.interrupted = False
         return self._describe(change, derived, record, request)
+
+    def _write(self, change: Overlay, seq: int) -> None:
+        """Change the store, and the union in it."""
+        if is_large_removal(self.store, change):
+            self.journal.sync(seq)
+            replace_contents(self.store, change)
+            return
+        union = Overlay(self.store)
+        if not (self.plain or self.store.is_view):
+            fresh = (self.graphs.inferred, self.graphs.provenance)
+            union = union_change(self.store, change.removed, change.added, fresh)
+        writes = Writes(
+            [*change.removed, *union.removed],
+            [*change.added, *union.added],
+            list(change.created),
+            list(change.dropped),
+        )
+        if len(writes.added) > LARGE:
+            self.journal.sync(seq)
+        apply(self.store, writes)
 
     def _closure_state(
         self, change: Overlay, staged: Staged | None, request: Request

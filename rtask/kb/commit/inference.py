@@ -26,6 +26,8 @@ __all__ = ["Inference", "Staged", "labelled", "shipped_rules"]
 
 _log = logging.getLogger(__name__)
 CAUSE_BUDGET_MS = 500.0
+_MANY = 20_000
+"""So many quads are compared with the whole graph instead of being looked up one by one."""
 
 
 class Staged(Protocol):
@@ -204,10 +206,11 @@ class Inference:
     def _derived(self, staged: Staged) -> Overlay:
         derived = Overlay(self._store)
         graph = self._graphs.inferred
-        for key in staged.inferred_removed:
-            quad = Quad(*key, graph)
-            if quad in self._store:
-                derived.removed[quad] = None
+        lost_quads = [Quad(*key, graph) for key in staged.inferred_removed]
+        stored: GraphStore | set[Quad] = self._store
+        if len(lost_quads) > _MANY:
+            stored = set(self._store.quads_for_pattern(None, None, None, graph))
+        derived.removed.update(dict.fromkeys(quad for quad in lost_quads if quad in stored))
         derived.added.update(dict.fromkeys(Quad(*key, graph) for key in staged.inferred_added))
         return derived
 

@@ -29,6 +29,7 @@ from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
 from rtask.kb.durability.saved_closures import SavedClosures
 from rtask.kb.durability.settings import Settings
 from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.replacement import complete_replacement
 
 __all__ = ["Files", "find", "make", "open_for_reading", "open_for_writing", "open_in_memory"]
 
@@ -134,6 +135,7 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
     journal = JournalFile(folder / "journal", durable)
     try:
         store = _open_store(folder, reading=False)
+        complete_replacement(store, folder)
         recovered = recover(folder, store, journal, settings)
         checkpoints = Checkpoints(folder, store, journal, durable)
         blobs = BlobStore(folder / "blobs")

@@ -75,6 +75,9 @@ class ReaderSupply:
 
     def stored(self, writes: Writes) -> None:
         """Forward a commit to the replica; called by the writer after each commit, in order."""
+        if writes.is_replacement:
+            self.invalidate()
+            return
         replica = self._replica
         if replica is not None:
             replica.add(CommitFrame(writes))

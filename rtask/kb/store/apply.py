@@ -29,12 +29,19 @@ _PARTS = (("s", "subject"), ("p", "predicate"), ("o", "object"), ("g", "graph_na
 
 @dataclass(frozen=True)
 class Writes:
-    """All changes that one commit makes to the store."""
+    """All changes that one commit makes to the store.
+
+    Parameters
+    ----------
+    is_replacement
+        Whether the store was emptied and filled again instead; copies of it are to be made anew.
+    """
 
     removed: Sequence[Quad] = ()
     added: Sequence[Quad] = ()
     created: Sequence[GraphName] = ()
     dropped: Sequence[GraphName] = ()
+    is_replacement: bool = False
     graphs_of_added: frozenset[GraphName] = field(init=False)
 
     def __post_init__(self) -> None:

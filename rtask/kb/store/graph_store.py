@@ -8,7 +8,7 @@ on ``close()``.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol
@@ -30,15 +30,17 @@ _OPEN = nullcontext()
 class Gate(Protocol):
     """Something that completes the store before a read begins."""
 
-    @property
-    def graphs(self) -> Collection[GraphName]:
-        """Graphs whose content may not be complete."""
+    def concerns(self, graph: GraphName) -> bool:
+        """Whether the content of a graph may not be complete."""
 
     def reading(self) -> AbstractContextManager[None]:
         """Return the context in which a read that may see these graphs begins."""
 
     def flush(self) -> None:
         """Complete the store."""
+
+    def excluding(self) -> AbstractContextManager[None]:
+        """Let no read begin in the block, where the store holds neither the old nor the new."""
 
 
 class GraphStore:
@@ -76,7 +78,7 @@ class GraphStore:
     def complete(self, graph: GraphName | None = None) -> AbstractContextManager[None]:
         """Return the context in which a read of a graph, or of any with ``None``, begins."""
         gate = self.gate
-        if gate is None or (graph is not None and graph not in gate.graphs):
+        if gate is None or (graph is not None and not gate.concerns(graph)):
             return _OPEN
         return gate.reading()
 
@@ -92,6 +94,11 @@ class GraphStore:
         if self._store is None:
             raise ClosedError("the knowledge base is closed")
         return self._store
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder of the knowledge base; ``None`` in memory."""
+        return None if self._path is None else Path(self._path).parent
 
     @property
     def is_open(self) -> bool:

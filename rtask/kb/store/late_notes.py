@@ -27,6 +27,8 @@ __all__ = ["LateNotes"]
 _log = logging.getLogger(__name__)
 _MAX_COMMITS = 256
 _REST_S = 0.2
+_MAX_DRAIN_S = 2.0
+"""A question on its way to a reader process counts as beginning, and does not read this store."""
 
 
 class LateNotes:
@@ -43,7 +45,8 @@ class LateNotes:
     def __init__(self, store: GraphStore, meta: GraphName, provenance: GraphName) -> None:
         self._store = store
         self._provenance = provenance
-        self.graphs = frozenset({meta, provenance, DEFAULT})
+        self._graphs = frozenset({meta, provenance, DEFAULT})
+        self._is_excluding = False
         self._waiting = NetChange()
         self._commits = 0
         self._last = 0.0
@@ -57,6 +60,10 @@ class LateNotes:
         store.gate = self
 
     # Reading
+
+    def concerns(self, graph: GraphName) -> bool:
+        """Whether the content of a graph may not be complete."""
+        return self._is_excluding or graph in self._graphs
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
@@ -75,6 +82,21 @@ class LateNotes:
         finally:
             with self._gate:
                 self._readers -= 1
+
+    @contextlib.contextmanager
+    def excluding(self) -> Iterator[None]:
+        """Let no read begin in the block; wait for those that are about to begin."""
+        with self._storing:
+            with self._gate:
+                self._is_excluding = self._is_behind = True
+            end = time.monotonic() + _MAX_DRAIN_S
+            while self._readers and time.monotonic() < end:
+                time.sleep(0.001)
+            try:
+                yield
+            finally:
+                with self._gate:
+                    self._is_excluding = False
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:

@@ -67,8 +67,10 @@ class Overlay:
 
     def clear(self, graph: GraphName, drop: bool) -> None:
         """Remove all quads of a graph, and with ``drop`` the graph itself."""
-        for quad in list(self.quads(graph)):
-            self.remove(quad)
+        for quad in [quad for quad in self.added if quad.graph_name == graph]:
+            del self.added[quad]
+        stored = self.store.quads_for_pattern(None, None, None, graph)
+        self.removed.update(dict.fromkeys(stored))
         if not drop or isinstance(graph, DefaultGraph):
             return
         if graph in self.created:

@@ -1,0 +1,136 @@
+"""Large removals: write what stays to a file, empty the store, and load the file.
+
+Removing statements one by one costs several times as much as loading those that stay. The file is
+complete and on disk before the store is emptied, and opening the folder after a kill or a power cut
+loads it again.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+
+from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat, parse, serialize
+
+from rtask.errors import StoreError
+from rtask.kb.store.apply import Writes
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.union import is_joined, remaining
+from rtask.rdf.terms import GraphName
+
+__all__ = [
+    "ReplacementError",
+    "complete_replacement",
+    "is_large_removal",
+    "replace_contents",
+]
+
+_FILE = "staying.nq"
+MIN_REPLACED = 50_000
+_MAX_STAYING_RATIO = 2
+"""Loading a statement takes about half the time of removing one."""
+
+
+class ReplacementError(StoreError):
+    """The store was emptied and could not be filled again; the next opening does it."""
+
+
+def is_large_removal(store: GraphStore, change: Overlay) -> bool:
+    """Whether loading what stays is quicker than removing what goes."""
+    removed = len(change.removed)
+    if store.gate is None or store.is_view or removed < MIN_REPLACED:
+        return False
+    named = sum(map(store.count, store.named_graphs()))
+    return named - removed <= _MAX_STAYING_RATIO * removed
+
+
+def replace_contents(store: GraphStore, change: Overlay) -> None:
+    """Load anew what the named graphs hold after a change, and the union of them.
+
+    The journal must hold the change durably. Reads in this process wait meanwhile; those that have
+    begun go on with what they began with.
+
+    Raises
+    ------
+    ReplacementError
+        The change will be completed when the folder is opened again.
+    """
+    graphs = [*(g for g in store.named_graphs() if g not in change.dropped), *change.created]
+    staying = _staying(store, change)
+    gate, folder = store.gate, store.folder
+    assert gate is not None
+    if folder is None:
+        text = io.BytesIO()
+        serialize(staying, output=text, format=RdfFormat.N_QUADS)
+        with gate.excluding():
+            _load(store, parse(text.getvalue(), format=RdfFormat.N_QUADS), graphs)
+    else:
+        temporary = folder / f"{_FILE}.tmp"
+        with temporary.open("wb") as out:
+            # Empty graphs have no statements; a comment names them for an opening after a crash.
+            out.write(b"#" + json.dumps([str(getattr(g, "value", "")) for g in graphs]).encode())
+            out.write(b"\n")
+            serialize(staying, output=out, format=RdfFormat.N_QUADS)
+            out.flush()
+            os.fsync(out.fileno())
+        with gate.excluding():
+            temporary.rename(folder / _FILE)
+            try:
+                _sync_folder(folder)
+                _load_file(store, folder)
+            except Exception as error:
+                raise ReplacementError(
+                    f"a large removal could not be completed: {error}; open the knowledge base "
+                    "again"
+                ) from error
+    writes = Writes(is_replacement=True)
+    for follower in store.followers:
+        follower(writes)
+
+
+def complete_replacement(store: GraphStore, folder: Path) -> bool:
+    """Complete a replacement that a crash interrupted; return whether there was one."""
+    (folder / f"{_FILE}.tmp").unlink(missing_ok=True)
+    if not (folder / _FILE).exists():
+        return False
+    _load_file(store, folder)
+    return True
+
+
+def _load_file(store: GraphStore, folder: Path) -> None:
+    path = folder / _FILE
+    with path.open("rb") as file:
+        graphs = [NamedNode(name) for name in json.loads(file.readline()[1:]) if name]
+    _load(store, parse(path=path, format=RdfFormat.N_QUADS), graphs)
+    store.raw.flush()
+    path.unlink()
+
+
+def _load(store: GraphStore, quads: Iterable[Quad], graphs: Iterable[GraphName]) -> None:
+    raw = store.raw
+    raw.clear()
+    raw.bulk_extend(quads)  # keeps the names of blank nodes, unlike bulk_load
+    for graph in graphs:
+        if isinstance(graph, NamedNode | BlankNode):
+            raw.add_graph(graph)
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _staying(store: GraphStore, change: Overlay) -> Iterator[Quad]:
+    """Yield the quads after a change, those of joined graphs once more for the union."""
+    for quad in chain(remaining(store, change.removed, store.named_graphs()), change.added):
+        yield quad
+        if is_joined(quad.graph_name):
+            yield Quad(quad.subject, quad.predicate, quad.object)
