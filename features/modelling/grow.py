@@ -145,8 +145,9 @@ class ObjectModel:
     def _pose_model(self) -> PoseModel:
         cloud = smoothed(self.cloud, self.weights, _MODEL_POINTS)
         return build_pose_model(
-            cloud[:, :3], normals=cloud[:, 3:], grid=_MODEL_GRID, noise_m=_NOISE_M
-        )
+            cloud[:, :3], normals=cloud[:, 3:], grid=_MODEL_GRID, noise_m=_NOISE_M,
+            colours=(self.cloud[:, :3], self.colours),
+        )  # fmt: skip
 
     @cached_property
     def _round_pose_model(self) -> PoseModel:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import Frame
+from features.pose.colour import ColourChoice, choose_by_colour, colour_misfits
 from features.pose.confidence import PoseConfidence
 from features.pose.hypotheses import Hypothesis, hypotheses
 from features.pose.icp import distances
@@ -32,6 +33,7 @@ _STRAY = 0.75
 _OTHER_RAD, _OTHER_M = np.deg2rad(15.0), 0.010
 _EXPLAINED_M = 0.008
 _OVER_TABLE_M = 0.003
+_MAX_TURNS = 48
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,8 @@ class PoseEstimate:
         Labels of the segments that the object was taken to consist of.
     is_complete
         False when the time limit cut the search short.
+    decided_by_colour
+        Colours told this pose from those that a symmetry of the shape allows.
     """
 
     camera_from_object: NDArray[np.float64]
@@ -134,6 +138,7 @@ class PoseEstimate:
     symmetric_axes: NDArray[np.float64]
     segments_used: tuple[int, ...]
     is_complete: bool = True
+    decided_by_colour: bool = False
 
 
 def estimate_pose(
@@ -227,6 +232,7 @@ class _Task:
         self.model, self.labels, self.label = model, labels, label
         self.params, self.plane = params, plane
         self.depth = np.where(np.isfinite(frame.depth_m), frame.depth_m, 0).astype(np.float32)
+        self.rgb = frame.rgb
         self.points = frame.points()
         lens = frame.intrinsics
         self.camera = (lens.fx, lens.fy, lens.cx - frame.x0, lens.cy - frame.y0)
@@ -282,7 +288,12 @@ class _Task:
                 others.append(found)
             if len(others) == 5:
                 break
-        rivals = sum(best.score - other.score < self.params.as_good for other in others)
+        alike = [o for o in others if best.score - o.score < self.params.as_good]
+        choice = self._by_colour([best, *alike])
+        rivals = choice.rivals
+        winner = [best, *alike][choice.candidate]
+        others = [found for found in (best, *others) if found is not winner]
+        best = self._varied(winner, choice.variant)
         away = self._distances(self.judged.places, best.rotation, best.translation)
         explained = float((away < _EXPLAINED_M + self.model.cell_m / 2).mean())
         constants = self.params.confidence
@@ -300,7 +311,29 @@ class _Task:
             symmetric_axes=self.model.symmetric_axes,
             segments_used=best.labels,
             is_complete=complete,
+            decided_by_colour=choice.is_decided or choice.candidate > 0,
         )
+
+    def _by_colour(self, candidates: list[_Found]) -> ColourChoice:
+        """Let colours choose among poses as good by shape, and among those that symmetry allows."""
+        model, turns = self.model, self._turns()
+        undecided = ColourChoice(0, 0, len(candidates) - 1, False)
+        if model.colours is None or self.rgb is None or len(candidates) * len(turns) < 2:
+            return undecided
+        rotations = np.concatenate([found.rotation @ turns for found in candidates])
+        places = np.repeat([found.translation for found in candidates], len(turns), axis=0)
+        misfits = colour_misfits(
+            model.samples, model.colours, (rotations, places), self.depth, self.rgb, self.camera
+        )
+        return choose_by_colour(misfits.reshape(len(candidates), -1), turns)
+
+    def _turns(self) -> NDArray[np.float64]:
+        """Return symmetries of the shape (s, 3, 3), at most 48, the identity first."""
+        turns = self.model.symmetries
+        return turns[:: -(-len(turns) // _MAX_TURNS)]
+
+    def _varied(self, found: _Found, variant: int) -> _Found:
+        return replace(found, rotation=found.rotation @ self._turns()[variant])
 
     def _pose(self, found: _Found) -> NDArray[np.float64]:
         return self.model.camera_from_object(found.rotation, found.translation)

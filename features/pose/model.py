@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from features.geometry import FloatArray
+from features.geometry import FloatArray, UInt8Array
 from features.pose.nearest import nearest_grid
 from features.pose.symmetry import find_symmetries
 
@@ -49,6 +49,8 @@ class PoseModel:
         Turns about the centre that leave the surface as it is; the first is the identity.
     symmetric_axes : (j, 3) float64
         Axes about which every turn does.
+    colours : (n, 3) uint8 RGB or None
+        Of the samples; they tell apart what shape cannot.
     """
 
     centre: NDArray[np.float64]
@@ -59,6 +61,7 @@ class PoseModel:
     diameter_m: float
     symmetries: NDArray[np.float64]
     symmetric_axes: NDArray[np.float64]
+    colours: NDArray[np.uint8] | None = None
 
     @cached_property
     def spacing_m(self) -> float:
@@ -86,6 +89,8 @@ class PoseModel:
             "symmetric_axes": self.symmetric_axes,
             "numbers": np.array([max(self.grid.shape), self.diameter_m]),
         }
+        if self.colours is not None:
+            arrays["colours"] = self.colours
         np.savez_compressed(buffer, **arrays)
         return buffer.getvalue()
 
@@ -101,6 +106,7 @@ class PoseModel:
                     arrays["centre"].astype(np.float64), samples, grid, corner, cell, diameter,
                     arrays["symmetries"].astype(np.float64),
                     arrays["symmetric_axes"].astype(np.float64).reshape(-1, 3),
+                    arrays["colours"].astype(np.uint8) if "colours" in arrays else None,
                 )  # fmt: skip
         except (zipfile.BadZipFile, KeyError, OSError, EOFError, ValueError) as error:
             raise ValueError(f"these bytes are no pose model: {error}") from error
@@ -113,6 +119,7 @@ def build_pose_model(
     samples: int = 3000,
     grid: int = 56,
     noise_m: float = 0.0,
+    colours: tuple[FloatArray, UInt8Array] | None = None,
 ) -> PoseModel:
     """Make the model of a mesh, or of an oriented cloud.
 
@@ -127,6 +134,9 @@ def build_pose_model(
         Number of samples (at most 32,767) and of cells along the longest side.
     noise_m
         Error of the places: what is less apart does not break a symmetry.
+    colours
+        Places (m, 3), m, object frame, on the surface, and their colours (m, 3) RGB; a sample takes
+        that of the nearest.
 
     Raises
     ------
@@ -169,7 +179,11 @@ def build_pose_model(
     rest = surface[order[-800:], :3]
     cells, corner, cell = nearest_grid(chosen[:, :3], _PAD * diameter, grid)
     turns, axes = find_symmetries(chosen[:, :3], rest, diameter, noise_m)
-    return PoseModel(centre, chosen, cells, corner, cell, diameter, turns, axes)
+    inks = None
+    if colours is not None and len(colours[0]):
+        _, nearest = cKDTree(np.asarray(colours[0]) - centre).query(chosen[:, :3])
+        inks = np.ascontiguousarray(colours[1][nearest], dtype=np.uint8)
+    return PoseModel(centre, chosen, cells, corner, cell, diameter, turns, axes, inks)
 
 
 def sample_mesh(
