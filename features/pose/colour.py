@@ -21,7 +21,7 @@ _MAX_SAMPLES = 900
 _MIN_SEEN = 40
 _MIN_FACING = 0.25
 _SAME_M = 0.008
-_MAX_LIGHT, _MAX_TINT = 30.0, 8.0
+_MAX_LIGHT, _MAX_TINT, _MAX_GAIN = 30.0, 8.0, 2.0
 _MAX_APART = 40.0
 _MIN_LEAD, _LEAD_SHARE = 2.0, 0.15
 _SAME_RAD = np.deg2rad(15.0)
@@ -53,7 +53,7 @@ def colour_misfits(
     """
     few = np.random.default_rng(0).permutation(len(samples))[:_MAX_SAMPLES]
     known = cv2.cvtColor(colours[few][None], cv2.COLOR_RGB2Lab)[0].astype(np.float64)
-    picture = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2Lab))
+    usual = colours[few].sum(axis=1).astype(np.float64)
     places, normals = samples[few, :3].astype(np.float64), samples[few, 3:].astype(np.float64)
     fx, fy, cx, cy = camera
     height, width = depth_m.shape
@@ -71,7 +71,10 @@ def colour_misfits(
         seen &= np.abs(depth_m[v, u] - z) < _SAME_M
         if np.count_nonzero(seen) < _MIN_SEEN:
             continue
-        apart = picture[v[seen], u[seen]].astype(np.float64) - known[seen]
+        inks = rgb[v[seen], u[seen]]
+        light = np.median(inks.sum(axis=1)) / max(float(np.median(usual[seen])), 1.0)
+        inks = np.clip(inks / np.clip(light, 1 / _MAX_GAIN, _MAX_GAIN), 0, 255).astype(np.uint8)
+        apart = cv2.cvtColor(inks[None], cv2.COLOR_RGB2Lab)[0].astype(np.float64) - known[seen]
         tint = np.median(apart[:, 1:], axis=0)
         apart[:, 1:] -= np.clip(tint, -_MAX_TINT, _MAX_TINT)
         apart[:, 0] -= _light(apart[:, 0], normals[seen] @ rotation.T)
