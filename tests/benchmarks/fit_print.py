@@ -96,6 +96,8 @@ def brand_of(name: str) -> str:
 
 WRONG_COUNTS = 2.0
 """A wrong candidate weighs so many times a right one."""
+CAUTION = 0.5
+"""Taken off the offset for several views: a sibling that nobody stored is worse than a question."""
 MIN_DIFFERENCE = 6.0
 """The least that a contradiction counts, where the object's own views support the comparison."""
 
@@ -123,7 +125,8 @@ def fit(rows: list[Row], strength: float) -> NDArray[np.float64]:
     start = np.zeros(1 + len(PRINT_TERMS))
     found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=[(None, None), *bounds]).x
     slopes = found[1:] / spread
-    return np.append(found[0] - slopes @ mean, slopes)
+    offset = found[0] - slopes @ mean - (CAUTION if rows[0].group > 0 else 0.0)
+    return np.append(offset, slopes)
 
 
 def report(rows: list[Row], weights: list[NDArray[np.float64]], title: str) -> None:

@@ -91,6 +91,10 @@ def recognise(
     click.echo(f"{len(rows)} object{'' if len(rows) == 1 else 's'} seen, {recognised} recognised")
     for row in rows:
         verdict = _VERDICTS[row["outcome"]] + (", accepted" if row["accepted"] else "")
+        if row.get("family"):
+            verdict = f"looks like a known object, but differs {row['differs']}"
+        elif row.get("ask_again"):
+            verdict += ", another view may decide"
         pose = row["pose"]
         if pose is not None:
             verdict += f", pose {pose['confidence']:.2f}"
@@ -181,6 +185,11 @@ def _row(one: Seen) -> dict[str, Any]:
         "keypoints": len(one.features),
         "outcome": one.answer.outcome,
         "accepted": one.answer.accepted,
+        "family": one.answer.family,
+        "differs": one.answer.matches[0].difference.place
+        if one.answer.family and one.answer.matches[0].difference is not None
+        else "",
+        "ask_again": one.answer.ask_again,
         "pose": _pose_row(one.pose),
         "matches": [
             {

@@ -446,3 +446,21 @@ def test_one_voxel_is_an_object_when_it_holds_enough_points() -> None:
     points = np.tile([[0.001, 0.001, 0.501]], (100, 1))
     assert segment_cloud(points).counts.tolist() == [100]
     assert segment_cloud(points[:99]).counts.tolist() == []
+
+
+def test_objects_are_numbered_by_size_with_their_bases() -> None:
+    x, y = np.meshgrid(np.linspace(-0.3, 0.3, 320), np.linspace(-0.2, 0.2, 240))
+    z = np.full(x.shape, 0.6)
+    # The right block is the smaller one until its low, wide foot is given to it.
+    for centre, half_x, half_y, height in (
+        (-0.12, 0.021, 0.020, 0.05),
+        (0.12, 0.019, 0.020, 0.05),
+        (0.12, 0.028, 0.029, 0.0055),
+    ):
+        inside = (abs(x - centre) < half_x) & (abs(y) < half_y)
+        z[inside] = np.minimum(z[inside], 0.6 - height)
+    scene = segment_scene(np.stack([x, y, z], axis=-1))
+    sizes = [len(thing.indices) for thing in scene.objects]
+    assert len(sizes) == 2
+    assert sizes == sorted(sizes, reverse=True)
+    assert scene.objects[0].centroid[0] > 0
