@@ -13,6 +13,7 @@ from features.codec.pcd import write_pcd
 from features.geometry import Intrinsics, points_from_depth
 from features.imaging.masks import encode_rle
 from rtask.cli import main
+from tests.servers import running_server
 
 pytestmark = pytest.mark.slow
 
@@ -160,3 +161,21 @@ def test_a_camera_file_and_colour_of_another_size_are_taken(tmp_path: Path, caps
     assert "not that of its camera" in said
     said = run(capsys, "segment", tmp_path / "depth.png", "--distortion", "0.1,x", code=2)
     assert "numbers with commas" in said
+
+
+def test_a_server_is_taught_and_asked_the_same_way(tmp_path, capsys):
+    tea = save(tmp_path / "tea.jpg", photograph(1)[0])
+    coffee = save(tmp_path / "coffee.jpg", photograph(2)[0])
+    with running_server(None) as server:
+        for name, photo in (("green tea", tea), ("coffee", coffee)):
+            said = run(capsys, "teach", name, photo, "--server", server.url)
+            assert f"1 view of {name} (new)" in said
+        seen = save(tmp_path / "seen.jpg", photograph(1, -6, 7)[0])
+        said = run(capsys, "recognise", seen, "--server", server.url)
+        assert "1 object seen, 1 recognised" in said
+        assert "green tea" in said
+        told = run(capsys, "teach", "green tea", seen, "--server", server.url, "--json")
+        assert not json.loads(told)[0]["new"]
+        plot = tmp_path / "plot.png"
+        options = ("--server", server.url, "--save-plot", plot)
+        assert "--data alone" in run(capsys, "recognise", seen, *options, code=2)
