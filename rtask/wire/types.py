@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, PlainValidator
+from pydantic import BaseModel, BeforeValidator, PlainValidator
 from pydantic_core import PydanticCustomError, core_schema
 
 if TYPE_CHECKING:
@@ -229,6 +229,8 @@ def _grasp(value: Any) -> str | dict[str, Any]:
     """Take a grasp as it was received, whatever the robot added to it."""
     if isinstance(value, str):
         return _text(value)
+    if isinstance(value, BaseModel):  # of an answer in the same process
+        value = value.model_dump(by_alias=True, exclude_unset=True)
     if not isinstance(value, dict):
         raise expected("the id of a grasp, or a grasp as received")
     return value
