@@ -175,7 +175,9 @@ def test_signing_out_ends_the_session_for_everybody_who_has_the_cookie(site: Sit
 
 def test_the_pages_never_show_a_digest_or_a_secret(site: Site) -> None:
     data = site.signed_in(site.admin).get("/admin/tokens.json", base_url=ELSEWHERE).get_json()
-    assert {"id", "agent", "role", "created", "expires", "revoked"} == set(data["tokens"][0])
+    assert {"id", "agent", "role", "created", "expires", "revoked", "rights"} == set(
+        data["tokens"][0]
+    )
 
 
 def test_a_hostile_robot_name_is_text_in_the_audit_trail(site: Site) -> None:

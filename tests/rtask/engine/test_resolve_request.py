@@ -72,8 +72,8 @@ def test_what_cannot_be_held_is_told_with_both_numbers(room):
 
 def test_the_proof_is_the_reasoners(room):
     proof = "\n".join(room.ask("something to drink from")["explanation"]["proof"])
-    assert "hasFunction drinkFrom" in proof
-    assert "a Can" in proof
+    assert "rt:hasFunction rt:drinkFrom" in proof
+    assert "a rt:Can" in proof
     assert "rule:canGrasp" in proof
     assert room.ask("something to drink from", prove=False)["explanation"]["proof"] == []
 
