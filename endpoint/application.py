@@ -143,6 +143,11 @@ class Application:
         except RtaskError:
             return None  # the thread meets it again and answers it
 
+    @property
+    def may_begin(self) -> bool:
+        """Whether a point query may find a reader soon; if not, a thread has work to do first."""
+        return self.context.kb.readers.may_ask_now
+
     def start_reader(self) -> None:
         """Start a reader in the background, if none is being started yet."""
         readers = self.context.kb.readers

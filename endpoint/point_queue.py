@@ -56,7 +56,8 @@ class PointQueue:
             Called once: with the stream when the answer or its first piece has come, or the query
             has been stopped; with none if a thread is to do the work.
         """
-        if job.plan.begin is None or len(self._queue) >= _MAX_WAITING:
+        may_begin = job.plan.begin is not None and self._application.may_begin
+        if not may_begin or len(self._queue) >= _MAX_WAITING:
             come(None)
             return
         if not self._queue:

@@ -33,6 +33,10 @@ class ServedReaders(Protocol):
     def evaluate_updates(self) -> bool:
         """Whether they evaluate updates, too."""
 
+    @property
+    def may_ask_now(self) -> bool:
+        """Whether a query can be sent to one without completing the store first."""
+
     def start(self, wait: bool = True, updates: bool = False) -> None:
         """Start a process in advance."""
 

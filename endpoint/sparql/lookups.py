@@ -83,7 +83,10 @@ class Lookups:
         started = time.thread_time()  # of this thread: the work of others does not count
         sink: Any = _Sink(started + BUDGET_S)
         try:
-            answer: Any = self._store.query(text, base_iri=question.query.base)
+            with self._store.complete_now() as is_complete:
+                if not is_complete:
+                    return None
+                answer: Any = self._store.query(text, base_iri=question.query.base)
             answer.serialize(sink, form)
         except (_EnoughError, SyntaxError, ValueError, RuntimeError, OSError):
             self._remember_slow(text)

@@ -36,6 +36,7 @@ class _Readers:
     limits: ReaderLimits = field(default_factory=lambda: ReaderLimits(count=READERS))
     possible: bool = False
     evaluate_updates: bool = False
+    may_ask_now: bool = False
 
     def start(self, wait: bool = True, updates: bool = False) -> None:
         """Do nothing."""

@@ -156,6 +156,10 @@ class Readers:
             return None
         asked = _Asked(question.encode(), question.text)
         self._refused.check(asked.kind, asked.text)
+        with self._store.complete_now() as is_complete:
+            return self._send_now(asked) if is_complete else None
+
+    def _send_now(self, asked: _Asked) -> ReaderStream | None:
         leave = self._places.enter_now()
         if leave is None:
             return None
@@ -173,6 +177,11 @@ class Readers:
         with self._lock:
             self._running.add(stream)
         return stream
+
+    @property
+    def may_ask_now(self) -> bool:
+        """Whether waiting for a reader is all that :meth:`ask_now` may need."""
+        return self._store.is_complete
 
     @property
     def has_idle(self) -> bool:

@@ -25,6 +25,7 @@ __all__ = ["GraphStore"]
 _ATTEMPTS = 20
 _PAUSE_S = 0.05
 _OPEN = nullcontext()
+_COMPLETE = nullcontext(True)
 
 
 class Gate(Protocol):
@@ -35,6 +36,13 @@ class Gate(Protocol):
 
     def reading(self) -> AbstractContextManager[None]:
         """Return the context in which a read that may see these graphs begins."""
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the next read must complete the store first."""
+
+    def reading_now(self) -> AbstractContextManager[bool]:
+        """Return the context in which a read may begin, if that needs no waiting."""
 
     def flush(self) -> None:
         """Complete the store."""
@@ -74,6 +82,18 @@ class GraphStore:
         self.followers: list[Callable[[Any], None]] = []
         self.is_view = False
         self.gate: Gate | None = None
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether a read can begin without completing the store first."""
+        return self.gate is None or not self.gate.is_behind
+
+    def complete_now(self) -> AbstractContextManager[bool]:
+        """Return a context that tells whether a read may begin in it, as in :meth:`complete`.
+
+        Unlike that it never waits for the store to be completed; for event loops.
+        """
+        return _COMPLETE if self.gate is None else self.gate.reading_now()
 
     def complete(self, graph: GraphName | None = None) -> AbstractContextManager[None]:
         """Return the context in which a read of a graph, or of any with ``None``, begins."""

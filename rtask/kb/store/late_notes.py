@@ -59,6 +59,11 @@ class LateNotes:
         self._rest: threading.Thread | None = None
         store.gate = self
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether notes wait, so that the next read stores them first."""
+        return self._is_behind
+
     # Reading
 
     def concerns(self, graph: GraphName) -> bool:
@@ -97,6 +102,19 @@ class LateNotes:
             finally:
                 with self._gate:
                     self._is_excluding = False
+
+    @contextlib.contextmanager
+    def reading_now(self) -> Iterator[bool]:
+        """Begin a read in this block if that needs no waiting; yield whether it may begin."""
+        with self._gate:
+            self._was_read = True
+            may_begin = not self._is_behind
+            self._readers += may_begin
+        try:
+            yield may_begin
+        finally:
+            with self._gate:
+                self._readers -= may_begin
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:

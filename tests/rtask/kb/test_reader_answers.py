@@ -261,3 +261,33 @@ def test_where_no_process_can_be_started_queries_run_here(
     assert memory.query("ASK { ?s ?p ?o }", timeout_s=1.0) is True
     assert memory.stream("SELECT * { ?s ?p ?o } LIMIT 1").read().startswith(b"{")
     assert memory.stats()["readers"]["processes"] == []
+
+
+def _now(kb: KnowledgeBase, text: str) -> bytes | None:
+    """Return an answer that is asked for without waiting, as an event loop would."""
+    stream = kb.stream_now(text, _JSON)
+    if stream is None:
+        return None
+    with stream:
+        while not stream.receive():
+            pass
+        stream.start()
+        return stream.read()
+
+
+def test_what_is_asked_without_waiting_sees_every_commit_with_its_notes(tmp_path: Path) -> None:
+    notes = "SELECT ?a { ?a <http://www.w3.org/ns/prov#wasAssociatedWith> ?who }"
+    with rtask.open(tmp_path / "kb", ontologies=False, reason=False, flush="os") as kb:
+        kb.warm_up()
+        asked = 0
+        for number in range(20):
+            kb.update(f"INSERT DATA {{ <urn:last:{number}> <urn:is> {number} }}", agent="nao-1")
+            value = f"SELECT ?o {{ <urn:last:{number}> <urn:is> ?o }}"
+            for text, expected in ((value, 1), (notes, number + 1)):
+                found = _now(kb, text)
+                if found is None:  # the notes wait: a thread stores them, and asks
+                    found = kb.serialize(text, _JSON)
+                    assert _now(kb, text) is not None
+                asked += 1
+                assert len(json.loads(found)["results"]["bindings"]) == expected
+        assert asked == 40
