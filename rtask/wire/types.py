@@ -13,7 +13,7 @@ import binascii
 import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -232,11 +232,7 @@ def _grasp(value: Any) -> str | dict[str, Any]:
     if isinstance(value, BaseModel):  # of an answer in the same process
         value = value.model_dump(by_alias=True, exclude_unset=True)
     if not isinstance(value, dict):
-        # An answer of an engine in the same process reads like a mapping and is none.
-        as_json: Callable[[], dict[str, Any]] | None = getattr(value, "as_json", None)
-        if as_json is None:
-            raise expected("the id of a grasp, or a grasp as received")
-        return as_json()
+        raise expected("the id of a grasp, or a grasp as received")
     return value
 
 
