@@ -215,12 +215,24 @@ def test_reading_recovers_a_folder_that_was_not_closed(filled: Shell) -> None:
     assert filled("query", "ASK { <urn:mug> a rt:Mug }").out == "yes\n"
 
 
-def test_a_folder_in_use_is_one_line(filled: Shell) -> None:
+def test_writing_to_a_folder_in_use_is_refused_in_one_line(filled: Shell) -> None:
     with rtask.open(filled.data) as kb:
         kb.publish(url="http://127.0.0.1:9/sparql")
-        done = filled("query", "ASK {}")
+        done = filled("update", "INSERT DATA { <urn:a> <urn:b> <urn:c> }")
     assert done.code == 1
     assert "use the server at http://127.0.0.1:9/sparql" in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_reading_a_folder_in_use_says_which_commit_is_read(
+    filled: Shell, caplog: pytest.LogCaptureFixture
+) -> None:
+    with rtask.open(filled.data) as kb:
+        seq = kb.seq
+        done = filled("query", "ASK {}")
+    assert done.code == 0
+    assert done.out == "yes\n"
+    assert f"after commit {seq}," in caplog.text
 
 
 def test_the_reference_is_up_to_date() -> None:
