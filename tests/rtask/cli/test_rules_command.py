@@ -37,7 +37,7 @@ def test_rules_are_added_listed_shown_and_removed(folder: Path) -> None:
     assert listed["comment"] == "What is on something is above it."
     assert TEXT in run(folder, "rules", "show", "on-above").output
     assert run(folder, "explain", "<urn:a>", "<urn:above>", "<urn:b>").output.startswith(
-        "a above b"
+        "<urn:a> <urn:above> <urn:b> "
     )
     removed = json.loads(run(folder, "rules", "remove", "on-above", "--json").output)
     assert (removed["removed"], removed["withdrawn"]) == (["on-above"], 1)
