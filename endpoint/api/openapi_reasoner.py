@@ -19,6 +19,12 @@ _RULE: JsonObject = {
     },
     "required": ["label", "text"],
 }
+_DOCUMENT: JsonObject = {
+    "type": "object",
+    "properties": {"text": {"type": "string", "description": "the statements, as Turtle"}},
+    "required": ["text"],
+    "additionalProperties": False,
+}
 _CHANGE_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 503)
 
 
@@ -37,8 +43,6 @@ def reasoner_paths(
     name = parameter("name", "path", "label of the rule, or the last part of its IRI", _TEXT)
     single = get("One rule of the user", (JSON_TYPE,), [name])
     single["responses"] |= problems((422,))
-    label = parameter("label", "query", "label of a rule sent as SPARQL", _TEXT)
-    replace = parameter("replace", "query", "1: replace a rule of this label", {"enum": ["0", "1"]})
     sent = {**_RULE, "properties": {**_RULE["properties"], "replace": {"type": "boolean"}}}
     terms = [
         parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", _TEXT)
@@ -59,12 +63,11 @@ def reasoner_paths(
             "get": asked,
             "post": {
                 "summary": "Does everything that a document says follow?",
+                "description": "The body may also be the document itself, as `text/turtle` or "
+                "`application/n-triples`.",
                 "requestBody": {
                     "required": True,
-                    "content": {
-                        media_type: {"schema": _TEXT}
-                        for media_type in ("text/turtle", "application/n-triples")
-                    },
+                    "content": {JSON_TYPE: {"schema": _DOCUMENT}},
                 },
                 "responses": {
                     "200": {"description": "the answer", "content": {JSON_TYPE: {}}},
@@ -76,12 +79,9 @@ def reasoner_paths(
             "get": get("Rules of the user", (JSON_TYPE,)),
             "post": {
                 "summary": "Add a rule",
-                "description": "Needs the right `rules`.",
-                "parameters": [label, replace],
-                "requestBody": {
-                    "required": True,
-                    "content": {JSON_TYPE: {"schema": sent}, SPARQL_TYPE: {"schema": _TEXT}},
-                },
+                "description": "Needs the right `rules`. The body may also be the query itself, as "
+                f"`{SPARQL_TYPE}` with `?label=`.",
+                "requestBody": {"required": True, "content": {JSON_TYPE: {"schema": sent}}},
                 "responses": {
                     "201": {"description": "added", "content": {JSON_TYPE: {"schema": _RULE}}},
                     **problems(_CHANGE_PROBLEMS),

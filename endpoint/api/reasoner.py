@@ -143,15 +143,19 @@ def _conclusion(request: Request) -> list[TripleKey]:
     if request.method != "POST":
         return [_triple(request)]
     media_type, _ = request.content_type
-    form = RdfFormat.from_media_type(media_type)
-    if form is None:
-        raise RefusedError(
-            415,
-            "unsupported-media-type",
-            "send the statements in an RDF format, such as text/turtle",
-            headers=(("Accept-Post", "text/turtle, application/n-triples"),),
-        )
-    document = Document("<body>", data=request.body)
+    if media_type == JSON_TYPE:
+        form, data = RdfFormat.TURTLE, _text_of(request)
+    else:
+        named = RdfFormat.from_media_type(media_type)
+        if named is None:
+            raise RefusedError(
+                415,
+                "unsupported-media-type",
+                "send the statements in an RDF format, such as text/turtle, or as JSON with text",
+                headers=(("Accept-Post", f"text/turtle, application/n-triples, {JSON_TYPE}"),),
+            )
+        form, data = named, request.body
+    document = Document("<body>", data=data)
     quads = list(islice(statements(document, find_format(form)), MAX_CONCLUSION + 1))
     if len(quads) > MAX_CONCLUSION:
         raise TooLargeError(
@@ -160,6 +164,24 @@ def _conclusion(request: Request) -> list[TripleKey]:
             allowed=MAX_CONCLUSION,
         )
     return [triple_key(quad) for quad in quads]
+
+
+def _text_of(request: Request) -> bytes:
+    """Return the Turtle document that a JSON object carries under ``text``."""
+    sent = _json_object(request)
+    if set(sent) != {"text"} or not isinstance(sent["text"], str):
+        raise UsageError("expected one JSON object with text: the statements as Turtle")
+    return sent["text"].encode()
+
+
+def _json_object(request: Request) -> dict[str, Any]:
+    try:
+        sent = json.loads(request.body)
+    except (ValueError, RecursionError):
+        raise UsageError("not JSON that can be read") from None
+    if not isinstance(sent, dict):
+        raise UsageError("expected one JSON object")
+    return sent
 
 
 def _explain(kb: KnowledgeBase, triple: TripleKey) -> Response:
@@ -202,11 +224,8 @@ def _sent(request: Request) -> tuple[Rule, bool]:
             f"send a rule as {JSON_TYPE} with label and text, or as {SPARQL_TYPE} with ?label=",
             headers=(("Accept-Post", f"{JSON_TYPE}, {SPARQL_TYPE}"),),
         )
-    try:
-        sent = json.loads(request.body)
-    except (ValueError, RecursionError):
-        raise UsageError("not JSON that can be read") from None
-    if not isinstance(sent, dict) or not isinstance(sent.get("text"), str):
+    sent = _json_object(request)
+    if not isinstance(sent.get("text"), str):
         raise UsageError("a rule is one JSON object with label and text")
     unknown = sorted(set(sent) - set(_FIELDS))
     if unknown:

@@ -89,7 +89,7 @@ def plan_on_mesh(
     >>> from grasp.spatial.meshes.shapes import box_mesh
     >>> on_table = Surroundings(Support(-0.05))
     >>> best = plan_on_mesh(box_mesh((0.04, 0.12, 0.1)), panda_hand(), on_table)[0]
-    >>> round(best.width, 2), best.scores["confidence"] > 0.8
+    >>> round(best.width, 2), best.scores["lift_chance"] > 0.8
     (0.04, True)
     """
     options = options or SpatialOptions()

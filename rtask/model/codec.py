@@ -76,9 +76,10 @@ def encode(value: object, datatype: str) -> Literal:
 
     Examples
     --------
-    >>> str(encode(1, XSD + "double")), str(encode(3, XSD + "positiveInteger"))
-    ('"1.0"^^<http://www.w3.org/2001/XMLSchema#double>',
-    '"3"^^<http://www.w3.org/2001/XMLSchema#positiveInteger>')
+    >>> print(encode(1, XSD + "double"))
+    "1.0"^^<http://www.w3.org/2001/XMLSchema#double>
+    >>> print(encode(3, XSD + "positiveInteger"))
+    "3"^^<http://www.w3.org/2001/XMLSchema#positiveInteger>
     """
     if isinstance(value, Literal):
         if python_type(datatype) is object or value.datatype.value == datatype:

@@ -189,6 +189,7 @@ def test_whether_statements_follow(vessels: FlaskClient) -> None:
     assert sent["entailed"] is False
     assert sent["missing"] == [["<urn:t:mug>", f"<{TYPE}>", "<urn:t:Cup>"]]
     assert len(sent["proofs"]) == 2
+    assert vessels.post("/reasoner/entails", json={"text": turtle}).json == sent
 
 
 def test_questions_that_cannot_be_read_are_refused(vessels: FlaskClient) -> None:
@@ -201,6 +202,8 @@ def test_questions_that_cannot_be_read_are_refused(vessels: FlaskClient) -> None
     assert post("/reasoner/entails", data="<urn:a> <urn:b>", headers=turtle).status_code == 400
     many = "".join(f"<urn:a> <urn:b> {n} ." for n in range(1_001))
     assert post("/reasoner/entails", data=many, headers=turtle).status_code == 413
+    for body in ({}, {"text": 1}, {"text": "", "form": "turtle"}, [], "x"):
+        assert post("/reasoner/entails", json=body).status_code == 400, body
     assert post("/reasoner/explain").status_code == 405
 
 

@@ -93,6 +93,6 @@ def test_objects_are_merged_shown_taken_back_and_forgotten(capsys, folder):
     assert "twin" in told(capsys, "objects", "show", split["object"], "-d", data)
     told(capsys, "objects", "undo", split["commit"], "-d", data)
     assert "no object" in refused(capsys, "objects", "show", split["object"], "-d", data)
-    assert "merged" in refused(capsys, "objects", "undo", "c-00001", "-d", data)
+    assert "did not name, merge" in refused(capsys, "objects", "undo", "c-00001", "-d", data)
     told(capsys, "objects", "forget", one, "--purge", "-d", data)
     assert "no object" in refused(capsys, "objects", "show", one, "-d", data)
