@@ -144,6 +144,7 @@ def test_a_lost_connection_goes_on_without_gap_or_repeat(followed: RunningServer
         assert events.values(3) == [3, 4, 5]
 
 
+@pytest.mark.slow
 def test_a_killed_server_loses_no_event(tmp_path: Path) -> None:
     with running_server(tmp_path / "store") as server:
         with Events(changes(server, s="urn:s")) as events:
@@ -159,6 +160,7 @@ def test_a_killed_server_loses_no_event(tmp_path: Path) -> None:
             assert events.values(2) == [2, 3]
 
 
+@pytest.mark.slow
 def test_a_stopping_server_says_goodbye(tmp_path: Path) -> None:
     with running_server(None) as server:
         with Events(changes(server)) as events:
@@ -330,6 +332,7 @@ def test_a_page_of_another_origin_cannot_follow_by_websocket(server: RunningServ
     assert refused.value.response.status_code == 403
 
 
+@pytest.mark.slow
 def test_a_follower_that_does_not_read_harms_nobody(followed: RunningServer) -> None:
     """The socket's buffers fill, then the queue; writers and other followers never wait."""
     with (

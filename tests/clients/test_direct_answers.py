@@ -84,6 +84,7 @@ def test_requests_sent_at_once_are_answered_in_order(server: RunningServer) -> N
         assert fields["vary"]
 
 
+@pytest.mark.slow
 def test_what_is_answered_directly_equals_what_the_application_answers(
     server: RunningServer,
 ) -> None:
@@ -103,6 +104,7 @@ def test_what_is_answered_directly_equals_what_the_application_answers(
             assert (known.status_code, known.content) == (304, b"")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [VALUE, JOINED])
 def test_no_reader_sees_less_than_was_acknowledged(server: RunningServer, text: str) -> None:
     """Equal questions while somebody counts up: the cache may not lag behind."""
@@ -145,6 +147,7 @@ def _wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_a_query_that_only_looks_quick_is_stopped_when_its_client_leaves(
     server: RunningServer,
 ) -> None:
@@ -165,6 +168,7 @@ def test_a_query_that_only_looks_quick_is_stopped_when_its_client_leaves(
         assert client.get("/query", params={"query": "ASK {}"}).json()["boolean"] is True
 
 
+@pytest.mark.slow
 def test_a_query_that_only_looks_quick_is_answered_within_its_own_limit(
     server: RunningServer,
 ) -> None:
@@ -175,6 +179,7 @@ def test_a_query_that_only_looks_quick_is_answered_within_its_own_limit(
     assert late.json()["limit"] == 2
 
 
+@pytest.mark.slow
 def test_a_long_answer_goes_on_beyond_its_first_piece(server: RunningServer) -> None:
     lines = " ".join(f"<{NAME}:long> <{NAME}:line> 'line {n} {'x' * 60}' ." for n in range(5_000))
     _update(server, f"INSERT DATA {{ {lines} }}")

@@ -22,6 +22,8 @@ from rtask.wire.stubs import source_of
 from tests.clients.toy_operation import OPERATIONS, Weighed, WeighObject, weigh_object
 from tests.servers import RunningServer, running_server
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[RunningServer]:

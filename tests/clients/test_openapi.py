@@ -136,6 +136,7 @@ def test_the_page_for_people_names_every_operation(client_of_module: httpx.Clien
     assert "<script" not in answer.text
 
 
+@pytest.mark.slow
 def test_an_idempotency_key_stores_once(client_of_module: httpx.Client) -> None:
     import numpy as np
 

@@ -9,6 +9,8 @@ import pytest
 
 from tests.servers import RunningServer
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 TURTLE = {"Content-Type": "text/turtle"}
 MARK = "<urn:mark> <urn:p> 1"
 

@@ -130,6 +130,7 @@ def _write(pair: Pair, chance: random.Random) -> None:
     assert writer.handle(Request("POST", "/update", "", headers, body)).status == 204
 
 
+@pytest.mark.slow
 def test_random_writes_between_reads_never_give_a_stale_answer(pair: Pair) -> None:
     """Dataset, inference, rights, types, compression, host, HEAD and conditions at random."""
     chance = random.Random(5)
@@ -167,6 +168,7 @@ def test_an_answer_is_kept_when_its_question_comes_for_the_second_time(pair: Pai
     assert pair.hits == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", ["NOW()", "RAND()", "UUID()", "STRUUID()", "BNODE()"])
 def test_an_answer_that_differs_each_time_is_not_kept(pair: Pair, call: str) -> None:
     request = _ask({"query": f"SELECT ({call} AS ?x) {{}}"}, _bearer(pair.tokens["reader"]))

@@ -78,6 +78,7 @@ def events(changes: Changes, wish: Request, meanwhile: Any = None, most: int = 1
     return asyncio.run(collect())
 
 
+@pytest.mark.slow
 def test_commits_that_are_no_longer_kept_are_an_event_and_the_stream_goes_on(
     kb: KnowledgeBase, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,6 +93,7 @@ def test_commits_that_are_no_longer_kept_are_an_event_and_the_stream_goes_on(
         changes.follower(request(f"since={old}"), version_of(kb), lambda: None)
 
 
+@pytest.mark.slow
 def test_who_is_too_slow_is_told_from_where_to_go_on(
     kb: KnowledgeBase, changes: Changes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

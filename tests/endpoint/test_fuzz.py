@@ -195,6 +195,7 @@ _OPS = ["call_service", "publish", "subscribe", "advertise", "unsubscribe", "sea
 _FIELDS = ["op", "id", "service", "args", "topic", "type", "msg", "data", "num", "total", "values"]
 
 
+@pytest.mark.slow
 @FEW
 @given(
     message=st.dictionaries(st.sampled_from(_FIELDS), _JSON | st.sampled_from(_OPS), max_size=6),

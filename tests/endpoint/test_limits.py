@@ -29,6 +29,7 @@ def test_the_form_is_found_behind_the_prologue(text: str, form: str) -> None:
     assert checked_form(text, LIMITS) == form
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [

@@ -21,6 +21,8 @@ from endpoint.wsgi import create_app
 from rtask.knowledge_base import KnowledgeBase
 from tests.servers import new_application
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 RT = ontology.NS
 PIXEL = bytes.fromhex(
     "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d4944415478da63fcff"

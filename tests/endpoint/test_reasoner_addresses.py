@@ -15,6 +15,8 @@ from endpoint.wsgi import create_app
 from rtask.engine import Engine
 from tests.servers import new_application
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 TEXT = "CONSTRUCT { ?a <urn:t:above> ?b } WHERE { ?a <urn:t:on> ?b }"
 RULE = {"label": "on is above", "text": TEXT, "comment": "for stacking"}
 Bearer = dict[str, str]

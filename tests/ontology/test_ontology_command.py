@@ -35,6 +35,7 @@ def _edited(tmp_path: Path, *changes: tuple[str, str], file: str = "rtask/object
     return path
 
 
+@pytest.mark.slow
 def test_show_lists_modules_terms_and_facts(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = _run(capsys, "show")
     assert (code, "rtask/grasp" in out, "rtask/dl" in out) == (0, True, True)
@@ -58,12 +59,14 @@ def test_an_unknown_name_gets_a_hint(capsys: pytest.CaptureFixture[str]) -> None
     assert error == "rtask: no term or module 'rt:Mugg'; did you mean rt:Mug?\n"
 
 
+@pytest.mark.slow
 def test_docs_are_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = _run(capsys, "docs", "--out", tmp_path / "a" / "b")
     assert (code, (tmp_path / "a" / "b" / "index.html").is_file()) == (0, True)
     assert "index.html" in out
 
 
+@pytest.mark.slow
 def test_equal_versions_do_not_differ(capsys: pytest.CaptureFixture[str]) -> None:
     assert _run(capsys, "diff", "bundled")[:2] == (0, "level: none\n")
     assert _run(capsys, "diff", ROOM, "bundled")[:2] == (0, "level: none\n")

@@ -117,6 +117,7 @@ def test_diagrams_show_classes_and_relations(folder: Path) -> None:
     assert all(name in relations for name in ("executesGrasp", "rt:DecisionPolicy"))
 
 
+@pytest.mark.slow
 def test_the_same_ontology_gives_the_same_bytes(
     vocabulary: Vocabulary, folder: Path, tmp_path: Path
 ) -> None:

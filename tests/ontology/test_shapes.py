@@ -12,6 +12,8 @@ import rdflib
 
 import ontology
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 SAMPLE = rdflib.Namespace(ontology.BASE + "sample/")
 SHAPES = rdflib.Namespace("https://w3id.org/rtask-kg/shapes#")
 SH = rdflib.Namespace(ontology.PREFIXES["sh"])

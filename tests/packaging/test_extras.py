@@ -79,6 +79,7 @@ def test_every_extra_that_a_message_names_is_there() -> None:
     assert set(EXTRA_OF.values()) <= _PROJECT["optional-dependencies"].keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "extra"),
     [

@@ -87,6 +87,7 @@ def test_ten_thousand_names_in_a_ring_of_same_as_are_one_thing():
     assert len(closure.same_as(names("i", 1)[0])) == 10_000
 
 
+@pytest.mark.slow
 def test_such_a_ring_can_be_cut_open_again():
     members = names("i", 10_000)
     ring = [*chain(owl("sameAs"), "i", 9_999), (members[-1], owl("sameAs"), members[0])]

@@ -64,6 +64,7 @@ EQUALITIES = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["kitchens", "equalities"])
 def test_the_closure_is_that_of_owlrl(name):
     """Compared in the terms of the data: owlrl also says what is true of everything."""

@@ -96,6 +96,7 @@ def test_every_inferred_triple_of_the_sample_has_a_proof(closure):
         assert not proof.is_asserted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_commits_in_any_order_and_size_give_the_same(schema, sample, rules, closure, seed):
     chance = random.Random(seed)

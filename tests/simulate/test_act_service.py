@@ -154,6 +154,7 @@ def test_pick_and_place_in_one_and_in_two_requests(panda, service):
     json.dumps(both, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_success_says_nothing_about_the_object(service, panda):
     """The thesis: true when the pose was reached, not when something was grasped."""
     answer = service.act({"action_type": "grasp", "goal_pose": goal(panda)})
@@ -212,6 +213,7 @@ def test_the_test_interface_reaches_and_places(service, tmp_path):
     assert len(lines) == 4
 
 
+@pytest.mark.slow
 def test_the_workspace_is_what_both_arms_reach_and_a_picture_of_it(tmp_path):
     found = map_workspace(ArmSpace(NAO), step=0.06, angles=3)
     assert found.arms == ("left_arm", "right_arm")
@@ -239,6 +241,7 @@ def test_a_torso_that_leans_reaches_more_and_farther():
     assert farthest[1] > farthest[0]
 
 
+@pytest.mark.slow
 def test_the_commands_print_a_table_or_json(tmp_path):
     run = CliRunner().invoke
     shown = run(simulate, ["act-test", "reach", "--robot", "panda", "-n", "1"])

@@ -102,6 +102,7 @@ def test_a_hand_that_does_not_close_is_hardware(cell, can, monkeypatch):
     assert cell.executor.execute(plan_of(cell)).reason == "hardware"
 
 
+@pytest.mark.slow
 def test_a_hand_that_does_not_open_is_hardware_and_touches_nothing(cell, can, monkeypatch):
     cell.robot.move_fingers("panda_arm", 0.0, 15.0)
     cell.world.step(0.8)
@@ -124,6 +125,7 @@ def test_plans_keep_to_the_joints_limits(cell):
             assert (np.abs(way.velocities) <= chain.velocity * 1.001).all()
 
 
+@pytest.mark.slow
 def test_a_world_that_breaks_down_names_the_joint(cell, can, monkeypatch):
     real, broken = cell.robot.arm_joints, []
 

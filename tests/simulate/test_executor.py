@@ -188,6 +188,7 @@ def test_landing_beside_the_box_is_drop_outside(can):
     assert (record.held, record.place_reason) == (True, "drop_outside")
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_stopped_is_a_tracking_failure(can):
     world, executor, _ = can
     plan = executor.plan(request_for(CAN, 0.15, -0.10))

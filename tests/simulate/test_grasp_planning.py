@@ -24,6 +24,7 @@ def planner():
     return GraspPlanner(ArmSpace(describe_nao()))
 
 
+@pytest.mark.slow
 def test_a_plan_ends_at_the_requested_point(planner):
     for request in (CAN, BOX, PEN):
         plan = planner.plan(request, [], seed=1)

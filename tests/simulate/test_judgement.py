@@ -142,6 +142,7 @@ def test_a_world_that_lies_about_the_truth_changes_no_record(friction):
     assert not wrong.truth.held
 
 
+@pytest.mark.slow
 def test_both_robots_see_into_their_boxes():
     for robot in ("nao", "panda"):
         with Workcell(robot, preset="fast") as cell:

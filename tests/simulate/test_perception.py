@@ -64,6 +64,7 @@ def test_objects_on_noisy_tables_are_found_one_segment_each(assets: Path) -> Non
     assert np.median(np.abs(heights)) < 4e-3
 
 
+@pytest.mark.slow
 def test_a_tall_can_below_the_eyes_shows_little_but_its_lid_and_stands_all_the_same(
     tmp_path: Path,
 ) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from features.codec import decode, encode_frame
 from features.segmentation import Scene, segment_scene
@@ -103,6 +104,7 @@ def test_an_object_goes_over_the_wire_in_a_few_kilobytes_and_comes_back(tmp_path
     assert (back.x0, back.y0) == (crop.x0, crop.y0)
 
 
+@pytest.mark.slow
 def test_the_same_table_gives_the_same_labels(tmp_path: Path) -> None:
     first, again = (_look(tmp_path, SMALL[:2], seed=11)[0] for _ in range(2))
     np.testing.assert_array_equal(first.labels, again.labels)

@@ -88,6 +88,7 @@ def test_what_is_out_of_reach_is_held_by_leaning_and_placed(cell):
     cell.world.remove(body)
 
 
+@pytest.mark.slow
 def test_what_is_in_reach_needs_no_lean(cell):
     near = far_can(x=0.15, y=-0.10)
     assert cell.executor.plan(near, seed=1).stance == ""

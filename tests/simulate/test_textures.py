@@ -21,6 +21,7 @@ def _keypoints(panel: np.ndarray, width_m: float) -> tuple[list[cv2.KeyPoint], n
     return list(points), descriptors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(0.033, 0.075), (0.03, 0.03), (0.11, 0.02), (0.027, 0.027)])
 def test_a_panel_gives_enough_keypoints_at_the_head_cameras_resolution(
     size: tuple[float, float],

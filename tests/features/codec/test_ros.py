@@ -151,6 +151,7 @@ def recording(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_recording_gives_depth_with_colour(tmp_path):
     from features.imaging.recordings import first_view
 

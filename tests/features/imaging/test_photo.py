@@ -34,6 +34,7 @@ def jpeg(image):
     return cv2.imencode(".jpg", image[..., ::-1])[1].tobytes()
 
 
+@pytest.mark.slow
 def test_a_large_photograph_is_read_at_a_fraction_of_its_resolution():
     image, _ = scene(3000, 4000)
     photo = read_photo(jpeg(image))
@@ -64,6 +65,7 @@ def test_where_nothing_can_be_told_the_whole_box_is_kept():
     assert find_foreground(plain, [20, 10, 50, 60]).sum() == 50 * 60
 
 
+@pytest.mark.slow
 def test_a_mask_of_the_full_photograph_fits_the_reduced_one():
     image, mask = scene(3000, 4000)
     labels = np.where(mask, 5, 0).astype(np.int32)

@@ -124,6 +124,7 @@ def test_the_same_question_gives_the_same_answer(model: PoseModel) -> None:
     assert np.array_equal(first.camera_from_object, second.camera_from_object)
 
 
+@pytest.mark.slow
 def test_a_mirrored_body_fits_worse_than_the_body_itself(model: PoseModel) -> None:
     vertices, faces = lamp()
     mirror = (vertices * (1, -1, 1), faces[:, ::-1])
@@ -174,6 +175,7 @@ def test_free_space_contradicts_a_model_where_the_sensor_looked_through(model: P
     assert sight.violation[1] > 0.3
 
 
+@pytest.mark.slow
 def test_symmetries_are_those_of_the_body() -> None:
     brick = build_pose_model(*box((0.05, 0.03, 0.02), (0.1, 0.2, 0.3)), samples=2000)
     assert len(brick.symmetries) == 4
@@ -233,6 +235,7 @@ def test_bad_models_and_segments_are_refused(model: PoseModel) -> None:
         estimate_pose(model, Frame(depth, CAMERA), nothing[:5], 1, FAST)
 
 
+@pytest.mark.slow
 def test_a_time_limit_ends_the_search_and_is_reported(model: PoseModel) -> None:
     depth = rendered(lamp(), pose_of(5))
     labels = (depth > 0).astype(np.int32)
@@ -244,6 +247,7 @@ def test_a_time_limit_ends_the_search_and_is_reported(model: PoseModel) -> None:
     assert not found.is_complete
 
 
+@pytest.mark.slow
 def test_the_grid_knows_the_nearest_sample(model) -> None:
     places, cell = model.samples[:, :3], model.cell_m
     cells = np.argwhere(model.grid >= 0)

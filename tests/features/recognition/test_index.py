@@ -126,6 +126,7 @@ def test_relabelling_an_unknown_view_is_an_error(card_views) -> None:
         RecognitionIndex().relabel("view:none", "object:0")
 
 
+@pytest.mark.slow
 def test_segments_of_like_size_are_merged(tmp_path: Path, card_views) -> None:
     with RecognitionIndex(tmp_path / "index", seal_rows=1) as index:
         fill(index, card_views, 12)
@@ -201,6 +202,7 @@ def test_features_of_another_extractor_are_refused(card_views) -> None:
         RecognitionIndex().add("view:a", "object:0", "class:card", foreign)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "victim", ["manifest.json", "header.npz", "seg-*/desc.u8", "seg-*/meta.json", "seg-*/ids.i32"]
 )

@@ -137,6 +137,7 @@ def test_an_object_of_many_views_still_meets_its_rivals(stored) -> None:
         assert np.median(rival) < 1.25 * np.median(truth)
 
 
+@pytest.mark.slow
 def test_the_index_finds_the_best_over_all_its_parts(card_views) -> None:
     """Sealed with tables, growing by codes, or growing by the full product: the same answer."""
     views = [card_views(card, 1)[0] for card in range(12)]

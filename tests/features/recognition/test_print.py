@@ -84,6 +84,7 @@ def sides(print_: Image, count: int) -> list[tuple[Image, int]]:
     return [(print_, side) for side in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["picture", "colour"])
 def test_a_sibling_is_refused_as_one_of_the_family(see, print_image, change: str) -> None:
     apple = print_image(0)
@@ -102,6 +103,7 @@ def test_a_sibling_is_refused_as_one_of_the_family(see, print_image, change: str
     assert top + height / 2 > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["picture", "colour"])
 def test_siblings_are_told_from_each_other(see, print_image, change: str) -> None:
     apple = print_image(0)
@@ -127,6 +129,7 @@ def test_a_mirrored_print_is_refused_and_one_upside_down_is_not(see, print_image
     assert recogniser.recognise(see(turned, 4)).accepted
 
 
+@pytest.mark.slow
 def test_a_third_hidden_is_never_taken_for_another(see, print_image) -> None:
     index = store(see, {f"card {k}": sides(print_image(k), 2) for k in range(3)})
     recogniser = Recogniser(index)
@@ -147,6 +150,7 @@ def facts_by_iri(index: RecognitionIndex) -> dict[str, tuple]:
     return found
 
 
+@pytest.mark.slow
 def test_facts_are_those_of_a_fresh_store_whatever_happened_before(see, print_image) -> None:
     apple, pear = print_image(0), other_quarter(print_image(0), print_image(1))
     fresh = store(see, {"apple": sides(apple, 3), "pear": sides(pear, 2)})
@@ -182,6 +186,7 @@ def test_light_is_no_contradiction_and_another_colour_is(see, print_image) -> No
     assert shares[0] < 0.1 < shares[1]
 
 
+@pytest.mark.slow
 def test_the_same_query_gives_the_same_answer_in_any_thread(see, print_image) -> None:
     index = store(see, {f"card {k}": sides(print_image(k), 2) for k in range(2)})
     query = see(print_image(0), 4)

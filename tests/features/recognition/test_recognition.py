@@ -154,6 +154,7 @@ def test_twins_do_not_disturb_the_others(stocked, photo) -> None:
     assert answer.matches[0].object_iri == "object:5"
 
 
+@pytest.mark.slow
 def test_many_views_of_one_object_do_not_hide_it(stocked, card_views) -> None:
     """Lowe's plain rule would hold an object's own other views against it."""
     for k, features in enumerate(card_views(2, 6)):
@@ -179,6 +180,7 @@ def test_a_view_without_keypoints_is_answered_by_looks_and_never_accepted(stocke
         assert not Recogniser(stocked).recognise(view).accepted
 
 
+@pytest.mark.slow
 def test_the_same_query_gives_the_same_answer(stocked, photo) -> None:
     query = photo(7, yaw=0.6, seed=3).describe()
     first, second = (Recogniser(stocked).recognise(query) for _ in range(2))

@@ -32,6 +32,7 @@ def _described(depth_m: float | None = None) -> tuple[ViewFeatures, ViewFeatures
     return views[0], views[1]
 
 
+@pytest.mark.slow
 def test_a_large_photograph_is_described_as_a_small_one_in_its_own_pixels() -> None:
     small, large = _described()
     assert len(large.keypoints) > 300

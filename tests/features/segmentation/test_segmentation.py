@@ -235,6 +235,7 @@ def test_settings_follow_the_distance() -> None:
     assert SegmentParams.for_distance(0.9) == SegmentParams()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [90, 180, 217])
 def test_turning_the_cloud_about_the_viewing_axis_keeps_the_partition(turn_deg: float) -> None:
     cloud = _scene(*THREE).reshape(-1, 3)

@@ -56,6 +56,7 @@ def _optimum(stochastic: bool) -> float:
     return float(values[:, 6:].mean())
 
 
+@pytest.mark.slow
 def test_the_best_policy_earns_what_is_published() -> None:
     assert _optimum(stochastic=False) == pytest.approx(-8.2, abs=1e-6)
     assert _optimum(stochastic=True) == pytest.approx(-11.38, abs=0.005)  # given to 2 places

@@ -115,6 +115,7 @@ def test_real_time_acts_on_time_learns_meanwhile_and_leaves_no_thread() -> None:
         agent.act(state)
 
 
+@pytest.mark.slow
 def test_acting_does_not_wait_for_learning() -> None:
     """The aim is one period and 5 ms; a loaded machine gets ten times the period."""
     world = TwoRooms()

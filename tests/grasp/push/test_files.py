@@ -330,6 +330,7 @@ def test_a_second_part_in_a_file_is_said_to_be_left_out(tmp_path: Path) -> None:
 # Holes
 
 
+@pytest.mark.slow
 def test_holes_move_the_centre_of_mass_and_nothing_else(tmp_path: Path) -> None:
     """A plate 4 x 2 with a square hole of area 1 at (3, 1): (8 * 2 - 3) / 7."""
     hole = [[2.5, 0.5], [2.5, 1.5], [3.5, 1.5], [3.5, 0.5]]

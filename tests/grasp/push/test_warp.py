@@ -33,6 +33,7 @@ def test_no_warped_outline_crosses_itself(ring: np.ndarray, length: float) -> No
     assert not valid_outlines(vx, vy).all()
 
 
+@pytest.mark.slow
 def test_near_vertices_move_together_and_far_ones_on_their_own() -> None:
     ring, length, std = _flange(), 0.4, 0.05
     vx, _, com = _moved(ring, Tolerance(std, correlation=length), 20_000)

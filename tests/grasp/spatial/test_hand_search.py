@@ -284,6 +284,7 @@ def test_an_empty_table_gives_a_reason() -> None:
     assert found.reason == "nothing stands on the table"
 
 
+@pytest.mark.slow
 def test_a_million_points_are_thinned_with_a_note() -> None:
     found = propose_from_cloud(cylinder(0.03, 0.12, 1_000_000), JAW, table=TABLE, samples=10)
     assert len(found) > 0

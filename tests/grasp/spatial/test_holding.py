@@ -176,6 +176,7 @@ def test_a_flat_mesh_encloses_nothing() -> None:
     assert enclosed_volume(as_mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])) == 0.0
 
 
+@pytest.mark.slow
 def test_closing_quality_by_epsilon_keeps_its_own_order() -> None:
     box = box_mesh((0.04, 0.06, 0.1))
     found = plan_on_mesh(box, HAND, options=SpatialOptions(quality="epsilon", samples=5, tries=200))

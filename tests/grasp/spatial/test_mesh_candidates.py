@@ -126,6 +126,7 @@ def _sorted(mesh: Mesh, around: Surroundings, seed: int) -> np.ndarray:
     return np.array([[c.scores[n] for n in names] for c in found])
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None, phases=[Phase.generate])
 @given(
     st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1),
@@ -173,6 +174,7 @@ def test_where_there_is_no_grasp_the_reason_is_said(mesh, gripper, words) -> Non
     assert words in found.reason
 
 
+@pytest.mark.slow
 def test_a_grasp_that_the_support_forbids_is_named() -> None:
     tile = box_mesh((0.1, 0.1, 0.01))  # held across 10 mm only, and that from the side
     found = plan_on_mesh(tile, HAND, Surroundings(Support(-0.005)))

@@ -14,6 +14,8 @@ import ontology
 import rtask
 from rtask.cli import main
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 _ROOT = Path(__file__).resolve().parents[3]
 
 

@@ -81,6 +81,7 @@ def json_of(folder: Path, *arguments: str) -> Any:
     return json.loads(run(folder, *arguments, "--json")[1])
 
 
+@pytest.mark.slow
 def test_every_command_that_reasons_prints_json(folder: Path) -> None:
     explained = json_of(folder, "explain", "<urn:t:m>", "a", "<urn:t:Vessel>")
     assert explained["holds"] is True

@@ -115,6 +115,7 @@ def test_a_cloud_without_a_shape_is_told_why(
     assert words in done.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["flipped", "mixed", "holed"])
 def test_flipped_normals_and_holes_change_nothing_where_two_sides_are_left(
     tmp_path: Path, which: str

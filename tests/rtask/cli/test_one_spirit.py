@@ -17,6 +17,8 @@ import ontology
 import rtask
 from rtask.cli import cli, main
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 _ROOT = Path(__file__).resolve().parents[3]
 _GRAPH = "urn:lab/graph/agent/nao-1"
 Run = Callable[..., tuple[int, str, str]]

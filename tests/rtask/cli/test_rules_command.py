@@ -29,6 +29,7 @@ def run(folder: Path, *arguments: str, text: str | None = None) -> Result:
     return CliRunner().invoke(cli, given, input=text, env={"RTASK_DATA": ""})
 
 
+@pytest.mark.slow
 def test_rules_are_added_listed_shown_and_removed(folder: Path) -> None:
     done = run(folder, "rules", "add", str(folder / "on-above.rq"))
     assert done.output == "1 rule added, 1 statements derived\n", done.output
@@ -44,6 +45,7 @@ def test_rules_are_added_listed_shown_and_removed(folder: Path) -> None:
     assert run(folder, "rules", "list").exit_code == 1
 
 
+@pytest.mark.slow
 def test_load_takes_a_file_of_rules(folder: Path) -> None:
     (report,) = json.loads(run(folder, "load", str(folder / "on-above.rq"), "--json").output)
     assert (report["files"][0]["format"], report["files"][0]["derived"]) == ("rules", 1)
@@ -51,6 +53,7 @@ def test_load_takes_a_file_of_rules(folder: Path) -> None:
     assert dry.exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_rule_comes_from_standard_input_with_a_label(folder: Path) -> None:
     assert "needs --label" in str(run(folder, "rules", "add", "-", text=TEXT).exception)
     done = run(folder, "rules", "add", "-", "--label", "stacking", "--json", text=TEXT)
@@ -58,12 +61,14 @@ def test_a_rule_comes_from_standard_input_with_a_label(folder: Path) -> None:
     assert json.loads(done.output)["rules"] == ["stacking"]
 
 
+@pytest.mark.slow
 def test_a_robot_may_not_add_rules(folder: Path) -> None:
     done = run(folder, "rules", "add", str(folder / "on-above.rq"), "--agent", "nao-1")
     assert "right of its own" in str(done.exception)
     assert run(folder, "rules", "list").exit_code == 1
 
 
+@pytest.mark.slow
 def test_a_faulty_file_is_told_with_its_line(folder: Path) -> None:
     (folder / "bad.rq").write_text(TEXT.replace("WHERE", "\nWERE"))
     done = run(folder, "rules", "add", str(folder / "bad.rq"))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 PREFIX = "PREFIX rt: <https://w3id.org/rtask-kg/ns#> "
 
 

@@ -50,6 +50,7 @@ def test_an_outcome_without_a_gripper_is_refused_not_dropped(bench, robots, engi
         stranger.call("report_outcome", object="x", grasp="y", success=True)
 
 
+@pytest.mark.slow
 def test_an_object_is_found_by_a_look_without_a_camera_pose(bench, robots):
     """Gatto 2016, 3.2.4: `search_object` carries a cloud and nothing else."""
     robot = robots("nao-1")
@@ -60,6 +61,7 @@ def test_an_object_is_found_by_a_look_without_a_camera_pose(bench, robots):
     assert found["similar_objects"][0]["object"] == posed["similar_objects"][0]["object"]
 
 
+@pytest.mark.slow
 def test_a_look_without_a_camera_pose_says_nothing_about_size_or_kind(bench, robots, kb):
     robot = robots("nao-1")
     thing = robot.insert(without_pose(bench.sight(bench.BOX)))["objects"][0]

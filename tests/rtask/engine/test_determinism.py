@@ -55,6 +55,7 @@ def test_a_reloaded_graph_gives_the_same_choice_in_any_order_of_rows(bench, kb, 
     assert told == asked
 
 
+@pytest.mark.slow
 def test_a_decision_asks_the_graph_once(bench, kb, robots, monkeypatch):
     robot = robots()
     some_history(bench, robot)

@@ -47,6 +47,7 @@ def plain(colour):
     return {"image": cv2.imencode(".jpg", image[..., ::-1])[1].tobytes(), "box": [50, 40, 140, 160]}
 
 
+@pytest.mark.slow
 def test_where_print_is_missing_the_network_proposes_and_nothing_is_accepted(tmp_path, network):
     store = tmp_path / "store"
     with rtask.open(store, reason=False) as kb, Engine(kb, embedder=network) as engine:

@@ -10,6 +10,8 @@ from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import NamedNode
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 NS = "https://w3id.org/rtask-kg/ns#"
 
 

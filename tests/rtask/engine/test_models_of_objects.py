@@ -284,6 +284,7 @@ def test_two_identical_objects_in_one_scene_have_each_its_pose(bench, robot):
         assert np.hypot(pose[0, 3] - x, pose[1, 3] - y) < 0.006
 
 
+@pytest.mark.slow
 def test_a_thing_without_any_print_is_stored_and_has_a_model(bench, engine, robot):
     done, plain = cv2.imencode(".png", np.full((60, 80, 3), 128, np.uint8))
     assert done

@@ -12,6 +12,8 @@ from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import RT
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 
 def told(capsys, *arguments):
     """Run a command; return what it printed."""

@@ -21,6 +21,7 @@ def teach(engine, bench, thing, words, **more):
     return engine.call("teach_object", request, ANN)
 
 
+@pytest.mark.slow
 def test_a_taught_name_becomes_a_class_and_is_found_by_its_words(bench, engine, kb):
     taught = teach(engine, bench, bench.BOX, "Juice  Carton", name="anns juice")
     made = taught["objects"][0]
@@ -152,6 +153,7 @@ def test_an_unknown_task_or_gripper_lists_what_is_known(bench, robots):
         robots().recognise(bench.sight(bench.BOX), gripper_id="rihgt_hand")
 
 
+@pytest.mark.slow
 def test_known_grasps_are_recalled_by_name_surest_first(bench, robots):
     robot = robots()
     seen = bench.sight(bench.BOX)

@@ -11,6 +11,8 @@ from reasoner.shacl import validate
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 PREFIX = (
     "PREFIX rt: <https://w3id.org/rtask-kg/ns#> PREFIX prov: <http://www.w3.org/ns/prov#> "
     "PREFIX sosa: <http://www.w3.org/ns/sosa/> "

@@ -63,6 +63,7 @@ def test_simultaneous_insertions_of_one_product_make_no_twin(
     assert robot.recognise(bench.sight(bench.BOX))["object"] == answers[0]["object"]
 
 
+@pytest.mark.slow
 def test_different_products_inserted_at_once_stay_apart(bench, kb, engine, robots, gathered):
     robot = robots()
     seen = [bench.sight(thing) for thing in (bench.BOX, bench.CAN, bench.PEN)]
@@ -71,6 +72,7 @@ def test_different_products_inserted_at_once_stay_apart(bench, kb, engine, robot
     assert len({answer["object"] for answer in answers}) == len(objects(kb)) == 3
 
 
+@pytest.mark.slow
 def test_an_insertion_that_asks_for_a_new_object_gets_one(bench, kb, engine, robots, gathered):
     robot = robots()
     seen = views(bench, bench.CAN, 2)

@@ -17,6 +17,8 @@ from rtask.cli import cli
 from rtask.engine import Engine
 from rtask.model import RTASK
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 NS = "https://w3id.org/rtask-kg/ns#"
 KINDS = {
     "ColorImage",

@@ -36,6 +36,7 @@ def test_everything_of_one_call_is_one_commit_in_the_robots_own_graph(bench, kb,
     assert changes[0].graphs == {kb.graphs.agent("nao-1")}
 
 
+@pytest.mark.slow
 def test_the_second_robot_writes_about_the_firsts_object_into_its_own_graph(bench, kb, robots):
     one, two = robots("nao-1"), robots("nao-2")
     _, stored = tell(bench, one)
@@ -100,6 +101,7 @@ def test_the_same_task_stores_once(bench, kb, robots):
     assert told["statistics"]["attempts"] == 1
 
 
+@pytest.mark.slow
 def test_the_same_outcome_told_at_once_from_many_threads_stores_once(bench, kb, robots):
     robot = robots()
     tell(bench, robot)
@@ -283,6 +285,7 @@ def test_an_unknown_reason_is_kept_in_words(bench, kb, robots, caplog):
     assert "gremlins" in caplog.text
 
 
+@pytest.mark.slow
 def test_the_same_grasp_found_again_is_one_grasp_in_the_graph(bench, kb, robots):
     one, two = robots("nao-1"), robots("nao-2")
     answer, stored = tell(bench, one)
@@ -294,6 +297,7 @@ def test_the_same_grasp_found_again_is_one_grasp_in_the_graph(bench, kb, robots)
     assert again["objects"][0]["grasp"] == stored["objects"][0]["grasp"]
 
 
+@pytest.mark.slow
 def test_numbers_of_objects_go_on_after_a_restart(bench, kb, engine, robots):
     from rtask.engine import Engine
 

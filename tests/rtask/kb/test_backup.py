@@ -114,6 +114,7 @@ def test_an_interrupted_backup_is_named_so(tmp_path: Path) -> None:
             kb.backup(tmp_path / "copy")
 
 
+@pytest.mark.slow
 def test_a_backup_is_made_while_others_write(tmp_path: Path) -> None:
     with _filled(tmp_path / "kb") as kb:
         stop = threading.Event()

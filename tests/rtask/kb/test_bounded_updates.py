@@ -59,6 +59,7 @@ def test_a_literal_that_doubles_within_one_where_ends_its_reader_not_this_proces
     assert kb.update("INSERT DATA { <urn:still> <urn:works> true }", limits=LIMITS).added == 1
 
 
+@pytest.mark.slow
 def test_a_product_behind_harmless_data_ends_at_its_deadline(kb: KnowledgeBase) -> None:
     data = " . ".join(f"<urn:a{i}> <urn:b> {i}" for i in range(300))
     endless = "?a <urn:b> ?b . ?c <urn:b> ?d . ?e <urn:b> ?f . ?g <urn:b> ?h"

@@ -25,6 +25,8 @@ from rtask.kb.commit.commit import Change
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, NamedNode, Quad, iri, prologue
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 _PREFIX = prologue({name: ontology.PREFIXES[name] for name in ("rt", "prov", "rdfs")})
 
 

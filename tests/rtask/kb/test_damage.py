@@ -68,6 +68,7 @@ def _flip(path: Path) -> None:
 DAMAGES = pytest.mark.parametrize("damage", [_delete, _cut, _flip])
 
 
+@pytest.mark.slow
 @DAMAGES
 def test_a_damaged_journal_is_refused_and_can_be_given_up(
     folder: Path, damage: Callable[[Path], None]
@@ -98,6 +99,7 @@ def test_a_lost_checkpoint_is_made_again_from_the_journal(folder: Path) -> None:
         assert kb.verify() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [_cut, _flip])
 def test_a_damaged_checkpoint_is_refused_and_may_be_deleted(
     folder: Path, damage: Callable[[Path], None]
@@ -117,6 +119,7 @@ def test_a_store_without_checkpoint_and_journal_is_refused(folder: Path) -> None
         _open(folder)
 
 
+@pytest.mark.slow
 @DAMAGES
 def test_a_damaged_store_is_named_and_made_again_from_the_journal(
     folder: Path, damage: Callable[[Path], None]

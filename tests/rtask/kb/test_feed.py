@@ -80,6 +80,7 @@ def test_only_what_was_asked_for_comes(kb: KnowledgeBase) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_instances_of_a_class_are_followed_derived_ones_too() -> None:
     with rtask.open(":memory:") as kb:
         changes = kb.subscribe(cls=_RT + "Container")
@@ -249,6 +250,7 @@ def test_subscribers_see_what_a_replay_of_the_journal_gives(tmp_path: Path) -> N
         assert state == set(kb.match(graph=kb.graphs.shared))
 
 
+@pytest.mark.slow
 def test_rows_of_a_query_are_followed(kb: KnowledgeBase) -> None:
     _insert(kb, 1)
     rows = kb.subscribe_query("SELECT ?s ?o { ?s <urn:p> ?o }", timeout_s=_ENOUGH_S)

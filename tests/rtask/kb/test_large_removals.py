@@ -94,6 +94,7 @@ def test_dropping_a_graph_leaves_the_rest_as_it_was(tmp_path: Path, replaced: li
         assert kb.verify() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["folder", "memory"])
 def test_dropping_everything(tmp_path: Path, replaced: list[int], place: str) -> None:
     with _open(tmp_path if place == "folder" else ":memory:") as kb:
@@ -204,6 +205,7 @@ def test_a_failure_in_the_middle_refuses_writes_until_the_folder_is_opened_again
         assert kb.verify() == []
 
 
+@pytest.mark.slow
 def test_no_read_sees_the_store_half_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,6 +150,7 @@ def test_errors_say_where(kb: KnowledgeBase, text: str, message: str) -> None:
             ask(text)  # type: ignore[operator]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
@@ -180,6 +181,7 @@ def test_text_that_would_end_the_process_is_refused(kb: KnowledgeBase, text: str
         kb.update(text.replace("ASK", "DELETE {} WHERE"))
 
 
+@pytest.mark.slow
 def test_long_but_flat_text_is_fine(kb: KnowledgeBase) -> None:
     rows = " ".join(f"(<urn:{n}> {n})" for n in range(5_000))
     assert len(kb.select(f"SELECT * {{ VALUES (?a ?b) {{ {rows} }} }}")) == 5_000

@@ -146,6 +146,7 @@ def test_without_reasoning_there_is_nothing_to_rebuild() -> None:
         kb.rebuild()
 
 
+@pytest.mark.slow
 def test_a_new_knowledge_base_knows_the_ontology(tmp_path: Path) -> None:
     with rtask.open(tmp_path) as kb:
         assert kb.seq == 1

@@ -18,6 +18,8 @@ from rtask.errors import QuerySyntaxError, RemoteUnavailableError
 from rtask.rdf.terms import iri, literal
 from rtask.remote import transport as wire
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 _START_S = 30.0
 
 

@@ -46,6 +46,7 @@ def inferred(kb: rtask.KnowledgeBase) -> set[object]:
     return set(kb.store.quads_for_pattern(None, None, None, kb.graphs.inferred))
 
 
+@pytest.mark.slow
 def test_a_rule_takes_effect_with_its_commit_and_ends_with_its_removal() -> None:
     with rtask.open(":memory:") as kb:
         kb.update(STACK)
@@ -57,6 +58,7 @@ def test_a_rule_takes_effect_with_its_commit_and_ends_with_its_removal() -> None
         assert pairs(kb, "above") == ["bc"]
 
 
+@pytest.mark.slow
 def test_a_proof_names_the_rule_and_the_graph_tells_who_added_it_and_when() -> None:
     with rtask.open(":memory:") as kb:
         kb.update(STACK)
@@ -77,6 +79,7 @@ def test_a_proof_names_the_rule_and_the_graph_tells_who_added_it_and_when() -> N
         assert [r["label"].value for r in row] == ["on is above"]
 
 
+@pytest.mark.slow
 def test_rules_survive_a_restart_and_later_commits_obey_them(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb", rules=[ABOVE, CLEAR]) as kb:
         kb.update("INSERT DATA { <urn:t:a> <urn:t:on> <urn:t:b> }")
@@ -88,6 +91,7 @@ def test_rules_survive_a_restart_and_later_commits_obey_them(tmp_path: Path) -> 
         assert kb.verify() == []
 
 
+@pytest.mark.slow
 def test_opening_with_the_same_rules_changes_nothing_and_with_other_text_replaces(
     tmp_path: Path,
 ) -> None:
@@ -102,6 +106,7 @@ def test_opening_with_the_same_rules_changes_nothing_and_with_other_text_replace
         assert len(kb.rules()) == 1
 
 
+@pytest.mark.slow
 def test_rules_added_without_reasoning_are_caught_up_with(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb") as kb:
         kb.update(STACK)
@@ -155,6 +160,7 @@ def test_any_order_of_rules_and_data_gives_what_a_rebuild_gives() -> None:
         check()
 
 
+@pytest.mark.slow
 def test_a_rule_that_leads_to_a_contradiction_is_refused() -> None:
     with rtask.open(":memory:") as kb:
         kb.update(
@@ -180,6 +186,7 @@ BAD = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "line", "column", "meant"), BAD, ids=range(len(BAD)))
 def test_a_bad_text_is_refused_with_its_place_and_nothing_is_stored(
     text: str, line: int, column: int, meant: str | None
@@ -193,6 +200,7 @@ def test_a_bad_text_is_refused_with_its_place_and_nothing_is_stored(
         assert (kb.seq, kb.rules()) == (before, [])
 
 
+@pytest.mark.slow
 def test_negation_in_a_circle_is_refused_when_the_last_rule_closes_it() -> None:
     with rtask.open(":memory:") as kb:
         kb.add_rules(CLEAR)
@@ -202,6 +210,7 @@ def test_negation_in_a_circle_is_refused_when_the_last_rule_closes_it() -> None:
         assert [rule.label for rule in kb.rules()] == [CLEAR.label]
 
 
+@pytest.mark.slow
 def test_adding_rules_is_a_right_of_its_own() -> None:
     with rtask.open(":memory:") as kb:
         graph = kb.graphs.rules
@@ -223,6 +232,7 @@ def test_adding_rules_is_a_right_of_its_own() -> None:
             Access("nao-1", "robot", frozenset(("everything",)))
 
 
+@pytest.mark.slow
 def test_a_rule_written_by_update_is_checked_and_in_force() -> None:
     insert = "PREFIX rt: <{ns}> INSERT DATA {{ GRAPH {graph} {{ <urn:r> rt:ruleText '{text}' }} }}"
     text = "CONSTRUCT {{ ?a <urn:t:above> ?b }} WHERE {{ ?a <urn:t:{p}> ?b {more} }}"
@@ -240,6 +250,7 @@ def test_a_rule_written_by_update_is_checked_and_in_force() -> None:
         assert pairs(kb, "above") == []
 
 
+@pytest.mark.slow
 def test_another_text_under_a_label_needs_replace() -> None:
     with rtask.open(":memory:") as kb:
         kb.add_rules(ABOVE)
@@ -252,6 +263,7 @@ def test_another_text_under_a_label_needs_replace() -> None:
             kb.remove_rules("on is abov")
 
 
+@pytest.mark.slow
 def test_a_plain_dataset_and_one_open_for_reading_take_no_rules(tmp_path: Path) -> None:
     with rtask.open(":memory:", plain=True) as kb, pytest.raises(UnsupportedError):
         kb.add_rules(ABOVE)
@@ -260,6 +272,7 @@ def test_a_plain_dataset_and_one_open_for_reading_take_no_rules(tmp_path: Path) 
         rtask.open(tmp_path / "kb", mode="r", rules=ABOVE)
 
 
+@pytest.mark.slow
 def test_a_file_holds_one_rule_or_several_and_errors_give_its_lines(tmp_path: Path) -> None:
     one, many = tmp_path / "on-above.rq", tmp_path / "stacks.rules"
     one.write_text("# Why.\n" + ABOVE.text)
@@ -283,6 +296,7 @@ def test_a_file_holds_one_rule_or_several_and_errors_give_its_lines(tmp_path: Pa
             kb.load(many, replace=True)
 
 
+@pytest.mark.slow
 def test_a_backup_has_the_rules_and_an_earlier_state_has_the_earlier_ones(tmp_path: Path) -> None:
     with rtask.open(tmp_path / "kb") as kb:
         kb.update(STACK)
@@ -293,6 +307,7 @@ def test_a_backup_has_the_rules_and_an_earlier_state_has_the_earlier_ones(tmp_pa
             assert past.rules() == []
 
 
+@pytest.mark.slow
 def test_texts_of_rules_need_labels() -> None:
     with pytest.raises(UsageError, match="no label"):
         list(parse_rules(ABOVE.text, ""))

@@ -21,6 +21,8 @@ from rtask.kb.durability.settings import Settings
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Literal, iri
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 _STRESS = Path(__file__).parents[2] / "benchmarks" / "stress_closure.py"
 _TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 _RANGE = "http://www.w3.org/2000/01/rdf-schema#range"

@@ -98,6 +98,7 @@ def _canonical(quads: Iterator[ox.Quad]) -> list[str]:
     return sorted(map(str, dataset))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [None, UpdateLimits(60.0)], ids=["in-process", "in-reader"])
 @pytest.mark.parametrize("seed", range(12))
 def test_the_store_ends_as_if_it_had_run_the_update_itself(

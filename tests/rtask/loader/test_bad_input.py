@@ -165,6 +165,7 @@ def test_a_dry_run_names_terms_that_nothing_is_known_of(kb: KnowledgeBase) -> No
     assert kb.load(text.encode(), format="turtle").undeclared == []
 
 
+@pytest.mark.slow
 def test_progress_tells_bytes_of_the_file(tmp_path: Path, kb: KnowledgeBase) -> None:
     path = _file(tmp_path, "a.ttl", "".join(f"<urn:s{n}> <urn:p> {n} .\n" for n in range(9_000)))
     told: list[tuple[str, int, int]] = []

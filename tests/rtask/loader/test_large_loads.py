@@ -28,6 +28,7 @@ def small_commits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(validation, "_BATCH", 7)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_commits")
 def test_a_violation_in_a_large_document_refuses_all_of_it() -> None:
     with rtask.open(":memory:", validate=True) as kb:
@@ -40,6 +41,7 @@ def test_a_violation_in_a_large_document_refuses_all_of_it() -> None:
         assert [one for one in kb.verify() if one.severity == "error"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_commits")
 def test_a_warning_names_every_node_whatever_its_batch() -> None:
     faulty = "".join(TOO_LIGHT.replace("m3", f"m{n}") for n in (1, 12, 29))
@@ -49,6 +51,7 @@ def test_a_warning_names_every_node_whatever_its_batch() -> None:
     assert named == {"<urn:m1>", "<urn:m12>", "<urn:m29>"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_commits")
 def test_contradictory_statements_of_a_large_document_go_to_quarantine() -> None:
     with rtask.open(":memory:", on_inconsistency="quarantine") as kb:
@@ -60,6 +63,7 @@ def test_contradictory_statements_of_a_large_document_go_to_quarantine() -> None
         assert kb.verify() == []
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_commits")
 def test_subscribers_hear_of_a_large_document(tmp_path: Path) -> None:
     (tmp_path / "mugs.ttl").write_bytes(mugs(30))

@@ -255,6 +255,7 @@ def test_streams_are_read(kb: KnowledgeBase) -> None:
     assert len(kb.match("urn:a")) == 1
 
 
+@pytest.mark.slow
 def test_a_large_file_is_streamed_and_leaves_the_same_as_a_small_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

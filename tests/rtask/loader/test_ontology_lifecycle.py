@@ -117,6 +117,7 @@ def test_without_migration_data_stay_and_rules_that_need_a_look_are_named(kb, fo
     assert upgrade(kb, folder / "second.ttl").rules == ("full",)
 
 
+@pytest.mark.slow
 def test_only_a_loaded_ontology_of_ones_own_is_upgraded_or_unloaded(folder: Path) -> None:
     with rtask.open(":memory:") as kb:
         with pytest.raises(UnknownTermError, match="not loaded"):
@@ -160,6 +161,7 @@ def test_the_difference_names_renamed_terms(folder: Path) -> None:
     assert any("is replaced by" in line for line in found.lines())
 
 
+@pytest.mark.slow
 def test_the_commands(folder: Path) -> None:
     options = ["--data", str(folder / "kb")]
 

@@ -79,6 +79,7 @@ def test_a_known_fault_is_left_out_and_named() -> None:
         assert row["note"].value.endswith("mended by rtask2020-variant")
 
 
+@pytest.mark.slow
 def test_without_patches_the_cause_is_told_and_not_only_what_breaks() -> None:
     with rtask.open(":memory:") as kb:
         before = kb.seq
@@ -121,6 +122,7 @@ def test_patches_have_names_reasons_and_are_listed() -> None:
     assert "rtask2020-variant" in CliRunner().invoke(cli, ["ontology", "patches"]).output
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_mended(tmp_path: Path) -> None:
     file = tmp_path / "sumo.ttl"
     file.write_text(VARIANT)

@@ -12,6 +12,8 @@ from rtask.errors import ClosedError, UnknownTermError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, LazyLoadError, Session, avg, count, maximum
 
+pytestmark = pytest.mark.slow  # starts servers or robots
+
 G = RTASK.GraspConfiguration
 
 

@@ -89,6 +89,7 @@ def _fleet(shared: int, alone: int) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_shared_is_compared_with_not_shared_robot_by_robot_and_product_by_product(
     tmp_path: Path,
 ) -> None:

@@ -127,6 +127,7 @@ def _result(number: int, planned: float, confidence: float, sampler: float) -> d
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     better = [_result(n, 1.0, 0.5 if n % 3 else 1.0, 0.75) for n in range(60)]
     summary = summarise_quality(better)
