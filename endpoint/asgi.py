@@ -309,7 +309,7 @@ class AsgiApplication:
 
     @property
     def application(self) -> Application:
-        """What answers programs."""
+        """The application that answers programs."""
         return self._application
 
     def request_of(self, scope: Message, body: bytes = b"") -> Request:

@@ -1,4 +1,4 @@
-"""What every part of a server works with, whatever interface a request comes through."""
+"""The context shared by all parts of a server, whatever interface a request comes through."""
 
 from __future__ import annotations
 

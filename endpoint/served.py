@@ -1,4 +1,4 @@
-"""What a server needs of the graph that it serves, wherever that is stored."""
+"""The interface between a server and the graph that it serves, wherever that is stored."""
 
 from __future__ import annotations
 

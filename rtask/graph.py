@@ -64,7 +64,7 @@ class Graph(Protocol):
 
     @property
     def folder(self) -> Path | None:
-        """Where the graph is stored; ``None`` in memory and on a server."""
+        """Folder of the graph; ``None`` in memory and on a server."""
 
     def query(
         self,

@@ -1,4 +1,4 @@
-"""What all websockets share: message types, close codes, the refusal of a handshake, the outbox."""
+"""Parts that all websockets share: message types, close codes, refused handshakes, the outbox."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _ids = itertools.count(1)
 
 @dataclass(frozen=True)
 class Packing:
-    """How frames for one interaction are packed.
+    """The packing of the frames of one interaction.
 
     Parameters
     ----------

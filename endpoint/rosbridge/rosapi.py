@@ -39,7 +39,7 @@ _FIELDS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Graph:
-    """What `/rosapi` describes: ROS calls it the computation graph."""
+    """The computation graph, in the words of ROS, which `/rosapi` describes."""
 
     engine: Engine
     table: ServiceTable

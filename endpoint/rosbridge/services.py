@@ -17,7 +17,7 @@ Handler = Callable[[JsonObject, Access], JsonObject]
 
 
 class Operation(Protocol):
-    """What is used of an operation of the engine."""
+    """The part of an operation that rosbridge uses."""
 
     @property
     def scope(self) -> str:
@@ -37,7 +37,7 @@ class Operation(Protocol):
 
 
 class Engine(Protocol):
-    """What is used of :class:`rtask.engine.Engine`."""
+    """The part of :class:`rtask.engine.Engine` that rosbridge uses."""
 
     @property
     def operations(self) -> Mapping[str, Operation]:

@@ -27,7 +27,7 @@ _MIN_KNOWN = 0.6
 
 @dataclass(frozen=True)
 class Shift:
-    """Where the colours lie that belong to the edges of depth.
+    """Positions of the colours that belong to the edges of depth.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def _light(apart: Float64Array, normals: Float64Array) -> Float64Array:
 
 @dataclass(frozen=True)
 class ColourChoice:
-    """What colours say about candidates that shape cannot tell apart.
+    """The evidence of colours about candidates that shape cannot tell apart.
 
     Parameters
     ----------

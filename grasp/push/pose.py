@@ -111,7 +111,7 @@ def pose_map(
         follow that density already, this acts as an uncertainty smaller by sqrt 2.
     """
     if len(grasp) != 1:
-        raise ValueError(f"one grasp is wanted, got {len(grasp)}")
+        raise ValueError(f"expected one grasp, got {len(grasp)}")
     if samples < 1:
         raise ValueError(f"samples must be at least 1, got {samples}")
     spans = [np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (position_std, rotation_std)]

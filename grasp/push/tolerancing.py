@@ -105,7 +105,7 @@ def tolerance_limit(
         End of the search, default half a radius.
     """
     if len(grasp) != 1:
-        raise ValueError(f"one grasp is wanted, got {len(grasp)}")
+        raise ValueError(f"expected one grasp, got {len(grasp)}")
     if not 0 < threshold < 1:
         raise ValueError(f"threshold must lie between 0 and 1, got {threshold}")
     if not base_std > 0:

@@ -33,13 +33,13 @@ FREE = 0.05
 """Clearance that is reported when nothing is near, m: more than any finger needs."""
 
 HIT_BY = ("free", "object", "neighbours", "support")
-"""What a gripper would touch, by code."""
+"""Obstacles that a gripper would touch, by code."""
 
 LOW_M = 0.03
 """Things lower than this count as plates, m: what forbids a grasp of them is the support."""
 
 SLIDE = "slide it to the edge of its support and take it by the side that stands over"
-"""What helps with a plate that lies flat."""
+"""Advice for a plate that lies flat."""
 
 _TIP_SLACK = 0.004
 

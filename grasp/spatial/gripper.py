@@ -294,7 +294,7 @@ def gripper_named(text: str) -> ParallelGripper:
         try:
             return parallel_jaw(float(stroke))
         except ValueError as error:
-            raise ValueError(f"gripper {text!r}: a stroke in m is wanted, jaw:0.08") from error
+            raise ValueError(f"gripper {text!r}: expected a stroke in m, as in jaw:0.08") from error
     named = {"nao": nao_hand, "panda": panda_hand}
     if text not in named:
         raise ValueError(f"unknown gripper {text!r}: nao, panda, or jaw:STROKE with a stroke in m")

@@ -21,10 +21,10 @@ __all__ = ["NO_ROOM", "UNFIT", "Pairs", "antipodal_pairs"]
 
 
 UNFIT = "too wide or too narrow for the stroke"
-"""Why a pair was dropped: its width."""
+"""Reason for dropping a pair: its width."""
 
 NO_ROOM = "no room for a finger beside it"
-"""Why a pair was dropped: what is next to a contact."""
+"""Reason for dropping a pair: an obstacle next to a contact."""
 
 _SAME_M = 1e-4
 _ROOM_M = 0.003

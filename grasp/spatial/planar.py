@@ -125,7 +125,7 @@ def propose_planar(
     Parameters
     ----------
     footprint
-        Of the object, in the frame in which grasps are wanted.
+        Of the object, in the frame in which grasps are returned.
     neighbours : (m, 3) or None, m
         Points of what stands around: x, y in the same frame, z over the support.
     seed

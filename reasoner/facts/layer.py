@@ -30,7 +30,7 @@ class Layer:
         self.added = Facts()
         self.removed = Facts()
         self.absences: dict[tuple[int | None, ...], bool] | None = None
-        """What NOT EXISTS groups were found to be, while nothing that they look at changes."""
+        """Results of NOT EXISTS groups, valid while nothing that they read changes."""
 
     def __len__(self) -> int:
         return len(self.base) + len(self.added) - len(self.removed)

@@ -35,7 +35,7 @@ from reasoner.terms.table import Array, TermTable
 
 @dataclass(frozen=True)
 class Contents:
-    """What a closure consists of.
+    """The parts of a closure.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How commands reach a knowledge base: a folder on this machine, or a server."""
+"""Open the knowledge base of a command: a folder on this machine, or a server."""
 
 from __future__ import annotations
 

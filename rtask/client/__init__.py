@@ -1,4 +1,4 @@
-"""What a robot program imports: one interface to the shared graph, near or far."""
+"""The client for robot programs: one interface to the shared graph, local or remote."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot program works with, whether the graph is in its own process or across a network."""
+"""The interface of a robot program to the graph, in its own process or across a network."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ class Client(Calls):
 
     @property
     def waiting(self) -> int:
-        """How many calls wait in the outbox."""
+        """Number of calls that wait in the outbox."""
         return 0 if self._outbox is None else len(self._outbox.pending())
 
     def deliver(self) -> int:

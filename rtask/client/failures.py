@@ -1,4 +1,4 @@
-"""What a failed answer means, and how long to wait before a call is sent again."""
+"""Classify failed answers, and decide how long to wait before a call is sent again."""
 
 from __future__ import annotations
 

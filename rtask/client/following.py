@@ -47,7 +47,7 @@ class Pattern:
 
 @dataclass(frozen=True)
 class FollowedChange:
-    """What one commit changed of what is followed.
+    """The changes of one commit to what is followed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a robot has to tell and could not yet: a file that survives the robot's program.
+"""Calls that could not be delivered yet, in a file that survives the robot's program.
 
 One JSON object a line: an entry when it is written, ``{"done": id}`` when it has been answered.
 Each line is on the disk before anything is sent. A line that was cut off by a crash was never

@@ -106,7 +106,7 @@ class LoadReport:
 
 @dataclass(frozen=True)
 class Options:
-    """How documents are loaded; see :func:`load`."""
+    """The options of loading documents; see :func:`load`."""
 
     format: Format | None
     graph: NamedNode | None

@@ -103,7 +103,7 @@ class Message(BaseModel):
 
 
 class Answer(BaseModel):
-    """What an operation gives back, or a part of it.
+    """The answer of an operation, or a part of it.
 
     Fields are read as attributes, or by their names in JSON as from a mapping. A field with a
     default is left out of JSON unless it was set.

@@ -47,7 +47,7 @@ _CLASS = '''class Calls(ABC):
 
 
 class Declared(Protocol):
-    """What is needed of an operation."""
+    """The part of an operation that the generated client needs."""
 
     @property
     def name(self) -> str:

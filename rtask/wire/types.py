@@ -60,7 +60,7 @@ Schema = dict[str, Any]
 
 @dataclass(frozen=True)
 class Carried:
-    """How a value travels.
+    """The form in which a value is sent.
 
     Parameters
     ----------

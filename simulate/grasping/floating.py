@@ -37,7 +37,7 @@ _GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Conditions:
-    """What differs from one execution of a grasp to the next.
+    """The conditions that differ from one execution of a grasp to the next.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ class Goal:
 
     @property
     def approach_weight(self) -> float:
-        """How much of a position error (m) one rad of the approach is worth."""
+        """Position error (m) that weighs as much as one rad of the approach."""
         return _HARD if self.approach_must else _SOFT
 
 

@@ -62,7 +62,7 @@ class TexturedMesh:
 
 @dataclass(frozen=True)
 class _Region:
-    """Where a panel lies in the atlas, px."""
+    """Position of a panel in the atlas, px."""
 
     left: int
     top: int

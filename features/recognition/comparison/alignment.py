@@ -22,7 +22,7 @@ __all__ = ["Alignment", "AlignmentParams", "Keypoints", "align_views", "mutual_m
 
 
 class Keypoints(Protocol):
-    """What alignment needs of a view: places (n, 4) and descriptors (n, 128)."""
+    """The part of a view that alignment needs: places (n, 4) and descriptors (n, 128)."""
 
     @property
     def keypoints(self) -> NDArray[np.float32]:

@@ -25,7 +25,7 @@ _FEW_CELLS, _FEW_SUPPORTED = 4, 3
 
 @dataclass(frozen=True, eq=False)
 class ViewFacts:
-    """What the rest of the store says of one view.
+    """The evidence of the other stored views about one view.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Difference:
 
     @property
     def place(self) -> str:
-        """Where it lies, in words.
+        """Its position in words.
 
         >>> Difference((0.0, 0.7, 0.2, 0.3), 0.1).place
         'at the lower left'

@@ -57,7 +57,7 @@ CODES = {
     -42: "simulated, lost",
     UNTRIED: "not tried",
 }
-"""What the result codes say: positive = success."""
+"""Meaning of the result codes: positive = success."""
 
 _LEVEL = 1e-9
 

@@ -143,7 +143,7 @@ def prepare_cloud(
         raise ValueError("viewpoints must be finite")
     plane = None if table is None else _unit_plane(table)
     if not (0 < voxel < 0.1 and normal_radius >= voxel):
-        raise ValueError(f"0 < voxel < 0.1 m <= normal_radius is wanted, got {voxel}")
+        raise ValueError(f"expected 0 < voxel < 0.1 m <= normal_radius, got {voxel}")
     notes: list[str] = []
     own = _cropped(points, notes)
     others = others[(np.abs(others) < _ABSURD_M).all(axis=1)]

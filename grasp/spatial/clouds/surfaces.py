@@ -54,7 +54,7 @@ def surface_frames(
     normals : (n, 3)
         Out of the object; zeros where unknown.
     samples : (m,) int64
-        Points at which frames are wanted.
+        Points at which frames are computed.
     radius
         Of the neighbourhood, m.
     along : (3,)

@@ -45,7 +45,7 @@ def antipodal_label(left: float, right: float, needed: float) -> Antipodal:
     left, right
         Points that oppose the jaw at -x and at +x.
     needed
-        More than this many are wanted.
+        A side counts if it has more points than this.
 
     Examples
     --------

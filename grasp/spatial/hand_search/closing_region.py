@@ -43,7 +43,7 @@ STATISTICS = (
     "curvature",
     "view",
 )
-"""What :func:`closing_regions` measures: logarithms of counts and mean heights of the points in
+"""The features of :func:`closing_regions`: logarithms of counts and mean heights of the points in
 thirds of the width; shares whose normals oppose the jaws or face the palm; share that was
 completed; width, depth and height over the table on the scale of the hand; how much the normals
 differ; cosine between approach and view ray."""

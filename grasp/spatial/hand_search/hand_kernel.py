@@ -32,7 +32,7 @@ COLUMNS = (
     "right_z",
     "surface_y",
 )
-"""What :func:`search_samples` returns of each hand; lengths in m, in the hand frame."""
+"""The fields that :func:`search_samples` returns of each hand; lengths in m, in the hand frame."""
 
 
 _MIN_BITE = 0.5

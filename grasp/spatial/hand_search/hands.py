@@ -70,12 +70,12 @@ class SearchOptions:
     def __post_init__(self) -> None:
         if self.turns < 1 or self.slots < 2 or self.init_bite <= 0 or self.step <= 0:
             raise ValueError(
-                "turns >= 1, slots >= 2, init_bite and step > 0 m are wanted, got "
+                "expected turns >= 1, slots >= 2, init_bite and step > 0 m, got "
                 f"{self.turns}, {self.slots}, {self.init_bite}, {self.step}"
             )
         if not (0 < self.angle_deg < 90 and self.support >= 0):
             raise ValueError(
-                f"0 < angle_deg < 90 and support >= 0 are wanted, got {self.angle_deg}, "
+                f"expected 0 < angle_deg < 90 and support >= 0, got {self.angle_deg}, "
                 f"{self.support}"
             )
 

@@ -1,4 +1,4 @@
-"""How likely two pads hold an object that is lifted or carried.
+"""Estimate how likely two pads hold an object that is lifted or carried.
 
 Both patches together resist a force across the closing axis and a torque about it. The limit
 surface of such contacts is nearly an ellipsoid (Howe and Cutkosky 1996): with the demands as shares
@@ -50,7 +50,7 @@ _UNSURE = 0.65
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What a load asks of a grasp, as shares of what its friction bears; all (c, K).
+    """The demand of a load on a grasp, as shares of what its friction bears; all (c, K).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What two pads meet when a hand closes, measured by a grid of lines through them.
+"""Measure the contact of two pads when a hand closes, by a grid of lines through them.
 
 One line through the middle of the pads says whether they meet an object; how it is held depends on
 the patches that they press: how their mean normals lean, how far they reach, and where they are to

@@ -35,7 +35,7 @@ _STORED_BYTES = 256 * 2**20
 
 @dataclass(frozen=True)
 class View:
-    """How to read a picture.
+    """The settings for reading a picture.
 
     Parameters
     ----------

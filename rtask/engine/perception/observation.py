@@ -139,7 +139,7 @@ def observe(request: OptionalLook, where: str = "") -> Observation:
 
 @dataclass(frozen=True)
 class _Sight:
-    """What was decoded: a frame of a camera, and how that stands in the frame of what came."""
+    """A decoded frame of a camera, and the pose of that camera in the frame of the message."""
 
     frame: Frame
     source_from_camera: NDArray[np.float64]

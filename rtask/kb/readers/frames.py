@@ -1,4 +1,4 @@
-"""What a knowledge base sends to its keeper: the commits, and once the whole store."""
+"""The frames that a knowledge base sends to its keeper: the whole store once, then the commits."""
 
 from __future__ import annotations
 

@@ -81,5 +81,5 @@ class ReaderLimits:
 
     @property
     def long(self) -> int:
-        """How many queries that are not quick run at a time."""
+        """Number of queries that may run at a time, quick ones aside."""
         return max(1, self.count - self.reserved)

@@ -33,7 +33,7 @@ _TABLE = Support(0.0)
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """What a trial is made of, the same for all grasps of an object.
+    """The conditions of a trial, the same for all grasps of an object.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Bench:
 
     @property
     def world_from_object(self) -> Floats:
-        """Where the object lies (4, 4)."""
+        """Pose of the object (4, 4)."""
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.rest.rotation, self.rest.position
         return pose
