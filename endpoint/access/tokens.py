@@ -244,7 +244,11 @@ class TokenStore:
         """Return a valid token by its id, without checking a secret; none if it is not valid."""
         row = self._row(token_id)
         token = _token(row) if row is not None else None
-        return token if token is not None and token.is_valid(datetime.now(UTC)) else None
+        if token is not None and token.is_valid(datetime.now(UTC)):
+            return token
+        # Whoever has learnt here that a token is void must not be let in by what is remembered.
+        self._check_again = -math.inf
+        return None
 
     def _version(self) -> bytes:
         """Return a number that changes with every commit to the file, by whatever process.

@@ -73,6 +73,20 @@ def test_revoking_holds_in_every_process_within_half_a_second(tmp_path: Path) ->
         assert not operator.revoke(made.id)
 
 
+def test_a_token_found_void_by_its_id_is_refused_at_once(tmp_path: Path) -> None:
+    # Its connections are closed by a look at its id; coming back must not succeed after that.
+    with (
+        closing(TokenStore(tmp_path, clock=lambda: 100.0)) as server,
+        closing(TokenStore(tmp_path)) as operator,
+    ):
+        text, made = operator.create("robot", agent="nao-1")
+        assert server.authenticate(text).id == made.id
+        assert operator.revoke(made.id)
+        assert not server.is_valid(made.id)
+        with pytest.raises(AuthenticationError, match="revoked"):
+            server.authenticate(text)
+
+
 def test_revoking_holds_at_once_in_the_process_that_does_it(tmp_path: Path) -> None:
     with closing(TokenStore(tmp_path, clock=lambda: 100.0)) as server:
         text, made = server.create("robot", agent="nao-1")
