@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 # Open3D and the off-screen renderer link against these; nothing else is needed from the system.
 SYSTEM_PACKAGES := python3-venv libgl1 libegl1 libusb-1.0-0 libgomp1 libx11-6
 
-.PHONY: help setup system demo test test-quick check conformance bench docs clean
+.PHONY: help setup system pages demo test test-quick check conformance bench docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 14
@@ -36,9 +36,20 @@ $(READY): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing Python packages (a few minutes the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,browser]'
+	@$(MAKE) --no-print-directory pages
 	@echo "compiling numeric kernels"
 	@$(BIN)/rtask doctor --warm-up --quiet
 	@touch $(READY)
+
+# The query editor and the 3D view of clouds. Without npm the pages do without both.
+pages:  ## bundle the libraries of two pages, if npm is installed
+	@if command -v npm >/dev/null; then \
+	  echo "bundling the editor and the 3D view"; \
+	  cd endpoint/pages && npm ci --silent --ignore-scripts --no-audit --no-fund && npm run --silent build \
+	    || echo "npm could not fetch them: pages use a plain text area and flat views"; \
+	else \
+	  echo "npm is not installed: pages use a plain text area and flat views"; \
+	fi
 
 demo: $(READY)  ## robots learn to grasp and share it; ARGS="--seed 3" passes options
 	@$(BIN)/rtask demo $(ARGS)

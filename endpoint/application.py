@@ -14,9 +14,10 @@ from functools import partial
 
 from endpoint.access.auth import Caller, cors_headers
 from endpoint.context import ServerContext
+from endpoint.follow.versions import minimum_version, staleness_headers, writes
 from endpoint.http.compression import compressed, unpacked
 from endpoint.http.messages import Request, Response
-from endpoint.http.plan import Plan
+from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import problem, slug_of
 from endpoint.router import Router
 from endpoint.sparql import protocol
@@ -186,10 +187,23 @@ class Application:
         if stream is not None:
             assert job.plan.resume is not None
             job.plan.run = partial(job.plan.resume, stream)
+        if job.plan.elsewhere is not None:
+            return self._submit_elsewhere(job, job.plan.elsewhere)
         if job.plan.lane == "point":
             return self._submit_point(job)
         pool = self.query_pool if job.plan.lane == "query" else self.pool
         return pool.submit(self.run, job)
+
+    def _submit_elsewhere(self, job: Job, elsewhere: Elsewhere) -> Future[Response]:
+        """Start work that threads of its own do; the one that ends it makes the answer."""
+        answer: Future[Response] = Future()
+        try:
+            work = elsewhere.start()
+        except RtaskError as error:
+            answer.set_result(self._finish(self._problem(error, job), job))
+        else:
+            work.add_done_callback(lambda _: answer.set_result(self.run(job)))
+        return answer
 
     def _submit_point(self, job: Job) -> Future[Response]:
         """Start a query that looks quick; if it is not, continue it among the long ones."""
@@ -236,6 +250,12 @@ class Application:
 
     def give_up(self, work: Future[Response], job: Job) -> Response:
         """Answer for work that exceeded its time limit."""
+        elsewhere = job.plan.elsewhere
+        if elsewhere is not None:
+            elsewhere.stop()
+            if elsewhere.late is None:
+                return self.run(job)
+            return self._finish(problem(elsewhere.late(), job.request.id), job)
         self.context.queries.abandon(work)
         self.context.metrics.count("rtask_query_aborted_total", reason="timeout")
         config, running = self.context.config, job.plan.running
@@ -292,10 +312,13 @@ class Application:
         version = job.version if is_query else self.context.versions.current()
         headers = [
             ("Vary", "Accept, Accept-Encoding, Authorization, Cookie, Origin"),
-            ("RTASK-Version", version),
             ("RTASK-Request-Id", request.id),
             *cors_headers(request, self.context.config),
         ]
+        if not any(name.lower() == "rtask-version" for name, _ in response.headers):
+            headers.append(("RTASK-Version", version))
+        if self.context.following is not None:
+            headers += staleness_headers(self.context.following)
         if request.method in ("GET", "HEAD"):
             private = "authorization" in request.headers or "cookie" in request.headers
             headers.append(("Cache-Control", "private, no-cache" if private else "no-cache"))
@@ -320,6 +343,15 @@ class Application:
             allowed = context.config.max_upload_bytes
             request = replace(request, body=unpacked(request.body, encoding, allowed))
         job.leave.append(context.limiter.admit(caller))
+        following = context.following
+        if following is not None and writes(request, address, context.engine):
+            job.plan = Plan(lambda: following.forward(request))
+            return
+        minimum = request.header("rtask-min-version")
+        if minimum:
+            wait_for = minimum_version(context.kb, minimum)
+            job.plan = Plan(lambda: wait_for(self._router.plan(request, caller, address).run))
+            return
         job.plan = self._router.plan(request, caller, address)
         if job.plan.running is not None:
             # Registered, so that it can be listed and stopped.

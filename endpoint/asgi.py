@@ -17,8 +17,10 @@ from typing import Any, cast
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
+from endpoint.api.services import JOBS, is_service_address
 from endpoint.application import Application, Job
-from endpoint.follow.changes import Changes, Stream
+from endpoint.follow.changes import Changes
+from endpoint.follow.event_stream import EventStream
 from endpoint.http.body_buffer import BodyBuffer
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
@@ -136,7 +138,7 @@ class AsgiApplication:
             response = application.run(job)
         else:
             job = Job(request, Plan.ready(Response()), started=started)
-            if isinstance(answer, Stream):
+            if isinstance(answer, EventStream):
                 sent = await answer.send(wire)
                 application.report(job, Response(200), sent)
                 return
@@ -237,6 +239,8 @@ class AsgiApplication:
             timers.append(loop.call_later(plan.timeout_s, expire))
         if plan.running is not None:
             timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.running.stop))
+        if plan.elsewhere is not None:
+            timers.append(loop.call_later(WATCH_AFTER_S, wire.watch, plan.elsewhere.stop))
         try:
             return await answer
         finally:
@@ -333,12 +337,16 @@ class AsgiApplication:
 
 
 def _wants_page(request: Request) -> bool:
-    """Tell whether a person opens the workbench, which shares the protocol's address."""
-    return (
-        request.method in ("GET", "HEAD")
-        and request.raw_path.rstrip("/") == "/sparql"
-        and prefers_html(request.header("accept"))
-    )
+    """Tell whether a person opens a page that shares its address with programs.
+
+    These are the workbench, at the protocol's address, and the pages of services.
+    """
+    if not prefers_html(request.header("accept")):
+        return False
+    address = request.raw_path.rstrip("/")
+    if is_service_address(address) and not address.startswith(JOBS):
+        return address.count("/") < 4
+    return request.method in ("GET", "HEAD") and address == "/sparql"
 
 
 async def _next_message(receive: Receive) -> Message:

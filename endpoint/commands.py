@@ -7,9 +7,10 @@ import os
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from endpoint.serve_options import config_of, policy_of, serve_options
 from rtask.cli.options import data_option, json_option
@@ -19,61 +20,128 @@ if TYPE_CHECKING:
     from endpoint.access.tokens import Token, TokenStore
     from endpoint.rosbridge.services import Engine as ServedEngine
     from endpoint.served import ServedGraph
+    from rtask.knowledge_base import KnowledgeBase
+
+
+_NAMED = (
+    ParameterSource.COMMANDLINE,
+    ParameterSource.ENVIRONMENT,
+    ParameterSource.DEFAULT_MAP,
+)
 
 
 @click.command(context_settings={"auto_envvar_prefix": "RTASK"})
 @serve_options
 def serve(
-    data: Path, temp: bool, store: str, port: int, flush: str, log_level: str, **options: Any
+    data: Path,
+    temp: bool,
+    store: str,
+    follow: str,
+    token_file: Path | None,
+    no_forward: bool,
+    port: int,
+    flush: str,
+    log_level: str,
+    services: tuple[str, ...],
+    **options: Any,
 ) -> None:
     """Serve a knowledge base to programs, robots and people.
 
     Each option can also be set by an environment variable (--max-rows by RTASK_MAX_ROWS) or in the
     settings file.
     """
-    import rtask
     from endpoint import server
     from endpoint.access.tokens import TokenStore
     from endpoint.context import ServerContext
+    from endpoint.follow.follower import Follower
     from endpoint.monitoring.log import LineWriter, log_as_json
     from endpoint.rosbridge.services import NoEngine
-    from endpoint.sparql.remote_store import EngineElsewhere, RemoteStore
+    from endpoint.sparql.remote_store import EngineElsewhere
     from rtask.engine import Engine
+    from rtask.knowledge_base import KnowledgeBase
+    from rtask.services.offered import open_host
 
     config = config_of(options)
-    folder = None if temp or store else data
+    is_named = click.get_current_context().get_parameter_source("data") in _NAMED
+    folder = None if temp or (store and not is_named) else data
     with ExitStack() as stack:
         writer = stack.enter_context(closing(LineWriter()))
         log_as_json(writer, log_level)
         # Bind the port first: a second server fails before it opens a store.
         listener = stack.enter_context(closing(server.listen(config.host, port)))
         config = replace(config, host=listener.getsockname()[0])
-        kb: ServedGraph
         engine: ServedEngine = NoEngine()
-        if store:
-            kb = stack.enter_context(RemoteStore(store, os.environ.get("RTASK_STORE_TOKEN")))
-            engine = EngineElsewhere()
+        made: Engine | None = None
+        secret = token_file.read_text("utf-8").strip() if token_file is not None else None
+        kb: ServedGraph
+        if follow:
+            kb = stack.enter_context(_copy_of(follow, secret, folder, flush))
         else:
-            where: Path | Literal[":memory:"] = folder or ":memory:"
-            own = stack.enter_context(rtask.open(where, plain=config.plain, flush=flush))
-            kb = own
-        tokens = stack.enter_context(closing(TokenStore(folder)))
-        server.check_exposure(tokens, config)
-        if not store and not config.plain:
-            engine = stack.enter_context(Engine(own, policy=policy_of(options)))
+            kb = stack.enter_context(_opened(store, folder, config.plain, flush))
+        tokens = stack.enter_context(closing(TokenStore(kb.folder)))
+        follower: Follower | None = None
+        if follow and isinstance(kb, KnowledgeBase):
+            follower = Follower(kb, tokens, follow, secret, not no_forward)
+        else:
+            server.check_exposure(tokens, config)
+        if not isinstance(kb, KnowledgeBase):
+            engine = EngineElsewhere()
+        elif not config.plain:
+            made = stack.enter_context(Engine(kb, policy=policy_of(options)))
+            engine = made
+        host = stack.enter_context(open_host(made, services))
 
         def ready(url: str) -> None:
             kb.publish(url=url)
             click.echo(f"ready {url} data {store or folder or 'in memory'}")
 
         lines = writer if log_level in ("debug", "info") else None
-        context = ServerContext.create(kb, engine, tokens, config, lines)
+        context = ServerContext.create(
+            kb, engine, tokens, config, lines, services=host, following=follower
+        )
+        if follower is not None:
+            stack.callback(follower.close)
+            follower.start()
         ended = server.serve(context, listener, ready)
         writer.close()
     if not ended:
         # Everything is stored and closed. Only threads of abandoned queries are left, and the
         # interpreter would wait for them.
         os._exit(0)
+
+
+def _opened(store: str, folder: Path | None, plain: bool, flush: str) -> ServedGraph:
+    """Open what is to be served: a folder, memory, or a SPARQL server with its own folder here."""
+    import rtask
+    from endpoint.sparql.remote_store import RemoteStore
+    from rtask.kb.maintenance.replica import followed_by
+    from rtask.knowledge_base import KnowledgeBase
+
+    url = followed_by(folder) if folder is not None else None
+    if url is not None:
+        raise UsageError(
+            f"{folder} follows {url}: rtask serve --follow {url} -d {folder}, or let it become "
+            f"independent: rtask promote {folder}"
+        )
+    if not store:
+        return rtask.open(folder or ":memory:", plain=plain, flush=flush)
+    token = os.environ.get("RTASK_STORE_TOKEN")
+    if not plain:
+        opened: object = rtask.open(store, token=token, folder=folder)
+        if isinstance(opened, KnowledgeBase):
+            return opened
+    return RemoteStore(store, token)
+
+
+def _copy_of(url: str, token: str | None, folder: Path | None, flush: str) -> KnowledgeBase:
+    """Open the copy of a server's knowledge base, which is fetched if it is not there."""
+    import rtask
+    from endpoint.follow.follower import prepare
+
+    if folder is None:
+        raise UsageError("a follower needs a folder: -d DIR")
+    prepare(folder, url, token)
+    return rtask.open(folder, flush=flush, reason=False, ontologies=False)
 
 
 @click.group()
@@ -92,7 +160,8 @@ def token() -> None:
     "rights",
     multiple=True,
     metavar="RIGHT",
-    help="What it allows beyond its role: rules, to add and remove rules of the reasoner.",
+    help="What it allows beyond its role: rules, to change rules of the reasoner; replicate, to "
+    "copy everything, as a follower does.",
 )
 @json_option
 def create(

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 from endpoint.access.auth import Authenticator
 from endpoint.access.rate import Limiter
 from endpoint.access.tokens import TokenStore
+from endpoint.activity.log import ActivityLog
 from endpoint.http.conditional import Versions
+from endpoint.http.following import Following
 from endpoint.monitoring.audit import Audit
 from endpoint.monitoring.health import Health
 from endpoint.monitoring.log import LineWriter
@@ -19,6 +21,7 @@ from endpoint.monitoring.running_queries import RunningQueries
 from endpoint.rosbridge.services import Engine
 from endpoint.served import ServedGraph
 from endpoint.settings import Config
+from rtask.services import ServiceHost
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,14 @@ class ServerContext:
         What operators see of the server.
     versions
         Entity tags of answers.
+    activity
+        What robots do at this moment.
+    services
+        Carries out calls of services.
     gauges
         Further values for ``/metrics``, measured when asked for.
+    following
+        The connection to the server that this one follows; none if it is nobody's follower.
     """
 
     kb: ServedGraph
@@ -57,7 +66,10 @@ class ServerContext:
     queries: RunningQueries
     request_log: RequestLog
     versions: Versions
+    services: ServiceHost
+    activity: ActivityLog = field(default_factory=ActivityLog)
     gauges: dict[str, Callable[[], float]] = field(default_factory=dict)
+    following: Following | None = None
 
     @classmethod
     def create(
@@ -68,6 +80,8 @@ class ServerContext:
         config: Config,
         writer: LineWriter | None = None,
         clock: Callable[[], float] = time.monotonic,
+        services: ServiceHost | None = None,
+        following: Following | None = None,
     ) -> ServerContext:
         """Make the parts of a server.
 
@@ -78,11 +92,18 @@ class ServerContext:
         clock
             Returns the seconds by which rates, sessions and tickets are measured; tests pass their
             own.
+        services
+            The services to offer; none to offer none.
+        following
+            The connection to the server that this one follows.
         """
         metrics, audit = Metrics(), Audit(kb.folder)
         gauges: dict[str, Callable[[], float]] = {}
         if writer is not None:
             gauges["rtask_log_lines_dropped_total"] = lambda: writer.dropped
+        if following is not None:
+            gauges["rtask_follower_commits_behind"] = lambda: following.commits_behind
+            gauges["rtask_follower_seconds_behind"] = lambda: following.seconds_behind
         return cls(
             kb=kb,
             engine=engine,
@@ -92,14 +113,17 @@ class ServerContext:
             limiter=Limiter(config.rate, config.write_rate, config.max_in_flight, clock),
             metrics=metrics,
             audit=audit,
-            health=Health(kb),
+            health=Health(kb, following),
             queries=RunningQueries(config.max_queries),
             request_log=RequestLog(metrics, audit, config, kb, writer),
             versions=Versions(kb),
+            services=services or ServiceHost(),
             gauges=gauges,
+            following=following,
         )
 
     def close(self) -> None:
-        """Stop listening to commits and close the audit trail; the caller closes the rest."""
+        """Close the services and the audit trail; the caller closes the rest."""
+        self.services.close()
         self.versions.close()
         self.audit.close()

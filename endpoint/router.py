@@ -8,6 +8,8 @@ from endpoint.access.auth import Caller, plan_ticket, preflight_headers
 from endpoint.admin import AdminRoutes
 from endpoint.api.blobs import plan_blob
 from endpoint.api.collections import COLLECTIONS
+from endpoint.api.datasets import is_dataset_address, plan_dataset
+from endpoint.api.datasets import methods_of as dataset_methods
 from endpoint.api.listing import ADDRESS as API
 from endpoint.api.listing import is_listing, plan_listing
 from endpoint.api.openapi import ADDRESSES as DESCRIPTIONS
@@ -15,12 +17,17 @@ from endpoint.api.openapi import plan_openapi
 from endpoint.api.operations import plan_operation
 from endpoint.api.reasoner import ADDRESS as REASONER
 from endpoint.api.reasoner import methods_of, plan_reasoner
+from endpoint.api.services import is_service_address, plan_service
+from endpoint.api.services import methods_of as service_methods
+from endpoint.api.tools import ADDRESS as TOOLS
+from endpoint.api.tools import plan_tools
 from endpoint.context import ServerContext
+from endpoint.follow.replication import SNAPSHOT, require_replicate, snapshot
 from endpoint.http.idempotency import IdempotencyKeys
 from endpoint.http.messages import RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.served import embedded
-from endpoint.sparql import graph_store, protocol
+from endpoint.sparql import check, graph_store, protocol
 from endpoint.sparql.answer_cache import AnswerCache
 from endpoint.sparql.answers import Answers
 from endpoint.sparql.lookups import Lookups
@@ -40,7 +47,19 @@ _PROTOCOL = {
     "/update": (UPDATE,),
 }
 _ADMIN = ("/metrics", "/queries", "/api/history", "/backup")
-_EXACT = frozenset((*_PROTOCOL, graph_store.ADDRESS, "/health", *_ADMIN, *DESCRIPTIONS, TICKET))
+_EXACT = frozenset(
+    (
+        *_PROTOCOL,
+        check.ADDRESS,
+        graph_store.ADDRESS,
+        "/health",
+        *_ADMIN,
+        *DESCRIPTIONS,
+        TICKET,
+        TOOLS,
+        SNAPSHOT,
+    )
+)
 _PREFIXES = (graph_store.ADDRESS + "/", "/engine/", "/api/", "/health/", "/queries/", REASONER)
 _SAFE_METHODS = frozenset(("GET", "HEAD", "OPTIONS"))
 _BLOBS = "/api/blobs/"
@@ -54,7 +73,10 @@ def serves(path: str) -> bool:
     >>> [serves(path) for path in ("/sparql/", "/engine/x", "/api/robots", "/robots")]
     [True, True, True, False]
     """
-    return (path.rstrip("/") or "/") in _EXACT or path.startswith(_PREFIXES)
+    address = path.rstrip("/") or "/"
+    if is_service_address(address) or is_dataset_address(address):
+        return True
+    return address in _EXACT or path.startswith(_PREFIXES)
 
 
 class Router:
@@ -88,6 +110,8 @@ class Router:
         context = self._context
         if address in _PROTOCOL:
             return self._protocol(request, caller, _PROTOCOL[address])
+        if address == check.ADDRESS:
+            return check.plan_check(request)
         if address == TICKET:
             return plan_ticket(context.auth, request, caller)
         if request.method not in _SAFE_METHODS:
@@ -96,11 +120,22 @@ class Router:
             return self._store.plan(request, caller)
         if address.startswith("/engine/"):
             return plan_operation(context.engine, context.auth, request, caller, self._keys)
+        if is_service_address(address):
+            return plan_service(context.services, context.auth, request, caller, address)
+        if address == TOOLS:
+            return plan_tools(context.services, context.auth, request, caller)
+        if is_dataset_address(address):
+            datasets = context.services.datasets
+            return plan_dataset(datasets, context.auth, request, caller, address)
         if address.startswith(REASONER):
             kb = embedded(context.kb, "the reasoner")
             return plan_reasoner(kb, context.auth, request, caller)
+        if address == SNAPSHOT:
+            require_replicate(caller)
+            own = embedded(context.kb, "a snapshot")
+            return Plan(lambda: snapshot(own, caller))
         if address in DESCRIPTIONS:
-            return plan_openapi(context.engine, request)
+            return plan_openapi(context.engine, context.services.registry, request)
         if address.startswith(_ADMIN):
             return self._admin.plan(request, caller, address)
         if is_listing(address):
@@ -116,8 +151,12 @@ class Router:
         """Return the methods of an address, and what a page of another origin may send."""
         if address in _PROTOCOL:
             methods = METHODS[_PROTOCOL[address]]
-        elif address.startswith("/engine/") or address == TICKET:
+        elif address.startswith("/engine/") or address in (TICKET, check.ADDRESS, TOOLS):
             methods = ("POST", "OPTIONS")
+        elif is_service_address(address):
+            methods = (*service_methods(address), "OPTIONS")
+        elif is_dataset_address(address):
+            methods = (*dataset_methods(address), "OPTIONS")
         elif address.startswith(REASONER):
             methods = (*methods_of(address), "OPTIONS")
         elif address.startswith(graph_store.ADDRESS):

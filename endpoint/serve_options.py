@@ -66,7 +66,19 @@ _WHERE = _options(
         "--temp", is_flag=True, help="Keep everything in memory and discard it at the end."
     ),
     click.option(
-        "--store", default="", metavar="URL", help="Keep the data at another SPARQL 1.1 server."
+        "--store",
+        default="",
+        metavar="URL",
+        help="Keep the statements at a SPARQL 1.1 server, and the rest in --data.",
+    ),
+    click.option(
+        "--follow", default="", metavar="URL", help="Keep a copy of what this server serves."
+    ),
+    click.option(
+        "--token-file", type=_FILE, metavar="FILE", help="Token with the right replicate there."
+    ),
+    click.option(
+        "--no-forward", is_flag=True, help="Redirect writes to the server that is followed."
     ),
     click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on."),
     click.option(
@@ -96,6 +108,13 @@ _WHERE = _options(
         default="full",
         show_default=True,
         help="plain: a bare SPARQL 1.1 dataset without inference, provenance or rights.",
+    ),
+    click.option(
+        "--service",
+        "services",
+        multiple=True,
+        metavar="MODULE|FILE.py",
+        help="Offer the services that this module or file defines; repeat for several.",
     ),
     click.option(
         "--flush",

@@ -17,10 +17,12 @@ from types import FrameType
 import uvicorn
 
 from endpoint.access.tokens import TokenStore
+from endpoint.activity.watch import watch
 from endpoint.application import Application
 from endpoint.asgi import AsgiApplication
 from endpoint.context import ServerContext
 from endpoint.direct import DirectProtocol
+from endpoint.rosbridge.activity_topic import announce_activity
 from endpoint.rosbridge.session import Bridge
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
@@ -109,11 +111,14 @@ def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[s
     scheme = "https" if context.config.tls_cert else "http"
     url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
     application = Application(context)
-    bridge = Bridge(context.engine)
+    bridge = Bridge(context.engine, activity=context.activity, host=context.services)
     asgi = AsgiApplication(application, bridge, create_app(application))
     settings = _uvicorn_settings(asgi, context.config)
     server = uvicorn.Server(settings)
-    stop_announcing = context.kb.on_commit(lambda change: _announce(bridge, change))
+    announced = contextlib.ExitStack()
+    announced.callback(context.kb.on_commit(lambda change: _announce(bridge, change)))
+    announced.callback(context.activity.listen(lambda event: announce_activity(bridge, event)))
+    announced.callback(watch(context.activity, context.kb, context.engine))
     # Build the closure now, not while the first robot waits for its first write.
     context.kb.warm_up()
     context.audit.event("start", url=url)
@@ -121,7 +126,7 @@ def serve(context: ServerContext, listener: socket.socket, on_ready: Callable[[s
         with asyncio.Runner(loop_factory=settings.get_loop_factory()) as runner:
             runner.run(_run(server, asgi, listener, lambda: on_ready(url)))
     finally:
-        stop_announcing()
+        announced.close()
         bridge.close()
         context.audit.event("stop")
         ended = application.close()

@@ -14,10 +14,10 @@ from flask import Flask
 from werkzeug.exceptions import HTTPException
 
 from endpoint.application import Application
-from endpoint.http.messages import RefusedError, Response
+from endpoint.http.messages import RefusedError
 from endpoint.http.problems import problem
 from endpoint.pages import blueprint
-from endpoint.pages.render import current_request, finish_page, problem_page
+from endpoint.pages.render import current_request, finish_page, problem_page, to_flask
 from endpoint.pages.signin import OPEN
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import AuthenticationError, RtaskError
@@ -25,6 +25,7 @@ from rtask.errors import AuthenticationError, RtaskError
 _METHODS = ["GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"]
 _PROGRAMS = (
     "/sparql",
+    "/sparql/check",
     "/query",
     "/update",
     "/store",
@@ -101,15 +102,6 @@ def _is_open() -> bool:
 def _is_page() -> bool:
     """Tell whether the address belongs to a page; the application checks the others itself."""
     return (flask.request.endpoint or "").startswith("pages.")
-
-
-def to_flask(response: Response) -> flask.Response:
-    """Convert a response to Flask's."""
-    out = flask.Response(response.body, response.status)
-    out.headers.remove("Content-Type")
-    for name, value in response.header_list():
-        out.headers.add(name, value)
-    return out
 
 
 def _on_error(error: Exception) -> flask.Response:

@@ -1,7 +1,8 @@
 """OWL 2 RL closure, contradictions and proofs over a graph."""
 
 from reasoner.causes import Cause
-from reasoner.closure import Closure, Config, InconsistentError, Staged
+from reasoner.closure import Closure, Staged
+from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction
 from reasoner.dl.profile import ProfileViolation, check_profile
 from reasoner.entail import Entailment, entails

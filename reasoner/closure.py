@@ -3,69 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
+from typing import TypeGuard
 
 from pyoxigraph import Literal, NamedNode
 from pyoxigraph import Triple as TripleTerm
 
 from reasoner.causes import Cause, Search
+from reasoner.config import Config, InconsistentError
 from reasoner.contradictions import Contradiction, describe
+from reasoner.exports import Triples, difference, missing_and_surplus, small_difference
 from reasoner.facts.layer import Asserted
 from reasoner.fixpoint.checks import Inconsistency
 from reasoner.fixpoint.maintenance import Draft, Maintainer, Settings, State
 from reasoner.glosses import Name, local_name
 from reasoner.proofs import GraphsOf, Proof
-from reasoner.reading import Reading, differences
+from reasoner.reading import Reading
 from reasoner.rules.user_rules import LabelledRule
 from reasoner.saved.image import Contents, Image, fingerprint
 from reasoner.terms import vocabulary as v
-from reasoner.terms.dictionary import Dictionary, Fact, Term, Triple
+from reasoner.terms.dictionary import Dictionary, Fact, GivenTriple, Term, Triple
 from reasoner.terms.digest import Digest, digest_of
 from reasoner.terms.vocabulary import RDF, SAME
 
 _REIFIES = NamedNode(RDF + "reifies")
 LISTED_CONTRADICTIONS = 100
-
-
-class InconsistentError(ValueError):
-    """A change contradicts known statements, and the configuration rejects such changes."""
-
-    def __init__(self, contradictions: list[Contradiction]) -> None:
-        more = len(contradictions) - 1
-        super().__init__(contradictions[0].message + (f" (and {more} more)" if more else ""))
-        self.contradictions = contradictions
-
-
-@dataclass(frozen=True, slots=True)
-class Config:
-    """Bounds and policies of a closure.
-
-    Attributes
-    ----------
-    on_contradiction : {"report", "reject"}
-        Whether `stage` lists new contradictions or raises `InconsistentError`.
-    ill_typed : {"reject", "keep"}
-        Whether `"abc"^^xsd:integer` is a contradiction or an opaque value.
-    max_inferred : int
-        Bound on derived facts, above 50 per asserted one.
-    bulk_from : int
-        Size of a change from which consequences are derived by joins of whole relations; for an
-        empty closure, a tenth of it.
-    """
-
-    on_contradiction: str = "report"
-    ill_typed: str = "reject"
-    max_inferred: int = 1_000_000
-    bulk_from: int = 2_000
-
-    def __post_init__(self) -> None:
-        if self.on_contradiction not in ("report", "reject"):
-            raise ValueError(
-                f"on_contradiction is 'report' or 'reject', not {self.on_contradiction!r}"
-            )
-        if self.ill_typed not in ("reject", "keep"):
-            raise ValueError(f"ill_typed is 'reject' or 'keep', not {self.ill_typed!r}")
+LISTED_TRIPLES = 5_000
+"""More triples of a change are made only when somebody looks at them."""
 
 
 class Staged:
@@ -73,8 +37,9 @@ class Staged:
 
     Attributes
     ----------
-    inferred_added, inferred_removed : list of Triple
-        Triples that enter and leave the graph of inferred triples; never an asserted triple.
+    inferred_added, inferred_removed : collection of Triple
+        Triples that enter and leave the graph of inferred triples; never an asserted triple. Large
+        ones are made of ids at each pass.
     contradictions : list of Contradiction
         Contradictions that the change introduces.
     """
@@ -86,10 +51,7 @@ class Staged:
         self._draft: Draft | None = draft
         self._rules = rules
         self._version = closure._version
-        decode = closure._terms.decode_fact
-        added, removed = closure._difference(draft)
-        self.inferred_added: list[Triple] = [decode(fact) for fact in added]
-        self.inferred_removed: list[Triple] = [decode(fact) for fact in removed]
+        self.inferred_added, self.inferred_removed = closure._difference(draft)
         known = closure._state.clashes
         self._news = [clash for key, clash in draft.clashes.items() if key not in known]
         self.contradictions = closure._describe(self._news, draft)
@@ -167,8 +129,8 @@ class Closure:
     @classmethod
     def build(
         cls,
-        schema: Iterable[Triple],
-        data: Iterable[Triple],
+        schema: Iterable[GivenTriple],
+        data: Iterable[GivenTriple],
         rules: Iterable[str | LabelledRule] = (),
         config: Config | None = None,
     ) -> Closure:
@@ -176,8 +138,9 @@ class Closure:
 
         Parameters
         ----------
-        schema, data : iterable of Triple
-            Asserted triples; the predicates determine which of them are schema.
+        schema, data : iterable of GivenTriple
+            Asserted triples; the predicates determine which of them are schema. Those with triple
+            terms are left out.
         rules : iterable of str or LabelledRule
             SPARQL CONSTRUCT texts.
         config : Config, optional
@@ -197,15 +160,15 @@ class Closure:
 
     def stage(
         self,
-        add: Iterable[Triple] = (),
-        remove: Iterable[Triple] = (),
+        add: Iterable[GivenTriple] = (),
+        remove: Iterable[GivenTriple] = (),
         rules: Iterable[str | LabelledRule] | None = None,
     ) -> Staged:
         """Compute the consequences of a change of the asserted triples, without applying it.
 
         Parameters
         ----------
-        add, remove : iterable of Triple
+        add, remove : iterable of GivenTriple
             Triples that no graph asserted before, and those that none asserts any more. Existing
             triples to add and absent ones to remove are ignored; triples in both are added.
         rules : iterable of str or LabelledRule, optional
@@ -220,12 +183,12 @@ class Closure:
             If the change contradicts known statements and `Config.on_contradiction` is "reject".
         """
         plus = set(self._encode(add))
-        minus = set(self._terms.encode_all(t for t in remove if not _is_triple_term(t[2])))
+        minus = set(self._terms.encode_all(filter(_is_plain, remove)))
         asserted = self._state.asserted
         changed = Asserted(
             asserted,
-            frozenset(fact for fact in plus if fact not in asserted),
-            frozenset(fact for fact in minus - plus if fact in asserted),
+            frozenset(plus - asserted.among(plus)),
+            frozenset(asserted.among(minus - plus)),
         )
         former, now = self._rules, self._rules if rules is None else tuple(rules)
         maintainer = self._maintainer(len(asserted) + len(plus), now)
@@ -313,31 +276,15 @@ class Closure:
         for fact in self._reading().everything():
             yield decode(fact)
 
-    def compare(self, found: Iterable[Triple]) -> tuple[Iterator[Triple], list[Triple]]:
-        """Compare the inferred graph with the one in a store.
+    def compare(self, found: Iterable[Triple]) -> tuple[Triples, list[Triple]]:
+        """Return what the inferred graph in a store lacks and what it has too much.
 
         Parameters
         ----------
         found : iterable of Triple
             The content of the store's inferred graph; read once.
-
-        Returns
-        -------
-        missing : iterator of Triple
-            Inferred triples that the store lacks.
-        surplus : list of Triple
-            Triples in the store that are not inferred.
         """
-        everything = set(self._reading().everything())
-        present: set[Fact] = set()
-        surplus: list[Triple] = []
-        for triple in found:
-            s, p, o = map(self._terms.find, triple)
-            if s is None or p is None or o is None or (s, p, o) not in everything:
-                surplus.append(triple)
-            else:
-                present.add((s, p, o))
-        return map(self._terms.decode_fact, everything - present), surplus
+        return missing_and_surplus(self._reading(), found)
 
     def digest(self) -> Digest:
         """Return the digest of the inferred graph: its number of triples and their hash."""
@@ -391,16 +338,14 @@ class Closure:
         )
         return Maintainer(self._terms, settings)
 
-    def _encode(self, triples: Iterable[Triple]) -> list[Fact]:
+    def _encode(self, triples: Iterable[GivenTriple]) -> list[Fact]:
         """Encode triples, without triple terms and statements about their reifiers."""
         batch = list(triples)
-        self._reifiers |= {s for s, p, _ in batch if p == _REIFIES}
+        self._reifiers |= {s for s, p, _ in batch if p == _REIFIES and _is_term(s)}
         plain = [
             t
-            for t in batch
-            if not _is_triple_term(t[2])
-            and t[0] not in self._reifiers
-            and not isinstance(t[0], Literal)
+            for t in filter(_is_plain, batch)
+            if t[0] not in self._reifiers and not isinstance(t[0], Literal)
         ]
         self._skipped += len(batch) - len(plain)
         return self._terms.encode_all(plain)
@@ -416,12 +361,15 @@ class Closure:
         asserted = Asserted(state.asserted)
         return Reading(state.facts, state.equality, asserted, state.program, terms)
 
-    def _difference(self, draft: Draft) -> tuple[set[Fact], set[Fact]]:
+    def _difference(self, draft: Draft) -> tuple[Collection[Triple], Collection[Triple]]:
         before, after = self._reading(), self._reading(draft)
-        if not draft.is_rebuilt:
-            return differences(before, after, draft.asserted)
-        was, now = set(before.everything()), set(after.everything())
-        return now - was, was - now
+        if draft.is_rebuilt:
+            parts = difference(before, after)
+            added, removed = (p if len(p) > LISTED_TRIPLES else list(p) for p in parts)
+            return added, removed
+        decode = self._terms.decode_fact
+        come, gone = small_difference(before, after, draft.asserted)
+        return [*map(decode, come)], [*map(decode, gone)]
 
     def _causes(
         self,
@@ -446,5 +394,9 @@ class Closure:
         return sorted((describe(f, reading) for f in first), key=lambda c: c.message)
 
 
-def _is_triple_term(term: object) -> bool:
-    return isinstance(term, TripleTerm)
+def _is_term(term: Term | TripleTerm) -> TypeGuard[Term]:
+    return not isinstance(term, TripleTerm)
+
+
+def _is_plain(triple: GivenTriple) -> TypeGuard[Triple]:
+    return _is_term(triple[0]) and _is_term(triple[2])

@@ -151,9 +151,17 @@ class Reading:
 
     def everything(self) -> Iterator[Fact]:
         """Yield the content of the inferred graph."""
+        for p, keys in self.exported().items():
+            for s, o in Column(keys):
+                yield s, p, o
+
+    def exported(self) -> dict[int, arrays.Keys]:
+        """Return the content of the inferred graph: subjects and objects by property."""
         if self.equality:
-            yield from self._everything_expanded()
-            return
+            expanded = Facts()
+            expanded.replace(self._expanded())
+            return {p: column.keys for p, column in expanded.columns().items()}
+        found: dict[int, arrays.Keys] = {}
         asserted = self.asserted.columns()
         for p, column in self.facts.columns().items():
             keys = column.keys
@@ -161,11 +169,12 @@ class Reading:
                 keys = keys[~arrays.is_in(keys, asserted[p].keys)]
             if p == TYPE:
                 keys = keys[self._is_shown_class(arrays.lower(keys))]
+            elif p == SAME or p in v.SCHEMA_PREDICATES:
+                shown = [is_exported((s, p, o), self.terms) for s, o in Column(keys)]
+                keys = keys[np.array(shown, bool)]
             # Facts with any other predicate are exported unchanged.
-            is_special = p == SAME or p in v.SCHEMA_PREDICATES
-            for s, o in Column(keys):
-                if not is_special or is_exported((s, p, o), self.terms):
-                    yield s, p, o
+            found[p] = keys
+        return found
 
     def _is_shown_class(self, classes: arrays.Ids) -> NDArray[np.bool_]:
         """Tell for each class of a column whether its members' types are exported."""
@@ -173,7 +182,7 @@ class Reading:
         shown = [is_exported((v.RESERVED, TYPE, c), self.terms) for c in distinct.tolist()]
         return np.array(shown, bool)[place]
 
-    def _everything_expanded(self) -> Iterator[Fact]:
+    def _expanded(self) -> Iterator[Fact]:
         asserted = self.asserted.facts if self.asserted.is_unchanged() else self.asserted
         for p in self.facts.predicates():
             is_special = p in (TYPE, SAME) or p in v.SCHEMA_PREDICATES
@@ -217,39 +226,3 @@ def is_exported(fact: Fact, terms: Dictionary) -> bool:
     if p in (v.SUB_CLASS, v.DOMAIN, v.RANGE) and o in (v.THING, v.RESOURCE):
         return False
     return p == SAME or not (terms.is_blank(s) or terms.is_blank(o))
-
-
-def differences(before: Reading, after: Reading, changed: Asserted) -> tuple[set[Fact], set[Fact]]:
-    """Return the facts that enter and leave the inferred graph.
-
-    Parameters
-    ----------
-    before, after : Reading
-        The second is a layer over the facts of the first.
-    changed : Asserted
-        The staged changes of what is asserted.
-
-    Returns
-    -------
-    added, removed : set of Fact
-    """
-    layer = after.facts
-    assert isinstance(layer, Layer)
-    touched = (*changed.added, *changed.removed)
-    old = {*layer.removed, *map(before.equality.rewrite, touched)}
-    new = {*layer.added, *map(after.equality.rewrite, touched)}
-    merged = _changed_classes(before.equality, after.equality)
-    for term in merged:
-        old.update(before.facts.about(before.equality.find(term)))
-        new.update(after.facts.about(after.equality.find(term)))
-    ends = {x for s, p, o in touched if p == SAME for x in (s, o)}
-    was = {*before.inferred(old), *before.equalities(merged | ends)}
-    now = {*after.inferred(new), *after.equalities(merged | ends)}
-    return now - was, was - now
-
-
-def _changed_classes(before: Equality, after: Equality) -> set[int]:
-    if before == after:
-        return set()
-    members = {m for e in (before, after) for _, ms in e.classes() for m in ms}
-    return {m for m in members if before.members(m) != after.members(m)}

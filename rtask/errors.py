@@ -35,6 +35,15 @@
     ├── RemoteError                 the other end of a connection failed
     │   ├── RemoteUnavailableError  no answer, or connection lost
     │   └── CallFailedError         the server reported a failure
+    ├── ServiceError                a service says that it cannot do what was asked
+    │   ├── ServiceFailedError      a service raised something else, or answered wrongly
+    │   ├── StartupFailedError      a service could not be made ready
+    │   ├── StateChangedError       a call left the state of its service changed
+    │   ├── WorkerDiedError         the process that carried out a call ended
+    │   ├── MissingDataError        a data resource that a service needs was not named
+    │   ├── QueueFullError          too many calls of a service are waiting
+    │   ├── DeadlineError           a call was not answered in its time
+    │   └── CancelledError          a call was cancelled
     ├── MissingExtraError           an optional part of RTASK is not installed
     └── RobotError                  a robot cannot do what was asked
 
@@ -53,9 +62,11 @@ __all__ = [
     "AuthenticationError",
     "BusyError",
     "CallFailedError",
+    "CancelledError",
     "ClosedError",
     "ConflictError",
     "DataError",
+    "DeadlineError",
     "EpochChangedError",
     "FieldError",
     "ForbiddenError",
@@ -64,16 +75,22 @@ __all__ = [
     "Lagged",
     "LazyLoadError",
     "MissingBlobError",
+    "MissingDataError",
     "MissingExtraError",
     "OwnershipError",
     "ParseError",
     "QuerySyntaxError",
     "QueryTimeout",
     "QueryTooExpensive",
+    "QueueFullError",
     "RemoteError",
     "RemoteUnavailableError",
     "RobotError",
     "RtaskError",
+    "ServiceError",
+    "ServiceFailedError",
+    "StartupFailedError",
+    "StateChangedError",
     "StorageFullError",
     "StoreError",
     "StoreFormatError",
@@ -84,6 +101,7 @@ __all__ = [
     "UsageError",
     "ValidationError",
     "VersionConflictError",
+    "WorkerDiedError",
     "nearest",
 ]
 
@@ -313,6 +331,60 @@ class CallFailedError(RemoteError):
     """The server reported that the call failed; the message is the server's."""
 
     slug = "call-failed"
+
+
+class ServiceError(RtaskError):
+    """A service says that it cannot do what was asked, in words meant for the caller."""
+
+    status, slug = 422, "service"
+
+
+class ServiceFailedError(ServiceError):
+    """A service raised an error that was not meant for the caller, or answered wrongly."""
+
+    status, slug = 500, "service-failed"
+
+
+class StartupFailedError(ServiceError):
+    """A service could not be made ready; ``retry_after_s`` says when that is tried again."""
+
+    status, slug = 503, "startup-failed"
+
+
+class StateChangedError(ServiceError):
+    """A call changed the state of its service; ``attributes`` names what was changed."""
+
+    status, slug = 500, "state-changed"
+
+
+class WorkerDiedError(ServiceError):
+    """The process that carried out a call ended before it answered."""
+
+    status, slug = 502, "worker-died"
+
+
+class MissingDataError(ServiceError):
+    """A data resource that a service needs was not named, or does not exist."""
+
+    status, slug = 422, "missing-data"
+
+
+class QueueFullError(ServiceError):
+    """Too many calls of a service are waiting; ``retry_after_s`` says when to try again."""
+
+    status, slug = 429, "queue-full"
+
+
+class DeadlineError(ServiceError):
+    """A call was not answered in its time; ``timeout_s`` is the time it was given."""
+
+    status, slug = 504, "deadline"
+
+
+class CancelledError(ServiceError):
+    """A call was cancelled before it was answered."""
+
+    status, slug = 409, "cancelled"
 
 
 class MissingExtraError(RtaskError):

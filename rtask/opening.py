@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,9 +29,16 @@ from rtask.kb.maintenance.statistics import closure_state
 from rtask.kb.rules.rule import Rule, Source, read_rules
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.late_notes import LateNotes
+from rtask.kb.store.overlay import Overlay
 from rtask.knowledge_base import KnowledgeBase
 from rtask.loader.bundled import refresh
 from rtask.rdf.terms import LONG_AGO
+from rtask.remote.journal import RemoteJournal
+from rtask.remote.knowledge_base import open_remote
+from rtask.remote.opening import Place, connect, open_on_server
+from rtask.remote.pending import PendingChange
+from rtask.remote.store import RemoteStore
+from rtask.remote.sync import Sync
 
 __all__ = ["open_knowledge_base"]
 
@@ -64,6 +72,7 @@ def open_knowledge_base(
     rules: Source | Iterable[Source] = (),
     token: str | None = None,
     timeout_s: float = 30.0,
+    folder: str | Path | None = None,
 ) -> Graph:
     """Open a knowledge base.
 
@@ -71,10 +80,12 @@ def open_knowledge_base(
     ----------
     target
         A folder, ``":memory:"``, the address of a SPARQL 1.1 server (query and update at one
-        address), or ``sparql+https://host/?query=/q&update=/u`` where they differ.
+        address), or ``sparql+https://host/?query=/q&update=/u`` where they differ. The statements
+        are then on that server, and everything else works as for a folder; what the server cannot
+        do is logged once. A server of RTASK itself keeps rights and records, and gives a client.
     mode
         ``"rw"`` makes the folder if it does not exist, ``"new"`` refuses one that does, ``"r"``
-        reads beside other readers.
+        reads beside other readers, and follows a writer in another process.
     base
         IRI that starts every instance; random where it is not given. Fixed when the folder is
         made.
@@ -103,13 +114,16 @@ def open_knowledge_base(
         They are stored and stay in force when the folder is opened without them; one of the same
         label and another text is replaced.
     token, timeout_s
-        Of a remote server: who asks, and how long to wait for an answer. The other options are
-        the server's own.
+        Of a remote server: who asks (a bearer token, or ``name:password``), and how long to wait
+        for an answer.
+    folder
+        Of a remote server: where this machine keeps byte strings, tokens and the audit trail; one
+        for each address and user by default. The folder can be opened in the place of the address.
 
     Returns
     -------
-    A :class:`~rtask.knowledge_base.KnowledgeBase` for a folder or memory. A server gives a
-    :class:`~rtask.remote.knowledge_base.RemoteKnowledgeBase`. Both are a
+    A :class:`~rtask.knowledge_base.KnowledgeBase`. A server of RTASK, and any server with
+    ``plain=True``, gives a :class:`~rtask.remote.knowledge_base.RemoteKnowledgeBase`. Both are a
     :class:`~rtask.graph.Graph`.
 
     Raises
@@ -128,12 +142,6 @@ def open_knowledge_base(
             f"unknown policy on_inconsistency={on_inconsistency!r}; one of error, quarantine"
         )
     text = str(target)
-    if text.startswith(("http://", "https://", "sparql+http")):
-        if rules:
-            raise UsageError("rules belong to the server; add them there: POST /reasoner/rules")
-        from rtask.remote.knowledge_base import open_remote
-
-        return open_remote(text, token, timeout_s)
     quarantines = on_inconsistency == "quarantine"
     found = read_rules(rules)
     if found and (plain or mode == "r"):
@@ -143,17 +151,51 @@ def open_knowledge_base(
     options = _Options(
         mode, flush == "commit", reason, ontologies, quarantines, policy(validate), found
     )
+    if text.startswith(("http://", "https://", "sparql+http")):
+        place = Place(text, None if folder is None else Path(folder))
+        return _open_address(place, token, timeout_s, base, union, plain, options)
     if text == ":memory:":
         return _assemble(open_in_memory(Settings.new(base, plain, union)), options)
-    folder = Path(text)
-    settings = find(folder, mode)
+    path = Path(text)
+    settings = find(path, mode)
     if settings is None:
         settings = Settings.new(base, plain, union)
-        make(folder, settings)
-    settings.require(folder, base, plain, union)
+        make(path, settings)
+    settings.require(path, base, plain, union)
+    if settings.store is not None:
+        token = token or os.environ.get("RTASK_STORE_TOKEN")
+        place = Place(settings.store, path)
+        return _open_address(place, token, timeout_s, settings.base, union, plain, options)
     if mode == "r":
-        return _assemble(open_for_reading(folder, settings), options)
-    return _assemble(open_for_writing(folder, settings, options.durable), options)
+        return _assemble(open_for_reading(path, settings), options)
+    return _assemble(open_for_writing(path, settings, options.durable), options)
+
+
+def _open_address(
+    place: Place,
+    token: str | None,
+    timeout_s: float,
+    base: str | None,
+    union: str | None,
+    plain: bool,
+    options: _Options,
+) -> Graph:
+    """Open what is at an address: a knowledge base on any server, or a server of RTASK."""
+    if plain:
+        return open_remote(place.address, token, timeout_s)
+    endpoints = connect(place.address, token, timeout_s)
+    try:
+        is_rtask = endpoints.is_rtask()
+    except BaseException:
+        endpoints.connection.close()
+        raise
+    if not is_rtask:
+        files = open_on_server(endpoints, place, options.mode, base, union)
+        return _assemble(files, options)
+    endpoints.connection.close()
+    if options.rules:
+        raise UsageError("rules belong to the server; add them there: POST /reasoner/rules")
+    return open_remote(place.address, token, timeout_s)
 
 
 def _assemble(files: Files, options: _Options) -> KnowledgeBase:
@@ -191,14 +233,18 @@ def _connect(files: Files, options: _Options) -> KnowledgeBase:
     )
     if inference is not None:
         inference.follow(lambda: committer.last_seq)
-    writer = Writer(committer, files.checkpoints)
+    changes = PendingChange if isinstance(files.store, RemoteStore) else Overlay
+    writer = Writer(committer, files.checkpoints, changes)
     if options.mode == "r":
         writer.close()
-    return KnowledgeBase(files, catalogue, inference, writer)
+    kb = KnowledgeBase(files, catalogue, inference, writer)
+    if isinstance(files.store, RemoteStore) and isinstance(files.journal, RemoteJournal):
+        Sync(files.store, files.journal, writer, kb.feed).start()
+    return kb
 
 
 def _late_notes(files: Files, graphs: Graphs, options: _Options) -> LateNotes | None:
-    if files.settings.plain or options.mode == "r":
+    if files.settings.plain or options.mode == "r" or isinstance(files.store, RemoteStore):
         return None
     return LateNotes(files.store, graphs.meta, graphs.provenance)
 

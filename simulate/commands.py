@@ -14,7 +14,9 @@ import click
 from rtask.errors import RobotError
 from simulate import options
 from simulate.act.commands import act_serve, act_test
-from simulate.fleet.commands import fetch, sharing
+from simulate.fleet.commands import attempts, fetch, sharing
+from simulate.ros.commands import ros, ros_reach
+from simulate.study.clutter.command import piles
 from simulate.study.commands import grasping, judging, learn, table4, table5
 from simulate.study.quality.command import grasp_quality
 
@@ -30,7 +32,13 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @options.seed()
 @click.option("--objects", default=6, show_default=True, help="Objects on each table.")
 @click.option("--robots", default=2, show_default=True, help="Robots, one after the other.")
-@options.robots_in_turn
+@click.option(
+    "--robot",
+    "kinds",
+    multiple=True,
+    help="Kinds of the robots, in turn (nao, panda); repeatable.  [default: as the products need]",
+)
+@options.products(default="hard")
 @click.option(
     "--data",
     default="rtask-demo",
@@ -41,7 +49,7 @@ def _interrupt(signum: int, frame: FrameType | None) -> None:
 @click.option("--keep", is_flag=True, help="Continue with the store of an earlier run.")
 @click.option("--gui", is_flag=True, help="Show the simulation in a window.")
 @click.option("--stay", is_flag=True, help="Keep the endpoint running afterwards, until Ctrl-C.")
-@click.option("--attempts", default=4, show_default=True, help="Attempts per object.")
+@click.option("--attempts", default=6, show_default=True, help="Attempts per object.")
 @click.option("--port", "-p", default=0, show_default=True, help="Port of the endpoint; 0 = free.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def demo(
@@ -49,6 +57,7 @@ def demo(
     objects: int,
     robots: int,
     kinds: tuple[str, ...],
+    products: str,
     data: Path,
     keep: bool,
     gui: bool,
@@ -59,7 +68,7 @@ def demo(
 ) -> None:
     """Watch a robot learn to grasp, and other robots benefit from it.
 
-    Starts an endpoint on an embedded store and simulated Naos that share it. The first encounters
+    Starts an endpoint on an embedded store and simulated robots that share it. The first encounters
     unknown objects; the next ones find them in the graph. Ends with a table of what each robot did,
     three SPARQL queries on the live store, and a report folder with pictures.
     """
@@ -68,7 +77,9 @@ def demo(
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
-    settings = Settings(data, seed, objects, robots, attempts, keep, gui, port, kinds=kinds)
+    settings = Settings(
+        data, seed, objects, robots, attempts, keep, gui, port, kinds=kinds, products=products
+    )
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     result = Demo(settings, Console(results=not as_json)).run(stay)
@@ -117,16 +128,20 @@ def simulate(context: click.Context, /, robots: int | None, **options: Any) -> N
     run_fleet(robots, **options)
 
 
+simulate.add_command(attempts)
 simulate.add_command(fetch)
 simulate.add_command(grasp_quality)
 simulate.add_command(grasping)
 simulate.add_command(judging)
 simulate.add_command(learn)
+simulate.add_command(piles)
 simulate.add_command(sharing)
 simulate.add_command(table4)
 simulate.add_command(table5)
 simulate.add_command(act_test)
 simulate.add_command(act_serve)
+simulate.add_command(ros)
+simulate.add_command(ros_reach)
 
 
 @simulate.command()
@@ -154,7 +169,7 @@ def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) 
 
     The input of `rtask grasp train`. A view takes about a tenth of a second.
     """
-    from grasp.spatial.gripper import gripper_named
+    from grasp.spatial.gripper_files import gripper_named
     from simulate.study import grasp_samples
 
     try:
@@ -169,3 +184,25 @@ def grasp_views(out: Path, gripper: str, shapes: int, seed: int, as_json: bool) 
         click.echo(json.dumps({**about, "candidates": len(samples), "right": right}))
         return
     click.echo(f"{len(samples)} candidates for {samples.gripper}, {right} right: {out}")
+
+
+@simulate.command()
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@options.robots_in_turn
+@options.seed()
+@click.option("--objects", default=4, show_default=True, help="Objects on each table.")
+@options.json_flag("path")
+def film(out: Path, kinds: tuple[str, ...], seed: int, objects: int, as_json: bool) -> None:
+    """Film robots side by side, each grasping an object, to OUT (.webp, .png or .gif).
+
+    A robot takes about a minute.
+    """
+    from simulate.study.film import Film, film_robot, write_film
+
+    settings = Film(objects=objects, seed=seed)
+    frames = []
+    for kind in kinds:
+        click.echo(f"filming {kind}", err=True)
+        frames.append(film_robot(kind, settings))
+    write_film(out, frames, settings)
+    click.echo(json.dumps({"path": str(out)}) if as_json else str(out))

@@ -18,11 +18,14 @@ __all__ = [
     "out",
     "preset",
     "prior",
+    "products",
+    "resume",
     "robot",
     "robots_in_turn",
     "runs_trials",
     "seed",
     "trials",
+    "workers",
 ]
 
 Command = Callable[..., Any]
@@ -50,14 +53,14 @@ objects_per_robot = click.option(
 objects_on_table = click.option(
     "--table", "on_table", default=4, show_default=True, help="Objects on the table at once."
 )
-_workers = option(
+workers = option(
     "--workers",
     former=["--processes"],
     default=2,
     show_default=True,
     help="Number of processes; does not change the results.",
 )
-_resume = click.option(
+resume = click.option(
     "--resume", is_flag=True, help="Continue the interrupted run in the output folder."
 )
 
@@ -76,6 +79,17 @@ def prior(default: bool) -> Option:
     """Return the flag for grasps that geometry proposes."""
     return click.option(
         "--prior/--no-prior", default=default, help="Whether grasps are proposed from geometry."
+    )
+
+
+def products(default: str) -> Option:
+    """Return the option for the set of products on the tables."""
+    return click.option(
+        "--products",
+        type=click.Choice(["plain", "hard"]),
+        default=default,
+        show_default=True,
+        help="Plain products, or ones whose best grasp cannot be seen.",
     )
 
 
@@ -100,7 +114,7 @@ def runs_trials(default_out: str) -> Option:
     """Return a decorator that adds the options of a study: workers, preset, out, resume, JSON."""
 
     def decorate(command: Command) -> Command:
-        for add in (json_flag(), _resume, out(default_out), preset, _workers):
+        for add in (json_flag(), resume, out(default_out), preset, workers):
             command = add(command)
         return command
 

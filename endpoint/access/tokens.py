@@ -18,7 +18,7 @@ import secrets
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
@@ -285,6 +285,19 @@ class TokenStore:
             rows = connection.execute("SELECT * FROM tokens ORDER BY created").fetchall()
         return [_token(row) for row in rows]
 
+    def rows(self) -> list[list[str | None]]:
+        """Return all tokens with the digests of their secrets, for a follower's store."""
+        with self._reading() as connection:
+            rows = connection.execute("SELECT * FROM tokens ORDER BY id").fetchall()
+        return [[v.hex() if isinstance(v, bytes) else v for v in row] for row in rows]
+
+    def replace(self, rows: Iterable[Sequence[str | None]]) -> None:
+        """Take over the tokens of another store, as :meth:`rows` gives them."""
+        values = [(row[0], bytes.fromhex(row[1] or ""), *row[2:]) for row in rows]
+        with self._lock, self._connection() as connection:
+            connection.execute("DELETE FROM tokens")
+            connection.executemany("INSERT INTO tokens VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+
     def revoke(self, token_id: str) -> bool:
         """Revoke a token; tell whether there was one to revoke."""
         now = datetime.now(UTC).isoformat()
@@ -390,6 +403,6 @@ def require_rights(token: Token) -> None:
     UsageError
         Naming the right.
     """
-    if token.rights and token.role == "reader":
+    if token.role == "reader" and "rules" in token.rights:
         raise UsageError("a reader writes nothing; give the right to another role")
     _ = token.access

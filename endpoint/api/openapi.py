@@ -10,11 +10,13 @@ from pydantic import BaseModel
 from endpoint.api.openapi_page import page
 from endpoint.api.openapi_reasoner import reasoner_paths
 from endpoint.api.openapi_resources import resource_paths
+from endpoint.api.openapi_services import service_paths
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
 from endpoint.http.plan import Plan
 from endpoint.http.problems import PROBLEM_TYPE
 from endpoint.rosbridge.services import Engine, Operation
 from rtask import __version__
+from rtask.services.registry import Registry
 from rtask.wire.fields import kind_of
 from rtask.wire.openapi import components
 
@@ -46,7 +48,7 @@ _OPERATION_PROBLEMS = (400, 401, 403, 404, 405, 409, 413, 415, 422, 429, 501, 50
 _READ_PROBLEMS = (400, 401, 403, 404, 405, 406, 410, 416, 429, 503, 504)
 
 
-def plan_openapi(engine: Engine, request: Request) -> Plan:
+def plan_openapi(engine: Engine, services: Registry, request: Request) -> Plan:
     """Prepare the description, as JSON or as a page.
 
     Raises
@@ -57,19 +59,21 @@ def plan_openapi(engine: Engine, request: Request) -> Plan:
     if request.method not in ("GET", "HEAD"):
         allow = (("Allow", "GET, HEAD"),)
         raise RefusedError(405, "method-not-allowed", "read it with GET", headers=allow)
-    described = document(engine)
+    described = document(engine, services)
     if request.raw_path.rstrip("/").endswith(".json"):
         return Plan.ready(Response(200, json.dumps(described).encode(), JSON_TYPE))
     return Plan.ready(Response(200, page(described).encode(), HTML_TYPE))
 
 
-def document(engine: Engine) -> JsonObject:
+def document(engine: Engine, services: Registry | None = None) -> JsonObject:
     """Return the whole description."""
+    services = Registry() if services is None else services
     declared: dict[str, type[BaseModel]] = {}
     for name, operation in engine.operations.items():
         declared[_request_name(name)] = operation.request
         declared[operation.answer.__name__] = operation.answer
     schemas = {"Problem": _PROBLEM, **components(declared)}
+    offered = service_paths(services, schemas, _get, _parameter, _problems)
     paths = {
         f"/engine/{name}": {"post": _operation(name, operation)}
         for name, operation in engine.operations.items()
@@ -86,7 +90,7 @@ def document(engine: Engine) -> JsonObject:
         },
         "servers": [{"url": "/"}],
         "security": [{"token": []}, {}],
-        "paths": {**paths, **_fixed_paths()},
+        "paths": {**paths, **offered, **_fixed_paths()},
         "components": {
             "schemas": dict(sorted(schemas.items())),
             "securitySchemes": {
@@ -206,6 +210,7 @@ def _fixed_paths() -> JsonObject:
                         {"type": "string", "pattern": "^[0-9a-f]{64}$"})  # fmt: skip
     query = _parameter("query", "query", "SELECT, ASK, CONSTRUCT or DESCRIBE", text)
     return {
+        # POST with SPARQL as the body is the SPARQL protocol's own, which generators do not know.
         "/sparql": {"get": _get("Ask in SPARQL 1.1", results, [query])},
         **resource_paths(_get, _parameter),
         "/api/blobs/{sha256}": {

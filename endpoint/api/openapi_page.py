@@ -15,6 +15,7 @@ def page(document: JsonObject) -> str:
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<link rel="icon" href="/static/icon.svg" type="image/svg+xml">',
         f"<title>{escape(info['title'])} over HTTP</title>",
         '<link rel="stylesheet" href="/static/style.css"></head><body><main>',
         f"<h1>{escape(info['title'])} over HTTP</h1><p>{escape(info['description'])}</p>",
@@ -38,10 +39,10 @@ def _operation(path: str, method: str, described: JsonObject, schemas: JsonObjec
         parts.append(_table(("parameter", "in", "meaning"), rows))
     body = described.get("requestBody")
     if body:
-        schema = _resolved(next(iter(body["content"].values()))["schema"], schemas)
+        schema = _resolved(next(iter(body["content"].values())).get("schema", {}), schemas)
         parts.append(_fields(schema, schemas))
     done = next(one for status, one in described["responses"].items() if status[0] == "2")
-    answers: JsonObject = next(iter(done["content"].values()), {})
+    answers: JsonObject = next(iter(done.get("content", {}).values()), {})
     answer = answers.get("schema")
     if answer:
         parts += ["<h3>Answer</h3>", _fields(_resolved(answer, schemas), schemas)]
@@ -90,7 +91,8 @@ def _table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
         + "</tr>"
         for row in rows
     )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="scroll">{table}</div>'
 
 
 def _code(text: str) -> str:

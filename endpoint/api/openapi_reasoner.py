@@ -44,6 +44,17 @@ def reasoner_paths(
     single = get("One rule of the user", (JSON_TYPE,), [name])
     single["responses"] |= problems((422,))
     sent = {**_RULE, "properties": {**_RULE["properties"], "replace": {"type": "boolean"}}}
+    several: JsonObject = {
+        "type": "object",
+        "properties": {
+            "rules": {"type": "array", "items": _RULE, "minItems": 1},
+            "replace": {"type": "boolean"},
+        },
+        "required": ["rules"],
+        "additionalProperties": False,
+    }
+    labels = parameter("label", "query", "label or IRI of a rule; may be repeated", _TEXT)
+    labels["required"] = True
     terms = [
         parameter(name, "query", f"{meaning}; an IRI, or a term as N-Triples", _TEXT)
         for name, meaning in (("s", "subject"), ("p", "predicate"), ("o", "object"))
@@ -78,12 +89,25 @@ def reasoner_paths(
         RULES: {
             "get": get("Rules of the user", (JSON_TYPE,)),
             "post": {
-                "summary": "Add a rule",
-                "description": "Needs the right `rules`. The body may also be the query itself, as "
+                "summary": "Add rules",
+                "description": "Needs the right `rules`. The body is a rule, or several under "
+                "`rules`, which are added as one commit; it may also be the query itself, as "
                 f"`{SPARQL_TYPE}` with `?label=`.",
-                "requestBody": {"required": True, "content": {JSON_TYPE: {"schema": sent}}},
+                "requestBody": {
+                    "required": True,
+                    "content": {JSON_TYPE: {"schema": {"anyOf": [sent, several]}}},
+                },
                 "responses": {
-                    "201": {"description": "added", "content": {JSON_TYPE: {"schema": _RULE}}},
+                    "201": {"description": "added", "content": {JSON_TYPE: {}}},
+                    **problems(_CHANGE_PROBLEMS),
+                },
+            },
+            "delete": {
+                "summary": "Remove rules",
+                "description": "Needs the right `rules`. All are removed as one commit.",
+                "parameters": [labels],
+                "responses": {
+                    "200": {"description": "removed", "content": {JSON_TYPE: {}}},
                     **problems(_CHANGE_PROBLEMS),
                 },
             },

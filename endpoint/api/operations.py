@@ -47,11 +47,8 @@ def plan_operation(
         raise RefusedError(
             405, "method-not-allowed", "operations take POST", headers=(("Allow", "POST"),)
         )
-    auth.check_origin(request, caller)
-    if caller.token is None and caller.access.role == "reader" and operation.scope != "read":
-        raise AuthenticationError(f"{name} needs a token; send Authorization: Bearer <token>")
-    require_scope(caller.access, operation.scope)
-    args = keys.read(request, name, caller.name, _json_object(request))
+    authorise(auth, request, caller, operation.scope, name)
+    args = keys.read(request, name, caller.name, json_object(request))
 
     def run() -> Response:
         answer = keys.once(
@@ -62,7 +59,32 @@ def plan_operation(
     return Plan(run)
 
 
-def _json_object(request: Request) -> dict[str, Any]:
+def authorise(auth: Authenticator, request: Request, caller: Caller, scope: str, name: str) -> None:
+    """Refuse a caller that may not carry out what needs a scope.
+
+    Raises
+    ------
+    AuthenticationError
+        It needs a token, and none came.
+    ForbiddenError
+        The caller's role lacks the scope, or a page of another origin asks.
+    """
+    auth.check_origin(request, caller)
+    if caller.token is None and caller.access.role == "reader" and scope != "read":
+        raise AuthenticationError(f"{name} needs a token; send Authorization: Bearer <token>")
+    require_scope(caller.access, scope)
+
+
+def json_object(request: Request) -> dict[str, Any]:
+    """Return the JSON object in the body of a request.
+
+    Raises
+    ------
+    RefusedError
+        415.
+    UsageError
+        It is not JSON, or not an object.
+    """
     media_type, _ = request.content_type
     if media_type != JSON_TYPE:
         raise RefusedError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 from pyoxigraph import NamedNode, RdfFormat
 
@@ -29,6 +29,7 @@ BUDGET_MS = 500.0
 """Writers wait while the reasoner answers, so each answer has a small budget."""
 
 MAX_CONCLUSION = 1_000
+MAX_RULES = 1_000
 _FIELDS = ("label", "text", "comment", "replace")
 
 
@@ -36,10 +37,10 @@ def methods_of(address: str) -> tuple[str, ...]:
     """Return the methods that an address takes; none where there is nothing.
 
     >>> methods_of("/reasoner/rules"), methods_of("/reasoner/rules/heavy")
-    (('GET', 'HEAD', 'POST'), ('GET', 'HEAD', 'DELETE'))
+    (('GET', 'HEAD', 'POST', 'DELETE'), ('GET', 'HEAD', 'DELETE'))
     """
     if address == RULES:
-        return ("GET", "HEAD", "POST")
+        return ("GET", "HEAD", "POST", "DELETE")
     if address.startswith(RULES + "/"):
         return ("GET", "HEAD", "DELETE")
     if address == ENTAILS:
@@ -80,7 +81,12 @@ def plan_reasoner(kb: KnowledgeBase, auth: Authenticator, request: Request, call
         return Plan(lambda: _add(kb, request, caller))
     if request.method == "DELETE":
         _require_author(auth, request, caller)
-        return Plan(lambda: _remove(kb, name, request, caller))
+        if name:
+            return Plan(lambda: _remove(kb, [name], request, caller))
+        names = request.values("label")
+        if not names:
+            raise UsageError("name the rules to remove: DELETE /reasoner/rules?label=<label>")
+        return Plan(lambda: _remove(kb, names, request, caller))
     return Plan(lambda: _json(_one(kb, name).to_dict() if name else {"rules": _all(kb)}))
 
 
@@ -106,22 +112,26 @@ def _one(kb: KnowledgeBase, name: str) -> Rule:
 
 
 def _add(kb: KnowledgeBase, request: Request, caller: Caller) -> Response:
-    rule, replace = _sent(request)
+    sent = _sent(request)
     note = caller.note(request)
-    commit = kb.add_rules([rule], access=caller.access, replace=replace, note=note)
-    made = _one(kb, rule.label.strip())
-    location = RULES + "/" + (made.iri.value.rpartition("/rule/")[2] if made.iri else "")
-    body = {**made.to_dict(), "commit": commit.seq, "derived": commit.derived}
-    return _json(body, 201, (("Location", location),))
+    commit = kb.add_rules(sent.rules, access=caller.access, replace=sent.replace, note=note)
+    made = [_one(kb, rule.label.strip()) for rule in sent.rules]
+    facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
+    if sent.several:
+        return _json({"rules": [rule.to_dict() for rule in made], **facts}, 201)
+    (rule,) = made
+    location = RULES + "/" + (rule.iri.value.rpartition("/rule/")[2] if rule.iri else "")
+    return _json({**rule.to_dict(), **facts}, 201, (("Location", location),))
 
 
-def _remove(kb: KnowledgeBase, name: str, request: Request, caller: Caller) -> Response:
+def _remove(kb: KnowledgeBase, names: list[str], request: Request, caller: Caller) -> Response:
     caller.access.bind(kb.graphs, kb.catalogue.is_ontology, kb.plain).require_write(
         kb.graphs.rules, "rules"
     )
-    rule = _one(kb, name)
-    commit = kb.remove_rules(rule.label, access=caller.access, note=caller.note(request))
-    return _json({"removed": rule.label, "commit": commit.seq})
+    labels = [_one(kb, name).label for name in names]
+    commit = kb.remove_rules(labels, access=caller.access, note=caller.note(request))
+    removed = labels if request.values("label") else labels[0]
+    return _json({"removed": removed, "commit": commit.seq, "withdrawn": commit.withdrawn})
 
 
 def _triple(request: Request) -> TripleKey:
@@ -207,8 +217,15 @@ def _contradictions(kb: KnowledgeBase) -> Response:
     )
 
 
-def _sent(request: Request) -> tuple[Rule, bool]:
-    """Return the rule of a request, and whether it replaces one of the same label."""
+class _Sent(NamedTuple):
+    """The rules of a request; one that is sent by itself is answered by itself."""
+
+    rules: list[Rule]
+    replace: bool
+    several: bool = False
+
+
+def _sent(request: Request) -> _Sent:
     media_type, _ = request.content_type
     if media_type == SPARQL_TYPE:
         label = (request.values("label") or [""])[-1]
@@ -216,7 +233,7 @@ def _sent(request: Request) -> tuple[Rule, bool]:
             text = request.body.decode()
         except UnicodeDecodeError:
             raise UsageError("the rule is not UTF-8 text") from None
-        return Rule(label, text), "1" in request.values("replace")
+        return _Sent([Rule(label, text)], "1" in request.values("replace"))
     if media_type != JSON_TYPE:
         raise RefusedError(
             415,
@@ -225,15 +242,34 @@ def _sent(request: Request) -> tuple[Rule, bool]:
             headers=(("Accept-Post", f"{JSON_TYPE}, {SPARQL_TYPE}"),),
         )
     sent = _json_object(request)
-    if not isinstance(sent.get("text"), str):
+    replace = sent.get("replace") is True
+    if "rules" not in sent:
+        return _Sent([_rule(sent, _FIELDS)], replace)
+    _check_fields(sent, ("rules", "replace"))
+    given = sent["rules"]
+    if not isinstance(given, list) or not given:
+        raise UsageError("rules is a list of objects with label and text")
+    if len(given) > MAX_RULES:
+        raise TooLargeError(
+            f"at most {MAX_RULES} rules are added at once", limit="rules", allowed=MAX_RULES
+        )
+    return _Sent([_rule(one, _FIELDS[:3]) for one in given], replace, several=True)
+
+
+def _rule(sent: Any, fields: tuple[str, ...]) -> Rule:
+    if not isinstance(sent, dict) or not isinstance(sent.get("text"), str):
         raise UsageError("a rule is one JSON object with label and text")
-    unknown = sorted(set(sent) - set(_FIELDS))
-    if unknown:
-        raise UsageError(f"unknown field {unknown[0]!r}; one of {', '.join(_FIELDS)}")
+    _check_fields(sent, fields)
     label, comment = sent.get("label", ""), sent.get("comment", "")
     if not isinstance(label, str) or not isinstance(comment, str):
         raise UsageError("label and comment are text")
-    return Rule(label, sent["text"], comment), sent.get("replace") is True
+    return Rule(label, sent["text"], comment)
+
+
+def _check_fields(sent: dict[str, Any], fields: tuple[str, ...]) -> None:
+    unknown = sorted(set(sent) - set(fields))
+    if unknown:
+        raise UsageError(f"unknown field {unknown[0]!r}; one of {', '.join(fields)}")
 
 
 def _json(

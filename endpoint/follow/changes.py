@@ -9,14 +9,15 @@ told by an event of its own.
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import logging
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from endpoint.access.auth import Caller, cors_headers, require_scope
 from endpoint.context import ServerContext
+from endpoint.follow.activity import ADDRESS as ACTIVITY
+from endpoint.follow.activity import ActivityStream
+from endpoint.follow.event_stream import EventStream
 from endpoint.follow.events import (
     MAX_PATTERNS,
     NAMES,
@@ -26,9 +27,9 @@ from endpoint.follow.events import (
     read_pattern,
     version_of,
 )
+from endpoint.follow.replication import RECORDS, RecordStream
 from endpoint.follow.socket import ChangeSocket
 from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
-from endpoint.http.response_stream import SEND_IDLE_S, Wire
 from endpoint.http.websocket import Message, Receive, Transmit, refuse_handshake
 from endpoint.rosbridge.messages import encode, parse
 from endpoint.served import embedded
@@ -42,13 +43,9 @@ from rtask.errors import (
 )
 from rtask.knowledge_base import KnowledgeBase
 
-_log = logging.getLogger(__name__)
-
 ADDRESS = "/changes"
 MAX_STREAMS = 2_000
 MAX_STREAMS_PER_CALLER = 20
-COMMENT_S = 15.0
-_EVENT_STREAM = "text/event-stream"
 
 
 class Changes:
@@ -62,7 +59,7 @@ class Changes:
 
     def __init__(self, context: ServerContext) -> None:
         self._context = context
-        self._streams: set[Stream] = set()
+        self._streams: set[EventStream] = set()
         self._sockets: set[ChangeSocket] = set()
         self._held: Counter[str] = Counter()
 
@@ -76,9 +73,10 @@ class Changes:
     @staticmethod
     def serves(path: str) -> bool:
         """Tell whether an address belongs to change notifications."""
-        return path.rstrip("/") == ADDRESS or path.startswith(ADDRESS + "/")
+        here = path.rstrip("/")
+        return here in (ADDRESS, ACTIVITY, RECORDS) or path.startswith(ADDRESS + "/")
 
-    def open(self, request: Request) -> Response | Stream:
+    def open(self, request: Request) -> Response | EventStream:
         """Return one commit, or a stream that is yet to be sent.
 
         Raises
@@ -91,6 +89,12 @@ class Changes:
             raise RefusedError(405, "method-not-allowed", "follow with GET or POST", headers=allow)
         caller = self._context.auth.identify(request)
         require_scope(caller.access, "read")
+        if request.path.rstrip("/") == ACTIVITY:
+            self._admit(caller)
+            return ActivityStream(self, self._context, request, caller)
+        if request.path.rstrip("/") == RECORDS:
+            self._admit(caller)
+            return RecordStream(self, request, caller, self._kb, self._context.tokens)
         rest = request.path.removeprefix(ADDRESS).strip("/")
         if rest:
             return self._commit(rest)
@@ -144,22 +148,22 @@ class Changes:
 
     async def close_revoked(self) -> None:
         """Disconnect the followers whose token has been revoked."""
-        everybody: list[Stream | ChangeSocket] = [*self._streams, *self._sockets]
+        everybody: list[EventStream | ChangeSocket] = [*self._streams, *self._sockets]
         for one in everybody:
             if not self._context.auth.still_valid(one.caller):
                 await one.end("token revoked", 1008)
 
     async def close_all(self) -> None:
         """Disconnect all followers because the server stops."""
-        everybody: list[Stream | ChangeSocket] = [*self._streams, *self._sockets]
+        everybody: list[EventStream | ChangeSocket] = [*self._streams, *self._sockets]
         await asyncio.gather(*(one.end("server stops", 1012) for one in everybody))
 
-    def add(self, stream: Stream) -> None:
+    def add(self, stream: EventStream) -> None:
         """Count a stream in."""
         self._streams.add(stream)
         self._held[stream.caller.key] += 1
 
-    def remove(self, stream: Stream) -> None:
+    def remove(self, stream: EventStream) -> None:
         """Count a stream out."""
         self._streams.discard(stream)
         self._forget(stream.caller)
@@ -202,8 +206,8 @@ class Changes:
         return f"{self._kb.epoch}:{seq}"
 
 
-class Stream:
-    """One stream of server-sent events.
+class Stream(EventStream):
+    """The commits that fit some patterns, as a stream of server-sent events.
 
     Parameters
     ----------
@@ -216,76 +220,26 @@ class Stream:
     """
 
     def __init__(self, changes: Changes, request: Request, caller: Caller) -> None:
-        self.caller = caller
+        super().__init__(changes, request, caller)
         self._changes = changes
-        self._request = request
-        self._ready = asyncio.Event()
-        self._loop = asyncio.get_running_loop()
-        self._reason = ""
-        self._begin = changes.version()
-        self._follower, self._missed = changes.follower(request, self._begin, self._wake)
+        self._follower, self._missed = changes.follower(request, self.begin, self.wake)
 
-    def _wake(self) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(self._ready.set)
+    def close(self) -> None:
+        """Stop following."""
+        self._follower.close()
 
-    async def end(self, reason: str, code: int) -> None:
-        """End the stream, naming the reason in a last event."""
-        self._reason = reason
-        self._ready.set()
-
-    async def send(self, wire: Wire) -> int:
-        """Send events until either side ends the stream; return the number of bytes sent."""
-        self._changes.add(self)
-        wire.watch(lambda: self._leave("the client left"))
-        sent = 0
-        try:
-            await wire.transmit(self._start())
-            if self._request.method != "HEAD":
-                async for piece in self._pieces():
-                    async with asyncio.timeout(SEND_IDLE_S):
-                        await wire.transmit(
-                            {"type": "http.response.body", "body": piece, "more_body": True}
-                        )
-                    sent += len(piece)
-            with contextlib.suppress(RuntimeError, OSError):
-                await wire.transmit({"type": "http.response.body", "body": b""})
-        except (TimeoutError, OSError):
-            _log.info("a follower reads nothing; closing")
-        finally:
-            wire.unwatch()
-            self._changes.remove(self)
-            self._follower.close()
-        return sent
-
-    def _leave(self, reason: str) -> None:
-        self._reason = reason
-        self._ready.set()
-
-    def _start(self) -> Message:
-        headers = [
-            ("content-type", _EVENT_STREAM),
-            ("cache-control", "no-store"),
-            ("x-accel-buffering", "no"),
-            ("rtask-version", self._begin),
-            ("rtask-request-id", self._request.id),
-            *self._changes.cors(self._request),
-        ]
-        raw = [(name.lower().encode(), text.encode("latin-1")) for name, text in headers]
-        return {"type": "http.response.start", "status": 200, "headers": raw}
-
-    async def _pieces(self) -> AsyncIterator[bytes]:
-        """Yield a greeting, the commits, and the reason for the end."""
-        epoch = self._begin.partition(":")[0]
-        yield event("hello", {"version": self._begin, "epoch": epoch})
+    async def pieces(self) -> AsyncIterator[bytes]:
+        """Yield a greeting and the commits."""
+        epoch = self.begin.partition(":")[0]
+        yield event("hello", {"version": self.begin, "epoch": epoch})
         if self._missed is not None:
             kind = "epoch" if isinstance(self._missed, EpochChangedError) else "gone"
-            told = {"detail": str(self._missed), "version": self._begin, **self._missed.details}
-            yield event(kind, told, self._begin)
+            told = {"detail": str(self._missed), "version": self.begin, **self._missed.details}
+            yield event(kind, told, self.begin)
         live = False
         try:
-            while not self._reason:
-                self._ready.clear()
+            while not self.reason:
+                self.ready.clear()
                 if live:
                     found = self._follower.drain()
                 else:  # what was missed is read from files
@@ -296,23 +250,12 @@ class Stream:
                 for change in found:
                     position = self._changes.position(change.commit.seq)
                     yield event("change", change_data(change), position)
-                if not found and not await self._wait():
+                if not found and not await self.wait():
                     yield b": still here\n\n"
         except Lagged as error:
             yield event("lagged", {"detail": str(error), **error.details})
         except ClosedError:
-            self._reason = "the store was closed"
-        if self._reason not in ("", "the client left"):
-            yield event("bye", {"reason": self._reason})
-
-    async def _wait(self) -> bool:
-        """Wait for a commit; tell whether one came."""
-        try:
-            async with asyncio.timeout(COMMENT_S):
-                await self._ready.wait()
-        except TimeoutError:
-            return False
-        return True
+            self.reason = "the store was closed"
 
 
 def _patterns(request: Request) -> list[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -69,6 +70,25 @@ class RunningQuery:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """Work that threads of its own do; the plan's ``run`` answers from it once it has ended.
+
+    Parameters
+    ----------
+    start
+        Starts the work without waiting; may raise any error of :mod:`rtask.errors`.
+    late
+        Returns the error for work that did not end in time; none to answer as it is then.
+    stop
+        Called when nobody waits for the answer any more.
+    """
+
+    start: Callable[[], Future[Any]]
+    late: Callable[[], Exception] | None
+    stop: Callable[[], None]
+
+
 @dataclass(slots=True)
 class Plan:
     """A request that was understood; running it does the work.
@@ -96,6 +116,8 @@ class Plan:
         Answers a look-up in the calling thread, if no reader is free at once; or returns none.
     keep
         Is given the response before it is sent, for the answer cache.
+    elsewhere
+        The work, if threads of its own do it.
     """
 
     run: Callable[[], Response]
@@ -109,6 +131,7 @@ class Plan:
     resume: Callable[[ReaderStream], Response] | None = None
     look_up: Callable[[], Response | None] | None = None
     keep: Callable[[Response], None] | None = None
+    elsewhere: Elsewhere | None = None
 
     @staticmethod
     def ready(response: Response) -> Plan:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 from http import HTTPStatus
 from typing import Any
 
@@ -83,6 +84,8 @@ def problem(error: Exception, instance: str = "") -> Response:
         headers = error.headers
     elif isinstance(error, AuthenticationError):
         headers = (("WWW-Authenticate", _challenge(error)),)
+    elif isinstance(error, RtaskError) and "retry_after_s" in error.details:
+        headers = (("Retry-After", str(math.ceil(error.details["retry_after_s"]))),)
     return Response(status_of(error), body.encode(), PROBLEM_TYPE, headers)
 
 

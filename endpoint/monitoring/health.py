@@ -6,6 +6,7 @@ import json
 import shutil
 from typing import Any
 
+from endpoint.http.following import Following
 from endpoint.http.messages import JSON_TYPE, RefusedError, Response
 from endpoint.http.plan import Plan
 from endpoint.served import ServedGraph
@@ -13,6 +14,7 @@ from rtask import __version__
 
 _MIN_FREE_BYTES = 1 << 30
 _TIMEOUT_S = 5.0
+MAX_BEHIND_S = 10.0
 
 
 class Health:
@@ -26,6 +28,8 @@ class Health:
     ----------
     kb
         The knowledge base.
+    following
+        The connection to the server that this one follows, if any.
 
     Attributes
     ----------
@@ -33,8 +37,9 @@ class Health:
         Whether the server is shutting down.
     """
 
-    def __init__(self, kb: ServedGraph) -> None:
+    def __init__(self, kb: ServedGraph, following: Following | None = None) -> None:
         self._kb = kb
+        self._following = following
         self.draining = False
 
     def plan(self, address: str) -> Plan:
@@ -65,6 +70,8 @@ class Health:
             failing.append("draining")
         if self._kb.query("ASK {}") is not True:
             failing.append("store")
+        if self._following is not None and self._following.seconds_behind > MAX_BEHIND_S:
+            failing.append("behind")
         folder = self._kb.folder
         if folder is not None and shutil.disk_usage(folder).free < _MIN_FREE_BYTES:
             failing.append("disk")

@@ -10,6 +10,7 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import require_scope
+from endpoint.activity.words import AFTER
 from endpoint.pages.render import Model, blueprint, context, current_request, page, select
 from endpoint.pages.signin import require_form
 from endpoint.pages.wording import PHASES, VISIBLE_REASONS
@@ -19,8 +20,6 @@ from rtask.rdf.terms import iri
 from rtask.wire.forms import read_form
 
 _ADDRESS = "/feedback"
-# The first of these that a robot took shows how an attempt ended.
-_AFTER = ("placed", "held", "lifted", "closed")
 _FILTERS = {
     "all": "",
     "unjudged": "FILTER NOT EXISTS { ?outcome rt:hasFeedback/a rt:HumanFeedback }",
@@ -93,7 +92,7 @@ def before_and_after(pictures: list[Model], view: str | None) -> tuple[Model | N
     """
     taken = {picture["phase"]: picture for picture in pictures}
     seen = {"phase": "view", "sha": view} if view else None
-    after = next((taken[phase] for phase in _AFTER if phase in taken), None)
+    after = next((taken[phase] for phase in AFTER if phase in taken), None)
     return taken.get("pre_grasp", seen), after
 
 

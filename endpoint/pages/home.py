@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from endpoint.pages.graph.workbench import DEFAULT_QUERY, samples
 from endpoint.pages.objects import list_objects
 from endpoint.pages.render import Model, current_request, knowledge_base, page, select
-from endpoint.pages.workbench import DEFAULT_QUERY, samples
 from rtask import __version__
 
 SHOWN_OBJECTS = 24

@@ -6,10 +6,24 @@ import flask
 
 from endpoint.http.messages import RefusedError
 from endpoint.pages.choosing import by_iri
-from endpoint.pages.render import PAGE_SIZE, Model, knowledge_base, page, page_number, select
+from endpoint.pages.drawn import belief_over, clouds_of, curve, gripper_lines, has_viewer
+from endpoint.pages.render import (
+    PAGE_SIZE,
+    Model,
+    blueprint,
+    knowledge_base,
+    page,
+    page_number,
+    select,
+)
 from rtask.engine.curation.merging import present_name
+from rtask.engine.memory.statistics import lower_95
+from rtask.errors import MissingExtraError
+from rtask.extras import naming_extras
 from rtask.rdf.namespaces import PROV, RDF, RT
-from rtask.rdf.terms import iri, python_value
+from rtask.rdf.terms import NamedNode, iri, python_value
+
+blueprint.add_app_template_filter(curve)
 
 
 def list_objects(limit: int = PAGE_SIZE, offset: int = 0, chosen: str = "") -> list[Model]:
@@ -75,11 +89,33 @@ def object_() -> Model:
     grasps = select("object_grasps", object=term)
     for row in grasps:
         _count(row)
+    outcomes = select("object_outcomes", object=term)
+    views = select("object_views", object=by_iri([name]))
     return {
         "iri": name,
         **facts,
         "done": flask.request.args.get("done", ""),
-        "views": select("object_views", object=by_iri([name])),
+        "views": views,
         "grasps": grasps,
-        "outcomes": select("object_outcomes", object=term),
+        "outcomes": outcomes,
+        **_drawn(term, views, grasps, outcomes),
     }
+
+
+def _drawn(
+    term: NamedNode, views: list[Model], grasps: list[Model], outcomes: list[Model]
+) -> Model:
+    """Return what is drawn of an object: clouds, grippers, and the belief over its attempts.
+
+    Without the libraries of perception nothing is.
+    """
+    try:
+        with naming_extras("pictures"):
+            for grasp in grasps:
+                grasp["lower"] = lower_95(grasp["successes"], grasp["attempts"])
+                grasp["lines"] = gripper_lines(grasp)
+            judged = [row["success"] for row in reversed(outcomes) if row["success"] is not None]
+            clouds = clouds_of(term, views)
+            return {"clouds": clouds, "belief": belief_over(judged), "viewer": has_viewer()}
+    except MissingExtraError:
+        return {"clouds": [], "belief": [], "viewer": False}

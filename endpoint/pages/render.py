@@ -29,7 +29,7 @@ Model = dict[str, Any]
 PAGE_SIZE = 50
 PREFIXES = "".join(f"PREFIX {name}: <{iri}>\n" for name, iri in ontology.PREFIXES.items())
 _POLICY = (
-    "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
     "connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; "
     "frame-ancestors 'none'"
 )
@@ -86,6 +86,15 @@ def current_request() -> Request:
         context().config.site(current.scheme, current.host),
         current.remote_addr or "",
     )
+
+
+def to_flask(response: Response) -> flask.Response:
+    """Convert a response to Flask's."""
+    out = flask.Response(response.body, response.status)
+    out.headers.remove("Content-Type")
+    for name, value in response.header_list():
+        out.headers.add(name, value)
+    return out
 
 
 def finish_page(response: flask.Response) -> flask.Response:

@@ -11,19 +11,32 @@ import flask
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 import ontology
-from endpoint.pages.render import Model, blueprint, knowledge_base, object_url, page, resource_url
+from endpoint.pages.graph.resource import expand
+from endpoint.pages.render import (
+    Model,
+    about,
+    blueprint,
+    knowledge_base,
+    object_url,
+    page,
+    resource_url,
+)
 from endpoint.pages.render import select as run_select
-from endpoint.pages.resource import expand
 from endpoint.pages.wording import title
 
 PER_GROUP = 5
 MAX_QUERY = 200
 GROUPS = ("objects", "robots", "classes", "properties", "pages")
 _PAGES = (
+    ("/activity", "Live activity", "watch robots camera now events"),
     ("/sparql", "SPARQL workbench", "ask query"),
     ("/objects", "Objects", "things"),
+    ("/classes", "Classes", "ontology tree kinds"),
     ("/robots", "Robots", ""),
     ("/feedback", "Outcomes", "feedback attempts judge verdicts"),
+    ("/services", "Services", "algorithms methods forms call"),
+    ("/tools/grasp", "Grasp editor", "tool push outline polygon whiskers plan"),
+    ("/operations", "Operations", "engine forms"),
     ("/teach", "Teach", "name unnamed kind"),
     ("/curation", "Changes by people", "curation merge split forget undo"),
     ("/openapi", "Interface for programs", "openapi http api"),
@@ -91,7 +104,8 @@ def _read() -> Iterable[Entry]:
         name = iri.removeprefix(ontology.NS) if iri.startswith(ontology.NS) else ""
         kind = {"classes": "class", "properties": "property"}[str(row["group"])]
         found = words_of(row["name"], name)
-        yield Entry(str(row["group"]), str(row["name"]), kind, resource_url(iri), found)
+        address = about(iri, "/classes") if kind == "class" else resource_url(iri)
+        yield Entry(str(row["group"]), str(row["name"]), kind, address, found)
     for address, name, more in _PAGES:
         yield Entry("pages", name, "page", address, words_of(name, more))
 

@@ -40,6 +40,7 @@ class Progress:
         self._tell = tell
         self._furthest = 0.0
         self._cancelled = threading.Event()
+        self._stop: Callable[[], None] | None = None
 
     @property
     def is_cancelled(self) -> bool:
@@ -54,6 +55,14 @@ class Progress:
     def cancel(self) -> None:
         """Ask the handler to stop."""
         self._cancelled.set()
+        if self._stop is not None:
+            self._stop()
+
+    def on_cancel(self, stop: Callable[[], None]) -> None:
+        """Call back when the handler is asked to stop; at once if it was."""
+        self._stop = stop
+        if self.is_cancelled:
+            stop()
 
 
 @dataclass(frozen=True)

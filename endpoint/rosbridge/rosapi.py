@@ -15,7 +15,7 @@ from endpoint.rosbridge.actions import Actions
 from endpoint.rosbridge.messages import JsonObject
 from endpoint.rosbridge.parameters import Parameters
 from endpoint.rosbridge.providers import Peer, Providers
-from endpoint.rosbridge.services import Engine, Service, ServiceTable
+from endpoint.rosbridge.services import Service, ServiceTable
 from endpoint.rosbridge.topics import Topics
 from endpoint.rosbridge.typedefs import full_text, message_typedefs, typedefs_of
 from rtask.errors import RtaskError, UsageError
@@ -41,7 +41,6 @@ _FIELDS: dict[str, tuple[str, ...]] = {
 class Graph:
     """The computation graph, in the words of ROS, which `/rosapi` describes."""
 
-    engine: Engine
     table: ServiceTable
     topics: Topics
     providers: Providers
@@ -88,7 +87,8 @@ def _service(name: str, scope: str, answer: Answer) -> Service:
 
     camel = "".join(part.title() for part in name.split("_"))
     type_ = "rosapi/GetActionServers" if name == "action_servers" else f"rosapi/{camel}"
-    return Service(f"/rosapi/{name}", type_, scope, handler, True, _FIELDS.get(name, ()))
+    fields = _FIELDS.get(name, ())
+    return Service(f"/rosapi/{name}", type_, scope, handler, inline=True, positional=fields)
 
 
 def _listings(graph: Graph) -> dict[str, Answer]:
@@ -168,9 +168,8 @@ def _nodes(graph: Graph) -> dict[str, Answer]:
 
 
 def _types(graph: Graph) -> dict[str, Answer]:
-    def operation_of(type_: str) -> str:
-        names = (s.name for s in graph.table if s.type == type_ and s.name.startswith("/rtask/"))
-        return next(names, "").removeprefix("/rtask/")
+    def service_of(type_: str) -> Service | None:
+        return next((one for one in graph.table if one.type == type_ and one.request), None)
 
     def message_details(args: JsonObject) -> JsonObject:
         wanted = _text(args, "type")
@@ -178,17 +177,17 @@ def _types(graph: Graph) -> dict[str, Answer]:
 
     def request_details(args: JsonObject) -> JsonObject:
         wanted = _text(args, "type")
-        operation = graph.engine.operations.get(operation_of(wanted))
-        if operation is None:
+        found = service_of(wanted)
+        if found is None or found.request is None:
             return {"typedefs": [_empty(f"{wanted}Request")]}
-        return {"typedefs": typedefs_of(f"{wanted}Request", operation.request)}
+        return {"typedefs": typedefs_of(f"{wanted}Request", found.request)}
 
     def response_details(args: JsonObject) -> JsonObject:
         wanted = _text(args, "type")
-        operation = graph.engine.operations.get(operation_of(wanted))
-        if operation is None:
+        found = service_of(wanted)
+        if found is None or found.answer is None:
             return {"typedefs": [_empty(f"{wanted}Response")]}
-        return {"typedefs": typedefs_of(f"{wanted}Response", operation.answer)}
+        return {"typedefs": typedefs_of(f"{wanted}Response", found.answer)}
 
     return {
         "message_details": message_details,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
@@ -12,8 +11,11 @@ from endpoint.rosbridge.messages import JsonObject
 from rtask.errors import UnknownTermError, UnsupportedError
 from rtask.kb.commit.access import Access
 from rtask.wire.message import Answer, Message
+from rtask.wire.ros import camel_case
 
 Handler = Callable[[JsonObject, Access], JsonObject]
+RequestClass = type[Message]
+AnswerClass = type[Answer]
 
 
 class Operation(Protocol):
@@ -73,8 +75,10 @@ class Service:
         Takes the arguments and the caller's rights, returns the answer.
     inline
         Answered by the reader at once: short, and never behind a queue.
-    parameters
-        Names of the arguments in order, for callers that send a list.
+    request, answer
+        Their declarations, where there are any.
+    positional
+        Names of the arguments in order, for callers that send a list, where none is declared.
     """
 
     name: str
@@ -82,7 +86,14 @@ class Service:
     scope: str
     handler: Handler
     inline: bool = False
-    parameters: tuple[str, ...] = ()
+    request: RequestClass | None = None
+    answer: AnswerClass | None = None
+    positional: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the arguments in order, for callers that send a list."""
+        return self.positional if self.request is None else tuple(self.request.model_fields)
 
 
 class ServiceTable:
@@ -140,7 +151,7 @@ def ros_type(operation: str) -> str:
     >>> ros_type("recognise_for_grasp")
     'rtask/RecogniseForGrasp'
     """
-    return "rtask/" + "".join(part.capitalize() for part in re.split(r"[_\W]+", operation))
+    return f"rtask/{camel_case(operation)}"
 
 
 def engine_services(engine: Engine) -> list[Service]:
@@ -155,7 +166,8 @@ def engine_services(engine: Engine) -> list[Service]:
             ros_type(name),
             operation.scope,
             handler(name),
-            parameters=tuple(operation.request.model_fields),
+            request=operation.request,
+            answer=operation.answer,
         )
         for name, operation in engine.operations.items()
     ]

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 from endpoint.access.auth import require_scope
+from endpoint.activity.log import ANONYMOUS, ActivityLog
 from endpoint.rosbridge import aliases
 from endpoint.rosbridge.actions import Actions, plan_grasps_action
 from endpoint.rosbridge.calls import (
@@ -19,6 +20,7 @@ from endpoint.rosbridge.calls import (
     Deadlines,
     Once,
 )
+from endpoint.rosbridge.hosted import hosted_actions, hosted_services
 from endpoint.rosbridge.messages import (
     JsonObject,
     arguments,
@@ -38,13 +40,13 @@ from endpoint.rosbridge.services import Engine, Service, ServiceTable, engine_se
 from endpoint.rosbridge.topics import Topics
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.commit.access import Access
+from rtask.services import ServiceHost
 
 _log = logging.getLogger(__name__)
 
 MAX_ANSWER_BYTES = 64 << 20
 CALL_S = 60.0
 LEVELS = ("none", "error", "warning", "info")
-ACTIVITY = "/rtask/activity"
 _CANCEL_ALL = "/_action/cancel_goal"
 _numbers = itertools.count(1)
 
@@ -67,20 +69,33 @@ class Bridge:
         Number of calls that run at the same time.
     call_s
         Time limit in s of a call whose caller names none.
+    activity
+        Receives who connects and what cameras see; none for one of its own.
+    host
+        Offers the methods of its services as services and actions below ``/services/``.
     """
 
-    def __init__(self, engine: Engine, threads: int = 32, call_s: float = CALL_S) -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        threads: int = 32,
+        call_s: float = CALL_S,
+        activity: ActivityLog | None = None,
+        host: ServiceHost | None = None,
+    ) -> None:
         self.engine = engine
+        self.activity = activity or ActivityLog()
         self.call_s = call_s
         self.deadlines = Deadlines()
         self.topics = Topics(self.deadlines)
         self.calls = CallQueue(threads)
         self.providers = Providers(self.deadlines)
-        self.actions = Actions(plan_grasps_action(engine), self.calls, self.deadlines)
-        self.services = ServiceTable(engine_services(engine))
+        own_actions = [*plan_grasps_action(engine), *hosted_actions(host)]
+        self.actions = Actions(own_actions, self.calls, self.deadlines)
+        self.services = ServiceTable([*engine_services(engine), *hosted_services(host)])
         self.sessions: dict[int, Session] = {}
         graph = Graph(
-            engine, self.services, self.topics, self.providers, self.actions, Parameters(),
+            self.services, self.topics, self.providers, self.actions, Parameters(),
             lambda: list(self.sessions.values()),
         )  # fmt: skip
         for service in rosapi_services(graph):
@@ -137,11 +152,12 @@ class Session:
             "send_new_object": self._thesis_op,
         }
         bridge.sessions[self.number] = self
+        bridge.activity.connected(self.identity)
 
     @property
     def identity(self) -> str:
         """Name of the robot; the same for all robots without a token."""
-        return self.access.agent or "anonymous"
+        return self.access.agent or ANONYMOUS
 
     def feed(self, text: str) -> None:
         """Handle one message; errors are sent as a `status` message, never raised."""
@@ -166,7 +182,8 @@ class Session:
         """End the session and everything it advertised, subscribed to and waits for."""
         self._closed = True
         bridge = self.bridge
-        bridge.sessions.pop(self.number, None)
+        if bridge.sessions.pop(self.number, None) is not None:
+            bridge.activity.left(self.identity)
         bridge.calls.forget(self.number)
         bridge.topics.leave(self.number)
         bridge.actions.leave(self)
@@ -267,7 +284,6 @@ class Session:
             return
         if once():
             self._put(text, packing)
-        self._tell_activity(service.name)
 
     def _finish(
         self,
@@ -289,14 +305,6 @@ class Session:
             return
         for frame in packing.frames(text):
             self._send(frame)
-
-    def _tell_activity(self, service: str) -> None:
-        """Publish the call to the subscribers of the activity topic."""
-        topics = self.bridge.topics
-        if not service.startswith("/rosapi/") and topics.is_heard(ACTIVITY):
-            topics.announce(
-                ACTIVITY, "rtask/Activity", {"robot": self.identity, "service": service}
-            )
 
     def _thesis_op(self, message: JsonObject) -> None:
         """Carry out an op of Gatto 2016, 3.2.4, that rosbridge does not define."""
@@ -360,6 +368,8 @@ class Session:
             self.bridge.topics.publish(self.number, name_of(message, "topic"), content, latch=latch)
         except ValueError as error:
             raise UsageError(f"msg: {error}; JSON has no NaN or infinity") from None
+        type_ = self.bridge.topics.type_of(str(message.get("topic")))
+        self.bridge.activity.picture(self.identity, str(message.get("topic")), type_, content)
 
     def _subscribe(self, message: JsonObject) -> None:
         throttle, queue = (message.get(name) or 0 for name in ("throttle_rate", "queue_length"))

@@ -269,6 +269,11 @@ class Topics:
             topic = self._topics.get(name)
             return topic is not None and session in topic.advertisers
 
+    def type_of(self, name: str) -> str:
+        """Return the type of a topic; empty if it is not known."""
+        topic = self._topics.get(name)
+        return topic.type if topic is not None else ""
+
     def is_heard(self, name: str) -> bool:
         """Tell whether anybody subscribes to a topic."""
         topic = self._topics.get(name)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pydantic import BaseModel
 
 from endpoint.rosbridge.messages import JsonObject
-from rtask.wire.ros import LIST, SCALAR, ros_types
+from rtask.wire.ros import CHANGE, LIST, SCALAR, ros_types
 
 _KNOWN: dict[str, tuple[tuple[str, str, int], ...]] = {
     "geometry_msgs/Pose": (
@@ -16,12 +16,11 @@ _KNOWN: dict[str, tuple[tuple[str, str, int], ...]] = {
     ),
     "geometry_msgs/Point": tuple((axis, "float64", SCALAR) for axis in "xyz"),
     "geometry_msgs/Quaternion": tuple((axis, "float64", SCALAR) for axis in "xyzw"),
-    "rtask/Change": (
-        ("commit", "int64", SCALAR), ("agent", "string", SCALAR), ("graphs", "string", LIST),
-        ("added", "int64", SCALAR), ("removed", "int64", SCALAR), ("derived", "int64", SCALAR),
+    "rtask/Change": CHANGE,
+    "rtask/Activity": tuple(
+        (name, "string", SCALAR) for name in ("robot", "service", "kind", "words", "detail")
     ),
-    "rtask/Activity": (("robot", "string", SCALAR), ("service", "string", SCALAR)),
-}  # fmt: skip
+}
 
 
 def typedefs_of(type_: str, model: type[BaseModel]) -> list[JsonObject]:

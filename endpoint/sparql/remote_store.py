@@ -22,7 +22,8 @@ from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.request import ReaderLimits
 from rtask.kb.readers.streams import Stream, WholeStream
 from rtask.rdf.terms import NamedNode
-from rtask.remote.knowledge_base import RemoteKnowledgeBase, addresses
+from rtask.remote.endpoints import addresses
+from rtask.remote.knowledge_base import RemoteKnowledgeBase
 from rtask.sparql.syntax import check_query
 from rtask.wire.message import Answer
 

@@ -62,7 +62,7 @@ class Embedder:
             self._session = onnxruntime.InferenceSession(
                 data, options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:
+        except Exception as error:  # onnxruntime's errors have no narrower base in common
             raise ValueError(f"{model}: not a network that onnxruntime runs: {error}") from error
         self.digest = hashlib.sha256(data).hexdigest()
         inputs = self._session.get_inputs()

@@ -48,7 +48,7 @@ class Photo:
         return float(self.rgb.shape[1] / self.full_size[0])
 
 
-def read_photo(data: bytes, most_px: int = _ENOUGH_PX) -> Photo:
+def read_photo(data: bytes, max_px: int = _ENOUGH_PX) -> Photo:
     """Decode a PNG or JPEG; a large one at a half, a quarter or an eighth of its resolution.
 
     The decoder of JPEG leaves out what is not wanted, so that a photograph of 50 megapixels costs
@@ -56,7 +56,7 @@ def read_photo(data: bytes, most_px: int = _ENOUGH_PX) -> Photo:
 
     Parameters
     ----------
-    most_px
+    max_px
         Larger photographs are reduced, at most eight times a side.
 
     Raises
@@ -72,7 +72,7 @@ def read_photo(data: bytes, most_px: int = _ENOUGH_PX) -> Photo:
             f"image of {width}x{height} px; at most {MAX_SIDE_PX} px a side and {MAX_PX} px in all "
             "are accepted"
         )
-    by = next((by for by in _REDUCED if width * height <= most_px * by * by), 8)
+    by = next((by for by in _REDUCED if width * height <= max_px * by * by), 8)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), _REDUCED[by])
     except cv2.error as error:

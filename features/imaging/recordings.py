@@ -23,7 +23,7 @@ from features.geometry import Frame
 from features.imaging.camera import Lens, align_colour, lens_from_message, undistorted
 from features.imaging.photo import Photo, read_photo
 
-__all__ = ["first_view", "views_of"]
+__all__ = ["first_view", "message_mapping", "views_of"]
 
 _PAIRED_S = 0.1
 _TYPES = tuple(
@@ -72,7 +72,7 @@ def views_of(path: Path, from_s: float = 0.0) -> Iterator[Frame | Cloud | Photo]
             pairing = _Pairing(has_space=_has_space([(c.topic, c.msgtype) for c in wanted]))
             start = reader.start_time + int(from_s * 1e9)
             for connection, time_ns, raw in reader.messages(connections=wanted):
-                message = _mapping(reader.deserialize(raw, connection.msgtype))
+                message = message_mapping(reader.deserialize(raw, connection.msgtype))
                 seen = pairing.take(connection.topic, connection.msgtype, message, time_ns * 1e-9)
                 if seen is not None and time_ns >= start:
                     yield seen
@@ -91,8 +91,8 @@ def _has_space(topics: list[tuple[str, str]]) -> bool:
     )
 
 
-def _mapping(message: Any) -> dict[str, Any]:
-    """Return a message as nested mappings."""
+def message_mapping(message: Any) -> dict[str, Any]:
+    """Return a message of :mod:`rosbags` as nested mappings, its bytes as they are."""
     told = dict(vars(message))
     if "header" in told:
         told["header"] = vars(told["header"])

@@ -49,8 +49,8 @@ def axis_check(
     model: PoseModel,
     frame: Frame,
     camera_from_object: NDArray[np.float64],
-    most_rad: float = np.pi / 10,
-    least_ratio: float = 1.6,
+    max_rad: float = np.pi / 10,
+    min_ratio: float = 1.6,
 ) -> AxisCheck:
     """Compare the principal axes of the measured object and of the posed model.
 
@@ -61,9 +61,9 @@ def axis_check(
     frame
         Its mask, or its depth, says which pixels are the object.
     camera_from_object : (4, 4) float64, m
-    most_rad
+    max_rad
         Kehoe's bound, pi/10.
-    least_ratio
+    min_ratio
         Below, either axis is no axis and the check passes.
 
     Returns
@@ -79,8 +79,8 @@ def axis_check(
     (here, ratio_here), (there, ratio_there) = _major_axis(seen), _major_axis(expected)
     angle = float(np.arccos(np.clip(abs(here @ there), 0.0, 1.0)))
     ratio = min(ratio_here, ratio_there)
-    applies = ratio >= least_ratio
-    return AxisCheck(angle, ratio, applies, not applies or angle <= most_rad)
+    applies = ratio >= min_ratio
+    return AxisCheck(angle, ratio, applies, not applies or angle <= max_rad)
 
 
 def _major_axis(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:

@@ -19,9 +19,9 @@ class PoseConfidence:
         Weights of the logistic function.
     threshold
         Kehoe's c_T: the least confidence of an accepted pose.
-    least_explained
+    min_explained
         Share of the segment that lies on the model, below which the confidence is scaled down.
-    most_from_view
+    max_from_view
         The most confidence of a pose that rests on one stored view.
     """
 
@@ -29,8 +29,8 @@ class PoseConfidence:
     violation: float = -15.9
     offset: float = 0.08
     threshold: float = 0.7
-    least_explained: float = 0.6
-    most_from_view: float = 0.8
+    min_explained: float = 0.6
+    max_from_view: float = 0.8
 
     def of(self, fit: float, violation: float, explained: float = 1.0, rivals: int = 0) -> float:
         """Return the confidence of a pose.
@@ -52,6 +52,6 @@ class PoseConfidence:
         """
         score = self.fit * fit + self.violation * violation + self.offset
         sure = float(1 / (1 + np.exp(-np.clip(score, -60, 60))))
-        if explained < self.least_explained:
+        if explained < self.min_explained:
             sure *= explained
         return sure / (1 + rivals)

@@ -46,7 +46,7 @@ class PoseParams:
         Rotations tried for the segment, and for the segment with neighbours.
     keep
         Distinct poses of each that are refined.
-    most_points
+    max_points
         Of a segment.
     recollected
         Best poses that collect the points the segmenter left out.
@@ -54,7 +54,7 @@ class PoseParams:
         Try neighbouring segments as parts of the object.
     near_m
         Points so near to a posed model may be collected, besides half a grid cell.
-    enough_fit, most_violation
+    enough_fit, max_violation
         A pose of the segment alone that is so good ends the search: what the segmenter left out
         would contradict a wrong one.
     penalty
@@ -70,12 +70,12 @@ class PoseParams:
     starts: int = 256
     more_starts: int = 128
     keep: int = 24
-    most_points: int = 1200
+    max_points: int = 1200
     recollected: int = 6
     merge: bool = True
     near_m: float = 0.007
     enough_fit: float = 0.6
-    most_violation: float = 0.10
+    max_violation: float = 0.10
     penalty: float = 0.8
     as_good: float = 0.03
     time_limit_s: float | None = None
@@ -266,7 +266,7 @@ class _Task:
         """Tell whether the best pose leaves nothing to explain."""
         best = max(pool, key=lambda found: found.score)
         params = self.params
-        return best.fit >= params.enough_fit and best.violation <= params.most_violation
+        return best.fit >= params.enough_fit and best.violation <= params.max_violation
 
     def recollected(self, found: _Found) -> list[_Found]:
         """Let a pose collect the points that lie on it, and improve it on them, twice."""
@@ -340,7 +340,7 @@ class _Task:
 
     def _chosen(self, mask: NDArray[np.bool_]) -> ScenePoints:
         return scene_points(
-            self.points[mask], self.params.most_points, _STRAY * self.model.diameter_m, self.rng
+            self.points[mask], self.params.max_points, _STRAY * self.model.diameter_m, self.rng
         )
 
     def _judge(

@@ -53,7 +53,7 @@ def estimate_pose_from_views(
         Of the stored camera's frame in the new one's, as matched keypoints gave it; good within
         about 8 mm. The views should not differ by more than 40 degrees.
     confidence
-        Constants; what rests on one view reaches ``most_from_view`` at most.
+        Constants; what rests on one view reaches ``max_from_view`` at most.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def estimate_pose_from_views(
     fit = float(score[shared].mean()) if shared.any() else 0.0
     sight = _sight(there.points, seen, movement)
     explained = float((away < _EXPLAINED_M).mean())
-    sure = min(constants.of(fit, float(sight.violation[0]), explained), constants.most_from_view)
+    sure = min(constants.of(fit, float(sight.violation[0]), explained), constants.max_from_view)
     return PoseEstimate(
         camera_from_object=movement,
         confidence=sure,

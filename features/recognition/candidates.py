@@ -41,7 +41,7 @@ class RecogniserParams:
         Squared distance, (0.45 * 512)**2, that stands in for a rival that is farther. Among a
         hundred objects the rival's median is (0.49 * 512)**2; among few nothing else is near, and
         the ratio rule alone would let everything through.
-    least_votes, most_views
+    min_votes, max_views
         Views with so many votes are verified, the best ones first.
     appearance_views
         Views of most similar look that are compared in full when votes were few.
@@ -53,7 +53,7 @@ class RecogniserParams:
     usual_look
         Similarity of looks that another product reaches anyhow: stands in for it where few are
         stored.
-    look_least_objects
+    look_min_objects
         With fewer objects stored, a look that resembles one of them most may suggest it only.
     verify, confidence, printed
         Constants of the steps that follow.
@@ -62,14 +62,14 @@ class RecogniserParams:
     distance_cap: int = 65536
     ratio: float = 0.72
     usual_rival: int = 53084
-    least_votes: int = 4
-    most_views: int = 8
+    min_votes: int = 4
+    max_views: int = 8
     appearance_views: int = 5
     enough_inliers: int = 10
     twin_cap: int = 32113
     twin_matches: int = 5
     usual_look: float = 0.75
-    look_least_objects: int = 20
+    look_min_objects: int = 20
     verify: VerifyParams = field(default_factory=VerifyParams)
     confidence: ConfidenceParams = field(default_factory=ConfidenceParams)
     printed: PrintParams = field(default_factory=PrintParams)
@@ -158,9 +158,9 @@ class _Search:
         """Verify the views that got most votes."""
         good = self._is_good(matches.nearest, matches.rival)
         votes = np.bincount(matches.view[good], minlength=len(self.snapshot.alive))
-        order = np.argsort(-votes, kind="stable")[: self.params.most_views]
+        order = np.argsort(-votes, kind="stable")[: self.params.max_views]
         found = []
-        for view in order[votes[order] >= self.params.least_votes].tolist():
+        for view in order[votes[order] >= self.params.min_votes].tolist():
             rows = np.flatnonzero(good & (matches.view == view))
             found.append(self._fit(view, rows, matches.keypoints[rows], matches.points3d[rows]))
         return [fit for fit in found if fit is not None]
@@ -254,7 +254,7 @@ class _Search:
         agreed, movement = affine.inliers, None
         solid = np.isfinite(own_points).all(axis=1) & np.isfinite(points3d).all(axis=1)
         chosen = np.flatnonzero(agreed & solid)
-        if len(chosen) >= params.least_inliers:
+        if len(chosen) >= params.min_places:
             rigid = fit_rigid(
                 own_points[chosen], points3d[chosen], self.features.size_m, params, seed=view
             )
@@ -264,4 +264,4 @@ class _Search:
             agreed[chosen[rigid.inliers]] = True
             movement = rigid.query_from_view
         places = count_places(own[agreed], keypoints[agreed], side_px, params)
-        return VerifiedView(view, places, movement) if places >= params.least_inliers else None
+        return VerifiedView(view, places, movement) if places >= params.min_places else None

@@ -90,15 +90,15 @@ class ConfidenceParams:
         places with another object does not look like this one by nature.
     colour_noise, gap_noise
         Differences of colours and sizes that two views of one object from one side have anyhow.
-    least_colour
+    min_colour
         Less alike says no more: another light moves colours that far, and thirty places decide.
-    most_gap, unknown_gap
+    max_gap, unknown_gap
         Larger gaps say no more than the first; the second stands in for one without depth.
     threshold
         Kehoe's c_I: the least confidence of an accepted answer.
     listed
         The least confidence of an object in the match set.
-    most_rival_share
+    max_rival_share
         Second best confidence over best from which on the answer is ambiguous.
     decisive_inliers
         Fewer inliers may suggest an object, but not decide, unless the size is known to fit and
@@ -126,12 +126,12 @@ class ConfidenceParams:
     look_offset: float = -7.3
     colour_noise: float = 0.02
     gap_noise: float = 0.01
-    least_colour: float = 0.65
-    most_gap: float = 0.3
+    min_colour: float = 0.65
+    max_gap: float = 0.3
     unknown_gap: float = 0.1
     threshold: float = 0.7
     listed: float = 0.2
-    most_rival_share: float = 0.5
+    max_rival_share: float = 0.5
     decisive_inliers: int = 4
     undecided: float = 0.69
     suggestion: float = 0.3
@@ -180,14 +180,14 @@ def _by_places(e: Evidence, params: ConfidenceParams) -> float:
         params.place_inliers * np.log2(1 + e.inliers)
         + params.place_rival * np.log2(1 + e.rival_inliers)
         + params.place_colour * _closeness(e.place_colour, params)
-        + params.place_gap * min(e.place_gap or 0.0, params.most_gap)
+        + params.place_gap * min(e.place_gap or 0.0, params.max_gap)
         + params.place_offset
     )
 
 
 def _by_look(e: Evidence, params: ConfidenceParams) -> float:
     """Return how sure the look alone makes."""
-    gap = params.unknown_gap if e.size_gap is None else min(e.size_gap, params.most_gap)
+    gap = params.unknown_gap if e.size_gap is None else min(e.size_gap, params.max_gap)
     return _logistic(
         params.look_colour * _closeness(e.colour, params)
         + params.look_lead * min(max(e.appearance_lead, -0.2), 0.2)
@@ -199,7 +199,7 @@ def _by_look(e: Evidence, params: ConfidenceParams) -> float:
 
 def _closeness(similarity: float, params: ConfidenceParams) -> float:
     """Return 1.0 for other colours to 3.9 for the same ones: the last percents say most."""
-    similarity = min(max(similarity, params.least_colour), 1.0)
+    similarity = min(max(similarity, params.min_colour), 1.0)
     return float(-np.log(params.colour_noise + 1.0 - similarity))
 
 
@@ -253,6 +253,6 @@ def decide(
     if len(listed) == 0:
         return "null", False
     second = float(ranked[1]) if len(ranked) > 1 else 0.0
-    clear = second < params.most_rival_share * float(ranked[0])
+    clear = second < params.max_rival_share * float(ranked[0])
     accepted = bool(ranked[0] >= min_confidence and clear)
     return ("single" if len(listed) == 1 else "multiple"), accepted

@@ -43,16 +43,26 @@ def fuse(
     looks: Sequence[Recognition],
     params: FusionParams | None = None,
     confidence: ConfidenceParams | None = None,
+    min_confidence: float | None = None,
 ) -> Recognition:
-    """Return the answer of several looks at one object, with the matches of the best look of each.
+    """Return the answer of several looks at one object.
 
-    A single look is returned as it is.
+    An object is accepted if the mean of its best looks suffices and at least one of them accepted
+    it by itself. A single look is returned as it is.
+
+    Parameters
+    ----------
+    looks
+        Answers, each for one look. Movements of the answer refer to the camera of the first: a
+        match that the first look lacks has none.
+    min_confidence
+        Least confidence of an accepted answer; default: :attr:`FusionParams.decisive`.
 
     Examples
     --------
     >>> def look(sure):
     ...     match = Match("object:1", "class:box", sure, 9, (), 0.9, None, None, "view:1")
-    ...     return Recognition("single", False, (match,))
+    ...     return Recognition("single", sure >= 0.7, (match,))
     >>> fuse([look(0.85), look(0.2), look(0.9)]).accepted
     True
     >>> fuse([look(0.85), look(0.2)]).accepted
@@ -65,19 +75,22 @@ def fuse(
     for look in looks:
         for match in look.matches:
             seen.setdefault(match.object_iri, []).append(match)
+    here = {match.object_iri: match for match in looks[0].matches}
     found = []
-    for matches in seen.values():
+    for thing, matches in seen.items():
         odds = [_odds(match.confidence, params.most) for match in matches]
         odds += [params.absent] * (len(looks) - len(odds))
         mean = float(np.mean(sorted(odds, reverse=True)[: params.best]))
         best = max(matches, key=lambda match: match.confidence)
-        found.append(replace(best, confidence=float(1 / (1 + np.exp(-mean)))))
+        shown = here.get(thing) or replace(best, query_from_view=None, difference=None)
+        found.append(replace(shown, confidence=_share(mean)))
     found.sort(key=lambda match: (-match.confidence, match.object_iri))
-    least = float(1 / (1 + np.exp(-params.decisive)))
+    least = _share(params.decisive) if min_confidence is None else min_confidence
     constants = confidence or ConfidenceParams()
-    outcome, accepted = decide(np.array([m.confidence for m in found]), least, constants)
     if len(found) == 0:
         return Recognition("null", False)
+    outcome, accepted = decide(np.array([m.confidence for m in found]), least, constants)
+    accepted = accepted and any(look.accepts(found[0].object_iri) for look in looks)
     family = next((look.family for look in looks if look.family == found[0].object_iri), "")
     return Recognition(
         outcome if accepted or not family else "multiple",
@@ -86,6 +99,10 @@ def fuse(
         family="" if accepted else family,
         ask_again=not accepted and found[0].confidence >= constants.undecided_from,
     )
+
+
+def _share(odds: float) -> float:
+    return float(1 / (1 + np.exp(-odds)))
 
 
 def _odds(confidence: float, most: float) -> float:

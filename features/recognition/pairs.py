@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from features.recognition.comparison.alignment import align_views, mutual_matches
-from features.recognition.index.cascade import squared_distances
+from features.recognition.comparison.alignment import AlignmentParams, align_views, mutual_matches
 from features.recognition.verify import VerifyParams, fit_affine, fit_rigid
 from features.recognition.views.view import ViewFeatures
 
 __all__ = ["PairMatches", "counted_matches", "match_views"]
 
-_CAP, _RATIO = 65536, 0.72
+_STRICT = AlignmentParams(distance_cap=65536)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +50,7 @@ def match_views(
     >>> bool(match_views(view, view).agreed.sum() >= 4)
     True
     """
-    nothing = np.empty(0, np.intp)
-    none = PairMatches(nothing, nothing, np.empty(0, bool), None)
-    if len(first) < 2 or len(second) < 2:
-        return none
-    distances = squared_distances(first.descriptors, second.descriptors).astype(np.int64)
-    nearest = distances.argmin(axis=1)
-    two = np.partition(distances, 1, axis=1)
-    mutual = distances.argmin(axis=0)[nearest] == np.arange(len(nearest))
-    rows = np.flatnonzero((two[:, 0] < _CAP) & (two[:, 0] < _RATIO * two[:, 1]) & mutual)
-    columns = nearest[rows]
+    rows, columns = mutual_matches(first.descriptors, second.descriptors, _STRICT)
     fit = fit_affine(first.keypoints[rows], second.keypoints[columns], first.side_px, params)
     if fit is None:
         return PairMatches(rows, columns, np.zeros(len(rows), bool), None)

@@ -97,6 +97,10 @@ class Recognition:
     family: str = ""
     ask_again: bool = False
 
+    def accepts(self, object_iri: str) -> bool:
+        """Tell whether the answer is that object."""
+        return self.accepted and self.matches[0].object_iri == object_iri
+
 
 class Recogniser:
     """Recognises views against an index; keeps no state of its own.
@@ -190,7 +194,7 @@ class Recogniser:
             return {}
         params = self.params
         proposed = proposed_views(
-            matches, snapshot, params.distance_cap, params.most_views, _PRINTED_PER_OBJECT
+            matches, snapshot, params.distance_cap, params.max_views, _PRINTED_PER_OBJECT
         )
         best = sorted(found, key=lambda fit: (-fit.places, fit.view))[:_PRINTED_FITS]
         views = dict.fromkeys([*(fit.view for fit in best), *proposed])
@@ -254,7 +258,7 @@ class _Ranking:
         self._look = np.full(len(snapshot.object_iris), -1.0)
         np.maximum.at(self._look, snapshot.object_of_view, similarity)
         order = np.argsort(-self._look, kind="stable")[:4]
-        self._has_many = int(np.count_nonzero(self._look >= 0)) >= params.look_least_objects
+        self._has_many = int(np.count_nonzero(self._look >= 0)) >= params.look_min_objects
         self._by_look = [int(number) for number in order if self._look[number] >= 0]
 
     def chosen(self) -> list[int]:
@@ -283,8 +287,10 @@ class _Ranking:
         at_places = self._likeness(fits[0].view) if fits else _Likeness(0.0, None)
         is_smaller = features.is_cut and at_places.is_smaller
         printed = self._printed.get(number)
+        lead = float(self._look[number]) - next_look
         odds = family = None
         if printed is not None:
+            printed = printed.with_look(lead)
             odds = print_score(printed.evidence, self._params.printed)
             family = print_score(without_contradiction(printed.evidence), self._params.printed)
         shown = printed.view if printed is not None else fits[0].view if fits else most_similar
@@ -292,7 +298,7 @@ class _Ranking:
             inliers=fits[0].places if fits else 0,
             rival_inliers=max(rivals, default=0),
             appearance=float(self._look[number]),
-            appearance_lead=float(self._look[number]) - next_look,
+            appearance_lead=lead,
             colour=likeness.colour,
             place_colour=at_places.colour,
             size_ok=is_size_plausible(features.size_m, features.is_cut, sizes),

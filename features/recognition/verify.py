@@ -35,17 +35,17 @@ class VerifyParams:
     ----------
     affine_tolerance
         Of the longer side of the object in the query image.
-    most_turn_deg, most_scale
+    max_turn_deg, max_scale
         How far a match's own turn and size may be from what the affine map does there.
     cells_per_side
         Of the grid over the object in which agreeing matches are counted once a cell: a letter or
         a bar code gives many keypoints in one place, and looks alike on many products.
-    least_inliers
+    min_places
         Fewer places do not verify anything.
     rigid_tolerance, rigid_tolerance_m
         Of the object's visible diagonal, but at least so many m: the noise of depth after the
         median over a keypoint's surroundings.
-    rigid_least_side
+    rigid_min_side
         Least side of a triple of matches, of the visible diagonal; never asked more than 15 mm.
     rigid_rounds
         Triples drawn for the rigid fit.
@@ -53,12 +53,12 @@ class VerifyParams:
 
     affine_tolerance: float = 0.04
     cells_per_side: int = 16
-    most_turn_deg: float = 40.0
-    most_scale: float = 2.0
-    least_inliers: int = 4
+    max_turn_deg: float = 40.0
+    max_scale: float = 2.0
+    min_places: int = 4
     rigid_tolerance: float = 0.04
     rigid_tolerance_m: float = 0.002
-    rigid_least_side: float = 0.10
+    rigid_min_side: float = 0.10
     rigid_rounds: int = 200
 
 
@@ -111,7 +111,7 @@ def fit_affine(
     Returns
     -------
     AffineFit or None
-        None when fewer than ``least_inliers`` places agree or the map is degenerate: scale outside
+        None when fewer than ``min_places`` places agree or the map is degenerate: scale outside
         0.2..5, mirrored, shear over 60 degrees, inliers on one line.
 
     Examples
@@ -124,19 +124,19 @@ def fit_affine(
     5
     """
     params = params or VerifyParams()
-    if len(query) < params.least_inliers:
+    if len(query) < params.min_places:
         return None
     matrix, inliers = _affine_consensus(
         query.astype(np.float64),
         view.astype(np.float64),
         params.affine_tolerance * side_px,
-        np.deg2rad(params.most_turn_deg),
-        np.log(params.most_scale),
+        np.deg2rad(params.max_turn_deg),
+        np.log(params.max_scale),
     )
     fit = AffineFit(matrix, inliers)
     if count_places(
         query[inliers], view[inliers], side_px, params
-    ) < params.least_inliers or not _is_sound(fit, query, view):
+    ) < params.min_places or not _is_sound(fit, query, view):
         return None
     return fit
 
@@ -153,27 +153,33 @@ def count_places(
     """
     cell = side_px / (params or VerifyParams()).cells_per_side
     return min(
-        len(np.unique(np.floor(places[:, :2] / size), axis=0))
+        len({(int(u), int(v)) for u, v in np.floor(places[:, :2] / size).tolist()})
         for places, size in ((query, cell), (view, 0.5))
     )
 
 
 def _is_sound(fit: AffineFit, query: NDArray[np.float32], view: NDArray[np.float32]) -> bool:
-    linear = fit.query_from_view[:, :2]
-    if np.linalg.det(linear) <= 0:
+    (a, b), (c, d) = fit.query_from_view[:, :2].tolist()
+    if a * d - b * c <= 0:
         return False
-    stretch = np.linalg.svd(linear, compute_uv=False)
-    if stretch[0] > 5 or stretch[1] < 0.2:
+    largest, smallest = _spread(a * a + b * b, c * c + d * d, a * c + b * d)
+    if largest > 5 or smallest < 0.2:
         return False
-    x_axis, y_axis = linear[:, 0], linear[:, 1]
-    cosine = x_axis @ y_axis / (np.linalg.norm(x_axis) * np.linalg.norm(y_axis))
+    cosine = (a * b + c * d) / (np.hypot(a, c) * np.hypot(b, d))
     if abs(cosine) > np.sin(np.deg2rad(60)):
         return False
     for places in (query[fit.inliers, :2], view[fit.inliers, :2]):
-        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if spread[1] < 0.05 * spread[0] or spread[0] < 1e-6:
+        x, y = (places - places.mean(axis=0)).astype(np.float64).T
+        largest, smallest = _spread(float(x @ x), float(y @ y), float(x @ y))
+        if smallest < 0.05 * largest or largest < 1e-6:
             return False
     return True
+
+
+def _spread(xx: float, yy: float, xy: float) -> tuple[float, float]:
+    """Return the singular values of two rows, from their products."""
+    middle, swing = 0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
+    return float(np.sqrt(middle + swing)), float(np.sqrt(max(middle - swing, 0.0)))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -181,8 +187,8 @@ def _affine_consensus(
     query: NDArray[np.float64],
     view: NDArray[np.float64],
     tolerance: float,
-    most_turn: float,
-    most_log_scale: float,
+    max_turn: float,
+    max_log_scale: float,
 ) -> tuple[NDArray[np.float64], Mask]:
     m = len(query)
     best_map = np.zeros((2, 3))
@@ -199,7 +205,7 @@ def _affine_consensus(
         for step in range(4):
             reach = tolerance * (3.0 if step == 0 else 1.5 if step == 1 else 1.0)
             inliers, count, error = _agreeing(
-                current, query, view, turn, log_scale, reach, most_turn, most_log_scale
+                current, query, view, turn, log_scale, reach, max_turn, max_log_scale
             )
             if step >= 2 and (
                 count > best_count or (count == best_count and error < best_error - 1e-9)
@@ -223,8 +229,8 @@ def _agreeing(
     turn: NDArray[np.float64],
     log_scale: NDArray[np.float64],
     reach: float,
-    most_turn: float,
-    most_log_scale: float,
+    max_turn: float,
+    max_log_scale: float,
 ) -> tuple[Mask, int, float]:
     a, b, x0 = candidate[0]
     c, d, y0 = candidate[1]
@@ -240,10 +246,10 @@ def _agreeing(
         ex = a * view[j, 0] + b * view[j, 1] + x0 - query[j, 0]
         ey = c * view[j, 0] + d * view[j, 1] + y0 - query[j, 1]
         square = ex * ex + ey * ey
-        if square > reach * reach or abs(log_scale[j] - map_log_scale) > most_log_scale:
+        if square > reach * reach or abs(log_scale[j] - map_log_scale) > max_log_scale:
             continue
         off = (turn[j] - map_turn + np.pi) % (2 * np.pi) - np.pi
-        if abs(off) > most_turn:
+        if abs(off) > max_turn:
             continue
         inliers[j] = True
         count += 1
@@ -336,23 +342,23 @@ def fit_rigid(
     """
     params = params or VerifyParams()
     known = np.flatnonzero(np.isfinite(query).all(axis=1) & np.isfinite(view).all(axis=1))
-    if len(known) < params.least_inliers or not np.isfinite(size_m):
+    if len(known) < params.min_places or not np.isfinite(size_m):
         return None
     q, v = query[known].astype(np.float64), view[known].astype(np.float64)
     tolerance = max(params.rigid_tolerance * size_m, params.rigid_tolerance_m)
     triples = _sound_triples(
-        q, v, min(0.015, params.rigid_least_side * size_m), tolerance, params.rigid_rounds, seed
+        q, v, min(0.015, params.rigid_min_side * size_m), tolerance, params.rigid_rounds, seed
     )
     if len(triples) == 0:
         return None
     agreeing = _residuals(kabsch(q[triples], v[triples]), q, v) < tolerance
     best: Mask = agreeing[agreeing.sum(axis=1).argmax()]
     for _ in range(2):
-        if best.sum() < params.least_inliers:
+        if best.sum() < params.min_places:
             return None
         movement = kabsch(q[best], v[best])
         best = _residuals(movement, q, v) < tolerance
-    if best.sum() < params.least_inliers:
+    if best.sum() < params.min_places:
         return None
     inliers = np.zeros(len(query), bool)
     inliers[known[best]] = True
@@ -371,7 +377,7 @@ def _residuals(
 def _sound_triples(
     query: NDArray[np.float64],
     view: NDArray[np.float64],
-    least_side: float,
+    min_side: float,
     tolerance: float,
     rounds: int,
     seed: int,
@@ -382,6 +388,6 @@ def _sound_triples(
     following = np.roll(drawn, -1, axis=1)
     query_sides = np.linalg.norm(query[drawn] - query[following], axis=2)
     view_sides = np.linalg.norm(view[drawn] - view[following], axis=2)
-    wide = np.minimum(query_sides, view_sides).min(axis=1) > least_side
+    wide = np.minimum(query_sides, view_sides).min(axis=1) > min_side
     alike = np.abs(query_sides - view_sides).max(axis=1) < 2 * tolerance
     return np.asarray(drawn[wide & alike][:rounds])

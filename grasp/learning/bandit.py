@@ -59,7 +59,7 @@ class Policy:
         So many attempts in one episode also end it.
     """
 
-    kappa: float = 6.0
+    kappa: float = 2.0
     cap: float = 8.0
     rho: float = 2.0
     floor: float = 0.3

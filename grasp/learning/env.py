@@ -100,14 +100,25 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
     Parameters
     ----------
     problems
-        Objects, taken in this order again and again, or chosen by
-        ``reset(options={"object": name})``.
+        Objects, taken in this order again and again, from the first after a reset with a seed, or
+        chosen by ``reset(options={"object": name})``.
     outcome
         Carries out a candidate of a problem and says what came of it.
+    shuffled
+        Each reset draws the object at random, so that environments side by side differ.
+
+    Raises
+    ------
+    ValueError
+        No objects, or two of the same name.
     """
 
     def __init__(
-        self, problems: Sequence[Problem], outcome: Callable[[Problem, Candidate], Outcome]
+        self,
+        problems: Sequence[Problem],
+        outcome: Callable[[Problem, Candidate], Outcome],
+        *,
+        shuffled: bool = False,
     ) -> None:
         if not problems:
             raise ValueError("there is no object to grasp")
@@ -119,6 +130,7 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
         self._problems = {problem.name: problem for problem in problems}
         self._order = names
         self._next = 0
+        self._shuffled = shuffled
         self._outcome = outcome
         self._attempts = 0
         self._start(problems[0])
@@ -146,7 +158,7 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Turn to the next object, or to ``options["object"]``.
+        """Turn to the next object, or to ``options["object"]``; a seed restarts the order.
 
         Raises
         ------
@@ -154,9 +166,14 @@ class GraspEnv(gymnasium.Env[NDArray[np.float64], int]):
             There is no such object.
         """
         super().reset(seed=seed)
+        if seed is not None:
+            self._next = 0
         name = (options or {}).get("object")
         if name is None:
-            name = self._order[self._next % len(self._order)]
+            number = self._next
+            if self._shuffled:
+                number = int(self.np_random.integers(len(self._order)))
+            name = self._order[number % len(self._order)]
             self._next += 1
         if name not in self._problems:
             raise ValueError(f"there is no object {name!r}")

@@ -94,7 +94,7 @@ def bootstrap(
     """Return the mean over lives and objects with its bootstrap interval (Efron 1979).
 
     Lives are drawn with replacement and, within each, objects: both are samples of what could have
-    been met.
+    been met. (`scipy.stats.bootstrap` draws on one level.)
 
     Examples
     --------

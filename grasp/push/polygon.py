@@ -32,6 +32,8 @@ MAX_VERTICES = 512
 
 _DUPLICATE = 1e-12
 _COLLINEAR = 1e-9
+_SHORT = 1e-6
+_FIRST_STEP, _FINER = 1e-4, 4
 
 
 @dataclass(frozen=True)
@@ -164,27 +166,51 @@ def simplify(points: ArrayLike, max_vertices: int = 64, tolerance: float = 0.0) 
 
     Notes
     -----
-    For dense outlines (contours of images, scans). The filter of the planner, which tries every
-    edge as the start, is `filter_polygon`.
+    For dense outlines (contours of images, scans). Where the result touches itself, the next finer
+    one that does not is taken, of at most :data:`MAX_VERTICES` vertices. The filter of the planner,
+    which tries every edge as the start, is `filter_polygon`.
     """
     ring = np.asarray(points, dtype=np.float64)
     if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3 or not np.all(np.isfinite(ring)):
         return as_polygon(ring)  # says what is wrong
     if max_vertices < 3:
         raise ValueError(f"max_vertices must be at least 3, got {max_vertices}")
-    size = float(np.ptp(ring, axis=0).max())
     first = int(np.argmax(np.hypot(*(ring - ring.mean(axis=0)).T)))
-    ring = np.roll(ring, -first, axis=0)
+    ring = _without_short_edges(np.roll(ring, -first, axis=0))
+    rings = [ring]
     if tolerance > 0:
-        ring = ring[_open_rdp(np.vstack([ring, ring[:1]]), tolerance * size)[:-1]]
-    step = 1e-4
-    while len(ring) > max_vertices:
-        keep = _open_rdp(np.vstack([ring, ring[:1]]), step * size)[:-1]
-        if len(keep) < 3:
+        shares = 2.0 ** np.arange(-_FINER, 1)
+        rings += [_reduced(ring, share * tolerance) for share in shares.tolist()]
+    step = _FIRST_STEP
+    while len(rings[-1]) > max_vertices:
+        fewer = _reduced(rings[-1], step)
+        if len(fewer) < 3:
             break
-        ring = ring[keep]
+        rings.append(fewer)
         step *= 2
-    return as_polygon(ring)
+    # Two sides of a narrow neck may meet in what is left; the next finer one keeps them apart.
+    most = max(max_vertices, MAX_VERTICES)
+    for finer in rings[-2::-1]:
+        try:
+            return as_polygon(rings[-1])
+        except ValueError:
+            if len(finer) > most:
+                raise
+            rings.pop()
+    return as_polygon(rings[-1])
+
+
+def _reduced(ring: FloatArray, tolerance: float) -> FloatArray:
+    """Return the vertices that are left at a tolerance, as a fraction of the extent."""
+    size = float(np.ptp(ring, axis=0).max())
+    return np.asarray(ring[_open_rdp(np.vstack([ring, ring[:1]]), tolerance * size)[:-1]])
+
+
+def _without_short_edges(ring: FloatArray) -> FloatArray:
+    """Return the ring without vertices that repeat the one before, to within 1e-6 of the extent."""
+    size = float(np.ptp(ring, axis=0).max())
+    apart = np.abs(ring - np.roll(ring, 1, axis=0)).max(axis=1) > _SHORT * size
+    return ring[apart] if apart.sum() >= 3 else ring
 
 
 def filter_polygon(ring: FloatArray, distance: float) -> NDArray[np.int64]:

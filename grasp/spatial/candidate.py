@@ -42,6 +42,8 @@ class GraspCandidate:
         Whether the far side was completed by symmetry rather than seen.
     opening : None or m
         Distance between the jaws before closing, where it was checked for collisions.
+    segment
+        Number of the object in its scene, where there are several.
     scores
         By name: ``confidence``, ``lower_95``, ``epsilon``, ``classifier``, ``clearance`` (m).
     features : (14,) or None
@@ -57,6 +59,7 @@ class GraspCandidate:
     antipodal: Antipodal = "none"
     completed: bool = False
     opening: float | None = None
+    segment: int | None = None
     scores: Mapping[str, float] = field(default_factory=dict)
     features: NDArray[np.float64] | None = None
 

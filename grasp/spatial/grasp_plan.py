@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate, Proposals
-from grasp.spatial.collision import Support, Surroundings
+from grasp.spatial.collision import HIT_BY, Support, Surroundings, room_around
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.hand_search.classifier import GraspClassifier
 from grasp.spatial.mesh_candidates import propose_on_mesh
@@ -19,7 +19,7 @@ from grasp.spatial.scoring.features import body_of, with_features
 from grasp.spatial.scoring.holding import assumed_mass, with_holding
 from grasp.spatial.scoring.select import diverse, rank
 
-__all__ = ["SpatialOptions", "plan_on_cloud", "plan_on_mesh", "warm_up"]
+__all__ = ["SpatialOptions", "plan_given", "plan_on_cloud", "plan_on_mesh", "warm_up"]
 
 
 _BODY_POINTS = 1500
@@ -106,6 +106,42 @@ def plan_on_mesh(
             found, notes=(*found.notes, f"ordered for an assumed mass of {mass:.2g} kg")
         )
     points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
+    return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, mass)
+
+
+def plan_given(
+    candidates: Sequence[GraspCandidate],
+    mesh: Mesh,
+    gripper: ParallelGripper,
+    surroundings: Surroundings | None = None,
+    options: SpatialOptions | None = None,
+) -> Proposals:
+    """Rank given grasps of a mesh, as from another planner or a data set, like planned ones.
+
+    Parameters
+    ----------
+    candidates
+        In the mesh's frame, with contacts; see :func:`grasp.spatial.interchange.with_contacts`.
+    """
+    options = options or SpatialOptions()
+    around = surroundings or Surroundings()
+    if not candidates:
+        return Proposals(reason="no given grasp closes on the object")
+    poses = np.stack([c.frame_from_gripper for c in candidates])
+    openings = np.array([c.opening or gripper.max_opening for c in candidates])
+    room = room_around(poses, openings, gripper, around, mesh)
+    counts = {name: int((room.hit == k).sum()) for k, name in enumerate(HIT_BY)}
+    free = [
+        replace(one, scores={**one.scores, "clearance": float(away)})
+        for one, is_free, away in zip(candidates, room.free, room.clearance, strict=True)
+        if is_free
+    ]
+    if not free:
+        reason = "the gripper would touch something on its way to every given grasp"
+        return Proposals(reason=reason, counts=counts)
+    mass = options.mass or assumed_mass(mesh)
+    points, _ = mesh.sample(_BODY_POINTS, np.random.default_rng(options.seed))
+    found = Proposals(tuple(free), counts=counts)
     return _ranked(found, mesh, points, gripper, around.support, options, around.sweep, mass)
 
 

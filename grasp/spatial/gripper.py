@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ParallelGripper", "gripper_named", "nao_hand", "panda_hand", "parallel_jaw"]
+__all__ = ["ParallelGripper", "nao_hand", "panda_hand", "parallel_jaw"]
 
 _PALM_CLEARANCE_M = 0.005
 
@@ -274,28 +274,3 @@ def parallel_jaw(stroke_m: float, name: str = "jaw") -> ParallelGripper:
         max_payload=1.0,
         fingertip=0.4 * width,
     )
-
-
-def gripper_named(text: str) -> ParallelGripper:
-    """Return the gripper of a short text: ``nao``, ``panda`` or ``jaw:STROKE`` (m).
-
-    Raises
-    ------
-    ValueError
-        Naming what is possible.
-
-    Examples
-    --------
-    >>> gripper_named("jaw:0.06").max_opening
-    0.06
-    """
-    kind, _, stroke = text.partition(":")
-    if kind == "jaw" and stroke:
-        try:
-            return parallel_jaw(float(stroke))
-        except ValueError as error:
-            raise ValueError(f"gripper {text!r}: expected a stroke in m, as in jaw:0.08") from error
-    named = {"nao": nao_hand, "panda": panda_hand}
-    if text not in named:
-        raise ValueError(f"unknown gripper {text!r}: nao, panda, or jaw:STROKE with a stroke in m")
-    return named[text]()

@@ -7,6 +7,7 @@ across its long side with some freedom along and about it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -26,7 +27,9 @@ Side = Literal["full", "half", "none"]
 _FRICTION_ANGLE = float(np.arctan(0.5))
 _ROUND_ANGLES = 12
 _TURNS = np.deg2rad([0.0, 12.5, -12.5, 25.0, -25.0])
-_SLIDES_M = (0.0, 0.015, -0.015, 0.030, -0.030)
+_SLIDES_M = (
+    0.0, 0.015, -0.015, 0.030, -0.030, 0.045, -0.045, 0.060, -0.060, 0.075, -0.075,
+)  # fmt: skip
 _END_MARGIN_M = 0.012
 _SPARE_M = 0.002
 _EASY_M = 0.010
@@ -169,7 +172,17 @@ def propose_planar(
     found = [grasp for grasp in judged if grasp.clearance > 0]
     tie = np.random.default_rng(seed).permutation(len(found))
     order = sorted(range(len(found)), key=lambda i: (-found[i].quality, tie[i]))
-    return [found[i] for i in order[:max_candidates]]
+    if len(order) > max_candidates:
+        # The best of each place and direction first: its variants would fill the list.
+        seen: Counter[tuple[float, float, float]] = Counter()
+        variant = []
+        for i in order:
+            aim = (found[i].x, found[i].y, found[i].theta)
+            variant.append(seen[aim])
+            seen[aim] += 1
+        kept = sorted(range(len(order)), key=lambda k: (variant[k], k))[:max_candidates]
+        order = [order[k] for k in sorted(kept)]
+    return [found[i] for i in order]
 
 
 def rate(

@@ -243,6 +243,19 @@ class Facts:
             relation = self._relation(p)
         return relation is not None and relation.has(s, o)
 
+    def among(self, facts: set[Fact]) -> set[Fact]:
+        """Return the given facts that are in the set."""
+        if len(facts) < LARGE:
+            return {fact for fact in facts if self.has(*fact)}
+        own, asked = self.columns(), Facts()
+        found: set[Fact] = set()
+        asked.replace(facts)
+        for p, column in asked.columns().items():
+            if p in own:
+                kept = Column(column.keys[arrays.is_in(column.keys, own[p].keys)])
+                found.update((s, p, o) for s, o in kept)
+        return found
+
     def objects(self, p: int, s: int) -> Ids:
         """Return the objects of a subject; not to be changed by the caller."""
         relation = self._relations.get(p)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from pyoxigraph import BlankNode, Literal, NamedNode
+from pyoxigraph import Triple as TripleTerm
 
 from reasoner.terms.datatypes import BITS, Value, value_of
 from reasoner.terms.table import HashIndex, TermTable, TextTable, value_hash
@@ -12,6 +13,8 @@ from reasoner.terms.vocabulary import IRIS, LITERAL, RESERVED
 
 Term = NamedNode | BlankNode | Literal
 Triple = tuple[Term, Term, Term]
+GivenTriple = tuple[Term | TripleTerm, Term, Term | TripleTerm]
+"""A triple as RDF 1.2 allows it; only those without triple terms are encoded."""
 Fact = tuple[int, int, int]
 """Subject, predicate, object as ids."""
 
@@ -169,6 +172,18 @@ class Dictionary:
         """Return the terms of a fact."""
         s, p, o = fact
         return self.decode(s), self.decode(p), self.decode(o)
+
+    def decode_column(self, p: int, pairs: Iterable[tuple[int, int]]) -> Iterator[Triple]:
+        """Yield the terms of the facts of a property, given by subjects and objects."""
+        predicate = self.decode(p)
+        resources, literals = self._resources, self._literals
+        for s, o in pairs:
+            value = resources[o] if o < LITERAL else literals[o - LITERAL]
+            yield (
+                resources[s] or self._resource(s),
+                predicate,
+                self.decode(o) if value is None else value,
+            )
 
     def iri(self, number: int) -> str:
         """Return the IRI of an id, or `_:label` of a blank node."""

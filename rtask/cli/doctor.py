@@ -12,7 +12,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -224,6 +224,35 @@ def warm_up() -> None:
             compile_all()
 
 
+def print_findings(examined: Iterable[Finding], quiet: bool, as_json: bool) -> None:
+    """Print each finding as it comes.
+
+    Parameters
+    ----------
+    quiet
+        Print only what is broken.
+    as_json
+        Print one list at the end instead.
+
+    Raises
+    ------
+    SystemExit
+        With code 1, after all of them, if something is broken.
+    """
+    findings = []
+    for finding in examined:
+        findings.append(finding)
+        if as_json or (quiet and finding.state != "broken"):
+            continue
+        click.echo(f"{finding.state:7s} {finding.name:13s} {finding.detail}")
+        if finding.mend and finding.state != "ok":
+            click.echo(f"{'':7s} {'':13s} mend: {finding.mend}")
+    if as_json:
+        click.echo(json.dumps([asdict(f) for f in findings], indent=2))
+    if any(f.state == "broken" for f in findings):
+        raise SystemExit(1)
+
+
 @click.command()
 @click.option("--data", "-d", type=click.Path(path_type=Path), help="Also look at this store.")
 @click.option("--port", "-p", default=8765, show_default=True, help="Port that serve would use.")
@@ -235,17 +264,6 @@ def doctor(data: Path | None, port: int, warm: bool, quiet: bool, as_json: bool)
 
     Exit code 1 when something must be mended; notes do not count.
     """
-    findings = []
-    for finding in examine(data, port):
-        findings.append(finding)
-        if as_json or (quiet and finding.state != "broken"):
-            continue
-        click.echo(f"{finding.state:7s} {finding.name:13s} {finding.detail}")
-        if finding.mend and finding.state != "ok":
-            click.echo(f"{'':7s} {'':13s} mend: {finding.mend}")
-    if as_json:
-        click.echo(json.dumps([asdict(f) for f in findings], indent=2))
-    if any(f.state == "broken" for f in findings):
-        raise SystemExit(1)
+    print_findings(examine(data, port), quiet, as_json)
     if warm:
         warm_up()

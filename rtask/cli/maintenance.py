@@ -11,6 +11,7 @@ import click
 from rtask.cli.connection import open_to_read
 from rtask.cli.options import data_option, json_option, print_json
 from rtask.cli.progress import Working, announce_compilation
+from rtask.errors import UsageError
 
 if TYPE_CHECKING:
     from rtask.kb.commit.validation import Violation
@@ -50,6 +51,29 @@ def restore(source: Path, target: Path, as_json: bool) -> None:
         print_json({"target": str(target), **record})
     else:
         click.echo(f"{target}: commit {record['seq']} of {record['created']}")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@json_option
+def promote(folder: Path, as_json: bool) -> None:
+    """Make the follower in FOLDER a knowledge base of its own, which takes writes.
+
+    Its numbering of commits begins a new epoch, so that other followers start over from it. Stop
+    the former writer first: nothing keeps it from going on.
+    """
+    import rtask
+    from rtask.kb.maintenance import replica
+
+    if replica.followed_by(folder) is None:
+        raise UsageError(f"{folder} follows nobody; it can be served as it is")
+    with Working("recovering"):
+        rtask.open(folder, ontologies=False, reason=False).close()
+    settings = replica.promote(folder)
+    if as_json:
+        print_json({"folder": str(folder), "epoch": settings.epoch})
+        return
+    click.echo(f"{folder}: epoch {settings.epoch}; serve it: rtask serve -d {folder}")
 
 
 @click.command()

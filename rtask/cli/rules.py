@@ -8,10 +8,18 @@ from typing import TYPE_CHECKING
 import click
 
 from rtask.cli.connection import open_to_read
-from rtask.cli.options import agent_option, data_option, exit_if_empty, json_option, print_json
+from rtask.cli.options import (
+    agent_option,
+    data_option,
+    exit_if_empty,
+    json_option,
+    print_json,
+    server_option,
+)
 from rtask.cli.progress import announce_compilation
 
 if TYPE_CHECKING:
+    from rtask.client.rules import RuleClient
     from rtask.kb.rules.rule import Rule
 
 
@@ -23,13 +31,18 @@ def rules() -> None:
 @rules.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @data_option
+@server_option
 @click.option("--label", metavar="LABEL", help="Label of the rule, where there is one FILE or -.")
 @click.option("--replace", is_flag=True, help="Replace rules of the same label.")
-@agent_option("The author, who needs the right to add rules.  [default: the operator]")
+@agent_option(
+    "The author, who needs the right to add rules; a server knows it by the token.  "
+    "[default: the operator]"
+)
 @json_option
 def add(
     sources: tuple[str, ...],
     data: Path,
+    server: str | None,
     label: str | None,
     replace: bool,
     agent: str | None,
@@ -60,24 +73,29 @@ def add(
         if len(found) != 1:
             raise UsageError(f"--label is for one rule, not {len(found)}")
         found = [dataclasses.replace(found[0], label=label)]
-    with announce_compilation(), rtask.open(data) as kb:
-        commit = kb.add_rules(found, agent, replace=replace)
-    facts = {"rules": [rule.label for rule in found], "commit": commit.seq}
+    if server:
+        with _connected(server, agent) as client:
+            made = client.add(found, replace)
+            facts = {name: made[name] for name in ("commit", "derived", "changed")}
+    else:
+        with announce_compilation(), rtask.open(data) as kb:
+            commit = kb.add_rules(found, agent, replace=replace)
+        facts = {"commit": commit.seq, "derived": commit.derived, "changed": commit.added > 0}
     if as_json:
-        print_json({**facts, "derived": commit.derived, "changed": commit.added > 0})
-    elif commit.added:
-        click.echo(f"{_counted(len(found))} added, {commit.derived} statements derived")
+        print_json({"rules": [rule.label for rule in found], **facts})
+    elif facts["changed"]:
+        click.echo(f"{_counted(len(found))} added, {facts['derived']} statements derived")
     else:
         click.echo("nothing new: these rules are there already")
 
 
 @rules.command("list")
 @data_option
+@server_option
 @json_option
-def list_rules(data: Path, as_json: bool) -> None:
+def list_rules(data: Path, server: str | None, as_json: bool) -> None:
     """List the rules of the user with author and date."""
-    with open_to_read(data) as kb:
-        found = kb.rules()
+    found = _present(data, server)
     if as_json:
         print_json([rule.to_dict() for rule in found])
     else:
@@ -89,13 +107,13 @@ def list_rules(data: Path, as_json: bool) -> None:
 @rules.command()
 @click.argument("name", metavar="LABEL")
 @data_option
+@server_option
 @json_option
-def show(name: str, data: Path, as_json: bool) -> None:
+def show(name: str, data: Path, server: str | None, as_json: bool) -> None:
     """Show the text of a rule, named by label or IRI."""
     from rtask.kb.rules.rulebook import find
 
-    with open_to_read(data) as kb:
-        found = kb.rules()
+    found = _present(data, server)
     wanted = find(found, name)
     rule = next(rule for rule in found if rule.iri == wanted)
     if as_json:
@@ -107,20 +125,49 @@ def show(name: str, data: Path, as_json: bool) -> None:
 @rules.command()
 @click.argument("names", nargs=-1, required=True, metavar="LABEL...")
 @data_option
-@agent_option("Who removes it, with the right to.  [default: the operator]")
+@server_option
+@agent_option(
+    "Who removes it, with the right to; a server knows it by the token.  [default: the operator]"
+)
 @json_option
-def remove(names: tuple[str, ...], data: Path, agent: str | None, as_json: bool) -> None:
+def remove(
+    names: tuple[str, ...], data: Path, server: str | None, agent: str | None, as_json: bool
+) -> None:
     """Remove rules, named by label or IRI, with what followed from them alone."""
     import rtask
 
-    with announce_compilation(), rtask.open(data) as kb:
-        before = kb.catalogue.triple_count(kb.graphs.inferred)
-        commit = kb.remove_rules(names, agent)
-        gone = before - kb.catalogue.triple_count(kb.graphs.inferred)
+    if server:
+        with _connected(server, agent) as client:
+            made = client.remove(names)
+            seq, gone = made["commit"], made["withdrawn"]
+    else:
+        with announce_compilation(), rtask.open(data) as kb:
+            commit = kb.remove_rules(names, agent)
+            seq, gone = commit.seq, commit.withdrawn
     if as_json:
-        print_json({"removed": list(names), "commit": commit.seq, "withdrawn": gone})
+        print_json({"removed": list(names), "commit": seq, "withdrawn": gone})
     else:
         click.echo(f"{_counted(len(names))} removed, {gone} derived statements withdrawn")
+
+
+def _present(data: Path, server: str | None) -> list[Rule]:
+    """Return the rules of a folder or a server."""
+    if server:
+        with _connected(server) as client:
+            return client.rules()
+    with open_to_read(data) as kb:
+        return kb.rules()
+
+
+def _connected(server: str, agent: str | None = None) -> RuleClient:
+    import os
+
+    from rtask.client.rules import RuleClient
+    from rtask.errors import UsageError
+
+    if agent:
+        raise UsageError("--agent is for a folder; a server knows who asks by RTASK_TOKEN")
+    return RuleClient(server, os.environ.get("RTASK_TOKEN"))
 
 
 def _counted(number: int) -> str:

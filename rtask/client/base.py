@@ -13,10 +13,16 @@ from typing import TYPE_CHECKING, Any
 from rtask.client.calls import Calls
 from rtask.client.failures import TEMPORARY
 from rtask.client.outbox import Outbox
-from rtask.errors import CallFailedError, RemoteUnavailableError, RtaskError
+from rtask.errors import (
+    CallFailedError,
+    RemoteUnavailableError,
+    RtaskError,
+    UnsupportedError,
+)
 
 if TYPE_CHECKING:
     from rtask.client.following import FollowedChange
+    from rtask.services.proxy import Proxy
 
 __all__ = ["Client"]
 
@@ -94,6 +100,70 @@ class Client(Calls):
         RemoteUnavailableError
             Nobody answered for the client's time.
         """
+
+    def services(self) -> list[dict[str, Any]]:
+        """Return the services that are offered, with their versions and methods."""
+        raise _no_services(self)
+
+    def describe_service(self, name: str) -> dict[str, Any]:
+        """Return the description of a service, with the JSON Schemas of its methods.
+
+        Parameters
+        ----------
+        name
+            ``example/Kinematics``, or with a version: ``@1.2.0``, ``@1.2.*``, ``@1.*``.
+
+        Raises
+        ------
+        UnknownTermError, CallFailedError
+            No such service.
+        """
+        raise _no_services(self)
+
+    def call_service(
+        self,
+        name: str,
+        method: str,
+        args: Mapping[str, Any] | None = None,
+        data: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+        may_repeat: bool = False,
+    ) -> dict[str, Any]:
+        """Call a method of a service.
+
+        Parameters
+        ----------
+        name
+            Of the service, with or without a version.
+        args
+            The request, as JSON carries it.
+        data
+            Names of datasets by the names of the service's data resources.
+        timeout_s
+            Time for the answer; None = as the service says.
+        may_repeat
+            Whether the call may be sent again when the connection was lost.
+
+        Raises
+        ------
+        CallFailedError, ServiceError
+            The service answered that it will not, and why.
+        """
+        raise _no_services(self)
+
+    def service(self, name: str, data: Mapping[str, str] | None = None) -> Proxy:
+        """Return an object with the methods of a service (Kehoe 2014, 5.6).
+
+        Parameters
+        ----------
+        name
+            As in :meth:`describe_service`; the version is chosen now and stays.
+        data
+            Names of datasets by the names of the service's data resources.
+        """
+        from rtask.client.services import proxy_of
+
+        return proxy_of(self.describe_service(name), self.call_service, data)
 
     @abstractmethod
     def close(self) -> None:
@@ -217,6 +287,10 @@ class Client(Calls):
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _no_services(client: Client) -> UnsupportedError:
+    return UnsupportedError(f"{type(client).__name__} reaches no services")
 
 
 def _may_change(error: RtaskError) -> bool:

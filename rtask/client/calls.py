@@ -17,6 +17,7 @@ __all__ = [
     "GraspStatistics",
     "Inserted",
     "InsertedObject",
+    "Look",
     "NewObject",
     "OfferedGrasp",
     "OfferedObject",
@@ -30,6 +31,9 @@ __all__ = [
     "RegisteredRobot",
     "ReportedOutcome",
     "ResolvedRequest",
+    "SceneGrasp",
+    "SceneGrasps",
+    "SceneSegment",
     "SimilarObject",
     "SimilarObjects",
     "StepTimes",
@@ -90,6 +94,32 @@ class Camera(TypedDict, total=False):
     """nearest depth; default: not known (m)"""
     max_range: float
     """farthest depth; default: not known (m)"""
+
+
+class Look(TypedDict, total=False):
+    """An observation of one object: data, an image, or both."""
+
+    data: Bytes | Mapping[str, Any]
+    """base64 of one object's cloud, compressed or as sensor_msgs/PointCloud2; default: the image"""
+    new_point_cloud: Bytes | Mapping[str, Any]
+    image: Bytes | Mapping[str, Any]
+    """base64 PNG or JPEG, or a sensor_msgs/CompressedImage; default: the colours of the cloud"""
+    mask: Bytes | Mapping[str, Any]
+    """the object's pixels, base64 PNG of labels or COCO run lengths; default: by depth or colour"""
+    label: int
+    """which label of the mask; default: all"""
+    box: Sequence[float]
+    """around the object: left, top, width, height in the image, px; default: the whole"""
+    object_pose: Mapping[str, Any]
+    """pose of the object in frame_id that another estimator found; default: estimated"""
+    sensor_pose: Mapping[str, Any]
+    """pose of the camera in frame_id; default: identity"""
+    frame_id: str
+    """frame of the robot with z up, e.g. base_footprint; default: that of the camera"""
+    support_height: float
+    """height of the table in frame_id; default: lowest point (m)"""
+    stamp: float | Mapping[str, int]
+    """time of the observation; default: now (s)"""
 
 
 class StepTimes(TypedDict, total=False):
@@ -328,6 +358,7 @@ Recognition = TypedDict(
         "shape": dict[str, Any] | None,
         "recognition": dict[str, Any],
         "similar_objects": list[SimilarObject],
+        "alone": dict[str, Any] | None,
         "decision": dict[str, Any] | None,
         "times": dict[str, Any],
     },
@@ -392,6 +423,49 @@ class PlannedGrasps(TypedDict):
     commit: str
     tried: dict[str, int]
     grasps: list[RecalledGrasp]
+
+
+class SceneSegment(TypedDict):
+    """One thing as the segmentation sees it."""
+
+    segment: int
+    points: int
+    centre: list[float]
+    size: list[float]
+
+
+class SceneGrasp(TypedDict):
+    """A grasp of one thing, best first, as moveit_msgs/Grasp in frame_id."""
+
+    id: str
+    pre_grasp_posture: dict[str, Any]
+    grasp_posture: dict[str, Any]
+    grasp_pose: dict[str, Any]
+    grasp_quality: float
+    pre_grasp_approach: dict[str, Any]
+    post_grasp_retreat: dict[str, Any]
+    post_place_retreat: dict[str, Any]
+    max_contact_force: float
+    allowed_touch_objects: list[str]
+    segment: int
+    width: float
+    opening: float
+    confidence: float
+    lower_95: float
+    moves: float
+    antipodal: str
+    completed: bool
+
+
+class SceneGrasps(TypedDict):
+    """The grasps of a scene, best first, or the reason why there are none."""
+
+    reason: str
+    advice: str
+    table_height: float
+    tried: dict[str, int]
+    segments: list[SceneSegment]
+    grasps: list[SceneGrasp]
 
 
 class SimilarObjects(TypedDict):
@@ -473,7 +547,7 @@ class Inserted(TypedDict):
 
 
 class ReportedOutcome(TypedDict):
-    """What was stored of an attempt, and the statistics of its grasp over all robots."""
+    """The attempt as it was stored, and the statistics of its grasp over all robots."""
 
     stored: int
     commit: str
@@ -511,7 +585,7 @@ class Feedback(TypedDict):
 
 
 class Taught(TypedDict):
-    """What was found or stored; the fields with defaults only if something was to be stored."""
+    """The objects found or stored; fields with defaults are there only if something was stored."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]
@@ -586,6 +660,7 @@ class Calls(ABC):
         frame_id: str | None = None,
         support_height: float | None = None,
         stamp: float | Mapping[str, int] | None = None,
+        looks: Sequence[Look | Mapping[str, Any]] | None = None,
         object: str | None = None,
         min_confidence: float | None = None,
         max_grasps: int | None = None,
@@ -598,6 +673,7 @@ class Calls(ABC):
         min_identity: float | None = None,
         min_pose: float | None = None,
         min_grasp: float | None = None,
+        preset: Literal["faithful", "fast", "real"] | None = None,
         cautious: bool | None = None,
     ) -> Recognition:
         """Name an object and the grasps to try, in order.
@@ -630,6 +706,8 @@ class Calls(ABC):
             height of the table in frame_id; default: lowest point (m)
         stamp
             time of the observation; default: now (s)
+        looks
+            further observations of the same object: the answer is that of all of them together
         object
             IRI of an object that the robot has tracked; default: recognised
         min_confidence
@@ -654,6 +732,8 @@ class Calls(ABC):
             c_T, least confidence in the pose; default: decide says
         min_grasp
             c_G, least confidence in the grasp; default: decide says
+        preset
+            kind of physics that the robot is in: faithful, fast or real; default: not known
         cautious
             compare c_G with the lower end of the interval90 of a grasp, not with its mean; default:
             False
@@ -727,6 +807,51 @@ class Calls(ABC):
         answer: PlannedGrasps = self._operate("plan_in_space", locals())
         return answer
 
+    def plan_on_scene(
+        self,
+        *,
+        data: Bytes | Mapping[str, Any],
+        gripper_id: str | None = None,
+        sensor_pose: Mapping[str, Any],
+        frame_id: str,
+        support_height: float | None = None,
+        region: list[float] | None = None,
+        min_confidence: float | None = None,
+        complete: bool | None = None,
+        max_grasps: int | None = None,
+        samples: int | None = None,
+        seed: int | None = None,
+    ) -> SceneGrasps:
+        """Plan grasps in clutter: of everything in one view of a table.
+
+        Parameters
+        ----------
+        data
+            base64 of the whole view: a frame with depth, compressed or as sensor_msgs/PointCloud2
+        gripper_id
+            name or IRI of the end effector; default: the robot's only one
+        sensor_pose
+            pose of the camera, in whose frame the data is, in frame_id
+        frame_id
+            frame of the robot with z up, e.g. base_footprint
+        support_height
+            height of the table in frame_id; default: the largest level plane (m)
+        region
+            x from, x to, y from, y to in frame_id, m: what lies elsewhere is left out
+        min_confidence
+            c_G; grasps below it are not offered; default: 0.0
+        complete
+            complete the hidden sides of things; default: True
+        max_grasps
+            maximum number of grasps; default: 10
+        samples
+            number of perturbed poses of each grasp; default: 50
+        seed
+            seed of the random numbers; default: 0
+        """
+        answer: SceneGrasps = self._operate("plan_on_scene", locals())
+        return answer
+
     def search_object(
         self,
         *,
@@ -741,6 +866,7 @@ class Calls(ABC):
         frame_id: str | None = None,
         support_height: float | None = None,
         stamp: float | Mapping[str, int] | None = None,
+        looks: Sequence[Look | Mapping[str, Any]] | None = None,
         class_description: str | None = None,
         max_results: int | None = None,
         min_confidence: float | None = None,
@@ -771,6 +897,8 @@ class Calls(ABC):
             height of the table in frame_id; default: lowest point (m)
         stamp
             time of the observation; default: now (s)
+        looks
+            further observations of the same object: the answer is that of all of them together
         class_description
             restricts the answer to kinds of objects, in words; default: all kinds
         max_results

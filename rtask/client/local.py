@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rtask.client.base import Client
 from rtask.client.following import FollowedChange
 from rtask.engine.engine import Engine
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
+
+if TYPE_CHECKING:
+    from rtask.services.host import ServiceHost
 
 __all__ = ["LocalClient"]
 
@@ -37,6 +40,7 @@ class LocalClient(Client):
         self.engine = engine
         self._access = Access(agent, "robot") if agent else Access()
         self._owns_engine = owns_engine
+        self._services: ServiceHost | None = None
 
     def _call(
         self, operation: str, args: dict[str, Any], timeout_s: float | None = None
@@ -86,8 +90,38 @@ class LocalClient(Client):
 
         return followed()
 
+    def services(self) -> list[dict[str, Any]]:
+        """Return the services that are offered; see :meth:`Client.services`."""
+        return self._host().listing()
+
+    def describe_service(self, name: str) -> dict[str, Any]:
+        """Return the description of a service; see :meth:`Client.describe_service`."""
+        return self._host().description(name)
+
+    def call_service(
+        self,
+        name: str,
+        method: str,
+        args: Mapping[str, Any] | None = None,
+        data: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+        may_repeat: bool = False,
+    ) -> dict[str, Any]:
+        """Call a method of a service; see :meth:`Client.call_service`."""
+        return self._host().call(name, method, args, self._access, data, timeout_s).as_json()
+
+    def _host(self) -> ServiceHost:
+        if self._services is None:
+            from rtask.services.offered import open_host
+
+            self._services = open_host(self.engine)
+        return self._services
+
     def close(self) -> None:
-        """Let the engine go if it was made for this client."""
+        """Close the services, and the engine if it was made for this client."""
+        if self._services is not None:
+            self._services.close()
+            self._services = None
         if self._owns_engine:
             self.engine.close()
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from rtask.client.base import Client
 from rtask.client.failures import TEMPORARY, Patience, failure_of
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import httpx
 
 __all__ = ["RemoteClient", "addresses"]
+
+_MARGIN_S = 5.0
 
 
 def addresses(url: str) -> tuple[str, str]:
@@ -125,6 +127,59 @@ class RemoteClient(Client):
         pattern = Pattern(s, p, o, graph, cls, inferred)
         return follow_remote(self._session, pattern, since, self._timeout_s)
 
+    def services(self) -> list[dict[str, Any]]:
+        """Return the services that are offered; see :meth:`Client.services`."""
+        found: list[dict[str, Any]] = self._exchange("GET", "/services", may_repeat=True)[
+            "services"
+        ]
+        return found
+
+    def describe_service(self, name: str) -> dict[str, Any]:
+        """Return the description of a service; see :meth:`Client.describe_service`."""
+        found: dict[str, Any] = self._exchange("GET", _address(name), may_repeat=True)
+        return found
+
+    def call_service(
+        self,
+        name: str,
+        method: str,
+        args: Mapping[str, Any] | None = None,
+        data: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+        may_repeat: bool = False,
+    ) -> dict[str, Any]:
+        """Call a method of a service; see :meth:`Client.call_service`."""
+        body = {**(args or {}), **({"$data": dict(data)} if data else {})}
+        path = f"{_address(name)}/{quote(method)}"
+        path += "" if timeout_s is None else f"?timeout={timeout_s}"
+        wait_s = None if timeout_s is None else timeout_s + _MARGIN_S
+        answer: dict[str, Any] = self._exchange("POST", path, body, may_repeat, wait_s)
+        return answer
+
+    def _exchange(
+        self,
+        method: str,
+        path: str,
+        body: Any = None,
+        may_repeat: bool = False,
+        timeout_s: float | None = None,
+    ) -> Any:
+        """Send a request with JSON, and return the JSON of the answer."""
+        import httpx
+
+        seconds = self._timeout_s if timeout_s is None else timeout_s
+
+        def send() -> httpx.Response:
+            return self._session().request(method, path, json=body, timeout=seconds)
+
+        try:
+            answer = _patiently(send, seconds, may_repeat)
+        except httpx.TransportError as error:
+            raise RemoteUnavailableError(f"{self.url} cannot be reached: {error}") from error
+        if answer.is_error:
+            raise failure_of(answer)
+        return answer.json()
+
     def close(self) -> None:
         """Close both connections."""
         self._socket.close()
@@ -158,6 +213,10 @@ class RemoteClient(Client):
                 base_url=self.url, headers=headers, timeout=self._timeout_s, trust_env=not near
             )
         return self._http
+
+
+def _address(service: str) -> str:
+    return f"/services/{quote(service, safe='/@*.')}"
 
 
 def _patiently(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,12 @@ from rtask.engine.remembered import Remembered
 if TYPE_CHECKING:
     from features.recognition.recogniser import Recognition
 
-__all__ = ["Decision", "Option"]
+__all__ = ["MIN_TOLD", "Decision", "Option", "told_and_alone"]
+
+MIN_TOLD = 0.05
+"""Evidence on a grasp, in outcomes, below which the graph is taken to know nothing of it."""
+
+_SAME_M, _SAME_RAD = 0.005, 0.17
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,27 @@ class Decision:
     seed: int = 0
 
 
+def told_and_alone(first: Option, alone: Option) -> str:
+    """Return in words how the graph changed the choice: what it says of the first grasp, and where
+    the robot would have grasped without it.
+    """
+    assert first.choice is not None
+    known, (won, lost) = first.remembered, first.choice.explanation["graph"]
+    if known is not None and known.attempts:
+        told = f"held {known.successes} of {known.attempts}"
+    else:
+        told = f"{won:.1f} held, {lost:.1f} lost around it"
+    (x, y, z, theta), (u, v, w, phi) = first.in_object, alone.in_object
+    away = math.dist((x, y, z), (u, v, w))
+    turned = abs((theta - phi + math.pi / 2) % math.pi - math.pi / 2)
+    if first.id == alone.id or (away < _SAME_M and turned < _SAME_RAD):
+        return f"graph: {told}; alone: the same grasp, quality {alone.quality:.2f}"
+    return (
+        f"graph: {told}; alone: {1000 * away:.0f} mm from there, turned by "
+        f"{math.degrees(turned):.0f} degrees, quality {alone.quality:.2f}"
+    )
+
+
 def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     """Return the explanation in words."""
     assert option.choice is not None
@@ -101,7 +128,7 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     if option.remembered is not None and option.remembered.attempts:
         known = option.remembered
         said.append(f"it held {known.successes} of {known.attempts} times")
-    if max(won, lost) >= 0.05:
+    if max(won, lost) >= MIN_TOLD:
         where = f" on {len(option.sources)} object(s)" if option.sources else ""
         said.append(f"this and similar grasps{where} count {won:.1f} held, {lost:.1f} lost")
     if max(parts["episode"]) >= 0.05:

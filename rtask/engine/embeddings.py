@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,9 +55,8 @@ class Embeddings:
 
     def __init__(self, kb: GraphCore, model: Path, writing: threading.RLock) -> None:
         with naming_extras(str(model)):
-            import faiss  # noqa: F401 - asked for now, not at the first view
-            import onnxruntime  # noqa: F401
-
+            for needed in ("faiss", "onnxruntime"):
+                import_module(needed)  # now, and not at the first view
             from features.embedding.embedder import Embedder
             from features.embedding.index import VectorIndex
 

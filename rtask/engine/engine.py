@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +30,30 @@ if TYPE_CHECKING:
     from rtask.kb.commit.commit import Commit
     from rtask.kb.core import GraphCore
 
-__all__ = ["Engine"]
+__all__ = ["Call", "Engine"]
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of an operation, as listeners learn of it: when it begins and when it ends.
+
+    Parameters
+    ----------
+    number
+        The same at both times.
+    operation
+        Name of the operation.
+    access
+        Rights of the caller.
+    answer, error
+        How it ended; both are none when it begins.
+    """
+
+    number: int
+    operation: str
+    access: Access
+    answer: Answer | None = None
+    error: Exception | None = None
 
 
 class Engine:
@@ -81,6 +107,8 @@ class Engine:
             kb, None if folder is None else Path(folder), policy or Policy(),
             Path(network) if network else None,
         )  # fmt: skip
+        self._listeners: list[Callable[[Call], None]] = []
+        self._numbers = itertools.count(1)
 
     @property
     def kb(self) -> GraphCore:
@@ -153,8 +181,43 @@ class Engine:
         access = access or Access()
         self.context.require(access, operation.scope)
         with naming_extras(operation.name):
-            answer: Answer = operation.carry_out(self.context, args or {}, access)
+            if not self._listeners:
+                answer: Answer = operation.carry_out(self.context, args or {}, access)
+                return answer
+            return self._told(operation, args or {}, access)
+
+    def on_call(self, listener: Callable[[Call], None]) -> Callable[[], None]:
+        """Call back when a call begins and when it ends, in the thread of the caller.
+
+        Returns
+        -------
+        A function that removes the listener.
+        """
+        self._listeners.append(listener)
+
+        def stop() -> None:
+            with contextlib.suppress(ValueError):
+                self._listeners.remove(listener)
+
+        return stop
+
+    def _told(
+        self, operation: Operation[Any, Any], args: Mapping[str, Any], access: Access
+    ) -> Answer:
+        """Carry out an operation and tell the listeners."""
+        call = Call(next(self._numbers), operation.name, access)
+        self._tell(call)
+        try:
+            answer: Answer = operation.carry_out(self.context, args, access)
+        except Exception as error:
+            self._tell(replace(call, error=error))
+            raise
+        self._tell(replace(call, answer=answer))
         return answer
+
+    def _tell(self, call: Call) -> None:
+        for listener in tuple(self._listeners):
+            listener(call)
 
     def sync_index(self) -> int:
         """Synchronise the index with the graph; return the number of added views."""

@@ -31,6 +31,8 @@ class KnownGripper:
     gripper: ParallelGripper
     kind: str
     camera: NamedNode | None = None
+    max_force: float | None = None
+    """Largest closing force, N; None if the robot did not state it."""
 
 
 class GripperCatalogue:
@@ -44,7 +46,7 @@ class GripperCatalogue:
     def forget_if_changed(self, change: Change) -> None:
         """Drop the cache after a commit about robots."""
         telling = {RT.hasEndEffector, RT.hasSensor, RT.gripperType, RT.minOpening, RT.maxOpening,
-                   RT.jawWidth, RT.fingerLength, RT.maxPayload}  # fmt: skip
+                   RT.jawWidth, RT.fingerLength, RT.maxPayload, RT.maxForce}  # fmt: skip
         if any(quad.predicate in telling for quad in (*change.added, *change.removed)):
             with self._lock:
                 self._known = None
@@ -55,6 +57,15 @@ class GripperCatalogue:
             if self._known is None:
                 self._known = _read_grippers(self._kb)
             return self._known
+
+    def forces(self) -> dict[str, float]:
+        """Return the largest closing force, N, of each type of gripper whose force is known."""
+        found: dict[str, float] = {}
+        for one in self.all():
+            if one.max_force is not None:
+                kind = one.gripper.gripper_type
+                found[kind] = max(one.max_force, found.get(kind, 0.0))
+        return found
 
     def find(self, gripper_id: str | None, agent: str | None) -> KnownGripper:
         """Return the end effector that a message names.
@@ -88,15 +99,16 @@ class GripperCatalogue:
 
 
 _GRIPPERS = f"""{PREFIXES}
-SELECT ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload
+SELECT ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload ?force
   (MIN(?sensor) AS ?camera) WHERE {{
   ?robot rt:hasEndEffector ?part ; rt:name ?robot_name .
   ?part rt:name ?name ; rt:gripperType ?type ; rt:maxOpening ?high
   OPTIONAL {{ ?part a ?kind FILTER(?kind IN (rt:Hand, rt:ParallelJawGripper)) }}
   OPTIONAL {{ ?part rt:minOpening ?low }} OPTIONAL {{ ?part rt:jawWidth ?jaw }}
   OPTIONAL {{ ?part rt:fingerLength ?finger }} OPTIONAL {{ ?part rt:maxPayload ?payload }}
+  OPTIONAL {{ ?part rt:maxForce ?force }}
   OPTIONAL {{ ?robot rt:hasSensor ?sensor }}
-}} GROUP BY ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload"""
+}} GROUP BY ?part ?robot ?robot_name ?name ?type ?kind ?low ?high ?jaw ?finger ?payload ?force"""
 
 
 def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
@@ -125,6 +137,7 @@ def _read_grippers(kb: GraphCore) -> list[KnownGripper]:
         known = KnownGripper(
             part, robot, str(given["robot_name"]), gripper, kind,
             camera if isinstance(camera, NamedNode) else None,
+            float(str(given["force"])) if "force" in given else None,
         )  # fmt: skip
         found.setdefault(part.value, known)
     return [found[key] for key in sorted(found)]

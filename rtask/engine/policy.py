@@ -27,9 +27,13 @@ class Policy:
     size_tolerance
         Largest factor between the sizes of objects that provide such evidence.
     other_gripper
-        Weight of outcomes of another gripper type, if the width fits.
+        Weight of outcomes of another gripper type, if the width fits and the force of either is
+        unknown.
+    doubtful_transfer
+        Weight of a success of a stronger gripper of another type, and of a failure of a weaker
+        one; a success of a weaker one and a failure of a stronger one count in full.
     fast_physics
-        Weight of outcomes from the coarse physics preset.
+        Weight of outcomes from the coarse physics preset for robots elsewhere.
     half_life_days
         Half-life of evidence; None = unlimited.
     size_gate, size_gate_m
@@ -49,6 +53,7 @@ class Policy:
     size_bandwidth: float = 0.3
     size_tolerance: float = 1.5
     other_gripper: float = 0.5
+    doubtful_transfer: float = 0.3
     fast_physics: float = 0.3
     half_life_days: float | None = None
     size_gate: float = 1.3

@@ -8,13 +8,16 @@ from rtask.kb.commit.expiry import Expiry
 from rtask.kb.commit.inference import Inference
 from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
-from rtask.kb.durability.journal import JournalFile
+from rtask.kb.durability.journal import JournalFile, NoJournal
+from rtask.kb.durability.private_copy import PrivateCopy
 from rtask.kb.feed.feed import Feed
+from rtask.kb.feed.following import Follower
 from rtask.kb.feed.live_queries import LiveQueries
 from rtask.kb.readers.pool import Readers
 from rtask.kb.search.index import SideIndex
 from rtask.kb.search.places import PlaceTable
 from rtask.kb.search.text import TextTable
+from rtask.kb.store.embedded import embedded_store
 from rtask.rdf.terms import NamedNode
 
 __all__ = ["GraphBase"]
@@ -58,10 +61,10 @@ class GraphBase:
             files.store,
             lambda: writer.committer.last_seq,
             files.read_from,
-            frozen=files.checkpoints is None,
+            frozen=files.checkpoints is None and not isinstance(files.held, PrivateCopy),
         )
         files.store.followers.append(self.readers.stored)
-        journal = files.journal if isinstance(files.journal, JournalFile) else None
+        journal = None if isinstance(files.journal, NoJournal) else files.journal
         last_seq = writer.committer.last_seq
         self.feed = Feed(self.epoch, files.store, catalogue, journal, self.plain, last_seq)
         self.live_queries = LiveQueries(lambda: self.feed.last_seq, self.feed.position)
@@ -72,6 +75,7 @@ class GraphBase:
         tables = (self.texts, self.places)
         self.index = SideIndex(files.store, self.feed, path, self._is_indexed, tables)
         writer.listen(self.index.announce)
+        self._follower = _follower(files, writer, self.feed)
         access = Access().bind(self.graphs, catalogue.is_ontology, self.plain)
         self.expiry = Expiry(files.store, writer, access, self._is_indexed)
         writer.listen(self.expiry.announce)
@@ -106,3 +110,11 @@ class GraphBase:
     def seq(self) -> int:
         """Number of the last commit."""
         return self._writer.committer.last_seq
+
+
+def _follower(files: Files, writer: Writer, feed: Feed) -> Follower | None:
+    copy, store, journal = files.held, files.store, files.journal
+    if not isinstance(copy, PrivateCopy) or not isinstance(journal, JournalFile):
+        return None
+    own = embedded_store(store, "following a writer")
+    return Follower(copy, own, journal, writer, feed, files.settings.is_merged)

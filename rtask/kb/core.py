@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -11,12 +11,14 @@ from typing import Any, Self
 
 from rtask.kb.commit import validation
 from rtask.kb.commit.validation import Violation
+from rtask.kb.durability.journal import Record
 from rtask.kb.feed.as_of import copy_as_of
 from rtask.kb.feed.live_queries import RowChange, require_select
 from rtask.kb.feed.subscriptions import Subscription
 from rtask.kb.maintenance import statistics
 from rtask.kb.maintenance import verify as verification
 from rtask.kb.maintenance.backup import backup
+from rtask.kb.maintenance.replica import JournalTail, apply_records
 from rtask.kb.maintenance.verify import Finding
 from rtask.kb.reading import Reading
 from rtask.kb.reasoning import Reasoning
@@ -115,9 +117,22 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         """Delete the blobs that no statement names; return how many."""
         return verification.collect_blobs(self, self._writer, older_than_s)
 
-    def backup(self, target: Path | str) -> dict[str, Any]:
+    def backup(self, target: Path | str, *, blobs: bool = True) -> dict[str, Any]:
         """Copy to a new folder; see :func:`rtask.kb.maintenance.backup.backup`."""
-        return backup(self._files, self._writer, Path(target))
+        return backup(self._files, self._writer, Path(target), blobs)
+
+    def journal_tail(self, after: int) -> JournalTail:
+        """Return a reader of the records of the commits after one, as they are written."""
+        return JournalTail(self._files, after)
+
+    def follow(self, url: str) -> None:
+        """Take commits from another process only, by :meth:`apply_records`."""
+        self.expiry.close()
+        self._writer.follows = url
+
+    def apply_records(self, records: Sequence[Record]) -> None:
+        """Store commits of the process that this one follows."""
+        apply_records(self._writer, self._files, self.feed, records)
 
     def publish(self, **facts: Any) -> None:
         """Add facts to the lock file for other processes, e.g. the ``url`` serving the folder."""
@@ -135,6 +150,8 @@ class GraphCore(Reading, Watching, Reasoning, Retraction):
         if not self.store.is_open:
             return
         self.expiry.close()
+        if self._follower is not None:
+            self._follower.close()
         self._writer.close()
         self._writer.settle()
         self.feed.close()

@@ -8,7 +8,7 @@ from typing import Any
 
 from pyoxigraph import Quad
 
-from rtask.errors import UnsupportedError
+from rtask.errors import TooLargeError, UnsupportedError
 from rtask.kb.readers import evaluation
 from rtask.kb.readers.evaluation import QueryDataset
 from rtask.kb.readers.request import Question
@@ -67,7 +67,7 @@ class Reading(Searching):
         if timeout_s is not None and self.readers.possible:
             with self._ask(text, dataset, Question(""), timeout_s) as answer:
                 return read_answer(answer.kind, answer.read())
-        return evaluation.run(self.store, self.graphs, self.plain, text, dataset)
+        return evaluation.run(self.store, self.graphs, self.plain, text, dataset, timeout_s)
 
     def select(self, text: str, **options: Any) -> Solutions:
         """Evaluate a SELECT; the same as :meth:`query`, typed for rows."""
@@ -146,7 +146,16 @@ class Reading(Searching):
         text = self._expand_text_search(text)
         if not self.readers.possible:
             form = media_type or evaluation.default_media_type(text)
-            data = evaluation.serialize(self.store, self.graphs, self.plain, text, form, dataset)
+            data = evaluation.serialize(
+                self.store, self.graphs, self.plain, text, form, dataset, timeout_s
+            )
+            if max_bytes is not None and len(data) > max_bytes:
+                raise TooLargeError(
+                    f"the answer has {len(data)} bytes, at most {max_bytes} are allowed",
+                    limit="bytes",
+                    value=len(data),
+                    allowed=max_bytes,
+                )
             return WholeStream(data, form)
         question = Question(
             "", media_type=media_type, gzip=gzip, max_rows=max_rows, max_bytes=max_bytes

@@ -8,26 +8,28 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
-from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat, Triple
+from pyoxigraph import NamedNode, Quad, RdfFormat
 
 from rtask.errors import DataError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import MAX_QUADS, Request
 from rtask.kb.durability.blobs import digest_of
 from rtask.kb.rules.rule import is_rule_file, read_rules
+from rtask.kb.store.collector import collector_paused
 from rtask.loader.bulk import load_bulk, load_text, readable_by_the_store
 from rtask.loader.catalogue import OntologyCatalogue, loadable_files
 from rtask.loader.headers import Header, Terms, header_of, peek, version_of
 from rtask.loader.patches import mend
+from rtask.loader.preparing import prepared
+from rtask.loader.report import FileReport, LoadReport
 from rtask.rdf.documents import Document
 from rtask.rdf.formats import Format, detect, find_format, statements
 from rtask.rdf.guards import undefined_json_terms
-from rtask.rdf.namespaces import uuid7
 from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, iri
 
 if TYPE_CHECKING:
@@ -40,68 +42,6 @@ _MISSING = ("error", "warn", "ignore")
 _KEPT_SOURCE_BYTES = 64 << 20
 _UNLIMITED = 1 << 62
 _CAUSE_MS = 10_000.0
-
-
-@dataclass(frozen=True)
-class FileReport:
-    """Result of loading one document.
-
-    Parameters
-    ----------
-    graph
-        IRI of the target graph; empty for documents that name their graphs themselves.
-    read
-        Number of statements in the document, or of rules.
-    added, removed, derived
-        Numbers of statements added to, removed from and derived in the knowledge base.
-    patches
-        Names of the patches that were applied to faults of the document; see
-        :mod:`rtask.loader.patches`.
-    """
-
-    name: str
-    format: str
-    graph: str
-    read: int
-    added: int
-    removed: int
-    derived: int
-    seconds: float
-    patches: tuple[str, ...] = ()
-
-
-@dataclass
-class LoadReport:
-    """Result of a load.
-
-    Parameters
-    ----------
-    undeclared
-        Properties and classes that neither the documents nor the knowledge base describe;
-        reported by a dry run only.
-    warnings
-        Violations reported by validation, and JSON-LD keys that no context defines.
-    """
-
-    files: list[FileReport] = field(default_factory=list)
-    missing_imports: list[str] = field(default_factory=list)
-    undeclared: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    dry_run: bool = False
-
-    @property
-    def added(self) -> int:
-        """Statements added by all files."""
-        return sum(file.added for file in self.files)
-
-    @property
-    def derived(self) -> int:
-        """Statements derived from all files."""
-        return sum(file.derived for file in self.files)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the report as JSON-able values."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -265,7 +205,10 @@ class _Loader:
             if document.path.resolve() in self._done:
                 return
             self._done.add(document.path.resolve())
-        document = self._watched(document)
+        with collector_paused():
+            self._load(self._watched(document))
+
+    def _load(self, document: Document) -> None:
         started = time.perf_counter()
         form = self.options.format or detect(document)
         base = self.options.base or (document.path.resolve().as_uri() if document.path else None)
@@ -422,8 +365,12 @@ class _Loader:
             read = sum(1 for _ in quads)
             return (read, read, 0, 0)
         request, replace = self._request(item), self.options.replace
-        prepared = self._prepared(quads, item)
-        return load_bulk(self.kb, prepared, item.graph, request, replace=replace)
+        named = self._prepared(quads, item)
+        return load_bulk(self.kb, named, item.graph, request, replace=replace)
+
+    def _prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
+        keep_blank = self.kb.plain or item.header.iri is not None
+        return prepared(quads, item.graph, self.kb.base, keep_blank)
 
     def _request(self, item: Item) -> Request:
         """Return the request of the commit that stores a document."""
@@ -448,30 +395,6 @@ class _Loader:
         if self.kb.plain or self.options.dry_run or not item.loose:
             return False
         return item.document.size <= _KEPT_SOURCE_BYTES and isinstance(item.graph, NamedNode)
-
-    def _prepared(self, quads: Iterable[Quad], item: Item) -> Iterator[Quad]:
-        """Yield statements with their graphs; blank nodes of data become IRIs.
-
-        IRIs let the statements be withdrawn one by one and keep their meaning in every copy.
-        """
-        names: dict[str, NamedNode] = {}
-        keep_blank = self.kb.plain or item.header.iri is not None
-
-        def name(term: Any) -> Any:
-            if isinstance(term, BlankNode):
-                fresh = f"{self.kb.base}.well-known/genid/{uuid7()}"
-                return names.setdefault(term.value, iri(fresh))
-            if isinstance(term, Triple):
-                return Triple(name(term.subject), term.predicate, name(term.object))
-            return term
-
-        for quad in quads:
-            loose = isinstance(quad.graph_name, DefaultGraph)
-            where = item.graph if loose else name(quad.graph_name)
-            subject, value = quad.subject, quad.object
-            if not keep_blank:
-                subject, value = name(subject), name(value)
-            yield Quad(subject, quad.predicate, value, where)
 
 
 def _mending(header: Header) -> str:

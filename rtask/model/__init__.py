@@ -21,7 +21,7 @@ from rtask.model.dynamic import Vocabulary, load_model
 from rtask.model.generated import rtask as RTASK
 from rtask.model.instance import Model
 from rtask.model.query.builder import Query
-from rtask.model.query.expressions import avg, count, maximum, minimum, total
+from rtask.model.query.expressions import Path, avg, count, maximum, minimum, total
 from rtask.model.session import Session
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "LazyLoadError",
     "Model",
     "OwnershipError",
+    "Path",
     "Query",
     "Session",
     "Vocabulary",

@@ -179,7 +179,7 @@ def upgrade(
         tx.clear(name)
         tx.add_quads(quads, name)
         for _, before, after in moved:
-            tx.remove(before.subject, before.predicate, before.object, before.graph_name)  # type: ignore[arg-type]
+            tx.remove_quads([before])
             tx.add_quads([after])
     return Upgrade(**{**vars(found), "commit": tx.commit})
 
@@ -212,8 +212,7 @@ def undo_upgrade(kb: GraphCore, name: str, *, access: Access | None = None) -> C
             commit=seq,
         )
     with kb.commit_block(request) as tx:
-        for quad in change.added:
-            tx.remove(quad.subject, quad.predicate, quad.object, quad.graph_name)  # type: ignore[arg-type]
+        tx.remove_quads(change.added)
         tx.add_quads(change.removed)
     return tx.commit
 

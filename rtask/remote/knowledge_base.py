@@ -11,11 +11,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
-from urllib.parse import parse_qs, urljoin, urlsplit
 
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat
 
-from rtask.errors import UnsupportedError, UsageError
+from rtask.errors import UnsupportedError
 from rtask.graph import Changes, Graph
 from rtask.rdf.terms import (
     Subject,
@@ -26,6 +25,7 @@ from rtask.rdf.terms import (
     subject_term,
     written,
 )
+from rtask.remote.endpoints import addresses
 from rtask.remote.transport import Connection, read_rows, read_triples
 from rtask.sparql.bindings import Bindings, bind
 from rtask.sparql.lexer import query_form
@@ -33,7 +33,7 @@ from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.syntax import check_query, check_update
 from rtask.sparql.update_outline import read_update
 
-__all__ = ["RemoteKnowledgeBase", "addresses", "open_remote"]
+__all__ = ["RemoteKnowledgeBase", "open_remote"]
 
 _ROWS = "application/sparql-results+json"
 _TRIPLES = "application/n-triples"
@@ -124,12 +124,12 @@ class RemoteKnowledgeBase(Graph):
         timeout_s: float | None = None,
     ) -> bytes:
         """Send a query that has been checked; return its answer in a media type."""
-        parameters = _dataset("default-graph-uri", default_graphs)
-        parameters += _dataset("named-graph-uri", named_graphs)
-        headers = {"Content-Type": "application/sparql-query", "Accept": media_type}
-        return self._connection.send(
-            self.query_url, parameters, text, headers, repeat=True, timeout_s=timeout_s
+        fields = [("query", text), *_dataset("default-graph-uri", default_graphs)]
+        fields += _dataset("named-graph-uri", named_graphs)
+        answer = self._connection.send(
+            self.query_url, fields, media_type, repeat=True, timeout_s=timeout_s
         )
+        return answer.content
 
     def serialize(self, text: str, media_type: str, bindings: Bindings | None = None) -> bytes:
         """Evaluate a query and return its answer in a media type."""
@@ -176,9 +176,9 @@ class RemoteKnowledgeBase(Graph):
         """
         _refuse_agent(agent, note)
         check_update(read_update(text), base or self.update_url)
-        parameters = _dataset("using-graph-uri", using) + _dataset("using-named-graph-uri", named)
-        headers = {"Content-Type": "application/sparql-update"}
-        self._connection.send(self.update_url, parameters, text, headers, repeat=False)
+        fields = [("update", text), *_dataset("using-graph-uri", using)]
+        fields += _dataset("using-named-graph-uri", named)
+        self._connection.send(self.update_url, fields, repeat=False)
 
     def transaction(self, agent: str | None = None, note: str | None = None) -> RemoteTransaction:
         """Return a context manager whose changes become one update request.
@@ -294,24 +294,6 @@ def open_remote(
     'http://host:81/u'
     """
     return RemoteKnowledgeBase(*addresses(address), token, timeout_s)
-
-
-def addresses(address: str) -> tuple[str, str | None]:
-    """Return the query and update endpoints of an address; ``None`` if one takes both.
-
-    >>> addresses("http://host/sparql")
-    ('http://host/sparql', None)
-    """
-    if not address.startswith("sparql+"):
-        return address, None
-    plain = address.removeprefix("sparql+")
-    named = parse_qs(urlsplit(plain).query)
-    if "query" not in named:
-        raise UsageError(
-            f"{address} names no query endpoint; give its address as the parameter ?query="
-        )
-    query, update = (urljoin(plain, named.get(key, [""])[0]) for key in ("query", "update"))
-    return query, update if "update" in named else None
 
 
 def _refuse_agent(agent: str | None, note: str | None) -> None:

@@ -1,13 +1,16 @@
 """HTTP requests to a SPARQL server: retries, errors and answers.
 
-A read is repeated when the server or the connection fails. An update is repeated only if the
-answer proves that it did not run.
+Texts are always sent as a form (SPARQL 1.1 Protocol, 2.1.2 and 2.2.1), which every server takes;
+some never answer a text that is sent directly. A read is repeated when the server or the connection
+fails. An update is repeated only if the answer proves that it did not run.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
+from urllib.parse import unquote, urlsplit, urlunsplit
 
 import httpx
 from pyoxigraph import (
@@ -30,42 +33,58 @@ from rtask.errors import (
 )
 from rtask.sparql.results import Solutions, Triples
 
-__all__ = ["Connection", "read_rows", "read_triples"]
+__all__ = ["Connection", "read_rows", "read_triples", "without_password"]
 
 _ATTEMPTS = 3
 _PAUSE_S = 0.2
+_CONNECT_S = 5.0
 _UNAVAILABLE = (502, 503, 504)
 _DID_NOT_RUN = (429, 503)
 
 
 class Connection:
-    """A connection to one server.
+    """A connection to one server; usable from several threads.
 
     Parameters
     ----------
     token
-        Sent as a bearer token.
+        ``name:password``, sent by the scheme for which the server asks (basic or digest), or a
+        bearer token.
     timeout_s
         Time limit for one answer.
+
+    Attributes
+    ----------
+    requests
+        Number of requests sent so far.
     """
 
     def __init__(self, token: str | None, timeout_s: float) -> None:
-        headers = {"Authorization": f"Bearer {token}"} if token else {}
-        self._http: httpx.Client | None = httpx.Client(headers=headers, timeout=timeout_s)
+        limits = httpx.Timeout(timeout_s, connect=min(timeout_s, _CONNECT_S))
+        name, colon, password = (token or "").partition(":")
+        self._login = (name, password) if colon else None
+        headers = {"Authorization": f"Bearer {token}"} if token and not colon else {}
+        self._http: httpx.Client | None = httpx.Client(
+            headers=headers, timeout=limits, auth=self._login
+        )
+        self.timeout_s = timeout_s
+        self.requests = 0
 
     def send(
         self,
         url: str,
-        parameters: list[tuple[str, str]],
-        text: str,
-        headers: dict[str, str],
+        fields: Sequence[tuple[str, str]],
+        accept: str = "*/*",
+        *,
         repeat: bool,
         timeout_s: float | None = None,
-    ) -> bytes:
-        """Send a text and return the answer's body.
+    ) -> httpx.Response:
+        """Send a form and return the answer.
 
         Parameters
         ----------
+        fields
+            ``query`` or ``update`` with the text, and the parameters of the dataset.
         repeat
             Whether the request may safely be sent twice.
         timeout_s
@@ -81,39 +100,73 @@ class Connection:
         RemoteError, AccessError, QuerySyntaxError
             The server refused the request; the message is the server's.
         """
-        if self._http is None:
-            raise ClosedError("the connection is closed")
-        query = httpx.QueryParams(tuple(parameters))
+        form: dict[str, list[str]] = {}
+        for name, value in fields:
+            form.setdefault(name, []).append(value)
         until = None if timeout_s is None else time.monotonic() + timeout_s
+        where = without_password(url)
         for attempt in range(_ATTEMPTS):
             last = attempt + 1 == _ATTEMPTS
             wait: Any = httpx.USE_CLIENT_DEFAULT
             if until is not None:
                 wait = max(0.001, until - time.monotonic())
             try:
-                answer = self._http.post(
-                    url, params=query, content=text.encode(), headers=headers, timeout=wait
-                )
+                answer = self._post(url, form, accept, wait)
             except httpx.HTTPError as error:
                 if until is not None and time.monotonic() >= until:
                     raise QueryTimeout(
-                        f"{url}: no complete answer within {timeout_s:g} s", timeout_s=timeout_s
+                        f"{where}: no complete answer within {timeout_s:g} s", timeout_s=timeout_s
                     ) from error
                 never_sent = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
                 if last or not (repeat or never_sent):
                     reason = str(error) or type(error).__name__
-                    raise RemoteUnavailableError(f"{url}: {reason}") from error
+                    raise RemoteUnavailableError(f"{where}: {reason}") from error
             else:
                 if last or answer.status_code not in (_UNAVAILABLE if repeat else _DID_NOT_RUN):
-                    return _checked(answer, url)
+                    return _checked(answer, where)
             time.sleep(_PAUSE_S * 2**attempt)
         raise AssertionError("the last attempt returns or raises")
+
+    def _post(
+        self, url: str, form: dict[str, list[str]], accept: str, timeout: Any
+    ) -> httpx.Response:
+        http = self._http
+        if http is None:
+            raise ClosedError("the connection is closed")
+        self.requests += 1
+        answer = http.post(url, data=form, headers={"Accept": accept}, timeout=timeout)
+        wants_digest = answer.headers.get("WWW-Authenticate", "").lower().startswith("digest")
+        login = self._login or _login_of(url)
+        if answer.status_code == 401 and wants_digest and login:
+            http.auth = httpx.DigestAuth(*login)
+            self.requests += 1
+            return http.post(
+                without_password(url), data=form, headers={"Accept": accept}, timeout=timeout
+            )
+        return answer
 
     def close(self) -> None:
         """Close the connection."""
         if self._http is not None:
             self._http.close()
             self._http = None
+
+
+def without_password(url: str) -> str:
+    """Return an address without the name and password in it.
+
+    >>> without_password("http://dba:secret@host:8890/sparql-auth")
+    'http://host:8890/sparql-auth'
+    """
+    parts = urlsplit(url)
+    return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+
+
+def _login_of(url: str) -> tuple[str, str] | None:
+    parts = urlsplit(url)
+    if parts.username is None:
+        return None
+    return unquote(parts.username), unquote(parts.password or "")
 
 
 def read_rows(data: bytes) -> Solutions | bool:
@@ -143,9 +196,15 @@ def read_triples(data: bytes) -> Triples:
         raise RemoteUnavailableError(f"the answer broke off: {error}") from error
 
 
-def _checked(answer: httpx.Response, url: str) -> bytes:
+def _checked(answer: httpx.Response, url: str) -> httpx.Response:
     if answer.is_success:
-        return answer.content
+        limit = answer.headers.get("X-SPARQL-MaxRows")
+        if limit is not None:
+            raise CallFailedError(
+                f"{url} cut its answer after {limit} rows; raise ResultSetMaxRows in its settings",
+                status=answer.status_code,
+            )
+        return answer
     reason = _reason(answer)
     message = f"{url}: {answer.status_code} {reason}"
     if answer.status_code == 401:

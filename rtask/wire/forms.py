@@ -18,7 +18,7 @@ from pydantic.fields import FieldInfo
 from rtask.errors import UsageError
 from rtask.wire.fields import Kind, absence, kind_of
 from rtask.wire.message import Message
-from rtask.wire.types import Carried, Unit
+from rtask.wire.types import ArrayOf, Unit, carried
 
 __all__ = ["Control", "controls_of", "read_form"]
 
@@ -138,8 +138,10 @@ def _sort(kind: Kind) -> Sort:
         return "choice"
     if kind.type is str:
         return "lines" if kind.is_list else "text"
-    carried = next((one for one in kind.metadata if isinstance(one, Carried)), None)
-    return "text" if carried is not None and carried.ros == "string" else "json"
+    if any(isinstance(one, ArrayOf) for one in kind.metadata):
+        return "json"
+    sent = carried(kind)
+    return "text" if sent is not None and sent.ros == "string" else "json"
 
 
 def _summary(field: FieldInfo) -> str:

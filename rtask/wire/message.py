@@ -17,7 +17,7 @@ from pydantic_core import PydanticSerializationError, to_json
 
 from rtask.errors import UsageError, nearest
 from rtask.wire.fields import Also, Kind, kind_of, wire_name
-from rtask.wire.types import Carried
+from rtask.wire.types import carried
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -220,14 +220,14 @@ def _finite(text: bytes, value: Callable[[], Any]) -> bytes:
 def _is_ambiguous(field: FieldInfo) -> bool:
     """Tell whether the zero of a field's ROS type is a legal value and not the default."""
     kind = kind_of(field)
-    carried = next((one for one in kind.metadata if isinstance(one, Carried)), None)
-    if kind.is_list or (carried is not None and carried.is_list):
+    sent = carried(kind)
+    if kind.is_list or (sent is not None and sent.is_list):
         return False
     if field.is_required():
         return kind.type is bool
-    if kind.type in (bool, int, float) and carried is None:
+    if kind.type in (bool, int, float) and sent is None:
         return bool(field.default) or field.default is None
-    return kind.message is not None or (carried is not None and carried.ros != "string")
+    return kind.message is not None or (sent is not None and sent.ros != "string")
 
 
 # Errors

@@ -7,15 +7,16 @@ list of one value or none.
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple
 
 from pydantic import BaseModel
 
 from rtask.wire.fields import Kind, kind_of, wire_name
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Carried
+from rtask.wire.types import carried
 
-__all__ = ["LIST", "SCALAR", "Member", "ros_types"]
+__all__ = ["CHANGE", "LIST", "SCALAR", "Member", "camel_case", "ros_types"]
 
 SCALAR, LIST = -1, 0
 
@@ -32,6 +33,23 @@ class Member(NamedTuple):
 
     def __str__(self) -> str:
         return self.type + ("[]" if self.length == LIST else "")
+
+
+CHANGE = (
+    Member("commit", "int64", SCALAR), Member("agent", "string", SCALAR),
+    Member("graphs", "string", LIST), Member("added", "int64", SCALAR),
+    Member("removed", "int64", SCALAR), Member("derived", "int64", SCALAR),
+)  # fmt: skip
+"""The fields of a commit as its subscribers are told of it."""
+
+
+def camel_case(operation: str) -> str:
+    """Return the name of an operation's ROS type without the package.
+
+    >>> camel_case("recognise_for_grasp")
+    'RecogniseForGrasp'
+    """
+    return "".join(part.capitalize() for part in re.split(r"[_\W]+", operation))
 
 
 def ros_types(name: str, model: type[BaseModel]) -> dict[str, list[Member]]:
@@ -78,8 +96,8 @@ def _held(name: str, field: str, model: type[BaseModel]) -> str:
 
 def _carried(kind: Kind) -> tuple[str, bool]:
     """Return the ROS type of a value that is no message, and whether it is a list."""
-    for one in kind.metadata:
-        if isinstance(one, Carried):
-            return one.ros, one.is_list
+    one = carried(kind)
+    if one is not None:
+        return one.ros, one.is_list
     is_text = not isinstance(kind.type, type)
     return _JSON if is_text else _PYTHON.get(kind.type, _JSON), kind.is_list

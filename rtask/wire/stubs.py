@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 
 from rtask.wire.fields import Also, Kind, kind_of, parts_of, wire_name
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Carried, Unit
+from rtask.wire.types import Unit, carried
 
 __all__ = ["Declared", "source_of"]
 
@@ -89,9 +89,9 @@ def source_of(operations: Iterable[Declared], maker: str) -> str:
 
 def _type(kind: Kind) -> str:
     """Return the type of a field as source."""
-    carried = next((one for one in kind.metadata if isinstance(one, Carried)), None)
-    if carried is not None:
-        text = carried.python
+    sent = carried(kind)
+    if sent is not None:
+        text = sent.python
     elif kind.message is not None:
         text = kind.message.__name__
         text += " | Mapping[str, Any]" if issubclass(kind.message, Message) else ""
@@ -102,7 +102,7 @@ def _type(kind: Kind) -> str:
         text = f"dict[{key.__name__}, {'Any' if value is typing.Any else value.__name__}]"
     else:
         text = kind.type.__name__
-    if kind.is_list and not (carried and carried.is_list):
+    if kind.is_list and not (sent and sent.is_list):
         is_answer = kind.message is None or issubclass(kind.message, Answer)
         text = f"{'list' if is_answer else 'Sequence'}[{text}]"
     return text

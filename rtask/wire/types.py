@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, PlainValidator
+from pydantic import BaseModel, BeforeValidator, PlainSerializer, PlainValidator
 from pydantic_core import PydanticCustomError, core_schema
+
+from rtask.wire.fields import Kind
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -35,19 +37,24 @@ __all__ = [
     "Cloud",
     "Flag",
     "Grasp",
+    "GraspPose",
+    "GripperTranslation",
     "Image",
     "Iri",
+    "JointTrajectory",
     "Json",
     "Mask",
     "Number",
     "Points",
     "Pose",
+    "PoseStamped",
     "Probability",
     "Stamp",
     "Text",
     "Texts",
     "Unit",
     "Whole",
+    "carried",
 ]
 
 MAX_POINTS = 500
@@ -72,17 +79,28 @@ class Carried:
         JSON Schema; None = the one of the Python type.
     is_list
         Whether ROS carries an array.
+    is_packed
+        Whether the text is base64 of bytes.
+    also
+        Other ROS types in which a value may come, each by the ending of a field's name.
     """
 
     ros: str
     python: str
     schema: Mapping[str, Any] | None = field(default=None, hash=False)
     is_list: bool = False
+    is_packed: bool = False
+    also: tuple[tuple[str, str], ...] = ()
 
     def __get_pydantic_json_schema__(
         self, core: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> Schema:
         return handler(core) if self.schema is None else dict(self.schema)
+
+
+def carried(kind: Kind) -> Carried | None:
+    """Return the form in which the values of a field are sent, if its type declares one."""
+    return next((one for one in kind.metadata if isinstance(one, Carried)), None)
 
 
 @dataclass(frozen=True)
@@ -165,6 +183,10 @@ def _bytes(value: Any) -> bytes:
         raise refused(f"not base64: {error}; it begins with {value[:12]!r}") from None
 
 
+def _base64(value: bytes) -> str:
+    return base64.b64encode(value).decode("ascii")
+
+
 def _cloud(value: Any) -> bytes:
     """Return bytes as :func:`_bytes` does, of a ``sensor_msgs/PointCloud2`` a PCD file."""
     if not isinstance(value, Mapping):
@@ -216,6 +238,12 @@ def _pose(value: Any) -> NDArray[np.float64]:
         raise refused(error) from error
 
 
+def _pose_message(pose: NDArray[np.float64]) -> dict[str, Any]:
+    from grasp.messages import pose_message
+
+    return pose_message(pose)
+
+
 def _stamp(value: Any) -> float:
     """Return s since the epoch of a number, or of a stamp of ROS 1 or ROS 2."""
     if isinstance(value, dict):
@@ -260,7 +288,8 @@ class ArrayOf:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        return core_schema.no_info_plain_validator_function(self._read)
+        written = core_schema.plain_serializer_function_ser_schema(np.ndarray.tolist)
+        return core_schema.no_info_plain_validator_function(self._read, serialization=written)
 
     def __get_pydantic_json_schema__(
         self, core: core_schema.CoreSchema, handler: GetJsonSchemaHandler
@@ -327,31 +356,48 @@ Texts = Annotated[
     list[str], BeforeValidator(_texts), Carried("string", "Sequence[str]", None, True)
 ]
 """A list of texts; a single text is a list of one."""
-Bytes = Annotated[bytes, PlainValidator(_bytes), Carried("string", "Bytes", _BASE64)]
+Bytes = Annotated[
+    bytes,
+    PlainValidator(_bytes),
+    PlainSerializer(_base64),
+    Carried("string", "Bytes", _BASE64, is_packed=True),
+]
 """Bytes, base64 in JSON."""
 Cloud = Annotated[
     bytes,
     PlainValidator(_cloud),
+    PlainSerializer(_base64),
     Carried(
         "string",
         "Bytes | Mapping[str, Any]",
         {**_BASE64, "contentMediaType": "application/vnd.rtask.cloud"},
+        is_packed=True,
+        also=(("cloud", "sensor_msgs/PointCloud2"),),
     ),
 ]
 """A point cloud or depth image, as :mod:`features.codec` packs it, or a sensor_msgs/PointCloud2."""
 Image = Annotated[
     bytes,
     PlainValidator(_image),
-    Carried("string", "Bytes | Mapping[str, Any]", {**_BASE64, "contentMediaType": "image/*"}),
+    PlainSerializer(_base64),
+    Carried(
+        "string",
+        "Bytes | Mapping[str, Any]",
+        {**_BASE64, "contentMediaType": "image/*"},
+        is_packed=True,
+        also=(("message", "sensor_msgs/CompressedImage"),),
+    ),
 ]
 """A picture, PNG or JPEG, or a sensor_msgs/CompressedImage or Image that carries one."""
 Mask = Annotated[
     bytes,
     PlainValidator(_mask),
+    PlainSerializer(_base64),
     Carried(
         "string",
         "Bytes | Mapping[str, Any]",
         {"anyOf": [{**_BASE64, "contentMediaType": "image/png"}, {"type": "object"}]},
+        is_packed=True,
     ),
 ]
 """Labels of the pixels of an image as PNG, or a mask as a COCO run-length encoding in JSON."""
@@ -364,6 +410,7 @@ Box = Annotated[
 Pose = Annotated[
     NDArray[np.float64],
     PlainValidator(_pose),
+    PlainSerializer(_pose_message),
     Carried("geometry_msgs/Pose", "Mapping[str, Any]", _POSE),
 ]
 """A geometry_msgs/Pose, read as a transform (4, 4); m and a unit quaternion."""
@@ -374,14 +421,30 @@ Stamp = Annotated[
     Unit("s"),
 ]
 """A time, s since the epoch; a stamp of ROS 1 or ROS 2 is read as well."""
+_GRASP: Schema = {"anyOf": [{"type": "string"}, {"type": "object"}]}
+
 Grasp = Annotated[
     str | dict[str, Any],
     PlainValidator(_grasp),
-    Carried(
-        "string", "str | Mapping[str, Any]", {"anyOf": [{"type": "string"}, {"type": "object"}]}
-    ),
+    Carried("string", "str | Mapping[str, Any]", _GRASP, also=(("message", "moveit_msgs/Grasp"),)),
 ]
 """The id of a grasp, or a grasp as it was received."""
+GraspPose = Annotated[
+    str | dict[str, Any],
+    PlainValidator(_grasp),
+    Carried("geometry_msgs/PoseStamped", "str | Mapping[str, Any]", _GRASP),
+]
+"""A geometry_msgs/PoseStamped of a gripper."""
+JointTrajectory = Annotated[
+    dict[str, Any], Carried("trajectory_msgs/JointTrajectory", "dict[str, Any]")
+]
+"""A trajectory_msgs/JointTrajectory."""
+PoseStamped = Annotated[dict[str, Any], Carried("geometry_msgs/PoseStamped", "dict[str, Any]")]
+"""A geometry_msgs/PoseStamped."""
+GripperTranslation = Annotated[
+    dict[str, Any], Carried("moveit_msgs/GripperTranslation", "dict[str, Any]")
+]
+"""A moveit_msgs/GripperTranslation."""
 Array = Annotated[NDArray[np.float64], ArrayOf(), Carried("float64", "Sequence[float]", None, True)]
 """A list of numbers, read as an array (n,)."""
 Points = Annotated[

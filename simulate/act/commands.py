@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from simulate.act.trials import Trial
     from simulate.grasping.executor import Workcell
 
-__all__ = ["act_serve", "act_test"]
+__all__ = ["act_serve", "act_test", "lay_objects"]
 
 _seed = options.seed("goals and plans")
 _json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -221,7 +221,7 @@ def act_serve(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
     with _cell(robot, gui) as cell, tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder:
-        standing = _lay(cell, objects, seed, Path(folder))
+        standing = lay_objects(cell, objects, seed, Path(folder))
         provider = ActProvider(
             ActService(cell, name, seed), address, name or robot, os.environ.get("RTASK_TOKEN")
         )
@@ -236,7 +236,7 @@ def act_serve(
             click.echo(json.dumps({"event": "stopped"}))
 
 
-def _lay(cell: Workcell, objects: int, seed: int, folder: Path) -> list[dict[str, Any]]:
+def lay_objects(cell: Workcell, objects: int, seed: int, folder: Path) -> list[dict[str, Any]]:
     """Put objects on the table; return name, centre of mass (m) and yaw (rad) of each."""
     import numpy as np
 

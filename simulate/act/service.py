@@ -69,6 +69,11 @@ class ActService:
         """Whether the hand holds an object."""
         return self._holds
 
+    @property
+    def has_the_arm(self) -> bool:
+        """Whether an arm stands at a goal or holds something, from which the next action starts."""
+        return self._under_way is not None
+
     def act(self, message: Mapping[str, Any]) -> dict[str, Any]:
         """Carry out one request.
 

@@ -16,17 +16,16 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from features.codec import encode_frame, to_wire
 from features.geometry import FloatArray, Frame
+from features.perception import Ignored, Perceived, Seen, neighbour_points, perceive
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.messages import (
     distinct,
     grasp_request,
-    neighbour_points,
+    observation_message,
     outcome_message,
-    pose_message,
 )
-from simulate.agent.perception import Ignored, Perceived, Seen, perceive
+from simulate.agent.second_look import asked_again
 from simulate.agent.tracking import TrackedObject, Tracker
 from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.world.seeds import mix_seed
@@ -71,6 +70,10 @@ class Body(Protocol):
     @property
     def base_frame(self) -> str:
         """Name of the base frame (tf)."""
+
+    @property
+    def preset(self) -> str:
+        """Kind of physics that it is in: faithful, fast or real."""
 
     @property
     def ignored(self) -> tuple[Ignored, ...]:
@@ -196,20 +199,27 @@ class Agent:
         encounter = self._encounter(thing, side)
         seconds = {"look": looked_s}
         started = time.perf_counter()
-        observation = self._observation(thing, view, base_from_camera)
+        frame_id = self.body.base_frame
+        observation = observation_message(thing.seen, view, base_from_camera, frame_id)
         seconds["encode"] = time.perf_counter() - started
         number = encounter.tries + 1
         started = time.perf_counter()
-        answer = self.server.recognise_for_grasp(
-            task="pick",
-            gripper_id=self.body.gripper_ids[side],
-            propose=True,
-            max_grasps=50,
-            seed=mix_seed(self.config.seed, thing.number, number),
-            neighbours=neighbour_points(thing, view),
+        request = {
+            "task": "pick",
+            "gripper_id": self.body.gripper_ids[side],
+            "propose": True,
+            "max_grasps": 50,
+            "seed": mix_seed(self.config.seed, thing.number, number),
+            "preset": self.body.preset,
+            "neighbours": neighbour_points(thing.seen, view),
             **observation,
-            **({"object": thing.object_iri} if thing.object_iri else {}),
-        )
+        }
+        if thing.object_iri:
+            request["object"] = thing.object_iri
+        answer = self.server.recognise_for_grasp(**request)
+        if not encounter.is_seen and answer["recognition"].get("ask_again"):
+            ask = self.server.recognise_for_grasp
+            answer = asked_again(ask, self.body, thing, side, request) or answer
         seconds["ask"] = time.perf_counter() - started
         if not encounter.is_seen:
             encounter = self._first_sight(encounter, thing, answer)
@@ -235,9 +245,7 @@ class Agent:
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
         outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
-        if (
-            record.reason != "not_judged"
-        ):  # the physics diverged, which does not count against the grasp
+        if record.reason != "not_judged":  # else the physics diverged: no fault of the grasp
             self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
         self._runs += 1
         held, lost = grasp.get("explanation", {}).get("graph", (0.0, 0.0))
@@ -245,6 +253,7 @@ class Agent:
             number, grasp["source"], grasp["id"], record.reason, record.held, record.placed,
             True, float(grasp.get("mean", 0.0)), seconds, tuple(phase for phase, _ in pictures),
             record.place_reason, (float(held), float(lost)), self._runs, record.evidence,
+            str((answer.get("alone") or {}).get("text", "")),
         )  # fmt: skip
         encounter.attempts.append(attempt)
         thing.finished = record.placed or encounter.tries >= self.config.max_attempts
@@ -263,16 +272,6 @@ class Agent:
                 (shape.length, shape.width, shape.height),
             )
         return self.encounters[thing.number]
-
-    def _observation(
-        self, thing: TrackedObject, view: Perceived, base_from_camera: NDArray[np.float64]
-    ) -> dict[str, Any]:
-        return {
-            "data": to_wire(encode_frame(thing.seen.crop)),
-            "sensor_pose": pose_message(base_from_camera),
-            "frame_id": self.body.base_frame,
-            "support_height": view.table_height,
-        }
 
     def _first_sight(
         self, encounter: Encounter, thing: TrackedObject, answer: dict[str, Any]

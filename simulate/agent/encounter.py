@@ -28,6 +28,8 @@ class Attempt:
         Number of the physical attempt among all of this robot, from 1; 0 if nothing was moved.
     evidence
         Measurements of the robot and its conclusions.
+    alone
+        What the graph told of this grasp and where the robot would have grasped without it.
     """
 
     number: int
@@ -44,6 +46,7 @@ class Attempt:
     told: tuple[float, float] = (0.0, 0.0)
     run: int = 0
     evidence: str = ""
+    alone: str = ""
 
 
 @dataclass
@@ -84,9 +87,9 @@ class Encounter:
 
     @property
     def tries_to_success(self) -> int | None:
-        """Physical attempts up to the first that held; None if none did."""
+        """Physical attempts up to the first that held and was not lost on the way; or None."""
         for tried, attempt in enumerate((a for a in self.attempts if a.physical), start=1):
-            if attempt.held:
+            if attempt.held and attempt.place_reason != "slip_transport":
                 return tried
         return None
 

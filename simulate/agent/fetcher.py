@@ -13,8 +13,9 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from features.perception import Perceived, perceive
 from simulate.agent.agent import Agent, AgentConfig, Body, Server
-from simulate.agent.perception import Perceived, perceive
+from simulate.agent.messages import observation_message
 from simulate.agent.tracking import TrackedObject
 from simulate.world.seeds import mix_seed
 
@@ -126,7 +127,8 @@ class Fetcher(Agent):
     ) -> None:
         """Recognise a thing, or add it to the graph as it looks."""
         encounter = self._encounter(thing, side)
-        observation = self._observation(thing, view, base_from_camera)
+        frame_id = self.body.base_frame
+        observation = observation_message(thing.seen, view, base_from_camera, frame_id)
         gripper_id = self.body.gripper_ids[side]
         answer = self.server.recognise_for_grasp(
             gripper_id=gripper_id, seed=mix_seed(self.config.seed, thing.number), **observation

@@ -10,31 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from simulate.agent.perception import Perceived
+from features.codec import encode_frame, to_wire
+from features.perception import Perceived, Seen
 from simulate.agent.tracking import TrackedObject
 from simulate.grasping.executor import GraspRecord, GraspRequest
 
 __all__ = [
     "distinct",
     "grasp_request",
-    "neighbour_points",
+    "observation_message",
     "outcome_message",
     "pose_message",
 ]
-
-_MAX_NEIGHBOUR_POINTS = 400
-_NEIGHBOUR_RADIUS_M = 0.12
-
-
-def neighbour_points(thing: TrackedObject, view: Perceived) -> list[list[float]]:
-    """Return points of the objects near another one, m, base frame."""
-    others = [seen.points for seen in view.objects if seen is not thing.seen]
-    if not others:
-        return []
-    points = np.concatenate(others)
-    near = points[np.linalg.norm(points[:, :2] - thing.seen.position, axis=1) < _NEIGHBOUR_RADIUS_M]
-    step = max(1, -(-len(near) // _MAX_NEIGHBOUR_POINTS))
-    return [[round(float(x), 4) for x in point] for point in near[::step]]
 
 
 def grasp_request(
@@ -54,6 +41,13 @@ def grasp_request(
         arm="auto",
         round=shape.is_round,
         stances=stances,
+        outline=(
+            float(shape.centre[0]),
+            float(shape.centre[1]),
+            float(shape.yaw),
+            shape.length,
+            shape.width,
+        ),
     )
 
 
@@ -82,6 +76,18 @@ def pose_message(base_from_camera: NDArray[np.float64]) -> dict[str, dict[str, f
     }
 
 
+def observation_message(
+    seen: Seen, view: Perceived, base_from_camera: NDArray[np.float64], frame_id: str
+) -> dict[str, Any]:
+    """Return an object of a view as an observation in the base frame of that name."""
+    return {
+        "data": to_wire(encode_frame(seen.crop)),
+        "sensor_pose": pose_message(base_from_camera),
+        "frame_id": frame_id,
+        "support_height": view.table_height,
+    }
+
+
 def outcome_message(
     record: GraspRecord,
     number: int,
@@ -93,9 +99,9 @@ def outcome_message(
     """Return the outcome message of a physical attempt."""
     placed = {} if record.judged_placed.answer == "unknown" else {"placed": record.placed}
     return {
-        "success": record.held,
+        "success": record.kept,
         **placed,
-        "reason": record.reason,
+        "reason": record.place_reason if record.held and not record.kept else record.reason,
         "comment": record.evidence,
         "jaw_gap": record.jaw_gap_m,
         "lifted_m": record.lifted_m,

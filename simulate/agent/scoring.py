@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from features.perception import Seen
 from simulate.agent.encounter import Attempt, Encounter
-from simulate.agent.perception import Seen
 from simulate.agent.simulated_body import SimulatedBody
 from simulate.grasping.executor import GraspRequest
 from simulate.grasping.rules import PlannedGrasp
@@ -170,13 +170,14 @@ class AttemptTruth:
 
     def _find_target(self) -> int:
         """Return the object nearest to the grasp, or -1 if there is none."""
-        request, best, nearest = self._plan.request, -1, _NEAR_M
+        request, best, nearest = self._plan.request, -1, np.inf
         pose = self._robot.world_from_base
         wanted = pose[:3, :3] @ [request.x, request.y, request.table_height] + pose[:3, 3]
         for body in sorted(self._world.objects):
             there = self._world.object_pose(body)
             distance = float(np.linalg.norm(there.position[:2] - wanted[:2]))
-            if distance < nearest and abs(there.z - wanted[2]) < _TARGET_HEIGHT_M:
+            allowed = max(_NEAR_M, self._world.objects[body].footprint_radius)
+            if distance < min(nearest, allowed) and abs(there.z - wanted[2]) < _TARGET_HEIGHT_M:
                 best, nearest = body, distance
         return best
 
@@ -225,7 +226,7 @@ class Scorer:
         pose = world.object_pose(body)
         along_x, along_y, height = spec.extent
         mouth = min(arm.mouth for arm in self._body.robot.arms.values())
-        for offset in _ANGLES if spec.kind in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
+        for offset in _ANGLES if spec.shape in _UPRIGHT_AND_ROUND else (np.pi / 2, 0.0):
             if (along_y if offset else along_x) > mouth - _SPARE_M:
                 continue
             request = GraspRequest(
@@ -236,7 +237,7 @@ class Scorer:
                 height=height,
                 length=max(along_x, along_y),
                 table_height=world.table_height,
-                round=spec.kind in _UPRIGHT_AND_ROUND,
+                round=spec.shape in _UPRIGHT_AND_ROUND,
             )
             if not isinstance(executor.plan(request, obstacles=[], seed=0), str):
                 return True

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from features.geometry import FloatArray, Frame
-from simulate.agent.perception import Ignored
+from features.perception import Ignored
 from simulate.grasping.executor import Executor, GraspRecord, GraspRequest, PlannedGrasp
 from simulate.robots import describe
 from simulate.robots.description import Floats
@@ -76,7 +76,7 @@ class SimulatedBody:
         description = describe(conditions.robot)
         self.world = World(conditions.preset, conditions.gui, description.workplace)
         self.robot = RobotBody(self.world, description)
-        self.base_frame = self.robot.base_frame
+        self.base_frame, self.preset = self.robot.base_frame, conditions.preset
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
         self.world.add_table()
         boxes = [self.world.add_place_box(side) for side in ("right", "left")]

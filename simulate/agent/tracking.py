@@ -13,7 +13,7 @@ from itertools import count
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from simulate.agent.perception import Seen
+from features.perception import Seen
 
 __all__ = ["TrackedObject", "Tracker"]
 
@@ -97,6 +97,12 @@ class Tracker:
             else:
                 match.seen, match.visible = seen, True
         return [thing for thing in self.things if thing.visible]
+
+    @classmethod
+    def same(cls, thing: TrackedObject, objects: Sequence[Seen]) -> Seen | None:
+        """Return the object of another view that lies where the thing was last seen, if any."""
+        near = min(objects, key=lambda seen: cls._distance(thing, seen, None), default=None)
+        return near if near is not None and cls._distance(thing, near, None) < 1 else None
 
     def lost(self, object_iri: str) -> TrackedObject | None:
         """Return the unfinished object of that identity that went out of sight, if any."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,8 +15,16 @@ from rtask.errors import RtaskError, UsageError
 from simulate.demo.console import Console
 from simulate.demo.processes import Endpoint, Robot, RobotJob, run_rtask
 from simulate.demo.queries import QUESTIONS, ask
-from simulate.demo.report import COLUMNS, robot_totals, rows, summary, write_report
+from simulate.demo.report import (
+    COLUMNS,
+    comparison,
+    robot_totals,
+    rows,
+    summary,
+    write_report,
+)
 from simulate.robots import ROBOTS
+from simulate.world.objects import PRODUCTS
 
 __all__ = ["Demo", "Settings"]
 
@@ -34,7 +43,10 @@ class Settings:
     keep
         Continue with the store in ``data`` instead of a new one.
     kinds
-        Kinds of the robots, in turn.
+        Kinds of the robots, in turn; empty = the kind that suits the products.
+    products
+        Set of :data:`simulate.world.objects.PRODUCTS`. On the hard ones, the last robot also works
+        with a graph of its own, for comparison.
     """
 
     data: Path
@@ -46,19 +58,36 @@ class Settings:
     gui: bool = False
     port: int = 0
     preset: str = "faithful"
-    kinds: tuple[str, ...] = ("nao",)
+    kinds: tuple[str, ...] = ()
+    products: str = "plain"
 
     def __post_init__(self) -> None:
         if not 1 <= self.objects <= 12:
             raise UsageError(f"--objects must lie in 1..12, got {self.objects}")
         if not 1 <= self.robots <= 16:
             raise UsageError(f"--robots must lie in 1..16, got {self.robots}")
+        if self.products not in PRODUCTS:
+            known = ", ".join(PRODUCTS)
+            raise UsageError(f"--products: there is no set {self.products!r}; known: {known}")
         for kind in self.kinds:
             if kind not in ROBOTS:
                 known = ", ".join(ROBOTS)
                 raise UsageError(f"--robot: no robot is called {kind!r}; known: {known}")
         if self.seed < 0:
             raise UsageError(f"--seed must not be negative, got {self.seed}")
+
+    def kind_of(self, index: int) -> str:
+        """Return the kind of a robot by its number.
+
+        The hard products are heavy, or break in a strong hand, which is a Panda's.
+        """
+        kinds = self.kinds or (("panda",) if self.products == "hard" else ("nao",))
+        return kinds[index % len(kinds)]
+
+    @property
+    def compares(self) -> bool:
+        """Whether the last robot also works with a graph of its own."""
+        return self.products == "hard" and self.robots > 1
 
 
 class Demo:
@@ -91,9 +120,16 @@ class Demo:
             self.console.step("starting the endpoint")
             endpoint = self._endpoint(folder)
             stack.callback(endpoint.stop)
+            self.console.step(f"watch the robots at {endpoint.url}/activity")
             self.console.step(f"endpoint at {endpoint.url}; starting {self.settings.robots} robots")
             robots = [self._robot(stack, folder, endpoint.url, i) for i in range(self._count)]
-            done = [self._watch(robot, endpoint) for robot in robots]
+            beside = stack.enter_context(ThreadPoolExecutor(1))
+            alone = None
+            if self.settings.compares:
+                other = self._alone(stack, folder)
+                alone = beside.submit(self._watch, other, endpoint, {})
+            done = [self._watch(robot, endpoint, self._products) for robot in robots]
+            apart = None if alone is None else alone.result()
             answers = [ask(endpoint.url, question) for question in QUESTIONS]
             table = rows(done)
             result = summary(
@@ -102,10 +138,13 @@ class Demo:
                 folder / _STORE,
                 endpoint.url,
                 self.settings.seed,
+                apart,
             )
             write_report(folder / _REPORT, result, table, answers)
             self.console.table("What the robots did", COLUMNS, table)
-            self._totals(done)
+            self._totals(done if apart is None else [*done, apart])
+            if apart is not None:
+                self._compare(done[-1], apart)
             for answer in answers:
                 self.console.answer(answer)
             self._farewell(folder, endpoint.url, stay)
@@ -146,12 +185,21 @@ class Demo:
 
     def _robot(self, stack: ExitStack, folder: Path, url: str, index: int) -> Robot:
         """Create a token for a robot and start it; it waits for ``go``."""
-        kind = self.settings.kinds[index % len(self.settings.kinds)]
+        kind = self.settings.kind_of(index)
         name = f"{kind}-{index + 1}"
         token = json.loads(
             run_rtask("token", "create", "--data", str(folder / _STORE), "--robot", name, "--json")
         )["token"]
-        job = RobotJob(
+        return self._start(stack, folder, self._job(folder, name, url, index), token)
+
+    def _alone(self, stack: ExitStack, folder: Path) -> Robot:
+        """Start the last robot once more, at the same table, with a graph of its own."""
+        index = self.settings.robots - 1
+        name = f"{self.settings.kind_of(index)}-{index + 1}-alone"
+        return self._start(stack, folder, self._job(folder, name, "", index), "")
+
+    def _job(self, folder: Path, name: str, url: str, index: int) -> RobotJob:
+        return RobotJob(
             name=name,
             index=index,
             url=url,
@@ -160,16 +208,26 @@ class Demo:
             max_attempts=self.settings.max_attempts,
             pictures=str(folder / _REPORT / name),
             outbox=str(folder / _OUTBOX / f"{name}.jsonl"),
-            gui=self.settings.gui,
+            gui=self.settings.gui and bool(url),
             preset=self.settings.preset,
-            robot=kind,
+            robot=self.settings.kind_of(index),
+            products=self.settings.products,
         )
-        robot = Robot(name, asdict(job), token, folder / _LOGS / f"{name}.log")
+
+    @staticmethod
+    def _start(stack: ExitStack, folder: Path, job: RobotJob, token: str) -> Robot:
+        robot = Robot(job.name, asdict(job), token, folder / _LOGS / f"{job.name}.log")
         stack.callback(robot.stop)
         return robot
 
-    def _watch(self, robot: Robot, endpoint: Endpoint) -> dict[str, Any]:
-        """Let one robot clear its table; return its scored encounters."""
+    def _watch(self, robot: Robot, endpoint: Endpoint, products: dict[str, str]) -> dict[str, Any]:
+        """Let one robot clear its table; return its scored encounters.
+
+        Parameters
+        ----------
+        products
+            Product behind each object of the robot's graph, which grows.
+        """
         for event in robot.events():
             if event["event"] == "ready":
                 self.console.step(
@@ -178,7 +236,7 @@ class Demo:
                 )
                 robot.go()
             elif event["event"] == "done":
-                scored = self._score(event)
+                scored = self._score(event, products)
                 self._remember(self.settings.data)
                 return scored
             elif event["event"] == "waiting" and endpoint.process.poll() is not None:
@@ -191,19 +249,20 @@ class Demo:
                 self.console.event(robot.name, event)
         raise RtaskError(f"{robot.name} ended without a result")
 
-    def _score(self, done: dict[str, Any]) -> dict[str, Any]:
+    @staticmethod
+    def _score(done: dict[str, Any], products: dict[str, str]) -> dict[str, Any]:
         """Score the recognitions: an object stands for the product it was first created from."""
-        known = set(self._products.values())
+        known = set(products.values())
         done["known_before"] = sum(
             encounter["product"] in known for encounter in done["encounters"]
         )
         for encounter in done["encounters"]:
             if encounter["recognised"]:
                 encounter["right"] = (
-                    self._products.get(encounter["recognised"]) == encounter["product"] != ""
+                    products.get(encounter["recognised"]) == encounter["product"] != ""
                 )
             elif encounter["object_iri"]:
-                self._products.setdefault(encounter["object_iri"], encounter["product"])
+                products.setdefault(encounter["object_iri"], encounter["product"])
         return done
 
     def _totals(self, done: list[dict[str, Any]]) -> None:
@@ -218,10 +277,18 @@ class Demo:
             ],
         )
 
+    def _compare(self, shared: dict[str, Any], apart: dict[str, Any]) -> None:
+        """Print what the graph told the last robot, beside its work without the graph."""
+        self.console.table(
+            f"{shared['name']}, and the same robot without the graph",
+            ("object", "attempts with the graph", "without", "first grasp from", "told"),
+            comparison(shared["encounters"], apart["encounters"]),
+        )
+
     def _farewell(self, folder: Path, url: str, stay: bool) -> None:
         store = folder / _STORE
         self.console.line()
-        self.console.line(f"report  {folder / _REPORT / 'report.md'}")
+        self.console.line(f"report  {folder / _REPORT / 'report.html'}")
         self.console.line(f"page    {url}/" + ("" if stay else "  (ends with this command)"))
         self.console.line(f"again   rtask serve --data {store} -p 8765")
         self.console.line(f"more    rtask demo --data {folder} --keep --seed {self.settings.seed}")

@@ -74,9 +74,10 @@ class RobotJob:
     index
         Number of the robot; together with ``seed`` it fixes its table, light and noise.
     url
-        The endpoint.
-    seed, objects
-        Fix the products, which are the same for every robot of a demo.
+        The endpoint; empty = a graph of its own in memory, which nobody else writes to.
+    seed, objects, products
+        Fix the products, which are the same for every robot of a demo; ``products`` names a set of
+        :data:`simulate.world.objects.PRODUCTS`.
     pictures
         Folder for the PNGs of each grasp.
     outbox
@@ -96,6 +97,7 @@ class RobotJob:
     gui: bool = False
     preset: str = "faithful"
     robot: str = "nao"
+    products: str = "plain"
 
 
 class _Child:

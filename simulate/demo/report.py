@@ -8,8 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from simulate.demo.queries import Answer, with_prefixes
+from simulate.demo.report_page import report_page
 
-__all__ = ["COLUMNS", "mean_attempts", "robot_totals", "rows", "summary", "write_report"]
+__all__ = [
+    "COLUMNS",
+    "comparison",
+    "mean_attempts",
+    "robot_totals",
+    "rows",
+    "summary",
+    "write_report",
+]
 
 COLUMNS = (
     "robot", "object", "recognised as", "conf.", "right", "grasp from", "told", "attempts", "held",
@@ -123,10 +132,50 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
     }
 
 
+def comparison(
+    shared: Sequence[Mapping[str, Any]], apart: Sequence[Mapping[str, Any]]
+) -> list[tuple[str, ...]]:
+    """Return rows that set a robot's work with the graph beside that without it.
+
+    Product, attempts to success with and without, source of the first grasp, and what the graph
+    told of it.
+    """
+    alone = {one["product"]: one for one in by_product(apart)}
+    return [
+        (
+            str(one["product"]),
+            _attempts(one),
+            _attempts(alone.get(one["product"])),
+            _first_source(one),
+            str(one["attempts"][0].get("alone", "")) if one["attempts"] else "",
+        )
+        for one in by_product(shared)
+        if one["product"]
+    ]
+
+
+def _attempts(met: Mapping[str, Any] | None) -> str:
+    """Return the attempts to success; with ``>`` if none of them succeeded."""
+    if met is None or not met["tries"]:
+        return "-"
+    return str(met["tries_to_success"] or f"> {met['tries']}")
+
+
 def summary(
-    robots: Sequence[Mapping[str, Any]], cap: int, store: Path, url: str, seed: int
+    robots: Sequence[Mapping[str, Any]],
+    cap: int,
+    store: Path,
+    url: str,
+    seed: int,
+    apart: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return the one object that ``rtask demo --json`` prints."""
+    """Return the one object that ``rtask demo --json`` prints.
+
+    Parameters
+    ----------
+    apart
+        The last robot's work with a graph of its own, if it was done.
+    """
     objects = [
         {"robot": robot["name"], **encounter}
         for robot in robots
@@ -135,6 +184,7 @@ def summary(
     return {
         "robots": [robot_totals(robot, cap) for robot in robots],
         "objects": objects,
+        "alone": None if apart is None else robot_totals(apart, cap),
         "store": str(store),
         "url": url,
         "seed": seed,
@@ -147,7 +197,7 @@ def write_report(
     table: Sequence[Sequence[str]],
     answers: Sequence[Answer],
 ) -> None:
-    """Write ``report.json`` and ``report.md`` beside the pictures that the robots took."""
+    """Write ``report.json``, ``report.md`` and ``report.html`` beside the pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "report.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     lines = ["# What the robots did", "", *_markdown(COLUMNS, table), "", "## Totals", ""]
@@ -162,6 +212,7 @@ def write_report(
         lines += _markdown(answer.columns, answer.rows)
     lines += _pictures(folder, result)
     (folder / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "report.html").write_text(report_page(folder, result), encoding="utf-8")
 
 
 def _pictures(folder: Path, result: Mapping[str, Any]) -> list[str]:

@@ -14,22 +14,24 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import rtask
+from features.geometry import Frame
+from features.perception import Seen
 from rtask.errors import RtaskError
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Encounter
 from simulate.agent.frame_topic import FramePublisher
-from simulate.agent.perception import Seen
 from simulate.agent.scoring import Scorer
 from simulate.agent.servers import LONG_CALL_S, RetryingServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.demo.processes import RobotJob
 from simulate.robots import describe
 from simulate.world.camera import Lighting
-from simulate.world.objects import sample_objects
+from simulate.world.objects import sample_products
 from simulate.world.scene import arrange
 from simulate.world.seeds import stream
 
@@ -41,7 +43,7 @@ _PRODUCTS, _TABLE, _LIGHT, _NOISE, _CHOICE = range(5)
 
 def make_body(job: RobotJob, assets: Path) -> SimulatedBody:
     """Create the body of a robot at its table."""
-    products = sample_objects(stream(job.seed, _PRODUCTS), job.objects)
+    products = sample_products(job.products, stream(job.seed, _PRODUCTS), job.objects)
     workplace = describe(job.robot).workplace
     placements = arrange(products, stream(job.seed, _TABLE, job.index), workplace=workplace)
     conditions = Conditions(
@@ -78,12 +80,15 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
         tell("waiting", {"for": operation, "doing": "waiting for the endpoint"})
 
     token = os.environ.get("RTASK_TOKEN")
-    with (
-        rtask.connect(
-            job.url, token=token, timeout_s=LONG_CALL_S, outbox=Path(job.outbox)
-        ) as client,
-        FramePublisher(job.url, job.name, token) as spectators,
-    ):
+    with ExitStack() as stack:
+        if job.url:
+            client = stack.enter_context(
+                rtask.connect(job.url, token=token, timeout_s=LONG_CALL_S, outbox=Path(job.outbox))
+            )
+            watch = stack.enter_context(FramePublisher(job.url, job.name, token)).watch
+        else:
+            own = stack.enter_context(rtask.open(":memory:"))
+            client, watch = stack.enter_context(rtask.connect(own, agent=job.name)), _unwatched
         server = RetryingServer(client, waiting)
         server.register_robot(**body.robot.describe(job.name))
         in_reach = scorer.in_reach()
@@ -93,9 +98,7 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
         threading.Thread(target=_end_with_parent, daemon=True).start()
         started = time.perf_counter()
         config = AgentConfig(max_attempts=job.max_attempts, seed=_mixed(job))
-        agent = Agent(
-            body, server, config, on_event=tell, on_sight=on_sight, on_frame=spectators.watch
-        )
+        agent = Agent(body, server, config, on_event=tell, on_sight=on_sight, on_frame=watch)
         encounters = agent.clear_table()
         seconds = time.perf_counter() - started
     tell(
@@ -107,6 +110,10 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
             "encounters": scorer.score(encounters, first_sight, in_reach),
         },
     )
+
+
+def _unwatched(frame: Frame) -> None:
+    """Show a frame to nobody."""
 
 
 def _mixed(job: RobotJob) -> int:

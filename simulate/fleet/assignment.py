@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rtask.errors import UsageError
-from simulate.world.objects import ObjectSpec, product, sample_objects
+from simulate.world.objects import ObjectSpec, product, sample_products
 from simulate.world.seeds import stream
 
 __all__ = ["FleetPlan", "MemberJob", "plan_fleet", "spec_of"]
@@ -79,7 +79,9 @@ class FleetPlan:
         return any(name in table for table in self.common)
 
 
-def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan:
+def plan_fleet(
+    robots: int, objects: int, on_table: int, seed: int, products: str = "plain"
+) -> FleetPlan:
     """Draw the products of a fleet: half of a robot's products are common to all robots.
 
     Parameters
@@ -90,6 +92,8 @@ def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan
         Objects per robot; a multiple of ``on_table``.
     on_table
         Objects on a table at once; an even number.
+    products
+        Set of :data:`simulate.world.objects.PRODUCTS`.
 
     Raises
     ------
@@ -114,7 +118,8 @@ def plan_fleet(robots: int, objects: int, on_table: int, seed: int) -> FleetPlan
         raise UsageError(f"--seed must not be negative, got {seed}")
     half, tables = on_table // 2, objects // on_table
     names = [
-        spec.name for spec in sample_objects(stream(seed, _PRODUCTS), half * tables * (robots + 1))
+        spec.name
+        for spec in sample_products(products, stream(seed, _PRODUCTS), half * tables * (robots + 1))
     ]
     rows = [tuple(names[i : i + half]) for i in range(0, len(names), half)]
     groups = [tuple(rows[i : i + tables]) for i in range(0, len(rows), tables)]

@@ -15,7 +15,7 @@ from rtask.cli.options import option
 from simulate import options
 from simulate.study.commands import print_table
 
-__all__ = ["fetch", "run_fleet", "sharing"]
+__all__ = ["attempts", "fetch", "run_fleet", "sharing"]
 
 
 def _interrupt(signum: int, frame: FrameType | None) -> None:
@@ -88,12 +88,62 @@ def _print_change(words: str, change: Mapping[str, Any] | None) -> None:
 
 
 @click.command()
+@click.option("-n", "--count", default=60, show_default=True, help="Number of products.")
+@options.products(default="hard")
+@click.option("--gripper", default="panda", show_default=True, help="nao, panda, or jaw:STROKE.")
+@click.option("--grasps", default=24, show_default=True, help="Grasps of each product.")
+@click.option("--tries", default=3, show_default=True, help="Tries of each grasp.")
+@options.seed("products and noise")
+@options.workers
+@options.resume
+@options.out("rtask-attempts")
+@options.json_flag("counts")
+def attempts(
+    count: int,
+    products: str,
+    gripper: str,
+    grasps: int,
+    tries: int,
+    seed: int,
+    workers: int,
+    resume: bool,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Try many grasps of many products with a hand without an arm.
+
+    The table of attempts in the output folder, attempts.json, is what `rtask simulate sharing
+    --from-attempts` replays fleets from.
+    """
+    from simulate.study.attempt_table import attempt_study, write_attempts
+    from simulate.study.runner import run
+
+    study = attempt_study(count, products, gripper, grasps, tries, seed)
+    results = run(study, out, workers, resume)
+    write_attempts(out / "attempts.json", results, study.settings)
+    made = sum(len(arm["held"]) for thing in results for arm in thing["arms"])
+    held = sum(sum(arm["held"]) for thing in results for arm in thing["arms"])
+    if as_json:
+        counts = {"products": len(results), "attempts": made, "held": held}
+        click.echo(json.dumps({**counts, "path": str(out / "attempts.json")}))
+        return
+    click.echo(f"{made} attempts at {len(results)} products, {held} held: {out / 'attempts.json'}")
+
+
+@click.command()
 @click.option("--fleets", default=5, show_default=True, help="Fleets, each with its own products.")
 @click.option("--robots", default=3, show_default=True, help="Robots per fleet.")
 @options.objects_per_robot
 @options.objects_on_table
 @options.seed()
 @options.prior(default=False)
+@options.products(default="plain")
+@click.option("--robot", default="nao", show_default=True, help="Kind of the robots.")
+@click.option(
+    "--from-attempts",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="Replay fleets of two robots from this table instead; see `rtask simulate attempts`.",
+)
 @options.runs_trials("rtask-sharing")
 def sharing(
     fleets: int,
@@ -102,6 +152,9 @@ def sharing(
     on_table: int,
     seed: int,
     prior: bool,
+    products: str,
+    robot: str,
+    from_attempts: Path | None,
     workers: int,
     preset: str,
     out: Path,
@@ -121,7 +174,12 @@ def sharing(
     )
     from simulate.study.runner import run
 
-    study = sharing_study(fleets, robots, objects, on_table, seed, prior, preset)
+    if from_attempts is not None:
+        _replay(from_attempts, fleets, on_table, seed, out, as_json)
+        return
+    study = sharing_study(
+        fleets, robots, objects, on_table, seed, prior, preset, products=products, robot=robot
+    )
     summary = write_sharing_report(out, run(study, out, workers, resume), study.settings)
     if as_json:
         click.echo(json.dumps(summary))
@@ -136,6 +194,27 @@ def sharing(
     for condition, value in summary["last_less_first"].items():
         click.echo(f"last less first, {condition}: {show(value, '+.2f')}")
     click.echo(f"report  {out / 'report.json'}, {out / 'sharing.png'}")
+
+
+def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_json: bool) -> None:
+    """Replay fleets from a table of attempts and print what sharing was worth."""
+    from simulate.fleet.replay import COLUMNS, replay, replay_rows
+    from simulate.fleet.sharing import MAX_ATTEMPTS
+    from simulate.study.attempt_table import read_attempts
+
+    summary = replay(read_attempts(table), fleets, on_table, MAX_ATTEMPTS, seed)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "replay.json").write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    print_table(
+        f"{fleets} fleets of two robots, attempts to first success", COLUMNS, replay_rows(summary)
+    )
+    click.echo(
+        f"the best grasp of each product holds {summary['oracle_first_try']:.2f} of the time"
+    )
+    click.echo(f"report  {out / 'replay.json'}")
 
 
 @click.command()

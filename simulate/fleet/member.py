@@ -18,11 +18,11 @@ from queue import SimpleQueue
 from typing import Any, cast
 
 import rtask
+from features.perception import Seen
 from rtask.client import Client
 from rtask.errors import RemoteUnavailableError, RtaskError
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
-from simulate.agent.perception import Seen
 from simulate.agent.scoring import Scorer
 from simulate.agent.servers import BlindServer, OutboxServer
 from simulate.agent.simulated_body import Conditions, SimulatedBody

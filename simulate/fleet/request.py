@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, cast
 
 import rtask
+from features.perception import perceive
 from rtask.client import Client
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetcher, RequestServer
 from simulate.agent.messages import pose_message
-from simulate.agent.perception import perceive
 from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 import rtask
 from rtask.knowledge_base import KnowledgeBase
-from simulate.fleet.assignment import MemberJob, plan_fleet
+from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
 from simulate.fleet.figures import attempts_to_success, objects_tried, score_identities
 from simulate.fleet.member import Member
+from simulate.robots import describe
 from simulate.study.chart import Line, line_chart
 from simulate.study.intervals import bootstrap
 from simulate.study.runner import Study
@@ -30,6 +31,7 @@ from simulate.world.seeds import mix_seed
 
 __all__ = [
     "COLUMNS",
+    "MAX_ATTEMPTS",
     "sharing_rows",
     "sharing_study",
     "sharing_trial",
@@ -43,6 +45,9 @@ COLUMNS = (
 )  # fmt: skip
 
 Condition = Literal["shared", "not shared"]
+MAX_ATTEMPTS = 6
+"""At one object."""
+
 _CONDITIONS: tuple[Condition, ...] = ("shared", "not shared")
 
 
@@ -54,7 +59,9 @@ def sharing_study(
     seed: int,
     prior: bool,
     preset: str,
-    max_attempts: int = 6,
+    max_attempts: int = MAX_ATTEMPTS,
+    products: str = "plain",
+    robot: str = "nao",
 ) -> Study:
     """Return the study of a number of fleets, each with its own products and tables.
 
@@ -63,13 +70,15 @@ def sharing_study(
     UsageError
         If a number is out of range.
     """
-    plan_fleet(robots, objects, on_table, seed)
+    plan_fleet(robots, objects, on_table, seed, products)
+    describe(robot)
     return Study(
         "what sharing is worth",
         "simulate.fleet.sharing:sharing_trial",
         {
             "seed": seed, "robots": robots, "objects": objects, "on_table": on_table,
             "prior": prior, "preset": preset, "max_attempts": max_attempts,
+            "products": products, "robot": robot,
         },
         fleets,
     )  # fmt: skip
@@ -85,7 +94,7 @@ def sharing_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     for index in range(1, robots):
         with rtask.open(":memory:", reason=False) as kb:
             alone.append(_life(kb, settings, seed, index))
-    plan = plan_fleet(robots, settings["objects"], settings["on_table"], seed)
+    plan = _plan(settings, seed)
     return {
         "common": [name for table in plan.common for name in table],
         "shared": shared,
@@ -94,13 +103,20 @@ def sharing_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
     }
 
 
+def _plan(settings: Mapping[str, Any], seed: int) -> FleetPlan:
+    return plan_fleet(
+        int(settings["robots"]), settings["objects"], settings["on_table"], seed,
+        str(settings["products"]),
+    )  # fmt: skip
+
+
 def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int) -> dict[str, Any]:
     """Run one robot until all its tables are clear."""
-    plan = plan_fleet(int(settings["robots"]), settings["objects"], settings["on_table"], seed)
+    plan = _plan(settings, seed)
     name = f"robot-{index + 1}"
     job = MemberJob(
         name, index, "", seed, plan.tables(index), int(settings["max_attempts"]),
-        bool(settings["prior"]), "", preset=str(settings["preset"]),
+        bool(settings["prior"]), "", preset=str(settings["preset"]), robot=str(settings["robot"]),
     )  # fmt: skip
     with (
         tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,

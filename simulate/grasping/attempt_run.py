@@ -19,6 +19,7 @@ from simulate.grasping.judgement import (
     HeightMap,
     Judgement,
     judge_held,
+    judge_off_table,
     judge_old_place,
     judge_placed,
     new_cells,
@@ -28,7 +29,7 @@ from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import PlannedGrasp
 from simulate.motion.arm_space import SPEED, ArmSpace
 from simulate.motion.stance import UPRIGHT
-from simulate.motion.trajectory import Trajectory, time_path
+from simulate.motion.trajectory import Trajectory, reverse, time_path
 from simulate.robots.description import Floats
 from simulate.world.eyes import Eyes
 from simulate.world.robot_body import FingerTouch, RobotBody
@@ -47,6 +48,8 @@ _MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
 _HIGHEST_M = 0.20
 _BESIDE_M = 0.05
 _MARGIN_M = 0.005
+_LOW_M = 0.030
+"""Over the table: a lifted hand and what it holds are higher."""
 
 
 class Station(Protocol):
@@ -174,9 +177,21 @@ class AttemptRun:
         if self.held.answer == "unknown":
             return "not_judged"
         if self.held.is_yes:
+            clear = self._judge_clear()
+            if clear.answer == "no":
+                self.held = Judgement("no", f"{self.held.evidence}, {clear.evidence}")
+                return "slip_lift"
             return "ok"
         lost = openings["lift"] > CLOSED_ON_SOMETHING and self._rise_m > MIN_RISE_M
         return "slip_hold" if lost else "slip_lift"
+
+    def _judge_clear(self) -> Judgement:
+        """Look whether an end of the object stays on the table."""
+        outline = self.plan.request.outline
+        if outline is None:
+            return Judgement()
+        after = self._low_map(outline)
+        return judge_off_table(after, after.within(*outline))
 
     def place_in_box(self) -> str:
         """Place the held object into the box of its side and go home; return the reason code."""
@@ -200,13 +215,13 @@ class AttemptRun:
 
     def put_back(self) -> None:
         """Lower whatever is still in the hand, back off and go home."""
-        self._follow(_reverse(self.plan.lift, 1.0))
+        self._follow(reverse(self.plan.lift, 1.0))
         self.back_off()
 
     def back_off(self) -> None:
         """Open the hand at the object and go home along the approach."""
         self._open(self.plan.opening)
-        self._follow(_reverse(self.plan.approach, 2.0))
+        self._follow(reverse(self.plan.approach, 2.0))
         self._go_home()
 
     def _measure_error(self, wanted: Floats) -> None:
@@ -252,7 +267,7 @@ class AttemptRun:
     # -- ways back -------------------------------------------------------------------------
 
     def _go_home(self) -> None:
-        self._follow(_reverse(self.plan.free, 1.0))
+        self._follow(reverse(self.plan.free, 1.0))
         self._start_at_home()
         self.robot.rest_hand(self.arm)
         self.robot.take_stance(UPRIGHT)
@@ -346,12 +361,19 @@ class AttemptRun:
         half = max(request.width, request.length) / 2 + _MARGIN_M
         return self._table_map(request.x, request.y, half)
 
-    def _table_map(self, x: float, y: float, half: float = _BESIDE_M) -> HeightMap:
-        """Return the height map of the square of side ``2 half`` (m) around (x, y) m."""
+    def _low_map(self, outline: tuple[float, float, float, float, float]) -> HeightMap:
+        """Return the map of what is low around an object."""
+        x, y, _, length, _ = outline
+        return self._table_map(x, y, length / 2 + _BESIDE_M / 2, _LOW_M)
+
+    def _table_map(
+        self, x: float, y: float, half: float = _BESIDE_M, height: float = _HIGHEST_M
+    ) -> HeightMap:
+        """Return the height map, up to a height, of the square of side ``2 half`` around (x, y)."""
         floor = self.plan.request.table_height
         points = self._station.eyes.points("left" if y > 0 else "right")
         return HeightMap.of(
-            points, (x - half, x + half), (y - half, y + half), floor, floor + _HIGHEST_M
+            points, (x - half, x + half), (y - half, y + half), floor, floor + height
         )
 
     def _box_map(self, box: PlaceBox) -> HeightMap:
@@ -401,13 +423,3 @@ class AttemptRun:
             links={phase: one.links for phase, one in touch.items()},
             forces={phase: one.force_n for phase, one in touch.items()},
         )
-
-
-def _reverse(way: Trajectory, faster: float) -> Trajectory:
-    """Return way points in reverse order, ``faster`` times as fast."""
-    return Trajectory(
-        way.positions[::-1],
-        -way.velocities[::-1] * faster,
-        way.accelerations[::-1] * faster**2,
-        (way.times[-1] - way.times[::-1]) / faster,
-    )

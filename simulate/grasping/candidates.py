@@ -10,15 +10,25 @@ import numpy as np
 from simulate.grasping.hand_rules import HandRules, rules_for
 from simulate.grasping.rules import GraspRequest
 from simulate.motion.arm_space import ALLOWED, ArmSpace
-from simulate.motion.collision import Obstacle, Surroundings
+from simulate.motion.collision import Obstacle, PointField, Surroundings
 from simulate.motion.kinematics import Goal, IkOptions, solve_ik
 from simulate.robots.description import Floats
 
-__all__ = ["AT_OBJECT", "Candidate", "find_candidates", "most_promising", "target_obstacle"]
+__all__ = [
+    "AT_OBJECT",
+    "AT_POSE",
+    "Candidate",
+    "can_get_there",
+    "find_candidates",
+    "most_promising",
+    "target_obstacle",
+]
 
 _POSTURES_TRIED = 14
 _DIFFERENT = 0.15
+_OPENING_STEPS = 20
 _ANGLE_TOLERANCE = 0.4
+_POSE_TOLERANCE_RAD = 0.03
 _PURPOSE_IK = 0
 
 AT_OBJECT: Mapping[tuple[str, str], float] = {
@@ -28,6 +38,17 @@ AT_OBJECT: Mapping[tuple[str, str], float] = {
     ("target", "palm"): 0.008,
 }
 """Penetration (m) allowed around the grasp: fingers are compliant, and the object gives way."""
+
+AT_POSE: Mapping[tuple[str, str], float] = {
+    **ALLOWED,
+    ("table", "finger"): 0.008,
+    ("target", "finger"): np.inf,
+    ("target", "palm"): 0.012,
+    ("neighbour", "finger"): 0.014,
+    ("neighbour", "palm"): 0.008,
+}
+"""The same (m) for a pose that was planned on the points: there the gripper's own boxes were kept
+clear of them exactly, while spheres and cells are larger than what they stand for."""
 
 _TOUCHING: Mapping[tuple[str, str], float] = {
     **ALLOWED,
@@ -100,6 +121,8 @@ def find_candidates(
     seed
         Of the starts of inverse kinematics.
     """
+    if request.pose is not None:
+        return _at_pose(space, arm, request, around, seed)
     chain = space.chains[arm]
     rules = rules_for(space.robot.arm(arm))
     approach = rules.approach(request)
@@ -118,6 +141,41 @@ def find_candidates(
                 draft = Candidate(postures[0], 1.0, height, 0.0, 0.0, 0.0, raised, direction, 0)
                 found += _judged(space, arm, request, around, draft, postures, closing)
     return found
+
+
+def can_get_there(space: ArmSpace, arm: str, request: GraspRequest, seed: int) -> bool:
+    """Tell whether the tool reaches the place of a request in any orientation."""
+    place = np.array([request.x, request.y, request.z])
+    rng = np.random.default_rng((seed, _PURPOSE_IK))
+    options = IkOptions(angle_tolerance=np.inf, position_tolerance=request.position_tolerance)
+    return len(solve_ik(space.chains[arm], Goal(place), rng, options)) > 0
+
+
+def _at_pose(
+    space: ArmSpace, arm: str, request: GraspRequest, around: Surroundings, seed: int
+) -> list[Candidate]:
+    """Return the postures in which the tool has the requested pose."""
+    pose = request.pose
+    assert pose is not None
+    chain, hand = space.chains[arm], space.robot.arm(arm)
+    goal = Goal(pose[:3, 3], pose[:3, 0], pose[:3, 2], approach_must=True)
+    options = IkOptions(
+        angle_tolerance=_POSE_TOLERANCE_RAD, position_tolerance=request.position_tolerance
+    )
+    rng = np.random.default_rng((seed, _PURPOSE_IK))
+    postures = solve_ik(chain, goal, rng, options)
+    if not len(postures):
+        return []
+    # In steps, as the spheres of each opening are kept.
+    opening = float(min(np.ceil(_OPENING_STEPS * request.opening / hand.mouth) / _OPENING_STEPS, 1))
+    spheres = space.spheres(arm, opening)
+    spaces = spheres.clearances(postures, around, spheres.slack(around, AT_POSE))
+    tilt = float(np.arccos(np.clip(-pose[2, 2], -1, 1)))
+    height = request.z - request.table_height
+    return [
+        Candidate(q, opening, height, tilt, 0.0, 0.0, 0, 0, 0, collides=bool(room < 0))
+        for q, room in zip(postures, spaces, strict=True)
+    ]
 
 
 def _judged(
@@ -170,8 +228,10 @@ def most_promising(
     return kept
 
 
-def target_obstacle(request: GraspRequest) -> Obstacle:
+def target_obstacle(request: GraspRequest) -> Obstacle | PointField:
     """Return the object itself as an obstacle."""
+    if request.points is not None:
+        return PointField.of("target", request.points)
     if request.round:
         diameter = max(request.width, 1e-3)
         return Obstacle.upright(

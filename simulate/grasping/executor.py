@@ -11,7 +11,7 @@ from simulate.grasping.planning import GraspPlanner
 from simulate.grasping.record import GraspRecord
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ArmSpace
-from simulate.motion.collision import Obstacle
+from simulate.motion.collision import Obstacle, PointField
 from simulate.motion.stance import UPRIGHT, standing
 from simulate.robots import RobotDescription, describe
 from simulate.robots.description import Floats
@@ -58,7 +58,7 @@ class Executor:
     def plan(
         self,
         request: GraspRequest,
-        obstacles: Sequence[Obstacle | Floats] = (),
+        obstacles: Sequence[Obstacle | PointField | Floats] = (),
         seed: int = 0,
     ) -> PlannedGrasp | str:
         """Plan a grasp in the robot's present stance or, failing that, in another one.
@@ -68,8 +68,8 @@ class Executor:
         request
             The requested grasp.
         obstacles
-            Other objects: boxes, or point clouds (n, 3), m, base frame, of one object each, which
-            become upright prisms down to the table.
+            Other objects: boxes, fields of points, or point clouds (n, 3), m, base frame, of one
+            object each, which become upright prisms down to the table.
         seed
             Of every random choice of the planner.
 
@@ -79,9 +79,9 @@ class Executor:
             The plan, or the reason code why there is none.
         """
         started = time.process_time()
-        boxes = []
+        boxes: list[Obstacle | PointField] = []
         for thing in obstacles:
-            if isinstance(thing, Obstacle):
+            if isinstance(thing, Obstacle | PointField):
                 boxes.append(thing)
             elif len(thing):
                 boxes.append(Obstacle.around("neighbour", thing, request.table_height))

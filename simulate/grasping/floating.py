@@ -82,7 +82,7 @@ class Held:
 
 def spawn_parts(
     world: World, parts: Sequence[Path], mass: float, origin: Sequence[float] = (0.0, 0.0, 0.0),
-    friction: Friction | None = None,
+    friction: Friction | None = None, seen: tuple[Path, Sequence[float]] | None = None,
 ) -> int:  # fmt: skip
     """Add an object made of convex mesh files to the world; return its body.
 
@@ -94,6 +94,9 @@ def spawn_parts(
         kg.
     origin
         Place of the meshes' origin in the body's frame, m: minus the centre of mass.
+    seen
+        The mesh that cameras see, in the same frame, and its colour (red, green, blue, alpha in
+        0..1); None = they do not see it.
     """
     client, rub = world.client, friction or Friction()
     shape = client.createCollisionShapeArray(
@@ -103,7 +106,14 @@ def spawn_parts(
         collisionFramePositions=[list(origin)] * len(parts),
         collisionFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * len(parts),
     )
-    body = int(client.createMultiBody(mass, shape))
+    visual = -1
+    if seen is not None:
+        mesh, colour = seen
+        visual = client.createVisualShape(
+            client.GEOM_MESH, fileName=str(mesh), rgbaColor=list(colour),
+            visualFramePosition=list(origin),
+        )  # fmt: skip
+    body = int(client.createMultiBody(mass, shape, visual))
     client.changeDynamics(
         body, -1, lateralFriction=rub.lateral, spinningFriction=rub.spinning,
         rollingFriction=rub.rolling, linearDamping=rub.linear_damping,
@@ -319,8 +329,7 @@ def execute(
         Friction, centre of mass and shaking; None = the object's own friction and a lift alone.
     """
     client: Any = world.client
-    client.resetBasePositionAndOrientation(body, rest.position.tolist(), rest.quaternion.tolist())
-    client.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
+    world.put(body, rest.position.tolist(), rest.quaternion.tolist())
     pull = None
     if conditions is not None:
         client.changeDynamics(body, -1, lateralFriction=conditions.friction / friction)

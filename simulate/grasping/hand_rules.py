@@ -75,7 +75,9 @@ class DiagonalMouth:
 class ParallelJaws:
     """Two parallel plates that come straight down and close along one axis."""
 
-    _TIP_BELOW_TOOL = 0.008
+    TIP_BELOW_TOOL = 0.008
+    """Reach of the fingertips beyond the tool centre point, m."""
+
     _CLEAR = 0.002
     _USABLE_DEPTH = 0.033
     _SPARE = 0.008
@@ -85,7 +87,7 @@ class ParallelJaws:
 
     def heights(self, request: GraspRequest) -> tuple[float, ...]:
         """Return half the height of the object or the depth of the fingers, and 7 mm more."""
-        lowest = self._TIP_BELOW_TOOL + self._CLEAR
+        lowest = self.TIP_BELOW_TOOL + self._CLEAR
         rule = max(0.5 * request.height, request.height - self._USABLE_DEPTH, lowest)
         wanted = request.z - request.table_height
         if not np.isnan(wanted):

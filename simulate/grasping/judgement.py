@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ __all__ = [
     "HeightMap",
     "Judgement",
     "judge_held",
+    "judge_off_table",
     "judge_old_place",
     "judge_placed",
     "new_cells",
@@ -41,6 +42,7 @@ _MIN_NEW_CELLS = 8
 _MIN_SEEN_SHARE = 0.15
 _MIN_OLD_CELLS = 4
 _GONE_SHARE = 0.30
+_MAX_LOW_CELLS = 5
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,26 @@ def judge_held(openings: Mapping[str, float], rise_m: float) -> Judgement:
     kept = openings["hold"] > max(CLOSED_ON_SOMETHING, _KEPT_SHARE * openings["lift"])
     held = kept and rise_m > MIN_RISE_M
     return Judgement("yes" if held else "no", evidence)
+
+
+def judge_off_table(after: HeightMap, place: NDArray[np.bool_]) -> Judgement:
+    """Judge by a look below the lifted hand whether all of the object has left the table.
+
+    A thing held far from its centre of mass turns in the hand until one end is on the table, which
+    neither the fingers nor the height of the tool tell. What is seen beside its place says nothing:
+    lifting it uncovers the sides of its neighbours.
+
+    Parameters
+    ----------
+    after
+        Points up to a finger's breadth over the table, after the lift.
+    place : (nx, ny) bool
+        Cells on which the object stood.
+    """
+    if not np.isfinite(after.heights[place]).mean() >= _MIN_SEEN_SHARE:
+        return Judgement("unknown", "the table below the hand is out of view")
+    count = int((after.occupied & place).sum())
+    return Judgement("no" if count > _MAX_LOW_CELLS else "yes", f"{count} cells still on the table")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +163,14 @@ class HeightMap:
     def occupied(self) -> NDArray[np.bool_]:
         """Occupied cells (nx, ny)."""
         return np.asarray(np.nan_to_num(self.heights, nan=0.0) > _OCCUPIED_M)
+
+    def within(self, x: float, y: float, yaw: float, length: float, width: float) -> NDArray[Any]:
+        """Return the cells (nx, ny) whose middles lie in a turned rectangle, m and rad."""
+        index = np.indices(self.heights.shape).transpose(1, 2, 0)
+        off = self.origin + (index + 0.5) * _CELL_M - [x, y]
+        along = off @ [np.cos(yaw), np.sin(yaw)]
+        across = off @ [-np.sin(yaw), np.cos(yaw)]
+        return np.asarray((np.abs(along) <= length / 2) & (np.abs(across) <= width / 2))
 
     def centre_of(self, cells: NDArray[np.bool_]) -> Floats:
         """Return the mean position (2,), m, base frame, of chosen cells (nx, ny)."""

@@ -118,10 +118,11 @@ def plan_place(
     slack = loaded.slack(around, _CARRYING)
     rng = np.random.default_rng((plan.seed, _PURPOSE))
     tool, _ = chain.tool_poses(start[None])
+    tool_over_bottom = request.table_height + plan.tool_height - request.base_height
     upright = tool[0, 2]
     for release, above in spot.descents:
         for x, y in spot.centres:
-            height = spot.floor + plan.tool_height + release
+            height = spot.floor + tool_over_bottom + release
             approach = tool[0, :, 2] if chain.orients_freely else None
             goal = Goal(np.array([x, y, height]), None, approach, chain.orients_freely)
             found = solve_ik(chain, goal, rng, _IK, warm=start[None])
@@ -195,7 +196,7 @@ def _load(plan: PlannedGrasp, chain: Chain) -> tuple[Floats, Floats]:
     local = np.stack([axis.ravel() for axis in grid], axis=1)
     cos, sin = np.cos(request.theta), np.sin(request.theta)
     across = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    middle = np.array([request.x, request.y, request.table_height + request.height / 2])
+    middle = np.array([request.x, request.y, request.base_height + request.height / 2])
     rotations, positions = chain.link_frames(plan.posture[None])
     points = local @ across.T + middle
     return (points - positions[0, -1]) @ rotations[0, -1], np.full(len(points), radius)

@@ -10,7 +10,9 @@ import numpy as np
 
 from simulate.grasping.candidates import (
     AT_OBJECT,
+    AT_POSE,
     Candidate,
+    can_get_there,
     find_candidates,
     most_promising,
     target_obstacle,
@@ -18,7 +20,7 @@ from simulate.grasping.candidates import (
 from simulate.grasping.hand_rules import rules_for
 from simulate.grasping.rules import GraspRequest, PlannedGrasp
 from simulate.motion.arm_space import ALLOWED, SPEED, ArmSpace
-from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings
+from simulate.motion.collision import ArmSpheres, Obstacle, PointField, Surroundings
 from simulate.motion.kinematics import Chain, follow_line
 from simulate.motion.stance import UPRIGHT, balance_margin
 from simulate.motion.trajectory import CARRYING_ACCELERATION, time_path
@@ -30,6 +32,7 @@ REASONS = (
     "too_heavy",
     "too_wide",
     "ik",
+    "unreachable_tilt",
     "tilt",
     "grasp_collision",
     "approach_ik",
@@ -55,6 +58,8 @@ class _Retreats:
 # The mouth is open on three sides, but what comes from the side sweeps the object away when it
 # stands a little elsewhere; so that comes second, and with a touch last.
 _ASIDE = ((0.030, 0.030, 0.0), (0.030, -0.030, 0.0), (0.0, 0.050, 0.005), (0.0, -0.050, 0.005))
+_POSED = _Retreats(((0.10, 0.0, 0.0), (0.07, 0.0, 0.0), (0.05, 0.0, 0.0)), np.inf)
+"""Of a pose as it was asked for: back along its approach alone."""
 _BACKWARDS = _Retreats(((0.055, 0.0, 0.0), (0.033, 0.0, 0.0), (0.020, 0.0, 0.050)), 0.012)
 _SIDEWAYS = _Retreats(_ASIDE, 0.002)
 _SWEEPING = _Retreats(_ASIDE, 0.010)
@@ -72,6 +77,11 @@ _LIFTING: Mapping[tuple[str, str], float] = {
     ("table", "finger"): 0.008,
     ("target", "finger"): np.inf,
     ("target", "palm"): np.inf,
+}
+_LIFTING_CLOSELY: Mapping[tuple[str, str], float] = {
+    **_LIFTING,
+    ("neighbour", "finger"): AT_POSE["neighbour", "finger"],
+    ("neighbour", "palm"): AT_POSE["neighbour", "palm"],
 }
 _BALANCED_M = 0.010
 """Of the centre of mass inside the edge of the feet: the hand goes on moving by some cm."""
@@ -95,7 +105,7 @@ class GraspPlanner:
         self.stance = stance
 
     def plan(
-        self, request: GraspRequest, obstacles: Sequence[Obstacle], seed: int
+        self, request: GraspRequest, obstacles: Sequence[Obstacle | PointField], seed: int
     ) -> PlannedGrasp | str:
         """Plan a grasp from the arm's home.
 
@@ -120,7 +130,11 @@ class GraspPlanner:
         return tuple(arm.name for arm in near)
 
     def _plan_with(
-        self, arm: str, request: GraspRequest, obstacles: tuple[Obstacle, ...], seed: int
+        self,
+        arm: str,
+        request: GraspRequest,
+        obstacles: tuple[Obstacle | PointField, ...],
+        seed: int,
     ) -> PlannedGrasp | str:
         parts = self.robot.arm(arm)
         if request.mass is not None and request.mass > parts.max_payload:
@@ -133,12 +147,16 @@ class GraspPlanner:
         with_target = around.with_obstacles([target_obstacle(request)])
         candidates = find_candidates(self.space, arm, request, with_target, seed)
         rules = rules_for(parts)
-        steep = [c for c in candidates if c.tilt <= rules.largest_tilt(request)]
+        posed = request.pose is not None
+        if posed and not candidates:
+            anyhow = can_get_there(self.space, arm, request, seed)
+            return "unreachable_tilt" if anyhow else "ik"
+        steep = [c for c in candidates if posed or c.tilt <= rules.largest_tilt(request)]
         if self.stance:
             steep = [c for c in steep if self._balances(arm, request, c)]
         best = most_promising([c for c in steep if not c.collides], request, rules)
         reason = "grasp_collision" if steep else "tilt" if candidates else "ik"
-        for retreats in (_BACKWARDS, _SIDEWAYS, _SWEEPING):
+        for retreats in (_POSED,) if posed else (_BACKWARDS, _SIDEWAYS, _SWEEPING):
             for candidate in best:
                 planned = self._complete(arm, request, with_target, candidate, retreats, seed)
                 if not isinstance(planned, str):
@@ -146,7 +164,9 @@ class GraspPlanner:
                 reason = max(reason, planned, key=REASONS.index)
         return reason
 
-    def _is_home_free(self, request: GraspRequest, obstacles: tuple[Obstacle, ...]) -> bool:
+    def _is_home_free(
+        self, request: GraspRequest, obstacles: tuple[Obstacle | PointField, ...]
+    ) -> bool:
         """Tell whether every arm is free of collisions at home in this stance."""
         everything = (*obstacles, target_obstacle(request))
         for name, parts in self.robot.arms.items():
@@ -182,10 +202,12 @@ class GraspPlanner:
         """Find the lines and the free path of one posture, or return the reason code."""
         chain = self.space.chains[arm]
         spheres = self.space.spheres(arm, candidate.opening)
-        back = self._approach(chain, candidate.posture, retreats, spheres, with_target)
+        close = request.pose is not None
+        posture = candidate.posture
+        back = self._approach(chain, posture, retreats, spheres, with_target, close)
         if isinstance(back, str):
             return back
-        lift = self._lift(chain, candidate.posture, spheres, with_target)
+        lift = self._lift(chain, posture, spheres, with_target, close)
         if lift is None:
             return "lift_ik"
         free = self.space.path(
@@ -220,10 +242,12 @@ class GraspPlanner:
         retreats: _Retreats,
         spheres: ArmSpheres,
         around: Surroundings,
+        close: bool,
     ) -> Floats | str:
         """Return the line (k, dof) from the grasp back to the pre-grasp, or the reason code."""
         rotation, _ = chain.tool_poses(posture[None])
-        near = spheres.slack(around, {**AT_OBJECT, ("target", "finger"): retreats.touch})
+        at_object = AT_POSE if close else AT_OBJECT
+        near = spheres.slack(around, {**at_object, ("target", "finger"): retreats.touch})
         far = spheres.slack(around, ALLOWED)
         reason = "approach_ik"
         for back, aside, up in retreats.offsets:
@@ -240,10 +264,15 @@ class GraspPlanner:
         return reason
 
     def _lift(
-        self, chain: Chain, posture: Floats, spheres: ArmSpheres, around: Surroundings
+        self,
+        chain: Chain,
+        posture: Floats,
+        spheres: ArmSpheres,
+        around: Surroundings,
+        close: bool,
     ) -> Floats | None:
         """Return the line (k, dof) up or, if the arm is too folded for that, up and away."""
-        slack = spheres.slack(around, _LIFTING)
+        slack = spheres.slack(around, _LIFTING_CLOSELY if close else _LIFTING)
         _, positions = chain.link_frames(posture[None])
         _, tool = chain.tool_poses(posture[None])
         away = (tool[0] - positions[0, 0]) * [1.0, 1.0, 0.0]

@@ -95,6 +95,11 @@ class GraspRecord:
         return self.judged_held.is_yes
 
     @property
+    def kept(self) -> bool:
+        """Whether it held the object and did not lose it on the way."""
+        return self.held and self.place_reason != "slip_transport"
+
+    @property
     def placed(self) -> bool:
         """Whether the robot is sure that it placed the object."""
         return self.judged_placed.is_yes

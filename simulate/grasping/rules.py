@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulate.motion.collision import Obstacle
+from simulate.motion.collision import Obstacle, PointField
 from simulate.motion.trajectory import Trajectory
 
 __all__ = ["GraspRequest", "PlannedGrasp", "closing_angles", "grasp_heights", "openings"]
@@ -62,8 +62,18 @@ class GraspRequest:
         Tolerance of the tool at the grasp, m.
     only_theta
         Close along theta and no other direction, even if another would do.
+    outline
+        Of the object seen from above: x, y, m, yaw of its longer side, rad, length, width, m; None
+        = not known, and then the robot cannot see whether an end stays on the table.
     stances
         ``own``: the present stance; ``other``: another stance; ``any``: another one if necessary.
+    pose : (4, 4) or None
+        ``base_from_gripper``: the tool exactly so, x closing and z approaching; x, y, theta and z
+        then follow from it, see :meth:`at_pose`, and no rule of the hand changes it.
+    points : (n, 3) or None, m, base frame
+        Of the object, where its shape is seen rather than known: with ``pose`` alone.
+    bottom
+        Height of the object's lowest point, m, absolute; nan = it stands on the table.
     """
 
     x: float
@@ -81,6 +91,60 @@ class GraspRequest:
     position_tolerance: float = 0.0015
     only_theta: bool = False
     stances: Literal["any", "own", "other"] = "any"
+    outline: tuple[float, float, float, float, float] | None = None
+    pose: NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
+    points: NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
+    bottom: float = math.nan
+
+    @classmethod
+    def at_pose(
+        cls,
+        pose: NDArray[np.float64],
+        width: float,
+        opening: float,
+        points: NDArray[np.float64],
+        table_height: float,
+        mass: float | None = None,
+    ) -> GraspRequest:
+        """Return a request for one pose of the tool, as grasp planning in clutter gives it.
+
+        Parameters
+        ----------
+        pose : (4, 4)
+            ``base_from_gripper``.
+        width, opening
+            Between the contacts, and between the jaws before they close, m.
+        points : (n, 3), m, base frame
+            Seen of the object.
+        table_height
+            m.
+
+        Raises
+        ------
+        ValueError
+            The pose is not a rigid transform, or there are no points.
+        """
+        pose = np.asarray(pose, dtype=np.float64)
+        rotation = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+        rigid = np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-6)
+        if not (rigid and np.isfinite(pose).all() and np.linalg.det(rotation) > 0):
+            raise ValueError("pose must be a rigid transform (4, 4), base_from_gripper, in m")
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+            raise ValueError(f"points must have shape (n, 3) in m, n > 0, got {points.shape}")
+        size = np.ptp(points, axis=0)
+        x, y, z = (float(v) for v in pose[:3, 3])
+        return cls(
+            x, y, float(np.arctan2(pose[1, 0], pose[0, 0])), z,
+            width=width, height=float(size[2]), length=float(max(size[:2])), opening=opening,
+            table_height=table_height, mass=mass, stances="own", pose=pose, points=points,
+            bottom=max(float(points[:, 2].min()), table_height),
+        )  # fmt: skip
+
+    @property
+    def base_height(self) -> float:
+        """Height of the object's bottom, m, absolute."""
+        return self.table_height if math.isnan(self.bottom) else self.bottom
 
     @property
     def is_tall(self) -> bool:
@@ -157,7 +221,7 @@ class PlannedGrasp:
     free: Trajectory
     approach: Trajectory
     lift: Trajectory
-    obstacles: tuple[Obstacle, ...] = field(repr=False)
+    obstacles: tuple[Obstacle | PointField, ...] = field(repr=False)
     ik_solutions: int
     planning_s: float
     seed: int

@@ -7,7 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simulate.motion.collision import ArmSpheres, Obstacle, Surroundings, body_obstacles
+from simulate.motion.collision import (
+    ArmSpheres,
+    Obstacle,
+    PointField,
+    Surroundings,
+    body_obstacles,
+)
 from simulate.motion.kinematics import Chain
 from simulate.motion.rrt import plan_path
 from simulate.motion.trajectory import ACCELERATION, Trajectory, time_path
@@ -68,7 +74,7 @@ class ArmSpace:
         return self._spheres[key]
 
     def surroundings(
-        self, arm: str, table_height: float, obstacles: Sequence[Obstacle]
+        self, arm: str, table_height: float, obstacles: Sequence[Obstacle | PointField]
     ) -> Surroundings:
         """Return everything that an arm can hit: body, table, furniture, perceived obstacles."""
         (x0, x1), (y0, y1) = self.robot.workplace.table_x, self.robot.workplace.table_y
@@ -77,7 +83,8 @@ class ArmSpace:
             ((x0 + x1) / 2, (y0 + y1) / 2, table_height - _TABLE_THICK / 2),
             (x1 - x0, y1 - y0, _TABLE_THICK),
         )
-        return Surroundings((*self._body[arm], table, *self.furniture, *obstacles))
+        fixed = Surroundings((*self._body[arm], table, *self.furniture))
+        return fixed.with_obstacles(obstacles)
 
     def path(
         self,

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from simulate.motion.kinematics import Chain
 from simulate.motion.mesh_cover import cover_mesh
@@ -26,10 +27,11 @@ from simulate.robots.description import (
     transform_from,
 )
 
-__all__ = ["ArmSpheres", "Obstacle", "Surroundings", "body_obstacles", "link_poses"]
+__all__ = ["ArmSpheres", "Obstacle", "PointField", "Surroundings", "body_obstacles", "link_poses"]
 
 _BALL = 0.2
 _BOX_SPHERE = 0.0125
+_CELL_M, _FIELD_PAD_M, _MOST_CELLS = 0.006, 0.10, 8e6
 _PRISM_ANGLES = np.deg2rad(np.arange(0, 90, 5))
 
 
@@ -116,18 +118,102 @@ class Obstacle:
         return cls(name, centre, half, np.eye(3), is_cylinder=True)
 
 
+@dataclass(frozen=True, eq=False)
+class PointField:
+    """Seen points as an obstacle of any shape: the distance to the nearest, on a grid.
+
+    Parameters
+    ----------
+    name
+        As of an :class:`Obstacle`.
+    origin : (3,) float, m
+        Centre of the first cell, base frame.
+    cell
+        Edge of a cell, m.
+    away : (nx, ny, nz) float, m
+        Distance of each cell to the surface of the nearest occupied one.
+    """
+
+    name: str
+    origin: Floats
+    cell: float
+    away: Floats
+
+    @classmethod
+    def of(
+        cls, name: str, points: Floats, floor: float | None = None, cell: float = _CELL_M
+    ) -> PointField:
+        """Return the field around points.
+
+        Parameters
+        ----------
+        points : (n, 3) float, m, base frame
+            At least one.
+        floor
+            Height (m) down to which everything below a point counts as occupied, because no camera
+            saw it; None = the points alone.
+        """
+        points = np.asarray(points, dtype=np.float64)
+        points = points[np.isfinite(points).all(axis=1)] if points.ndim == 2 else points
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0:
+            raise ValueError(f"expected points of shape (n, 3) in m, got {points.shape}")
+        low = points.min(axis=0)
+        if floor is not None:
+            low[2] = min(low[2], floor)
+        low = low - _FIELD_PAD_M
+        shape = np.ceil((points.max(axis=0) + _FIELD_PAD_M - low) / cell).astype(int) + 1
+        if np.prod(shape.astype(float)) > _MOST_CELLS:
+            raise ValueError(
+                f"points spread over {np.ptp(points, axis=0).round(2)} m are too many cells of "
+                f"{cell} m: cut the scene to the workplace"
+            )
+        taken = np.zeros(shape, dtype=bool)
+        taken[tuple(np.rint((points - low) / cell).astype(int).T)] = True
+        if floor is not None:
+            below = np.flip(np.logical_or.accumulate(np.flip(taken, axis=2), axis=2), axis=2)
+            heights = low[2] + cell * np.arange(shape[2])
+            taken = below & (heights >= min(floor, float(points[:, 2].min())))[None, None]
+        away = distance_transform_edt(~taken, sampling=cell) - cell / 2
+        return cls(name, low, cell, np.asarray(away, dtype=np.float64))
+
+    def distances(self, points: Floats) -> Floats:
+        """Return the distance (n,) of points (n, 3), m; a lower bound outside the grid."""
+        last = np.array(self.away.shape) - 1
+        place = (points - self.origin) / self.cell
+        inside = np.clip(place, 0, last)
+        index = np.rint(inside).astype(np.int64)
+        beyond = self.cell * np.linalg.norm(place - inside, axis=1)
+        found = self.away[index[:, 0], index[:, 1], index[:, 2]]
+        return np.asarray(np.where(beyond > 0, beyond + _FIELD_PAD_M - self.cell, found))
+
+
 @dataclass(frozen=True)
 class Surroundings:
     """Everything that an arm can hit, with the distance to all of it at once."""
 
     obstacles: tuple[Obstacle, ...]
+    fields: tuple[PointField, ...] = ()
 
-    def with_obstacles(self, more: Iterable[Obstacle]) -> Surroundings:
+    def with_obstacles(self, more: Iterable[Obstacle | PointField]) -> Surroundings:
         """Return the surroundings with further obstacles."""
-        return Surroundings((*self.obstacles, *more))
+        more = tuple(more)
+        boxes = tuple(one for one in more if isinstance(one, Obstacle))
+        fields = tuple(one for one in more if isinstance(one, PointField))
+        return Surroundings((*self.obstacles, *boxes), (*self.fields, *fields))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each row of :meth:`distances`: the obstacles, then the fields."""
+        return (*(o.name for o in self.obstacles), *(f.name for f in self.fields))
 
     def distances(self, points: Floats) -> Floats:
-        """Return signed distances (m obstacles, n) of points (n, 3), m, base frame."""
+        """Return signed distances (m obstacles and fields, n) of points (n, 3), m, base frame."""
+        boxes = self._box_distances(points)
+        return np.vstack([boxes, *(field.distances(points) for field in self.fields)])
+
+    def _box_distances(self, points: Floats) -> Floats:
+        if not self.obstacles:
+            return np.empty((0, len(points)))
         inverse = np.concatenate([o.rotation.T for o in self.obstacles])
         local = (inverse @ points.T).reshape(len(self.obstacles), 3, len(points))
         centres = np.stack([o.rotation.T @ o.centre for o in self.obstacles])
@@ -204,8 +290,8 @@ class ArmSpheres:
 
         ``allowed`` maps (obstacle name, sphere group) to m; ``inf`` ignores the pair.
         """
-        slack = np.zeros((len(surroundings.obstacles), len(self.radii)))
-        names = np.array([obstacle.name for obstacle in surroundings.obstacles])
+        names = np.array(surroundings.names)
+        slack = np.zeros((len(names), len(self.radii)))
         for (name, group), depth in allowed.items():
             slack[np.ix_(names == name, self.group == group)] = depth
         return slack
@@ -232,7 +318,7 @@ class ArmSpheres:
         """Return (obstacle name, sphere group) of the tightest pair of one posture (dof,)."""
         pairs = self._pairs(q[None], surroundings, slack)[0]
         row, column = np.unravel_index(int(np.argmin(pairs)), pairs.shape)
-        return surroundings.obstacles[int(row)].name, str(self.group[column])
+        return surroundings.names[int(row)], str(self.group[column])
 
     def _pairs(self, q: Floats, surroundings: Surroundings, slack: Floats) -> Floats:
         rotations, positions = self.chain.link_frames(q)

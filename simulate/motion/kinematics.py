@@ -42,7 +42,7 @@ class Tool:
 
 
 class Chain:
-    """A serial chain of revolute joints with a tool at the end.
+    """A serial chain of revolute and prismatic joints with a tool at the end.
 
     Parameters
     ----------
@@ -69,6 +69,8 @@ class Chain:
         self._rotates = [not np.allclose(rotation, np.eye(3)) for rotation in self._rotations]
         axes = np.array([joint.axis for joint, _ in moving], dtype=np.float64)
         self._axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+        self.slides = np.array([joint.kind == "prismatic" for joint, _ in moving])
+        """Which joints (dof,) are prismatic."""
         self._skews = np.array([_skew(axis) for axis in self._axes])
         self._squares = self._skews @ self._skews
         self.lower = np.array([joint.lower for joint, _ in moving])
@@ -104,7 +106,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (b, dof) float, rad
+        q : (b, dof) float, rad, or m of prismatic joints
 
         Returns
         -------
@@ -117,7 +119,8 @@ class Chain:
             raise ValueError(f"expected joint values of shape (b, {self.dof}) rad, got {q.shape}")
         batch = len(q)
         self.evaluations += batch
-        sin, cos = np.sin(q)[:, :, None, None], 1.0 - np.cos(q)[:, :, None, None]
+        angles = np.where(self.slides, 0.0, q)
+        sin, cos = np.sin(angles)[:, :, None, None], 1.0 - np.cos(angles)[:, :, None, None]
         spins = np.eye(3) + sin * self._skews + cos * self._squares  # Rodrigues
         rotations = np.empty((batch, self.dof, 3, 3))
         positions = np.empty((batch, self.dof, 3))
@@ -127,6 +130,8 @@ class Chain:
             position = position + rotation @ self._origins[i]
             if self._rotates[i]:
                 rotation = rotation @ self._rotations[i]
+            if self.slides[i]:
+                position = position + q[:, i : i + 1] * (rotation @ self._axes[i])
             rotation = rotation @ spins[:, i]
             rotations[:, i], positions[:, i] = rotation, position
         return rotations, positions
@@ -142,6 +147,9 @@ class Chain:
         rotation, position = self._tool(rotations, positions)
         axes = (rotations @ self._axes[None, :, :, None])[..., 0]
         linear = _cross(axes, position[:, None] - positions)
+        if self.slides.any():
+            slides = self.slides[:, None]
+            linear, axes = np.where(slides, axes, linear), np.where(slides, 0.0, axes)
         jacobian = np.concatenate([linear, axes], axis=2).transpose(0, 2, 1)
         return rotation, position, jacobian
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simulate.robots.description import Floats
 
-__all__ = ["PlanOptions", "edge_is_free", "plan_path"]
+__all__ = ["PlanOptions", "edge_is_free", "plan_path", "shortcut"]
 IsFree = Callable[[Floats], NDArray[np.bool_]]
 """Takes postures (b, dof) rad, returns (b,) bool."""
 
@@ -74,7 +74,7 @@ def plan_path(
     path = _connect(start, goal, lower, upper, is_free, rng, options)
     if path is None:
         return "rrt_time"
-    return _shortcut(path, is_free, rng, options)
+    return shortcut(path, is_free, rng, options)
 
 
 class _Tree:
@@ -156,7 +156,7 @@ def _grow_to(tree: _Tree, target: Floats, is_free: IsFree, options: PlanOptions)
             return new
 
 
-def _shortcut(
+def shortcut(
     path: Floats, is_free: IsFree, rng: np.random.Generator, options: PlanOptions
 ) -> Floats:
     """Replace detours between two random points of a path by straight edges where free."""

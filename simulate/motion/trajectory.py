@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from simulate.robots.description import Floats
 
-__all__ = ["ACCELERATION", "CARRYING_ACCELERATION", "Trajectory", "join", "time_path"]
+__all__ = ["ACCELERATION", "CARRYING_ACCELERATION", "Trajectory", "join", "reverse", "time_path"]
 
 ACCELERATION = 12.0
 """rad/s^2, limit of every joint."""
@@ -115,6 +115,16 @@ def join(parts: list[Trajectory]) -> Trajectory:
         np.concatenate([p.velocities[k] for p, k in zip(parts, keep, strict=True)]),
         np.concatenate([p.accelerations[k] for p, k in zip(parts, keep, strict=True)]),
         np.concatenate([p.times[k] + s for p, k, s in zip(parts, keep, starts, strict=True)]),
+    )
+
+
+def reverse(way: Trajectory, faster: float = 1.0) -> Trajectory:
+    """Return a trajectory run backwards, ``faster`` times as fast."""
+    return Trajectory(
+        way.positions[::-1],
+        -way.velocities[::-1] * faster,
+        way.accelerations[::-1] * faster**2,
+        (way.times[-1] - way.times[::-1]) / faster,
     )
 
 

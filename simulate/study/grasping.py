@@ -15,9 +15,9 @@ from typing import Any, cast
 import numpy as np
 
 import rtask
+from features.perception import Seen
 from simulate.agent.agent import Agent, AgentConfig, Server
 from simulate.agent.encounter import Encounter
-from simulate.agent.perception import Seen
 from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots import describe

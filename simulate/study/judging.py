@@ -30,6 +30,7 @@ from simulate.world.seeds import mix_seed, stream
 
 __all__ = [
     "COLUMNS",
+    "grasp_across",
     "judging_rows",
     "judging_study",
     "judging_trial",
@@ -109,7 +110,7 @@ def _attempt(
     body: SimulatedBody, placement: Placement, error: np.random.Generator | None, seed: int
 ) -> dict[str, Any]:
     watched = watch_attempts(body)
-    plan = body.executor.plan(_request(body, placement, error), seed=seed)
+    plan = body.executor.plan(grasp_across(body, placement, error), seed=seed)
     if not isinstance(plan, PlannedGrasp):
         return {"planned": False, "reason": plan, "says": plan}
     frames = body.eyes.frames
@@ -131,8 +132,8 @@ def _attempt(
     }
 
 
-def _request(
-    body: SimulatedBody, placement: Placement, error: np.random.Generator | None
+def grasp_across(
+    body: SimulatedBody, placement: Placement, error: np.random.Generator | None = None
 ) -> GraspRequest:
     """Return a grasp across the narrow side of the object, with random errors if requested."""
     spec = placement.spec

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from features.perception import perceive
 from features.recognition.views.view import describe_frame
 from grasp.learning.state import pooled
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate
-from simulate.agent.perception import perceive
 from simulate.agent.scoring import AttemptTruth
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp

@@ -11,8 +11,8 @@ from typing import Any
 
 import rtask
 from features.codec import encode_frame, to_wire
+from features.perception import Seen, perceive
 from simulate.agent.messages import pose_message
-from simulate.agent.perception import Seen, perceive
 from simulate.agent.scoring import Scorer
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, PlannedGrasp

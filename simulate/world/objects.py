@@ -15,11 +15,13 @@ from typing import Literal
 import numpy as np
 
 from rtask.errors import UsageError
+from simulate.world.hidden import HIDDEN_KINDS, NO_SECRET, HiddenKind, Secret, draw_hidden
 from simulate.world.meshes import TexturedMesh, build_mesh, write_mesh
 from simulate.world.textures import make_look
 
 __all__ = [
     "KINDS",
+    "PRODUCTS",
     "Assets",
     "Friction",
     "ObjectSpec",
@@ -28,12 +30,14 @@ __all__ = [
     "inertia_of",
     "product",
     "sample_objects",
+    "sample_products",
     "write_assets",
 ]
 
-Kind = Literal["can", "ball", "box", "bottle", "pen"]
+PlainKind = Literal["can", "ball", "box", "bottle", "pen"]
+Kind = PlainKind | HiddenKind
 
-KINDS: tuple[Kind, ...] = ("can", "ball", "box", "bottle", "pen")
+KINDS: tuple[PlainKind, ...] = ("can", "ball", "box", "bottle", "pen")
 """The families, each graspable by a hand of about 5 cm usable opening."""
 
 BOTTLE_BODY = 0.62
@@ -59,6 +63,13 @@ _MASSES = {
     "bottle": (0.02, 0.06),
     "pen": (0.008, 0.02),
 }
+PRODUCTS: dict[str, tuple[Kind, ...]] = {
+    "plain": KINDS,
+    "hard": ("carton", "bar", "carton", "flask", "carton", "box", "carton", "carton"),
+}
+"""Sets of products: each a sequence of kinds that repeats. Of the hard ones, all but the box hide
+what decides a grasp."""
+
 _CATALOGUE = 200  # numbers that sample_objects draws from, per kind
 
 
@@ -119,9 +130,9 @@ class ObjectSpec:
     Parameters
     ----------
     kind
-        One of :data:`KINDS`.
+        One of :data:`KINDS` or of :data:`simulate.world.hidden.HIDDEN_KINDS`.
     dims
-        can, bottle: diameter, height; ball: diameter; box: x, y, z; pen: diameter, length. m.
+        can, bottle: diameter, height; ball: diameter; pen: diameter, length; others: x, y, z. m.
     mass
         kg.
     texture_seed
@@ -130,6 +141,8 @@ class ObjectSpec:
         The product: same name, same kind, size, mass and look.
     friction
         Contact parameters.
+    secret
+        Properties that cannot be seen.
     """
 
     kind: Kind
@@ -138,13 +151,15 @@ class ObjectSpec:
     texture_seed: int
     name: str
     friction: Friction = Friction()
+    secret: Secret = NO_SECRET
 
     def __post_init__(self) -> None:
-        if self.kind not in _SIZES:
-            raise UsageError(f"unknown kind of object {self.kind!r}; kinds are {', '.join(KINDS)}")
-        if len(self.dims) != len(_SIZES[self.kind]) or not all(d > 0 for d in self.dims):
+        if self.shape not in _SIZES:
+            raise UsageError(_unknown(self.kind))
+        if len(self.dims) != len(_SIZES[self.shape]) or not all(d > 0 for d in self.dims):
             raise UsageError(
-                f"a {self.kind} takes {len(_SIZES[self.kind])} positive sizes in m, got {self.dims}"
+                f"a {self.kind} takes {len(_SIZES[self.shape])} positive sizes in m, "
+                f"got {self.dims}"
             )
 
     def scaled(self, factor: float) -> ObjectSpec:
@@ -154,16 +169,21 @@ class ObjectSpec:
         return replace(self, dims=dims, mass=round(self.mass * factor**3, 4), name=name)
 
     @property
+    def shape(self) -> str:
+        """Visible shape: one of :data:`KINDS`."""
+        return "box" if self.kind in HIDDEN_KINDS else self.kind
+
+    @property
     def is_round(self) -> bool:
         """Whether it can roll."""
-        return self.kind != "box"
+        return self.shape != "box"
 
     @property
     def extent(self) -> tuple[float, float, float]:
         """Size along x, y, z of the body frame as it rests, m."""
         if self.kind == "ball":
             return (self.dims[0], self.dims[0], self.dims[0])
-        if self.kind == "box":
+        if self.shape == "box":
             return (self.dims[0], self.dims[1], self.dims[2])
         diameter, length = self.dims
         if self.kind == "pen":
@@ -180,7 +200,7 @@ class ObjectSpec:
         """Radius of the circle about the origin that covers it from above, m."""
         return (
             0.5 * math.hypot(self.extent[0], self.extent[1])
-            if self.kind == "box"
+            if self.shape == "box"
             else (0.5 * max(self.extent[0], self.extent[1]))
         )
 
@@ -213,16 +233,24 @@ def product(kind: Kind, number: int) -> ObjectSpec:
     >>> product("can", 17).name, product("can", 17) == product("can", 17)
     ('can-17', True)
     """
-    if kind not in _SIZES:
-        raise UsageError(f"unknown kind of object {kind!r}; kinds are {', '.join(KINDS)}")
+    every: tuple[str, ...] = (*KINDS, *HIDDEN_KINDS)
+    if kind not in every:
+        raise UsageError(_unknown(kind))
     if number < 0:
         raise UsageError(f"products are numbered from 0, got {number}")
-    seed = KINDS.index(kind) * 1_000_000 + number
+    seed = every.index(kind) * 1_000_000 + number
     rng = np.random.default_rng([0x0B7EC7, seed])
+    if kind in HIDDEN_KINDS:
+        size, weight, secret = draw_hidden(kind, rng)
+        return ObjectSpec(kind, size, weight, seed, f"{kind}-{number}", secret=secret)
     dims = tuple(round(float(rng.uniform(low, high)), 4) for low, high in _SIZES[kind])
     mass = round(float(rng.uniform(*_MASSES[kind])), 4)
     rolling = 0.00005 if kind == "box" else 0.0004
     return ObjectSpec(kind, dims, mass, seed, f"{kind}-{number}", Friction(rolling=rolling))
+
+
+def _unknown(kind: str) -> str:
+    return f"unknown kind of object {kind!r}; kinds are {', '.join((*KINDS, *HIDDEN_KINDS))}"
 
 
 def sample_objects(
@@ -251,6 +279,24 @@ def sample_objects(
     chosen = [order[i % len(order)] for i in range(n)]
     numbers = {kind: rng.permutation(_CATALOGUE) for kind in order}
     specs = [product(kind, int(numbers[kind][i])) for i, kind in enumerate(chosen)]
+    return [specs[int(k)] for k in rng.permutation(n)]
+
+
+def sample_products(products: str, rng: np.random.Generator, n: int) -> list[ObjectSpec]:
+    """Draw ``n`` different products of a set of :data:`PRODUCTS`.
+
+    Raises
+    ------
+    UsageError
+        There is no such set.
+    """
+    if products not in PRODUCTS:
+        raise UsageError(f"unknown products {products!r}: expected one of {', '.join(PRODUCTS)}")
+    if products == "plain":
+        return sample_objects(rng, n)
+    kinds = [PRODUCTS[products][i % len(PRODUCTS[products])] for i in range(n)]
+    numbers = {kind: rng.permutation(_CATALOGUE) for kind in dict.fromkeys(PRODUCTS[products])}
+    specs = [product(kind, int(numbers[kind][i])) for i, kind in enumerate(kinds)]
     return [specs[int(k)] for k in rng.permutation(n)]
 
 
@@ -289,7 +335,7 @@ def _mesh_of(spec: ObjectSpec) -> TexturedMesh:
     elif spec.kind in ("can", "pen"):
         radius, half = 0.5 * spec.dims[0], 0.5 * spec.dims[1]
         profile = [(radius, -half), (radius, half)]
-    return build_mesh(spec.kind, spec.extent, profile, make_look(spec.texture_seed))
+    return build_mesh(spec.shape, spec.extent, profile, make_look(spec.texture_seed))
 
 
 def _bottle_parts(spec: ObjectSpec) -> list[tuple[float, float, float]]:
@@ -315,7 +361,7 @@ def _mass_height(spec: ObjectSpec) -> float:
 
 def collision_of(spec: ObjectSpec) -> tuple[Primitive, ...]:
     """Return the convex shapes of a product in its body frame."""
-    if spec.kind == "box":
+    if spec.shape == "box":
         return (Primitive("box", spec.extent),)
     if spec.kind == "ball":
         return (Primitive("sphere", (0.5 * spec.dims[0],)),)

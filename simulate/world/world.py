@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-unt
 from rtask.errors import RobotError, UsageError
 from simulate.robots.description import Floats, Pose, RobotDescription, Workplace
 from simulate.robots.urdf import urdf_text
-from simulate.world.objects import Assets, ObjectSpec, collision_of, inertia_of
+from simulate.world.bodies import break_part, breakable_parts, create_object, mass_offset
+from simulate.world.objects import Assets, ObjectSpec
 
 __all__ = ["PRESETS", "BodyPose", "PlaceBox", "Preset", "World", "side_sign"]
 
@@ -52,6 +53,7 @@ PRESETS = {
 }
 
 _TABLE_FRICTION = 0.6
+_BREAK_CHECK_STEPS = 4
 
 _TABLE_COLOUR = (0.62, 0.50, 0.38, 1.0)
 _BOX_WALL = 0.003
@@ -167,9 +169,15 @@ class World:
         self.client: Any = _connect(gui)
         self.table_height = float("nan")
         self.table_body = -1
+        self._grounds: set[int] = set()
         self.place_boxes: dict[str, PlaceBox] = {}
         self.objects: dict[int, ObjectSpec] = {}
+        self.broken: set[int] = set()
+        """Objects of which a part has broken."""
+        self._breakable: dict[tuple[int, int], float] = {}
         self._steps = 0
+        self.on_step: Callable[[], None] = lambda: None
+        """Called at the end of every :meth:`step`, in its thread."""
         self.client.setPhysicsEngineParameter(
             fixedTimeStep=self.preset.step_s,
             numSolverIterations=self.preset.iterations,
@@ -200,6 +208,9 @@ class World:
         for _ in range(max(round(seconds / self.preset.step_s), 1)):
             self.client.stepSimulation()
             self._steps += 1
+            if self._breakable and self._steps % _BREAK_CHECK_STEPS == 0:
+                self._break_parts()
+        self.on_step()
 
     def add_table(self, height: float | None = None) -> int:
         """Add the table in front of the robot; return the body.
@@ -254,6 +265,7 @@ class World:
         visual = client.createVisualShape(client.GEOM_BOX, halfExtents=half, rgbaColor=colour)
         body = int(client.createMultiBody(0, shape, visual, centre))
         client.changeDynamics(body, -1, lateralFriction=_TABLE_FRICTION)
+        self._grounds.add(body)
         return body
 
     def load_urdf(
@@ -315,16 +327,19 @@ class World:
         """
         z = position[2] if len(position) > 2 else self.table_height + spec.rest_height
         pose = (float(position[0]), float(position[1]), float(z))
-        body = _create_object(self.client, spec, assets)
-        orientation = self.client.getQuaternionFromEuler((0, 0, yaw))
-        self.client.resetBasePositionAndOrientation(body, pose, orientation)
+        body = create_object(self.client, spec, assets)
         self.objects[body] = spec
+        self.put(body, pose, self.client.getQuaternionFromEuler((0, 0, yaw)))
+        for link, force in breakable_parts(spec).items():
+            self._breakable[body, link] = force
         return body
 
     def remove(self, body: int) -> None:
         """Remove an object from the world."""
         self.client.removeBody(body)
         self.objects.pop(body, None)
+        self.broken.discard(body)
+        self._breakable = {k: force for k, force in self._breakable.items() if k[0] != body}
 
     def on_table(self, body: int) -> bool:
         """Tell whether a body touches the table."""
@@ -332,44 +347,32 @@ class World:
 
     def object_pose(self, body: int) -> BodyPose:
         """Return the true pose of an object, for scoring only."""
+        # Bullet tells the pose of the centre of mass.
         position, quaternion = self.client.getBasePositionAndOrientation(body)
-        return BodyPose(np.array(position), np.array(quaternion))
+        pose = BodyPose(np.array(position), np.array(quaternion))
+        spec = self.objects.get(body)
+        if spec is None or not spec.secret.mass_offset_m:
+            return pose
+        return BodyPose(pose.position - pose.rotation @ mass_offset(spec), pose.quaternion)
 
+    def put(self, body: int, position: Sequence[float], quaternion: Sequence[float]) -> None:
+        """Put an object's origin at a position (m) and orientation (x, y, z, w), at rest."""
+        pose = BodyPose(np.array(position, dtype=np.float64), np.array(quaternion))
+        spec = self.objects.get(body)
+        centre = pose.position
+        if spec is not None:
+            centre = centre + pose.rotation @ mass_offset(spec)
+        self.client.resetBasePositionAndOrientation(body, centre.tolist(), list(quaternion))
+        self.client.resetBaseVelocity(body, [0, 0, 0], [0, 0, 0])
 
-def _create_object(client: Any, spec: ObjectSpec, assets: Assets | None) -> int:
-    """Create a dynamic body from the collision primitives of a product; return it."""
-    shapes = assets.collision if assets is not None else collision_of(spec)
-    inertia = assets.inertia if assets is not None else inertia_of(shapes, spec.mass)
-    kinds = {"box": client.GEOM_BOX, "sphere": client.GEOM_SPHERE, "cylinder": client.GEOM_CYLINDER}
-    columns: dict[str, list[Any]] = {
-        "shapeTypes": [kinds[shape.shape] for shape in shapes],
-        "halfExtents": [[v / 2 for v in s.size] if s.shape == "box" else [] for s in shapes],
-        "radii": [s.size[0] if s.shape != "box" else 0.0 for s in shapes],
-        "lengths": [s.size[1] if s.shape == "cylinder" else 0.0 for s in shapes],
-        "collisionFramePositions": [s.position for s in shapes],
-        "collisionFrameOrientations": [s.orientation for s in shapes],
-    }
-    collision = client.createCollisionShapeArray(**columns)
-    if assets is None:
-        columns["visualFramePositions"] = columns.pop("collisionFramePositions")
-        columns["visualFrameOrientations"] = columns.pop("collisionFrameOrientations")
-        visual = client.createVisualShapeArray(**columns)
-    else:
-        # The print comes with the mesh's material; loaded once more it mixes up OpenGL's textures.
-        visual = client.createVisualShape(client.GEOM_MESH, fileName=str(assets.obj_path))
-    body = int(client.createMultiBody(spec.mass, collision, visual))
-    client.changeDynamics(
-        body,
-        -1,
-        lateralFriction=spec.friction.lateral,
-        spinningFriction=spec.friction.spinning,
-        rollingFriction=spec.friction.rolling,
-        linearDamping=spec.friction.linear_damping,
-        angularDamping=spec.friction.angular_damping,
-        localInertiaDiagonal=inertia,
-        activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
-    )
-    return body
+    def _break_parts(self) -> None:
+        """Break the parts that something presses harder than they stand."""
+        for (body, link), limit in list(self._breakable.items()):
+            contacts = self.client.getContactPoints(bodyA=body, linkIndexA=link)
+            if any(c[9] > limit and c[2] not in self._grounds for c in contacts):
+                del self._breakable[body, link]
+                self.broken.add(body)
+                break_part(self.client, body, link, sorted(self._grounds))
 
 
 def _connect(gui: bool) -> Any:

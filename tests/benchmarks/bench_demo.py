@@ -36,7 +36,17 @@ _LIMIT_S = 600.0
 
 def run(seed: int, objects: int, folder: Path) -> list[dict[str, Any]]:
     """Run the demo once and return the totals of its two robots; none when it failed."""
-    command = [sys.executable, "-m", "rtask", "demo", "--json", "--seed", str(seed)]
+    command = [
+        sys.executable,
+        "-m",
+        "rtask",
+        "demo",
+        "--products",
+        "plain",
+        "--json",
+        "--seed",
+        str(seed),
+    ]
     command += ["--objects", str(objects), "--data", str(folder / str(seed))]
     try:
         done = subprocess.run(

@@ -28,7 +28,8 @@ import numpy as np
 from grasp.spatial.clouds.cloud import SurfaceCloud, prepare_cloud
 from grasp.spatial.clouds.completion import complete_by_symmetry
 from grasp.spatial.collision import Support, Surroundings
-from grasp.spatial.gripper import ParallelGripper, gripper_named
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.hand_search.classifier import GraspClassifier, GraspSamples, train
 from grasp.spatial.hand_search.hand_search import propose_on
 from grasp.spatial.mesh_candidates import propose_on_mesh

@@ -12,6 +12,7 @@ thing each time and run without the cache. Last, the time of a point query besid
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import importlib.metadata
@@ -186,7 +187,14 @@ def start(stack: contextlib.ExitStack, folder: Path) -> tuple[list[Side], list[S
 
 def main() -> None:
     """Measure and print."""
-    kinds = sys.argv[1:] or [*KINDS, "repeated", "beside"]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    every = [*KINDS, "repeated", "beside"]
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(every)}")
+    kinds = parser.parse_args().kinds or every
+    if unknown := set(kinds) - set(every):
+        parser.error(f"unknown: {', '.join(sorted(unknown))}; choose from {', '.join(every)}")
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         plain, cached, url, token = start(stack, Path(folder))
         for name in ("pyoxigraph", "oxigraph", "uvicorn", "uvloop", "httptools"):

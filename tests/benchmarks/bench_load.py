@@ -6,8 +6,9 @@
 Each line is a process of its own on a fresh folder; rounds are interleaved and the median of CPU
 seconds counts. The peer writes the same N-Triples file into one named graph with `Store.bulk_load`
 and flushes. The first row is what users do: a robot's grasps, poses and outcomes into a knowledge
-base with the ontology and its rules. The rows beneath load objects of a vocabulary that no ontology
-knows, with the ontology left out.
+base with the ontology and its rules; then that graph is replaced by as many other statements, and
+everything dropped. The rows beneath load objects of a vocabulary that no ontology knows, with the
+ontology left out.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ from typing import Any
 
 _RT = "https://w3id.org/rtask-kg/ns#"
 _ROBOT = "ontology, rules"
-_SIDES = (_ROBOT, "raw, robot", "raw", "view", "merged", "merged, closure")
+_REPLACED, _DROPPED = "replaced", "DROP ALL"
+_OF_ROBOTS = (_ROBOT, _REPLACED, _DROPPED, "raw, robot")
+_SIDES = (*_OF_ROBOTS, "raw", "view", "merged", "merged, closure")
 
 
 def write_file(path: Path, triples: int) -> None:
@@ -121,15 +124,23 @@ def load(side: str, file: Path, folder: Path) -> dict[str, float]:
         import rtask
 
         options: dict[str, Any] = {}
-        if side != _ROBOT:
+        if side not in _OF_ROBOTS:
             options = {
                 "union": side.partition(",")[0],
                 "reason": "closure" in side,
                 "ontologies": False,
             }
         with rtask.open(folder, **options) as kb:
+            if side in (_REPLACED, _DROPPED):
+                kb.load(file, graph="urn:g")
             start = time.process_time()
-            kb.load(file)
+            if side == _DROPPED:
+                kb.update("DROP ALL")
+            elif side == _REPLACED:
+                other = file.read_bytes().replace(b"example.org/lab", b"example.org/hall")
+                kb.load(other, format="ntriples", graph="urn:g", replace=True)
+            else:
+                kb.load(file)
             seconds = time.process_time() - start
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"seconds": seconds, "peak": peak}
@@ -160,7 +171,7 @@ def main() -> None:
             for side in _SIDES:
                 folder = Path(place) / f"{side} {number}"
                 command = [sys.executable, __file__, "--side", side]
-                source = robot_file if side in (_ROBOT, "raw, robot") else file
+                source = robot_file if side in _OF_ROBOTS else file
                 command += ["--file", str(source), "--folder", str(folder)]
                 answer = subprocess.run(command, capture_output=True, text=True, check=True)
                 found[side].append(json.loads(answer.stdout))
@@ -171,7 +182,7 @@ def main() -> None:
     print(f"{'':18s}{'CPU s':>9s}{'triples/s':>11s}{'ratio':>7s}{'peak MB':>9s}")
     for side, runs in found.items():
         seconds = statistics.median(run["seconds"] for run in runs)
-        raw = raws["raw, robot" if side in (_ROBOT, "raw, robot") else "raw"]
+        raw = raws["raw, robot" if side in _OF_ROBOTS else "raw"]
         peak = max(run["peak"] for run in runs)
         rate = options.triples / seconds
         print(f"{side:18s}{seconds:9.2f}{rate:11.0f}{seconds / raw:7.1f}{peak:9.0f}")

@@ -420,7 +420,7 @@ def main() -> None:
     scenes, models = scenes_of(range(first, last), args.cache), Models()
     params = PoseParams(starts=args.starts, more_starts=max(args.starts // 2, 1))
     run(scenes[:1], models, params, "true")  # compile
-    bare = replace(params, merge=False, recollected=0, penalty=0.0, most_violation=1.0)
+    bare = replace(params, merge=False, recollected=0, penalty=0.0, max_violation=1.0)
     everything = []
     grown = GrownModels(args.views) if args.views else None
     curves: dict[str, dict[int, list[Trial]]] = {}

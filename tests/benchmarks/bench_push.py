@@ -20,6 +20,7 @@ from pathlib import Path
 from push_checks import bound, box2d, sobol
 from push_figures import belief, fig_3_8, fig_3_11, fig_3_13, fig_3_15, fig_3_23
 from push_settings import Drawings
+from push_silhouettes import silhouettes
 from push_tables import grid, nominal, speed, table_3_1, table_3_2
 
 ALL: dict[str, Callable[[], None]] = {
@@ -37,6 +38,7 @@ ALL: dict[str, Callable[[], None]] = {
     "box2d": box2d,
     "sobol": sobol,
     "belief": belief,
+    "silhouettes": silhouettes,
 }
 ALSO = {
     "fig-3.9": "fig-3.8",

@@ -61,7 +61,7 @@ class View:
 
 def views_of_tables(tables: int, products: int, seed: int, folder: Path) -> Iterator[View]:
     """Yield a view of every object that perception finds on tables of six products each."""
-    from simulate.agent.perception import Ignored, perceive
+    from features.perception import Ignored, perceive
     from simulate.robots.nao import describe_nao
     from simulate.world.camera import Camera, Lighting
     from simulate.world.noise import SensorNoise

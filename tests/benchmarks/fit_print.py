@@ -1,21 +1,28 @@
-"""Fit the constants of the confidence of print again.
+"""Fit the constants of the confidence of print, and say what they are worth on what was left out.
 
-    python tests/benchmarks/fit_print.py --photos FOLDER            # print the constants
-    python tests/benchmarks/fit_print.py --photos FOLDER --held-out # families and brands in turn
+    python tests/benchmarks/fit_print.py --photos FOLDER --cache FOLDER            # the constants
+    python tests/benchmarks/fit_print.py --photos FOLDER --cache FOLDER --held-out  # brands in turn
 
-``FOLDER`` holds ``stored/<class>/*.jpg`` and ``asked/<class>/*.jpg``. Generated cartons
-(``generated_prints``) are added; their siblings differ in a known part. A third of the classes
-stays unknown in each draw. Of every object that is a candidate the evidence is one row, right or
-wrong; for objects with one view, with two or three that verify, and with more, one logistic
-function each is fitted, with the sign of every weight held and an L2 penalty (C on standardised
-terms).
+``FOLDER`` holds ``stored/<class>/*.jpg``, ``asked/<class>/*.jpg`` and ``negatives/<kind>/*.jpg``.
+Three sources are asked against stores of 2 to 10 objects with 1 to 5 views (renders: 1 to 18):
+photographs under a mask of the middle 60 % of their width, mirrored ones among the unknown;
+generated cartons (``generated_prints``) whose siblings differ in a known part; renders of the
+fitted half of the YCB objects (``turntable.is_fitted``) without depth. Each candidate of a query is
+one row, right or wrong. For each support by the object's other views (``PrintEvidence.support``)
+one logistic function is fitted, with the sign of every weight held and an L2 penalty (C on
+standardised terms). What is reported are decisions, as a recogniser with those constants takes
+them; ``--held-out`` decides each photograph by a fit without its brand. The other half of the YCB
+objects is never fitted. ``--cache`` keeps described renders and the evidence: to gather it takes
+half an hour.
 """
 
 from __future__ import annotations
 
 import argparse
+import pickle
 import random
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -23,94 +30,180 @@ import numpy as np
 from generated_prints import described, families
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from turntable import described_views, is_fitted, without_depth, ycb_folder, ycb_names
 
 from features.recognition import Recogniser, RecognitionIndex, ViewFeatures, describe_view
-from features.recognition.comparison.confidence import PRINT_TERMS, print_terms
+from features.recognition.comparison.confidence import (
+    PRINT_TERMS,
+    PrintParams,
+    print_score,
+    print_terms,
+)
+from features.recognition.comparison.evidence import PrintEvidence
+from features.recognition.confidence import ConfidenceParams, Evidence, confidences, decide
+from features.recognition.metrics import expected_calibration_error
 
 Views = dict[str, list[ViewFeatures]]
+Weights = Sequence[Sequence[float]]
 SAME_PRINT = {"Alpro-Fresh-Soy-Milk": "Alpro-Shelf-Soy-Milk"}
 """Two names of one print: no recogniser can tell them apart."""
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One candidate of one query."""
-
-    brand: str
-    group: int
-    terms: NDArray[np.float64]
-    is_right: bool
-    weight: float
-
-
-def photographs(folder: Path, per_class: int, rng: random.Random) -> Views:
-    """Describe photographs under a mask of the middle 60 % of their width."""
-    views: Views = {}
-    for kind in sorted(path for path in folder.iterdir() if path.is_dir()):
-        files = sorted(kind.glob("*.jpg"))
-        for file in rng.sample(files, min(per_class, len(files))):
-            rgb = np.asarray(cv2.imread(str(file)))[:, :, ::-1]
-            mask = np.zeros(rgb.shape[:2], bool)
-            high, wide = mask.shape
-            mask[int(0.04 * high) : int(0.96 * high), int(0.2 * wide) : int(0.8 * wide)] = True
-            name = SAME_PRINT.get(kind.name, kind.name)
-            views.setdefault(name, []).append(describe_view(np.ascontiguousarray(rgb), mask))
-    return views
-
-
-def generated(count: int, seed: int) -> tuple[Views, Views]:
-    """Describe photographs of generated cartons, to store and to ask."""
-    rng = np.random.default_rng(seed)
-    cards = families(count, seed)
-    stored = {card.name: [described(card.print_, rng) for _ in range(5)] for card in cards}
-    return stored, {card.name: [described(card.print_, rng) for _ in range(2)] for card in cards}
-
-
-def candidates(
-    stored: Views, asked: Views, views: int, known: int, seed: int, weight: float
-) -> list[Row]:
-    """Store ``views`` of so many objects, ask all, and return every candidate."""
-    rng = random.Random(seed)
-    names = sorted(stored)
-    index = RecognitionIndex()
-    for name in rng.sample(names, known):
-        for k, view in enumerate(rng.sample(stored[name], min(views, len(stored[name])))):
-            index.add(f"{name}/{k}", name, "class", view)
-    recogniser, snapshot = Recogniser(index), index.snapshot()
-    rows = []
-    for name, queries in asked.items():
-        for query in queries:
-            for candidate in recogniser.gather(query, snapshot):
-                if candidate.printed is None:
-                    continue
-                e = candidate.printed.evidence
-                is_right = snapshot.object_iris[candidate.object_number] == name
-                group = 0 if e.verified == 0 else 1 if e.verified < 3 else 2
-                rows.append(Row(brand_of(name), group, print_terms(e), is_right, weight))
-    return rows
-
-
-def brand_of(name: str) -> str:
-    return name.split("-")[0].split(",")[0]
-
-
+MEANING = {"photograph": 3.0, "mirrored": 3.0, "produce": 3.0, "carton": 1.0, "render": 1.0}
+"""Weight of a row by the kind of its query."""
 WRONG_COUNTS = 2.0
 """A wrong candidate weighs so many times a right one."""
-CAUTION = 0.5
-"""Taken off the offset for several views: a sibling that nobody stored is worse than a question."""
-MIN_DIFFERENCE = 6.0
+CAUTION = (0.2, 0.0, 0.5, 0.25)
+"""Taken off the offset: a sibling that nobody stored is worse than a question."""
+MIN_DIFFERENCE = 8.0
 """The least that a contradiction counts, where the object's own views support the comparison."""
 
 
-def fit(rows: list[Row], strength: float) -> NDArray[np.float64]:
-    """Return offset and weights of one group."""
-    terms = np.array([row.terms for row in rows])
-    right = np.array([row.is_right for row in rows])
-    weight = np.array([row.weight for row in rows]) * np.where(right, 1.0, WRONG_COUNTS)
+@dataclass(frozen=True, eq=False)
+class Query:
+    """One view that was asked, with the evidence for every candidate."""
+
+    kind: str
+    name: str
+    store: str
+    truth: str | None
+    candidates: tuple[tuple[str, Evidence, PrintEvidence | None], ...]
+
+    @property
+    def brand(self) -> str:
+        return self.name.split("-")[0].split(",")[0]
+
+
+class Photographs:
+    """Photographs of a folder, described under a mask of the middle 60 % of their width."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[tuple[Path, bool], ViewFeatures] = {}
+
+    def some(self, part: str, per_class: int, rng: random.Random, mirrored: bool = False) -> Views:
+        """Return so many views of every class, by the name of what is printed on it."""
+        views: Views = {}
+        for kind in sorted(path for path in (self._folder / part).iterdir() if path.is_dir()):
+            files = sorted(kind.glob("*.jpg"))
+            for file in rng.sample(files, min(per_class, len(files))):
+                name = SAME_PRINT.get(kind.name, kind.name)
+                views.setdefault(name, []).append(self._described(file, mirrored))
+        return views
+
+    def _described(self, file: Path, mirrored: bool) -> ViewFeatures:
+        if (file, mirrored) not in self._known:
+            rgb = np.asarray(cv2.imread(str(file)))[:, :: -1 if mirrored else 1, ::-1]
+            mask = np.zeros(rgb.shape[:2], bool)
+            high, wide = mask.shape
+            mask[int(0.04 * high) : int(0.96 * high), int(0.2 * wide) : int(0.8 * wide)] = True
+            self._known[file, mirrored] = describe_view(np.ascontiguousarray(rgb), mask)
+        return self._known[file, mirrored]
+
+
+def asked_of(
+    stored: Views, asked: dict[str, Views], known: int, views: int, seed: int
+) -> list[Query]:
+    """Store ``views`` of so many objects and ask; only queries of ``asked`` as they are count."""
+    rng = random.Random(seed)
+    index = RecognitionIndex()
+    names = set(rng.sample(sorted(stored), known))
+    for name in sorted(names):
+        for k, view in enumerate(rng.sample(stored[name], min(views, len(stored[name])))):
+            index.add(f"{name}/{k}", name, "class", view)
+    index.save()
+    recogniser, snapshot = Recogniser(index), index.snapshot()
+    queries = []
+    for kind, shown in asked.items():
+        for name, mine in shown.items():
+            for query in mine:
+                found = tuple(
+                    (
+                        snapshot.object_iris[one.object_number],
+                        one.evidence,
+                        one.printed.evidence if one.printed is not None else None,
+                    )
+                    for one in recogniser.gather(query, snapshot)
+                )
+                is_genuine = name in names and kind not in ("mirrored", "produce")
+                store = f"{kind}, {known} known, {views} views"
+                queries.append(Query(kind, name, store, name if is_genuine else None, found))
+    return queries
+
+
+def gather_photographs(folder: Path, per_class: int) -> list[Query]:
+    photographs = Photographs(folder)
+    rng = random.Random(7)
+    stored = photographs.some("stored", 2 * per_class, rng)
+    produce = photographs.some("negatives", 1, rng)
+    queries = []
+    stores = ((10, 1), (10, 1), (10, 3), (10, 5), (10, 5), (3, 5), (5, 5), (5, 5))
+    for seed, (known, views) in enumerate(stores):
+        draw = random.Random(seed)
+        asked = {
+            "photograph": photographs.some("asked", per_class, draw),
+            "mirrored": photographs.some("asked", 1, draw, mirrored=True),
+            "produce": produce,
+        }
+        queries += asked_of(stored, asked, known, views, seed)
+    return queries
+
+
+def gather_cartons(count: int) -> list[Query]:
+    """Ask for the fronts of cartons, of which the front alone is stored or all sides."""
+    queries = []
+    for seed in (300, 4000):
+        rng, cards = np.random.default_rng(seed), families(count, seed)
+        stored = {card.name: [described(card.print_, rng) for _ in range(5)] for card in cards}
+        asked = {card.name: [described(card.print_, rng) for _ in range(2)] for card in cards}
+        known = 2 * len(cards) // 3
+        for draw, views in enumerate((1, 3, 5, 5)):
+            queries += asked_of(stored, {"carton": asked}, known, views, draw)
+        backs = zip(cards, families(count, seed + 50), strict=True)
+        around = {
+            card.name: [described(back.print_, rng) for _ in range(4)] for card, back in backs
+        }
+        for draw, fronts in enumerate((1, 3)):
+            mixed = {name: stored[name][:fronts] + around[name][fronts - 1 :] for name in stored}
+            queries += asked_of(mixed, {"carton": asked}, known, 5, 4 + draw)
+    return queries
+
+
+def gather_renders(folder: Path, wanted: Callable[[str], bool], cache: Path | None) -> list[Query]:
+    """Ask for views of groups of ten objects of which eight are stored, without depth."""
+    names = [name for name in ycb_names(folder) if wanted(name)]
+    views = {
+        name: [without_depth(view) for view in described_views(folder, name, 15, 0, cache)]
+        for name in names
+    }
+    queries = []
+    for seed, count in enumerate((8, 8, 8, 3, 3, 1, 1, 18)):
+        rng = random.Random(500 + seed)
+        shuffled = {name: rng.sample(views[name], 26) for name in rng.sample(names, 10)}
+        asked = {name: mine[18:24] for name, mine in shuffled.items()}
+        stored = {name: mine[:count] for name, mine in shuffled.items()}
+        queries += asked_of(stored, {"render": asked}, 8, count, seed)
+    return queries
+
+
+def fit(queries: list[Query], strength: float) -> list[NDArray[np.float64]]:
+    """Return offset and weights for each :attr:`PrintEvidence.support`."""
+    rows: list[list[tuple[NDArray[np.float64], bool, float]]] = [[], [], [], []]
+    for query in queries:
+        for name, _, printed in query.candidates:
+            if printed is not None:
+                is_right = name == query.truth
+                weight = MEANING[query.kind] * (1.0 if is_right else WRONG_COUNTS)
+                rows[printed.support].append((print_terms(printed), is_right, weight))
+    return [_fitted(group, rows[group], strength) for group in range(4)]
+
+
+def _fitted(
+    group: int, rows: list[tuple[NDArray[np.float64], bool, float]], strength: float
+) -> NDArray[np.float64]:
+    terms, right, weight = (np.array(column) for column in zip(*rows, strict=True))
     mean, spread = terms.mean(axis=0), terms.std(axis=0) + 1e-9
     scaled = (terms - mean) / spread
     bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in PRINT_TERMS.values()]
-    if rows[0].group > 0:
+    if group > 0:
         at = list(PRINT_TERMS).index("difference")
         bounds[at] = (None, -MIN_DIFFERENCE * spread[at])
 
@@ -125,50 +218,84 @@ def fit(rows: list[Row], strength: float) -> NDArray[np.float64]:
     start = np.zeros(1 + len(PRINT_TERMS))
     found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=[(None, None), *bounds]).x
     slopes = found[1:] / spread
-    offset = found[0] - slopes @ mean - (CAUTION if rows[0].group > 0 else 0.0)
-    return np.append(offset, slopes)
+    return np.append(found[0] - slopes @ mean - CAUTION[group], slopes)
 
 
-def report(rows: list[Row], weights: list[NDArray[np.float64]], title: str) -> None:
-    for group, name in enumerate(("one view", "two or three", "four or more")):
-        mine = [row for row in rows if row.group == group]
-        if not mine or weights[group] is None:
-            continue
-        z = np.array([weights[group][0] + weights[group][1:] @ row.terms for row in mine])
-        right = np.array([row.is_right for row in mine])
-        line = f"{title}, {name}: {len(mine)} candidates, {right.sum()} right"
-        for least in (0.5, 0.7, 0.9):
-            sure = z >= np.log(least / (1 - least))
-            line += f"; p >= {least}: {(sure & right).sum()} right {(sure & ~right).sum()} wrong"
-        print(line)
+def decided(query: Query, weights: Weights) -> tuple[float, bool, bool]:
+    """Return the confidence of the first answer, whether it is right, and whether accepted."""
+    params = PrintParams(tuple(tuple(map(float, group)) for group in weights))
+    constants = ConfidenceParams()
+    evidence = [
+        one if printed is None else replace(one, print_odds=print_score(printed, params))
+        for _, one, printed in query.candidates
+    ]
+    if not evidence:
+        return 0.0, False, False
+    sure = confidences(evidence, constants)
+    order = np.argsort(-sure, kind="stable")
+    _, accepted = decide(sure[order], constants.threshold, constants)
+    is_right = query.candidates[int(order[0])][0] == query.truth
+    return float(sure[order[0]]), is_right, accepted
+
+
+def report(title: str, queries: list[Query], weights_of: Callable[[Query], Weights]) -> None:
+    """Print recall and false answers for every sort of store."""
+    print(title)
+    for store in sorted({query.store for query in queries}):
+        mine = [query for query in queries if query.store == store]
+        answers = [(query.truth is not None, *decided(query, weights_of(query))) for query in mine]
+        known = [(right, accepted) for is_known, _, right, accepted in answers if is_known]
+        strange = [accepted for is_known, _, _, accepted in answers if not is_known]
+        line = f"  {store:32s}"
+        if known:
+            found = np.mean([right and accepted for right, accepted in known])
+            wrong = np.mean([accepted and not right for right, accepted in known])
+            line += f" recall {found:.3f}, wrong {wrong:.3f} of {len(known)}"
+        if strange:
+            line += f", unknown accepted {np.mean(strange):.3f} of {len(strange)}"
+        sure, right = (np.array([answer[k] for answer in answers]) for k in (1, 2))
+        print(f"{line}, calibration error {expected_calibration_error(sure, right):.3f}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--photos", type=Path, required=True)
-    parser.add_argument("--per-class", type=int, default=8)
+    parser.add_argument("--cache", type=Path, help="folder for described renders and the evidence")
+    parser.add_argument("--per-class", type=int, default=6, help="photographs asked of each class")
     parser.add_argument("--families", type=int, default=8)
-    parser.add_argument("--strength", type=float, default=1.0, help="C of the penalty")
+    parser.add_argument("--strength", type=float, default=0.3, help="C of the penalty")
     parser.add_argument("--held-out", action="store_true")
     args = parser.parse_args()
-    rng = random.Random(7)
-    stored = photographs(args.photos / "stored", args.per_class, rng)
-    asked = photographs(args.photos / "asked", args.per_class, rng)
-    prints = generated(args.families, 300)
-    rows: list[Row] = []
-    for seed, views in enumerate((1, 3, 5, 5)):
-        rows += candidates(stored, asked, views, 2 * len(stored) // 3, seed, 3.0)
-        rows += candidates(*prints, views, 2 * len(prints[0]) // 3, seed, 0.5)
-    if not args.held_out:
-        weights = [fit([r for r in rows if r.group == g], args.strength) for g in range(3)]
-        for found in weights:
-            print("(" + ", ".join(f"{value:.3g}" for value in found) + ")")
-        report(rows, weights, "fitted")
-        return
-    for brand in sorted({row.brand for row in rows}):
-        others = [row for row in rows if row.brand != brand]
-        weights = [fit([r for r in others if r.group == g], args.strength) for g in range(3)]
-        report([row for row in rows if row.brand == brand], weights, f"without {brand}")
+    ycb = ycb_folder()
+    if ycb is None:
+        parser.error("needs the YCB models: set RTASK_SHARED_DATA to the folder that holds ycb")
+    kept = None if args.cache is None else args.cache / "evidence.pickle"
+    if kept is not None and kept.is_file():
+        fitted, fresh = pickle.loads(kept.read_bytes())
+    else:
+        fitted = gather_photographs(args.photos, args.per_class) + gather_cartons(args.families)
+        fitted += gather_renders(ycb, is_fitted, args.cache)
+        fresh = gather_renders(ycb, lambda name: not is_fitted(name), args.cache)
+        if kept is not None:
+            kept.write_bytes(pickle.dumps((fitted, fresh)))
+    shipped = PrintParams().weights
+    weights = fit(fitted, args.strength)
+    for found in weights:
+        print("(" + ", ".join(f"{value:.3g}" for value in found) + ")")
+    far = max(float(np.abs(a - b).max()) for a, b in zip(weights, shipped, strict=True))
+    print(f"largest distance from the shipped constants: {far:.3g}")
+    if args.held_out:
+        without = {
+            brand: fit([query for query in fitted if query.brand != brand], args.strength)
+            for brand in sorted({query.brand for query in fitted if query.kind == "photograph"})
+        }
+        mine = [query for query in fitted if query.brand in without]
+        report(
+            "photographs, by a fit without their brand", mine, lambda query: without[query.brand]
+        )
+    else:
+        report("what was fitted, by the shipped constants", fitted, lambda query: shipped)
+    report("renders of objects that were not fitted", fresh, lambda query: shipped)
 
 
 if __name__ == "__main__":

@@ -22,9 +22,15 @@ OPTIONS = [
 ]
 
 
+WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Chromium, headless; skipped with the reason where there is none."""
+def chromium() -> Iterator[Any]:
+    """What launches Chromium; skipped with the reason where there is none.
+
+    For one module only: Playwright's event loop would disturb other tests.
+    """
     missing = None
     if not Path(CHROMIUM).exists():
         missing = "no Chromium here: apt-get install chromium"
@@ -37,6 +43,29 @@ def browser() -> Iterator[Any]:
             pytest.fail(missing)
         pytest.skip(missing)
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
-        yield launched
-        launched.close()
+        yield playwright.chromium
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: Any) -> Iterator[Any]:
+    """Chromium, headless."""
+    launched = chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+    yield launched
+    launched.close()
+
+
+@pytest.fixture(scope="module")
+def browser_3d(chromium: Any) -> Iterator[Any]:
+    """Chromium with WebGL, drawn by its software renderer."""
+    options = [option for option in OPTIONS if option != "--disable-gpu"]
+    launched = chromium.launch(executable_path=CHROMIUM, args=[*options, *WEBGL])
+    yield launched
+    launched.close()
+
+
+@pytest.fixture(scope="module")
+def browser_2d(chromium: Any) -> Iterator[Any]:
+    """Chromium without WebGL."""
+    launched = chromium.launch(executable_path=CHROMIUM, args=[*OPTIONS, "--disable-3d-apis"])
+    yield launched
+    launched.close()

@@ -188,6 +188,14 @@ def test_on_a_phone_nothing_scrolls_sideways_and_buttons_judge(
     judging = page.get_by_role("group", name="Judge this attempt")
     for button in judging.get_by_role("button").all():
         assert button.bounding_box()["height"] >= 44
+    card = page.locator("[data-attempt]:not(.off)")
+    _swipe(page, 0, -150)  # up skips
+    assert card.get_attribute("data-attempt") == "urn:lab/attempt/1"
+    page.keyboard.press("ArrowLeft")
+    assert card.get_attribute("data-attempt") == "urn:lab/attempt/0"
+    _swipe(page, -150, 0)  # to the left asks why it did not hold
+    page.get_by_role("group", name="Why it did not hold").wait_for()
+    page.keyboard.press("Escape")
     judging.get_by_role("button", name="Did not hold").tap()
     page.get_by_role("button", name="it slipped out while being held").tap()
     page.goto(f"{server.url}/objects")  # leaving sends what waits
@@ -195,6 +203,18 @@ def test_on_a_phone_nothing_scrolls_sideways_and_buttons_judge(
     assert _eventually(lambda: verdicts(server, token)["0"]) == [("ann", False, "slip_hold")]
     assert page.faults == []
     page.context.close()
+
+
+def _swipe(page: Any, dx: int, dy: int) -> None:
+    """Swipe over the pictures of the open card."""
+    page.locator("[data-attempt]:not(.off) .shots").evaluate(
+        """(shots, [dx, dy]) => {
+             const at = (x, y) => ({ pointerType: "touch", bubbles: true, clientX: x, clientY: y });
+             shots.dispatchEvent(new PointerEvent("pointerdown", at(180, 300)));
+             shots.dispatchEvent(new PointerEvent("pointerup", at(180 + dx, 300 + dy)));
+           }""",
+        [dx, dy],
+    )
 
 
 def _eventually(read: Any) -> Any:

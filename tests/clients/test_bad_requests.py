@@ -9,7 +9,7 @@ import pytest
 
 from tests.servers import RunningServer
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 QUERY_TYPE = {"Content-Type": "application/sparql-query"}
 UPDATE_TYPE = {"Content-Type": "application/sparql-update"}

@@ -16,7 +16,7 @@ from endpoint.http.outbound_http import Outgoing
 from rtask.errors import ForbiddenError
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 UPDATE = {"Content-Type": "application/sparql-update"}
 ROWS = {

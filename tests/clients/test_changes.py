@@ -22,7 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 GRAPH = "urn:g:followed"
 

@@ -16,7 +16,7 @@ from features.codec import encode_frame
 from features.geometry import Frame, Intrinsics
 from tests.servers import RunningServer, bearer
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 TABLE_M, CAMERA_M = 0.27, 0.87
 CAMERA = Intrinsics.from_fov(320, 240, 1.0)

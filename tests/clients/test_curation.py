@@ -23,7 +23,7 @@ from rtask.engine import Engine
 from rtask.rdf.namespaces import RT
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 CAMERA = Intrinsics(320, 240, 700.0, 700.0, 159.5, 119.5)
 

@@ -125,6 +125,8 @@ def _call_all(call: Caller, document: dict[str, Any]) -> None:
         {"wanted": "generated tin", "objects": [thing], "gripper_id": "right_hand"},
     )
     call("plan_in_space", {"object": thing, "gripper_id": "right_hand"})
+    scene = {name: SIGHT[name] for name in ("sensor_pose", "frame_id")}
+    call("plan_on_scene", {"data": view, **scene, "gripper_id": "right_hand"})
     judged = {"task_id": told["task_id"], "verdict": "confirm", "operator": "ann"}
     call("give_feedback", judged)
     call("teach_object", {"operation": "search", "class_description": "box", "data": view})

@@ -21,7 +21,7 @@ import pytest
 import rtask
 from tests.servers import RunningServer, ServerDidNotStartError, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HOST = "Host: 127.0.0.1\r\n"
 

@@ -13,7 +13,7 @@ import pytest
 
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 UPDATE = {"Content-Type": "application/sparql-update"}
 GROW = "INSERT { <urn:s> <urn:p> ?z } WHERE { <urn:s> <urn:p> ?x BIND(CONCAT(?x, ?x) AS ?z) }"

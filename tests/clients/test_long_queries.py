@@ -16,7 +16,7 @@ from endpoint.sparql.answers import QUICK_S
 from rtask.sparql.query_cost import is_quick
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 ROWS = 20_000
 # Each pair of rows is looked at and none fits: no byte of an answer before the end of time.

@@ -22,7 +22,7 @@ from rtask.wire.stubs import source_of
 from tests.clients.toy_operation import OPERATIONS, Weighed, WeighObject, weigh_object
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

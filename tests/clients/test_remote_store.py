@@ -1,13 +1,7 @@
-"""A store on another machine: this server before a real `oxigraph serve`, killed under load."""
+"""A bare dataset on another machine: this server before `oxigraph serve`, killed under load."""
 
 from __future__ import annotations
 
-import contextlib
-import shutil
-import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,60 +12,22 @@ import httpx
 import pytest
 
 from tests.servers import RunningServer, running_server
+from tests.sparql_servers import OXIGRAPH, Oxigraph
 
-BINARY = shutil.which("oxigraph", path=str(Path(sys.executable).parent)) or shutil.which("oxigraph")
-pytestmark = pytest.mark.skipif(BINARY is None, reason="the program oxigraph is not installed")
-
-
-class Oxigraph:
-    """An `oxigraph serve` process that can be killed and started again at its port."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
-        self.process: subprocess.Popen[bytes] | None = None
-        self.start()
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}"
-
-    @property
-    def address(self) -> str:
-        return f"sparql+{self.url}/?query=/query&update=/update"
-
-    def start(self) -> None:
-        assert BINARY is not None
-        self.process = subprocess.Popen(
-            [BINARY, "serve", "-l", str(self._folder), "-b", f"127.0.0.1:{self.port}"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        deadline = time.monotonic() + 30
-        while True:
-            with contextlib.suppress(httpx.TransportError):
-                httpx.get(self.url, timeout=1)
-                return
-            assert time.monotonic() < deadline, "oxigraph does not answer"
-            time.sleep(0.02)
-
-    def kill(self) -> None:
-        assert self.process is not None
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
+pytestmark = pytest.mark.skipif(OXIGRAPH is None, reason="the program oxigraph is not installed")
 
 
 @pytest.fixture
 def oxigraph(tmp_path: Path) -> Iterator[Oxigraph]:
     running = Oxigraph(tmp_path / "oxigraph")
+    running.start()
     yield running
     running.kill()
 
 
 @pytest.fixture
 def fronted(oxigraph: Oxigraph) -> Iterator[RunningServer]:
-    with running_server(None, "--store", oxigraph.address) as server:
+    with running_server(None, "--store", oxigraph.address, "--profile", "plain") as server:
         yield server
 
 

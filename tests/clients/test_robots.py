@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 
 from tests.servers import RunningServer, bearer
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HAND = {
     "name": "right_hand",

@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 
 from tests.servers import RunningServer
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
 ROBOT = {

@@ -9,7 +9,7 @@ import pytest
 
 from tests.servers import RunningServer
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 TURTLE = {"Content-Type": "text/turtle"}
 MARK = "<urn:mark> <urn:p> 1"

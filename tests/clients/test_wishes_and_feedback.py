@@ -15,7 +15,7 @@ from features.codec import encode_frame, to_wire
 from features.geometry import Frame, Intrinsics
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HAND = {"name": "wish_hand", "gripper_type": "nao", "max_opening": 0.05, "max_payload": 0.3}
 

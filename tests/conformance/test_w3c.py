@@ -14,7 +14,7 @@ import pytest
 
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
 W3C_GROUPS = {"protocol": 34, "gsp-indirect": 9, "gsp-direct": 4, "sd": 3}

@@ -17,6 +17,7 @@ import rtask
 from endpoint.access.tokens import TokenStore
 from endpoint.application import Application
 from endpoint.http.messages import Request, Response
+from endpoint.monitoring.metrics import Metrics
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.sparql import answer_cache
@@ -166,6 +167,33 @@ def test_an_answer_is_kept_when_its_question_comes_for_the_second_time(pair: Pai
     pair.kb.update("INSERT DATA { <urn:thing> <urn:p> 99 }")
     assert b"99" in pair.cached.handle(request).body
     assert pair.hits == 2
+
+
+def test_questions_in_the_body_are_told_apart(pair: Pair) -> None:
+    headers = {**_bearer(pair.tokens["reader"]), "host": "localhost"}
+    headers["content-type"] = "application/sparql-query"
+    for text, expected in ((b"ASK {}", b"true"), (b"ASK { FILTER(false) }", b"false")) * 3:
+        answer = pair.cached.handle(Request("POST", "/query", "", headers, text))
+        assert expected in answer.body
+    assert pair.hits == 2
+
+
+def test_an_answer_that_a_commit_overtook_is_not_kept() -> None:
+    """The commit comes while a query is evaluated, and another request sees it first."""
+    with rtask.open(":memory:", ontologies=False, reason=False) as kb:
+        cache = answer_cache.AnswerCache(kb, Metrics())
+        request, other = _ask({"query": TEXTS[0]}, {}), _ask({"query": TEXTS[1]}, {})
+        answer = Response(200, b"answer")
+        for is_overtaken in (True, False):
+            cache.find(request)
+            keep = cache.keeper(request, "SELECT", TEXTS[0], "etag")
+            keep = keep or cache.keeper(request, "SELECT", TEXTS[0], "etag")
+            assert keep is not None
+            if is_overtaken:
+                kb.update("INSERT DATA { <urn:thing> <urn:p> 99 }")
+                cache.find(other)
+            keep(answer)
+            assert (cache.find(request) is None) is is_overtaken
 
 
 @pytest.mark.slow

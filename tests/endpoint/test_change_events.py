@@ -59,7 +59,7 @@ def events(changes: Changes, wish: Request, meanwhile: Any = None, most: int = 1
         if meanwhile is not None:
             meanwhile()
         found: list[Any] = []
-        pieces = stream._pieces()
+        pieces = stream.pieces()
         try:
             async with asyncio.timeout(0.5):
                 async for piece in pieces:

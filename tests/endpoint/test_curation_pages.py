@@ -18,7 +18,7 @@ from endpoint.wsgi import create_app
 from rtask.engine import Engine
 from tests.servers import new_application
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HOST = "http://robots.lab:8765"
 OWN = {"Origin": HOST}

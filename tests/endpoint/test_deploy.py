@@ -28,11 +28,11 @@ def unknown_options(words: list[str]) -> list[str]:
     return [word for word in words if word.startswith("-") and word.split("=")[0] not in known]
 
 
-@pytest.fixture(scope="module")
-def unit() -> configparser.ConfigParser:
+@pytest.fixture(scope="module", params=["rtask.service", "rtask-follower@.service"])
+def unit(request: pytest.FixtureRequest) -> configparser.ConfigParser:
     parser = configparser.ConfigParser(strict=True, interpolation=None)
     parser.optionxform = str  # type: ignore[assignment,method-assign]
-    parser.read(DEPLOY / "rtask.service", encoding="utf-8")
+    parser.read(DEPLOY / request.param, encoding="utf-8")
     return parser
 
 
@@ -113,3 +113,14 @@ def test_the_container_starts_what_there_is(instructions: list[tuple[str, str]])
     assert unknown_options(words) == []
     assert "/health/ready" in found["HEALTHCHECK"]
     json.loads(found["HEALTHCHECK"].partition("CMD ")[2])
+
+
+def test_the_compose_file_starts_what_there_is() -> None:
+    yaml = pytest.importorskip("yaml")
+    services = yaml.safe_load((DEPLOY / "compose.yaml").read_text("utf-8"))["services"]
+    ours = [service for service in services.values() if service["image"] == "rtask"]
+    assert len(ours) == 3
+    for service in ours:
+        command, *words = shlex.split(service["command"])
+        assert command == "serve"
+        assert unknown_options(words) == []

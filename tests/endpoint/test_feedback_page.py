@@ -13,14 +13,14 @@ from flask.testing import FlaskClient
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from endpoint.pages.wording import REASONS
+from endpoint.activity.words import REASONS
 from endpoint.rosbridge.services import NoEngine
 from endpoint.settings import Config
 from endpoint.wsgi import create_app
 from rtask.engine import Engine
 from tests.servers import new_application
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 HOST = "http://robots.lab:8765"
 OWN = {"Origin": HOST}

@@ -21,7 +21,7 @@ from endpoint.wsgi import create_app
 from rtask.knowledge_base import KnowledgeBase
 from tests.servers import new_application
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 RT = ontology.NS
 PIXEL = bytes.fromhex(
@@ -274,6 +274,7 @@ def test_a_prefixed_name_is_understood(client: FlaskClient) -> None:
         ("/nowhere", 404),
         ("/objects?page=99999", 200),
         ("/objects?page=minus", 200),
+        ("/activity?since=:" + "9" * 5000, 400),
     ],
 )
 def test_faults_are_a_page_for_people_and_a_problem_for_programs(
@@ -301,7 +302,7 @@ def test_the_workbench_without_scripts_draws_the_table(client: FlaskClient) -> N
     [
         ("mug", "objects", "/object?iri=urn%3Alab%2Fobject%2F1"),
         ("MGU", "objects", "/object?iri=urn%3Alab%2Fobject%2F1"),
-        ("mug", "classes", "/resource?iri=https%3A%2F%2Fw3id.org%2Frtask-kg%2Fns%23Mug"),
+        ("mug", "classes", "/classes?iri=https%3A%2F%2Fw3id.org%2Frtask-kg%2Fns%23Mug"),
         ("nao", "objects", "/object?iri=urn%3Alab%2Fobject%2F1"),
         ("outcom", "pages", "/feedback"),
     ],

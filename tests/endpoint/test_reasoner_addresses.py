@@ -15,7 +15,7 @@ from endpoint.wsgi import create_app
 from rtask.engine import Engine
 from tests.servers import new_application
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 TEXT = "CONSTRUCT { ?a <urn:t:above> ?b } WHERE { ?a <urn:t:on> ?b }"
 RULE = {"label": "on is above", "text": TEXT, "comment": "for stacking"}
@@ -101,9 +101,44 @@ def test_a_rule_is_added_shown_and_removed(client: FlaskClient, tokens: TokenSto
     assert client.get(place).status_code == 422
 
 
+def test_several_rules_are_one_commit(client: FlaskClient, tokens: TokenStore) -> None:
+    may = bearer(tokens, "admin")
+    under = {
+        "label": "under",
+        "text": "CONSTRUCT { ?b <urn:t:under> ?a } WHERE { ?a <urn:t:on> ?b }",
+    }
+    bad = {"label": "bad", "text": "CONSTRCUT { }"}
+    address = "/reasoner/rules"
+    assert client.post(address, json={"rules": [RULE, bad]}, headers=may).status_code == 400
+    assert client.get(address).json == {"rules": []}
+    added = client.post(address, json={"rules": [RULE, under]}, headers=may)
+    assert added.status_code == 201, added.text
+    assert [one["label"] for one in added.json["rules"]] == ["on is above", "under"]
+    assert (added.json["derived"], added.json["changed"]) == (2, True)
+    again = client.post(address, json={"rules": [RULE, under]}, headers=may)
+    assert (again.json["commit"], again.json["changed"]) == (added.json["commit"], False)
+    assert client.delete(address, headers=may).status_code == 400
+    gone = client.delete(address + "?label=under&label=none", headers=may)
+    assert gone.status_code == 422
+    assert len(client.get(address).json["rules"]) == 2
+    named = {"label": ["under", added.json["rules"][0]["iri"]]}
+    gone = client.delete(address, query_string=named, headers=may)
+    assert gone.json == {
+        "removed": ["under", "on is above"],
+        "commit": added.json["commit"] + 1,
+        "withdrawn": 2,
+    }
+    assert client.get(address).json == {"rules": []}
+
+
 @pytest.mark.parametrize(
     ("sent", "status", "words"),
     [
+        ({"rules": []}, 400, "a list of objects"),
+        ({"rules": [RULE], "text": TEXT}, 400, "unknown field 'text'; one of rules, replace"),
+        ({"rules": [{**RULE, "replace": True}]}, 400, "unknown field 'replace'"),
+        ({"rules": ["x"]}, 400, "label and text"),
+        ({"rules": [RULE] * 1001}, 413, "at most 1000 rules"),
         ({**RULE, "text": "CONSTRCUT { }"}, 400, "did you mean 'CONSTRUCT'"),
         ({"label": "x"}, 400, "label and text"),
         ({**RULE, "text": 3}, 400, "label and text"),

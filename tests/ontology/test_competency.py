@@ -9,7 +9,7 @@ import pytest
 
 import ontology
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 QUERIES = ontology.queries()
 
@@ -20,8 +20,8 @@ def _header(text: str, word: str) -> str:
     return lines[0].removeprefix(f"# {word}: ")
 
 
-def test_there_are_twenty_one_questions() -> None:
-    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 22)]
+def test_there_are_twenty_two_questions() -> None:
+    assert [path.name for path in QUERIES] == [f"cq{n:02}.rq" for n in range(1, 23)]
 
 
 @pytest.fixture(scope="module", params=["engine", "owlrl"])

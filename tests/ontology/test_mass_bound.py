@@ -10,7 +10,7 @@ import ontology
 import rtask
 from rtask.knowledge_base import KnowledgeBase
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 SCENE = """
 INSERT DATA {

@@ -12,7 +12,7 @@ import rdflib
 
 import ontology
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 SAMPLE = rdflib.Namespace(ontology.BASE + "sample/")
 SHAPES = rdflib.Namespace("https://w3id.org/rtask-kg/shapes#")

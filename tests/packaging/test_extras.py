@@ -24,7 +24,14 @@ _DISTRIBUTION = {
     "pyhornedowl": "py-horned-owl",
     "pybullet_data": "pybullet",
     "pybullet_utils": "pybullet",
+    "zenoh": "eclipse-zenoh",
 }
+
+# On no package index; rtask/interop/ros/find.py says which packages of Debian bring them.
+_OF_ROS = {
+    "actionlib", "genpy", "geometry_msgs", "rosgraph", "rosgraph_msgs", "rospy", "sensor_msgs",
+    "std_msgs", "tf2_msgs", "tf2_ros", "visualization_msgs",
+}  # fmt: skip
 
 
 def _names(requirements: list[str]) -> set[str]:
@@ -45,7 +52,7 @@ def _imported_libraries() -> set[str]:
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif node.module and not node.level:
                 found.add(node.module.partition(".")[0])
-    return found - set(PACKAGES) - sys.stdlib_module_names
+    return found - set(PACKAGES) - sys.stdlib_module_names - _OF_ROS
 
 
 def _without_extras(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

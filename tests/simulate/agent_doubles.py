@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from features.geometry import Frame, Intrinsics
+from features.perception import Seen
 from features.tabletop import TabletopShape
-from simulate.agent.perception import Seen
 from simulate.grasping.judgement import Judgement
 
 __all__ = ["CAMERA", "Plan", "Record", "seen_at"]
@@ -46,6 +46,11 @@ class Record:
     preset: str = "faithful"
     seed: int = 0
     end_effector: str = "right_hand"
+
+    @property
+    def kept(self) -> bool:
+        """Whether it was not lost on the way."""
+        return self.held and self.place_reason != "slip_transport"
 
 
 @dataclass(frozen=True)

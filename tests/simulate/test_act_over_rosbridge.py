@@ -14,7 +14,7 @@ from simulate.act.service import ActService
 from simulate.grasping.executor import Workcell
 from tests.servers import running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,12 @@ import pytest
 
 import simulate.agent.agent as agent_module
 from features.geometry import Frame
+from features.perception import Perceived
+from simulate.agent import second_look
 from simulate.agent.agent import Agent, AgentConfig
-from simulate.agent.perception import Perceived
+from simulate.agent.encounter import Attempt, Encounter
+from simulate.agent.messages import outcome_message
+from simulate.grasping.judgement import Judgement
 from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
 
 
@@ -29,6 +33,7 @@ class _Body:
     only_leaning: tuple[float, ...] = ()
     base_frame = "base_footprint"
     ignored = ()
+    preset = "faithful"
 
     @property
     def gripper_ids(self) -> dict[str, str]:
@@ -156,6 +161,42 @@ def test_an_object_known_but_not_well_gives_one_more_view(run) -> None:
     assert server.inserted[0]["object"] == "o:7"
 
 
+def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks_again(
+    run, monkeypatch
+) -> None:
+    looked: list[str] = []
+
+    class Turning(_Body):
+        def look(self, side):
+            looked.append(side)
+            pose = np.eye(4)
+            pose[1, 3] = {"right": -0.03, "ahead": 0.0, "left": 0.03}[side]
+            return super().look(side)[0], pose
+
+    class Unsure(_Server):
+        def recognise_for_grasp(self, **request):
+            self.confidence = 0.95 if "looks" in request else 0.6
+            answer = super().recognise_for_grasp(**request)
+            answer["recognition"]["ask_again"] = not answer["recognition"]["accepted"]
+            return answer
+
+    body, server = Turning([(0.16, -0.1)]), Unsure()
+    where = Perceived("ok", 0.27, (seen_at(0.16, -0.1), seen_at(0.16, 0.02)))
+    monkeypatch.setattr(second_look, "perceive", lambda *_: where)
+    (encounter,) = run(body, server, [(0.16, -0.1)] * 2)
+    assert encounter.recognised == "o:7"
+    assert len(server.asked) == 2
+    first, again = server.asked
+    (look,) = again["looks"]
+    assert look["sensor_pose"]["position"]["y"] == 0.0
+    assert again["data"] == first["data"]
+    assert looked[looked.index("ahead") + 1] == "right"  # the head is back
+
+    fixed = Unsure()
+    run(_Body([(0.16, -0.1)]), fixed, [(0.16, -0.1)])
+    assert all("looks" not in asked for asked in fixed.asked)
+
+
 def test_after_a_miss_the_robot_tries_again_and_says_which_object_it_is(run) -> None:
     spot = (0.15, -0.1)
     miss = Record("missed", held=False, placed=False)
@@ -277,3 +318,18 @@ def test_it_leans_only_for_what_no_grasp_reaches_as_it_stands(run) -> None:
     body = _Body([spot], only_leaning=(0.1, 0.2))
     run(body, _Server(angles=(0.1, 0.2)), [spot])
     assert [(r.theta, r.stances) for r in body.executed] == [(0.1, "other")]
+
+
+def test_a_thing_that_was_lost_on_the_way_is_reported_as_a_failed_grasp() -> None:
+    lost = Record(placed=False, judged_placed=Judgement("no"), place_reason="slip_transport")
+    told = outcome_message(
+        lost, 1, {"grasps": [{}], "times": {}}, {"rank": 1}, {"ask": 0.1, "plan": 0.1}, []
+    )
+    assert (told["success"], told["placed"], told["reason"]) == (False, False, "slip_transport")
+    encounter = Encounter(1, "right", (0.1, 0.1), (0.1, 0.03, 0.03))
+    for number, reason in enumerate(("slip_transport", "ok"), start=1):
+        encounter.attempts.append(
+            Attempt(number, "candidate", "g", "ok", True, reason == "ok", True, 0.5, {},
+                    place_reason=reason)
+        )  # fmt: skip
+    assert encounter.tries_to_success == 2

@@ -10,9 +10,9 @@ import pytest
 import simulate.agent.agent as agent_module
 import simulate.agent.fetcher as fetcher_module
 from features.geometry import Frame
+from features.perception import Perceived
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetched, Fetcher
-from simulate.agent.perception import Perceived
 from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
 
 _CUP, _CAN, _PEN = (0.15, -0.10), (0.15, -0.05), (0.14, 0.10)
@@ -30,6 +30,7 @@ class _Body:
     looks: int = 0
     base_frame = "base_footprint"
     ignored = ()
+    preset = "faithful"
     gripper_ids = {"right": "right_hand", "left": "left_hand"}  # noqa: RUF012 - of the protocol
 
     def look(self, side: str) -> tuple[Frame, np.ndarray]:
@@ -110,13 +111,14 @@ def fetch(monkeypatch: pytest.MonkeyPatch):
                 lambda *_: Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table)),
             )
         # The fake server must know which thing a crop shows; the crops here are all alike.
-        encode = Fetcher._observation
+        encode = agent_module.observation_message
 
-        def note(self, thing, view, pose):
-            LOOKED_AT.append((float(thing.seen.position[0]), float(thing.seen.position[1])))
-            return encode(self, thing, view, pose)
+        def note(seen, *where):
+            LOOKED_AT.append((float(seen.position[0]), float(seen.position[1])))
+            return encode(seen, *where)
 
-        monkeypatch.setattr(Fetcher, "_observation", note)
+        for module in (agent_module, fetcher_module):
+            monkeypatch.setattr(module, "observation_message", note)
         fetched: Fetched = Fetcher(body, told, AgentConfig(max_attempts=2)).fetch(wanted)
         return fetched, body, told
 

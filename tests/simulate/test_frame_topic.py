@@ -17,7 +17,7 @@ from rtask.errors import DataError, RemoteUnavailableError
 from simulate.agent.frame_topic import FrameKeeper, FramePublisher
 from tests.servers import RunningServer, running_server
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)
 

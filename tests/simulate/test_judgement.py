@@ -13,6 +13,7 @@ from simulate.grasping.executor import GraspRequest, PlannedGrasp, Workcell
 from simulate.grasping.judgement import (
     HeightMap,
     judge_held,
+    judge_off_table,
     judge_old_place,
     judge_placed,
     new_cells,
@@ -166,3 +167,24 @@ def test_a_look_at_an_unchanged_scene_costs_one_frame():
 
 def test_fixed_cameras_over_the_boxes_are_announced():
     assert set(describe("panda").cameras) == {"camera_depth", "box_left", "box_right"}
+
+
+def _plane(low: bool) -> HeightMap:
+    """Return the map of a table of 6 cm, with something 2 cm high on its left third if ``low``."""
+    grid = np.stack(np.meshgrid(np.arange(0, 0.06, 0.002), np.arange(0, 0.06, 0.002)), -1)
+    points = np.concatenate([grid.reshape(-1, 2), np.zeros((grid.shape[0] ** 2, 1))], axis=1)
+    if low:
+        points[points[:, 0] < 0.02, 2] = 0.02
+    return HeightMap.of(points, (0.0, 0.06), (0.0, 0.06), 0.0, 0.03)
+
+
+def test_an_end_that_stays_on_the_table_is_seen_under_the_lifted_hand() -> None:
+    gone, hanging = _plane(low=False), _plane(low=True)
+    place = gone.within(0.01, 0.03, np.pi / 2, 0.06, 0.024)
+    assert judge_off_table(gone, place).is_yes
+    assert judge_off_table(hanging, place).answer == "no"
+    # What lies beside its place says nothing.
+    elsewhere = gone.within(0.05, 0.03, np.pi / 2, 0.06, 0.016)
+    assert judge_off_table(hanging, elsewhere).is_yes
+    unseen = HeightMap.of(np.zeros((0, 3)), (0.0, 0.06), (0.0, 0.06), 0.0)
+    assert judge_off_table(unseen, place).answer == "unknown"

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from features.perception import perceive
 from rtask.errors import RobotError
-from simulate.agent.perception import perceive
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, Workcell
 from simulate.motion.collision import link_poses

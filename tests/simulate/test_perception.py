@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from features.geometry import Frame
-from simulate.agent.perception import Ignored, perceive
+from features.perception import Ignored, perceive
 from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.robots.nao import describe_nao
 from simulate.world.camera import INTRINSICS, Camera

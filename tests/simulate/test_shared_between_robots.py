@@ -11,7 +11,7 @@ from simulate.robots import describe
 from simulate.world.objects import product
 from simulate.world.scene import Placement
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 BOX = product("box", 174)
 
@@ -60,9 +60,11 @@ def test_a_nao_learns_and_a_panda_profits(kb, tmp_path):
     profits, asked = meet(kb, "panda", tmp_path, yaw=-1.43)
     assert profits.recognised == learnt.object_iri
     assert profits.held
-    # The Nao's grasp is among what the Panda is offered, at half the weight of its own kind.
-    told = [grasp["explanation"]["graph"][0] for grasp in asked[0]["grasps"]]
-    assert max(told) == pytest.approx(0.5, abs=0.1)
+    # What the weaker hand held comes first, at full weight.
+    first = asked[0]["grasps"][0]
+    assert first["source"] == "memory"
+    assert first["explanation"]["graph"][0] == pytest.approx(1.0, abs=0.1)
+    assert profits.attempts[0].source == "memory"
     able = "PREFIX rt: <https://w3id.org/rtask-kg/ns#> SELECT ?r { ?r rt:canGrasp ?o }"
     robots = {str(row["r"].value).rpartition("/")[2] for row in kb.select(able)}
     assert {"nao-1", "panda-1"} <= robots

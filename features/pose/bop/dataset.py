@@ -115,8 +115,10 @@ class BopDataset:
     def targets(self, name: str = "test_targets_bop19.json") -> list[tuple[int, int, int, int]]:
         """Return (scene, image, object, number of instances) of what is to be estimated."""
         listed = json.loads((self.folder / name).read_text("utf-8"))
-        keys = ("scene_id", "im_id", "obj_id", "inst_count")
-        return [tuple(int(one[key]) for key in keys) for one in listed]  # type: ignore[misc]
+        return [
+            (int(one["scene_id"]), int(one["im_id"]), int(one["obj_id"]), int(one["inst_count"]))
+            for one in listed
+        ]
 
     def views(
         self, scene: int, split: str = "test", images: Iterable[int] | None = None

@@ -49,7 +49,12 @@ def render_depth(
 
 
 @numba.njit(cache=True, nogil=True)
-def _filled(places, faces, lens, size):  # type: ignore[no-untyped-def]
+def _filled(
+    places: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    lens: NDArray[np.float64],
+    size: tuple[int, int],
+) -> NDArray[np.float32]:
     """Return the nearest depth of all triangles at the pixel centres (perspective correct)."""
     height, width = size
     depth = np.zeros((height, width), np.float32)

@@ -1,4 +1,4 @@
-"""Confidence from the evidence of print: one logistic function for each amount of stored views.
+"""Confidence from the evidence of print: one logistic function for each support by stored views.
 
 Every weight has the sign that its meaning demands, so that more agreement never lowers the
 confidence. The constants are shipped; ``docs/recognition.md`` says on which photographs they were
@@ -20,7 +20,7 @@ PRINT_TERMS: dict[str, int] = {
     "matches": 1, "extent": 1, "stable": 1, "stable_share": 1, "low_quartile": 1, "median": 1,
     "colour_contradiction": -1, "colour_gap": -1, "error": -1, "stable_lead": 1, "lead": 1,
     "supported": 1, "agreeing": 1, "blank": -1, "other_colour": -1, "correlation": 1, "seen": 1,
-    "difference": -1,
+    "difference": -1, "look_lead": 1, "unlike": 1,
 }  # fmt: skip
 """Terms of the logistic function and the sign of the weight of each."""
 
@@ -45,26 +45,33 @@ def print_terms(e: PrintEvidence) -> NDArray[np.float64]:
             e.stable_share, e.low_quartile, e.median, e.colour_contradiction, e.colour_gap,
             min(e.error, 20.0) / 4, e.stable_lead, e.lead,
             s, s * (e.agreeing - 0.5), s * e.blank, s * e.other_colour,
-            s * (e.correlation - 0.4), s * (e.seen - 0.5), largest,
+            s * (e.correlation - 0.4), s * (e.seen - 0.5), largest, e.look_lead,
+            # Of a thing that was seen all round few views can agree with this one.
+            np.log2(1 + min(e.unlike, 3)),
         ]
     )  # fmt: skip
 
 
 # Offset first, then the weights in the order of the terms.
 _ONE = (
-    -5.29, 0.0, 8.89, 0.522, 1.15, 1.2, 0.0, -3.58,
-    -0.649, 0.0, 3.24, 0.192, 0.0, 0.0, 0.0, 0.0,
-    0.0, 0.0, -2.74,
+    -4.78, 0.0, 12.3, 0.128, 0.671, 1.59, 0.0, -7.35,
+    -0.538, 0.0, 2.95, 0.0, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, -2.2, 6.7, 0.0,
+)  # fmt: skip
+_ROUND = (
+    -2.01, 0.0, 5.72, 0.0, 2.63, 0.0, 0.0, -1.13,
+    -0.256, 0.0, 7.07, 0.136, 0.0, 0.0, 0.0, 0.0,
+    0.0, 0.0, -8, 6.43, 0.0,
 )  # fmt: skip
 _TWO = (
-    -3.58, 0.0, 0.0, 0.0, 0.0, 0.0, 1.76, -5.9,
-    -1.14, -0.221, 4.94, 0.264, 2.34, 1.57, 0.0, 0.0,
-    0.0, 6.14, -6.0,
+    -8.69, 0.725, 6.88, 0.0, 0.0, 1.27, 0.0, -5.02,
+    -0.434, -0.056, 2.78, 0.957, 2.36, 2.07, 0.0, 0.0,
+    0.0, 3.17, -8, 0.0, 0.0,
 )  # fmt: skip
 _FOUR = (
-    -4.45, 0.0443, 0.848, 0.191, 0.0, 0.0, 1.94, -6.53,
-    -0.933, -1.14, 5.73, 0.0, 3.46, 0.0, 0.0, 0.0,
-    0.0, 5.51, -6.0,
+    -10.4, 0.166, 11.4, 0.0, 0.0, 2, 4.95, -4.35,
+    -0.173, -0.697, 5.3, 0.0669, 1.5, 0.0, 0.0, 0.0,
+    0.0, 1.89, -8, 2.93, 0.884,
 )  # fmt: skip
 
 
@@ -75,17 +82,16 @@ class PrintParams:
     Parameters
     ----------
     weights
-        Offset and weights of the terms, for an object with one view, with two or three that
-        verify against each other, and with more.
+        Offset and weights of the terms for each :attr:`PrintEvidence.support`.
     """
 
-    weights: tuple[tuple[float, ...], ...] = field(default=(_ONE, _TWO, _FOUR))
+    weights: tuple[tuple[float, ...], ...] = field(default=(_ONE, _ROUND, _TWO, _FOUR))
 
 
 def print_score(e: PrintEvidence, params: PrintParams | None = None) -> float:
     """Return the logarithmic odds that the print of the query is that of the view's object."""
     weights = (params or PrintParams()).weights
-    offset, *slopes = weights[0 if e.verified == 0 else 1 if e.verified < 3 else 2]
+    offset, *slopes = weights[e.support]
     return float(offset + np.dot(slopes, print_terms(e)))
 
 

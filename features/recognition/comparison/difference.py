@@ -169,20 +169,38 @@ def _brought_together(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], UInt8Array]:
     """Return both grey images, and the second one's colours, without the residual shift."""
     sigma = params.grey_sigma_px
-    pair = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (rgb, warped)]
-    pair = [np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8) for image in pair]
-    grey, other = pair
+    grey, other = (
+        np.asarray(
+            cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (0, 0), sigma), np.uint8
+        )
+        for image in (rgb, warped)
+    )
     if min(grey.shape) >= 24:
-        solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-        flow = solver.calc(grey, other, np.zeros((*grey.shape, 2), np.float32))
-        flow = cv2.GaussianBlur(flow, (0, 0), params.flow_sigma_px)
+        flow = cv2.GaussianBlur(_residual_flow(grey, other), (0, 0), params.flow_sigma_px)
         flow = np.clip(flow, -params.max_flow_px, params.max_flow_px)
         v, u = np.indices(grey.shape, dtype=np.float32)
         at_u, at_v = u + flow[..., 0], v + flow[..., 1]
         way = cv2.INTER_LINEAR
-        other = np.asarray(cv2.remap(other, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE))
-        warped = np.asarray(cv2.remap(warped, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE))
-    return grey.astype(np.float32), other.astype(np.float32), np.asarray(warped, np.uint8)
+        other, warped = (
+            np.asarray(cv2.remap(image, at_u, at_v, way, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+            for image in (other, warped)
+        )
+    return grey.astype(np.float32), other.astype(np.float32), warped
+
+
+def _residual_flow(grey: UInt8Array, other: UInt8Array) -> NDArray[np.float32]:
+    """Return the shift (h, w, 2) of the second image against the first, px."""
+    height, width = grey.shape
+    # OpenCV chooses the coarsest level by the width alone, and crashes where the height has no
+    # room for a patch of 8 px on it (opencv/opencv_contrib#1355).
+    rows = max(width // 2 - height, 0)
+    first, second = (
+        np.asarray(cv2.copyMakeBorder(image, 0, rows, 0, 0, cv2.BORDER_REPLICATE))
+        for image in (grey, other)
+    )
+    solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+    flow = solver.calc(first, second, np.zeros((*first.shape, 2), np.float32))
+    return np.asarray(flow[:height], np.float32)
 
 
 def _box(image: NDArray[np.float32], params: ComparisonParams) -> NDArray[np.float32]:

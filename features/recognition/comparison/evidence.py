@@ -37,12 +37,15 @@ class ViewFacts:
         How far the object's other views agree in each cell of the view's picture, 0 to 1.
     verified
         How many other views of the object agree with this one.
+    unlike
+        How many were compared and do not: they show other sides.
     """
 
     own: NDArray[np.int32]
     shared: NDArray[np.int32]
     support: NDArray[np.float32]
     verified: int
+    unlike: int = 0
 
 
 @dataclass(frozen=True)
@@ -102,8 +105,11 @@ class PrintEvidence:
     agreeing, blank, other_colour, correlation, seen
         Weighted by the support: share of cells that agree, share where print meets none, share of
         another colour, mean correlation, and how much of the supported print is seen.
-    verified
-        Other views of the object that agree with this one.
+    verified, unlike
+        Other views of the object that agree with this one, and that show other sides.
+    look_lead
+        Similarity of colours and shapes to the object's most similar view, minus that to the next
+        object's, -0.2 to 0.2.
     difference
         Where it differs most.
     """
@@ -126,7 +132,20 @@ class PrintEvidence:
     correlation: float = 0.4
     seen: float = 0.5
     verified: int = 0
+    unlike: int = 0
+    look_lead: float = 0.0
     difference: Difference | None = field(default=None, compare=False)
+
+    @property
+    def support(self) -> int:
+        """Number of the constants that apply, by the support of stored views.
+
+        0 for an object with one view, 1 for a view that none of the others agrees with because they
+        show other sides, 2 where two or three views agree, 3 where more do.
+        """
+        if self.verified == 0:
+            return 1 if self.unlike else 0
+        return 2 if self.verified < 3 else 3
 
     @property
     def preference(self) -> float:
@@ -176,6 +195,7 @@ def print_evidence(
         stable=count,
         stable_share=min(count / max(shown, 1), 1.0),
         verified=facts.verified,
+        unlike=facts.unlike,
         difference=_largest_difference(comparison, here > 0),
         **_supported(comparison, weight, here),
     )

@@ -19,7 +19,8 @@ from features.recognition.views.view import ViewFeatures
 
 __all__ = ["PrintedView", "printed_objects", "proposed_views"]
 
-_MIN_VOTES = 4
+_MIN_VOTES = 6
+"""Fewer votes seldom give the six matches that agree at least: one view in a hundred."""
 _MAX_COMPARED = 6
 """Aligned views whose pictures are compared; the others have fewer matches."""
 
@@ -44,6 +45,11 @@ class PrintedView:
     alignment: Alignment
     evidence: PrintEvidence
     query_from_view: NDArray[np.float64] | None = None
+
+    def with_look(self, lead: float) -> PrintedView:
+        """Return the same with the lead of its object in colours and shapes."""
+        bounded = float(np.clip(lead, -0.2, 0.2))
+        return replace(self, evidence=replace(self.evidence, look_lead=bounded))
 
 
 def proposed_views(
@@ -113,7 +119,7 @@ def _in_space(
     """Tell whether the matches agree on a movement in space, where both sides have depth."""
     here, there = query.points3d[alignment.query_rows], stored.points3d[alignment.view_rows]
     solid = np.isfinite(here).all(axis=1) & np.isfinite(there).all(axis=1)
-    if np.count_nonzero(solid) < VerifyParams().least_inliers:
+    if np.count_nonzero(solid) < VerifyParams().min_places:
         return True, None
     rigid = fit_rigid(here[solid], there[solid], query.size_m)
     return rigid is not None, None if rigid is None else rigid.query_from_view

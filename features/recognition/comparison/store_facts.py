@@ -107,8 +107,8 @@ class StoreFacts:
         return facts_of(
             len(snapshot.stored_view(view).keypoints),
             rows * columns,
-            [pair for pair in own if pair is not None],
-            [pair for pair in others if pair is not None],
+            own,
+            others,
         )
 
     def _proposed(self, snapshot: Snapshot, view: int) -> list[int]:

@@ -55,7 +55,10 @@ def view_pair(alignment: Alignment, comparison: Comparison) -> ViewPair:
 
 
 def facts_of(
-    keypoints: int, cells: int, own: Sequence[ViewPair], others: Sequence[ViewPair]
+    keypoints: int,
+    cells: int,
+    own: Sequence[ViewPair | None],
+    others: Sequence[ViewPair | None],
 ) -> ViewFacts:
     """Return the facts of a view.
 
@@ -64,7 +67,8 @@ def facts_of(
     keypoints, cells
         How many the view has.
     own, others
-        Its pairs with other views of the same object, and of other objects.
+        Its pairs with other views of the same object, and of other objects; None for a view that
+        does not agree with it.
 
     Examples
     --------
@@ -75,15 +79,17 @@ def facts_of(
     ([1, 1, 1, 1, 1, 1, 1, 1, 0], 0.59)
     """
     agreeing, valid = np.zeros(cells, np.float32), np.zeros(cells, np.float32)
-    for pair in own:
+    like = [pair for pair in own if pair is not None]
+    for pair in like:
         agreeing += pair.agreeing
         valid += pair.valid
     return ViewFacts(
-        own=_counted(keypoints, own),
-        shared=_counted(keypoints, others),
+        own=_counted(keypoints, like),
+        shared=_counted(keypoints, [pair for pair in others if pair is not None]),
         # One view that agrees is not yet the rule: the 0.7 stands for those that were not taken.
         support=agreeing / (valid + np.float32(0.7)),
-        verified=len(own),
+        verified=len(like),
+        unlike=len(own) - len(like),
     )
 
 

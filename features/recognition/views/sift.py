@@ -25,7 +25,7 @@ class SiftParams:
         Lowe's contrast threshold; 0.04, OpenCV's default, starves small crops.
     max_keypoints
         The strongest by response are kept.
-    least_side_px, most_side_px
+    min_side_px, max_side_px
         The crop is resized until the longer side of the mask's box lies between the two: small
         objects carry most of their print in the finest octaves, large ones cost time.
     margin_px
@@ -34,8 +34,8 @@ class SiftParams:
 
     contrast: float = 0.02
     max_keypoints: int = 600
-    least_side_px: int = 240
-    most_side_px: int = 640
+    min_side_px: int = 240
+    max_side_px: int = 640
     margin_px: int = 12
 
 
@@ -95,7 +95,7 @@ def detect_keypoints(
 
     crop = continue_outwards(crop, crop_mask)
     side = max(int(np.ptp(rows)), int(np.ptp(columns))) + 1
-    scale = float(np.clip(side, params.least_side_px, params.most_side_px)) / side
+    scale = float(np.clip(side, params.min_side_px, params.max_side_px)) / side
     if scale != 1.0:
         size = (round(crop.shape[1] * scale), round(crop.shape[0] * scale))
         way = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA

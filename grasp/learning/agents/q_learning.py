@@ -43,9 +43,10 @@ class QLearning(TabularAgent):
 
     def observe(self, transition: Transition) -> None:
         """Learn from one step."""
+        after = self.bins.number(transition.next_state)
         if not (self.standard or transition.terminated or transition.truncated):
-            self.plan(self.bins.number(transition.next_state))
-        self.update(transition)
+            self.plan(after)
+        self._learn(self.bins.number(transition.state), transition, after)
 
     def learn_examples(self, transitions: Iterable[Transition]) -> None:
         """Learn from others' steps."""
@@ -56,9 +57,12 @@ class QLearning(TabularAgent):
         """Learn from one step; return the numbers of the state and the next one."""
         before = self.bins.number(transition.state)
         after = self.bins.number(transition.next_state)
+        self._learn(before, transition, after)
+        return before, after
+
+    def _learn(self, before: int, transition: Transition, after: int) -> None:
         target = transition.reward
         if not transition.terminated:
-            target += self.settings.gamma * self.values[after].max()
-        value = self.values[before, transition.action]
+            target += self.settings.gamma * max(self.values[after].tolist())
+        value = self.values.item(before, transition.action)
         self.values[before, transition.action] = value + self.settings.alpha * (target - value)
-        return before, after

@@ -59,22 +59,26 @@ class Sarsa(TabularAgent):
         target = transition.reward
         if not transition.terminated:
             after = self.bins.number(transition.next_state)
-            target += self.settings.gamma * self.values[after, self.plan(after)]
+            target += self.settings.gamma * self.values.item(after, self.plan(after))
         self._update(before, target)
         if transition.terminated or transition.truncated:
             self._traces.clear()
             self._planned = None
 
     def _update(self, pair: tuple[int, int], target: float) -> None:
-        self._traces[pair] = 1.0
-        error = target - self.values[pair]
+        values, traces, alpha = self.values, self._traces, self.settings.alpha
+        traces[pair] = 1.0
+        error = target - values.item(pair)
         fade = self.fading * (self.settings.gamma if self.standard else 1.0)
-        for other, trace in list(self._traces.items()):
-            step = error if self.standard else target - self.values[other]
-            self.values[other] += self.settings.alpha * trace * step
-            self._traces[other] = trace * fade
-            if self._traces[other] < _FADED:
-                del self._traces[other]
+        for other, trace in list(traces.items()):
+            value = values.item(other)
+            step = error if self.standard else target - value
+            values[other] = value + alpha * trace * step
+            faded = trace * fade
+            if faded < _FADED:
+                del traces[other]
+            else:
+                traces[other] = faded
 
     def learn_examples(self, transitions: Iterable[Transition]) -> None:
         """Learn from others' steps; nobody knows what they did next, so the pair itself counts."""

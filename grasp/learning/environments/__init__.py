@@ -1,8 +1,11 @@
 """Small worlds with known returns, on which every learner is checked.
 
 They are those of Hester and Stone, "TEXPLORE: real-time sample-efficient reinforcement learning for
-robots", Machine Learning 90 (2013), which Gatto 2016, 3.3 builds on.
+robots", Machine Learning 90 (2013), which Gatto 2016, 3.3 builds on. Importing this package
+registers them and the grasp problem with gymnasium, so that ``gymnasium.make`` knows them by name.
 """
+
+import gymnasium
 
 from grasp.learning.environments.discretise import Bins
 from grasp.learning.environments.mountain_car import MountainCar
@@ -10,3 +13,15 @@ from grasp.learning.environments.taxi import Taxi
 from grasp.learning.environments.two_rooms import TwoRooms
 
 __all__ = ["Bins", "MountainCar", "Taxi", "TwoRooms"]
+
+for _world in (MountainCar, Taxi, TwoRooms):
+    gymnasium.register(
+        f"rtask/{_world.__name__}-v0",
+        f"{_world.__module__}:{_world.__name__}",
+        max_episode_steps=_world.max_steps,
+    )
+# These two cut their episodes off themselves.
+gymnasium.register("rtask/Grasp-v0", "grasp.learning.env:GraspEnv")
+gymnasium.register(
+    "rtask/SimulatedGrasps-v0", "grasp.learning.environments.simulated_grasps:SimulatedGrasps"
+)

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Bins"]
+
+# A state at a cell's edge must not fall to either side by rounding.
+_EDGE = 1e-9
+_WHOLE = np.dtype(np.int64)
 
 
 class Bins:
@@ -43,6 +48,11 @@ class Bins:
             raise ValueError(f"empty or infinite range: {low} to {high} in {parts} parts")
         self.first = self._cell(self.low)
         self.shape: tuple[int, ...] = tuple(int(n) for n in self._cell(self.high) - self.first + 1)
+        self._axes: list[tuple[float, float, int, int]] = list(
+            zip((self.width / 2).tolist(), self.width.tolist(), self.first.tolist(), self.shape,
+                strict=True)
+        )  # fmt: skip
+        self._known: dict[bytes, int] = {}  # states of whole numbers, at most one a cell
 
     @property
     def count(self) -> int:
@@ -51,8 +61,7 @@ class Bins:
 
     def _cell(self, state: NDArray[np.float64]) -> NDArray[np.int64]:
         shifted = (state + np.copysign(self.width / 2, state)) / self.width
-        # A state at a cell's edge must not fall to either side by rounding.
-        return np.asarray(np.trunc(shifted + np.copysign(1e-9, state)), dtype=np.int64)
+        return np.asarray(np.trunc(shifted + np.copysign(_EDGE, state)), dtype=np.int64)
 
     def number(self, state: ArrayLike) -> int:
         """Return the number of the cell that holds a state (d,); outside: the nearest.
@@ -62,12 +71,31 @@ class Bins:
         ValueError
             A state that is not finite or has another number of features.
         """
-        values = np.asarray(state, dtype=np.float64)
-        if values.shape != self.low.shape or not np.all(np.isfinite(values)):
+        if not (isinstance(state, np.ndarray) and state.dtype is _WHOLE and state.ndim == 1):
+            return self._number(np.asarray(state, dtype=np.float64))
+        key = state.tobytes()
+        known = self._known.get(key)
+        if known is None:
+            known = self._number(state)
+            if len(self._known) < self.count:
+                self._known[key] = known
+        return known
+
+    def _number(self, values: NDArray[Any]) -> int:
+        if values.shape != self.low.shape:
             raise ValueError(f"expected {len(self.low)} finite features, got {values}")
-        cell = self._cell(values) - self.first
-        clipped = np.clip(cell, 0, np.asarray(self.shape) - 1)
-        return int(np.ravel_multi_index(tuple(clipped), self.shape))
+        number = 0
+        try:
+            # As in _cell, but without arrays, as learners ask this several times a step.
+            for x, (half, width, first, count) in zip(values.tolist(), self._axes, strict=True):
+                if x >= 0:
+                    cell = int((x + half) / width + _EDGE) - first
+                else:
+                    cell = int((x - half) / width - _EDGE) - first
+                number = number * count + (0 if cell < 0 else cell if cell < count else count - 1)
+        except (ValueError, OverflowError):  # int() of what is not finite
+            raise ValueError(f"expected {len(self.low)} finite features, got {values}") from None
+        return number
 
     def centre(self, number: int) -> NDArray[np.float64]:
         """Return the middle (d,) of a cell."""

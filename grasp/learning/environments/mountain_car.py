@@ -13,7 +13,9 @@ from grasp.learning.transition import Transition
 
 __all__ = ["MountainCar"]
 
-_LOW, _HIGH = np.array([-1.2, -0.07]), np.array([0.6, 0.07])
+_LEFT, _TOP = -1.2, 0.6
+_SLOWEST, _FASTEST = -0.07, 0.07
+_LOW, _HIGH = np.array([_LEFT, _SLOWEST]), np.array([_TOP, _FASTEST])
 
 
 class MountainCar(gymnasium.Env[NDArray[np.float64], int]):
@@ -54,16 +56,17 @@ class MountainCar(gymnasium.Env[NDArray[np.float64], int]):
 
     def step(self, action: int) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Push."""
-        position, velocity = self._state
-        noise = self.np_random.uniform(-0.5, 0.5) if self.stochastic else 0.0
-        faster = velocity + 0.001 * (action - 1 + noise) - 0.0025 * np.cos(3 * position)
-        faster = float(np.clip(faster, _LOW[1], _HIGH[1]))
+        position, velocity = self._state.tolist()
+        noise = self.np_random.random() - 0.5 if self.stochastic else 0.0
+        push = 0.001 * (int(action) - 1 + noise)
+        faster = velocity + push - 0.0025 * float(np.cos(3 * position))
+        faster = min(max(faster, _SLOWEST), _FASTEST)
         there = position + velocity
-        if there < _LOW[0] and faster < 0:
+        if there < _LEFT and faster < 0:
             faster = 0.0
-        there = float(np.clip(there, _LOW[0], _HIGH[0]))
+        there = min(max(there, _LEFT), _TOP)
         self._state = np.array([there, faster])
-        ended = there >= _HIGH[0]
+        ended = there >= _TOP
         return self._state.copy(), 0.0 if ended else -1.0, ended, False, {}
 
     def examples(self) -> list[Transition]:

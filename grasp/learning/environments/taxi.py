@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.learning.environments.compass import MOVES, aside
 from grasp.learning.environments.discretise import Bins
 
 __all__ = ["Taxi"]
@@ -15,10 +16,8 @@ __all__ = ["Taxi"]
 LANDMARKS = ((4, 0), (0, 3), (4, 4), (0, 0))
 """(row, column); passenger and destination are numbers of landmarks."""
 IN_TAXI = 4
-NORTH, SOUTH, EAST, WEST, PICK_UP, PUT_DOWN = range(6)
+PICK_UP, PUT_DOWN = 4, 5
 _SIZE = 5
-_MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1))
-_SIDES = ((EAST, WEST), (EAST, WEST), (NORTH, SOUTH), (NORTH, SOUTH))
 # (row, column) whose eastern side is a wall
 _WALLS = {(0, 0), (1, 0), (0, 2), (1, 2), (3, 1), (4, 1)}
 _CHANGES_MIND = 0.3
@@ -59,7 +58,7 @@ class Taxi(gymnasium.Env[NDArray[np.int64], int]):
     @staticmethod
     def moved(row: int, column: int, direction: int) -> tuple[int, int]:
         """Return where a move leads; against a wall it leads nowhere."""
-        down, right = _MOVES[direction]
+        down, right = MOVES[direction]
         there = (row + down, column + right)
         if not (0 <= there[0] < _SIZE and 0 <= there[1] < _SIZE):
             return row, column
@@ -93,8 +92,7 @@ class Taxi(gymnasium.Env[NDArray[np.int64], int]):
         row, column, passenger, destination = self._state
         direction = action
         if self.stochastic:
-            directions = (action, *_SIDES[action])
-            direction = directions[int(self.np_random.choice(3, p=(0.8, 0.1, 0.1)))]
+            direction = aside(action, self.np_random.random())
         there = self.moved(row, column, direction)
         if self.stochastic and self._fresh and there != (row, column):
             self._fresh = False

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from grasp.learning.environments.compass import MOVES, SHARES, SIDES, SOUTH, WEST, aside
 from grasp.learning.environments.discretise import Bins
 from grasp.learning.transition import Transition
 
@@ -16,9 +17,6 @@ __all__ = ["TwoRooms"]
 _ROWS, _COLUMNS = 5, 11
 _GOAL = (1, 1)
 _DOOR_ROW, _WALL = 2, 5
-NORTH, SOUTH, EAST, WEST = range(4)
-_MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1))
-_SIDES = ((EAST, WEST), (EAST, WEST), (NORTH, SOUTH), (NORTH, SOUTH))
 
 
 class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
@@ -55,7 +53,7 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
     def moved(state: tuple[int, int], direction: int) -> tuple[int, int]:
         """Return where a move leads; against a wall it leads nowhere."""
         row, column = state
-        down, right = _MOVES[direction]
+        down, right = MOVES[direction]
         there = (row + down, column + right)
         if not (0 <= there[0] < _ROWS and 0 <= there[1] < _COLUMNS):
             return state
@@ -67,8 +65,11 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
         """Return where an action leads, with probabilities."""
         if not self.stochastic:
             return [(1.0, self.moved(state, action))]
-        directions = [(0.8, action), *((0.1, side) for side in _SIDES[action])]
-        return [(share, self.moved(state, direction)) for share, direction in directions]
+        directions = (action, *SIDES[action])
+        return [
+            (share, self.moved(state, direction))
+            for share, direction in zip(SHARES, directions, strict=True)
+        ]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -80,9 +81,11 @@ class TwoRooms(gymnasium.Env[NDArray[np.int64], int]):
 
     def step(self, action: int) -> tuple[NDArray[np.int64], float, bool, bool, dict[str, Any]]:
         """Move."""
-        found = self.outcomes(self._state, int(action))
-        chosen = self.np_random.choice(len(found), p=[share for share, _ in found])
-        self._state = found[int(chosen)][1]
+        chance = self.np_random.random()
+        direction = int(action)
+        if self.stochastic:
+            direction = aside(direction, chance)
+        self._state = self.moved(self._state, direction)
         ended = self._state == _GOAL
         return np.array(self._state), 0.0 if ended else -1.0, ended, False, {}
 

@@ -20,7 +20,7 @@ from grasp.push.inputs.dxf import DxfOutlines, rings_from_dxf
 from grasp.push.inputs.rings import PartRings, outline_and_holes
 from grasp.push.inputs.svg import rings_from_svg
 from grasp.push.perturb import Tolerance
-from grasp.push.polygon import as_part, as_polygon, plate_centroid, simplify
+from grasp.push.polygon import MAX_VERTICES, as_part, as_polygon, plate_centroid, simplify
 
 __all__ = [
     "CLOUD_ENDINGS",
@@ -36,7 +36,6 @@ __all__ = [
 CLOUD_ENDINGS = (".pcd", ".ply", ".npy", ".xyz")
 _IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 _MAX_BYTES = 64 * 1024 * 1024
-_PLANNED_VERTICES = 64
 _MIN_HOLE = 1e-3
 """Of an object in an image: smaller ones are glare."""
 _MIN_PART = 0.05
@@ -74,7 +73,7 @@ class Outline:
     unit: str = ""
 
 
-def read_outline(path: Path, max_vertices: int = _PLANNED_VERTICES) -> Outline:
+def read_outline(path: Path, max_vertices: int = MAX_VERTICES) -> Outline:
     """Return the outline of a part from a file.
 
     Raises
@@ -149,7 +148,9 @@ def _entities(count: int) -> str:
     return "entity" if count == 1 else "entities"
 
 
-def without_details(outline: Outline, vertex_std: float | None = None) -> Outline:
+def without_details(
+    outline: Outline, vertex_std: float | None = None, correlated: bool = False
+) -> Outline:
     """Return an outline without details that the deviation of its vertices hides.
 
     A rounded corner drawn by many vertices that each deviate by more than their distance crosses
@@ -159,15 +160,20 @@ def without_details(outline: Outline, vertex_std: float | None = None) -> Outlin
     ----------
     vertex_std
         Standard deviation of a vertex; by default that of `Tolerance`.
+    correlated
+        Vertices deviate as in a smooth warp, which crosses nothing: the outline may be off by a
+        quarter of a deviation instead of half a one.
     """
     part = as_part(outline.polygon, outline.com)
     spread = Tolerance.default(part).vertex_std if vertex_std is None else vertex_std
     extent = float(np.ptp(part.vertices, axis=0).max())
-    polygon = simplify(part.vertices, len(part.vertices), 0.5 * float(spread) / extent)
+    share = 0.25 if correlated else 0.5
+    polygon = simplify(part.vertices, len(part.vertices), share * float(spread) / extent)
     if len(polygon) == len(part.vertices):
         return outline
+    off = "a quarter of" if correlated else "half"
     count = f"simplified from {outline.read} to {len(polygon)} vertices"
-    said = f"{count}, none of the rest off by more than half a deviation of {spread:.3g}"
+    said = f"{count}, none of the rest off by more than {off} a deviation of {spread:.3g}"
     kept = [words for words in outline.note.split("; ") if words and "simplified" not in words]
     return replace(outline, polygon=polygon, com=part.com, note="; ".join([said, *kept]))
 

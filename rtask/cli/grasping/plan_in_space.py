@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,7 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     """
     import time
 
-    from grasp.spatial.gripper import gripper_named
+    from grasp.spatial.gripper_files import gripper_named
 
     gripper = gripper_named(options["gripper"])
     if options["friction"] is not None:
@@ -61,6 +62,12 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     if options["store"] and known is not None:
         stored = _store(data, known, found, gripper, options)
     drawings = _draw(found, gripper, shape, options) if options["plots"] else []
+    if options["save_grasps"] is not None:
+        from grasp.spatial.interchange import write_grasps
+
+        name = Path(source).name if Path(source).is_file() else source
+        write_grasps(options["save_grasps"], found.candidates, gripper, name, options["scale"])
+        drawings.append(str(options["save_grasps"]))
     notes = [note, *found.notes]
     if as_json:
         print_json(_as_json(found, gripper, notes, seconds, options, stored, drawings))
@@ -110,14 +117,20 @@ def _planned(
     import numpy as np
 
     from grasp.spatial.collision import Support, Surroundings
-    from grasp.spatial.grasp_plan import SpatialOptions, plan_on_cloud, plan_on_mesh
+    from grasp.spatial.grasp_plan import SpatialOptions, plan_given, plan_on_cloud, plan_on_mesh
+    from grasp.spatial.interchange import read_grasps
     from grasp.spatial.meshes.mesh import Mesh
+    from rtask.errors import UsageError
 
     wanted = SpatialOptions(
         noise=_noise(options), samples=options["samples"], mass=options["mass"],
         seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
+    if options["grasps"] is not None and not isinstance(shape, Mesh):
+        raise UsageError("--grasps needs the mesh that they are grasps of")
+    if options["scene"]:
+        return _in_scene(shape, gripper, options)
     if known is not None:
         return known.plan(gripper, wanted, _classifier(options), options["floating"])
     points = shape.vertices if isinstance(shape, Mesh) else shape
@@ -126,10 +139,47 @@ def _planned(
     if len(finite) and not options["floating"]:
         support = Support(float(finite[:, 2].min()))
     if isinstance(shape, Mesh):
-        return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
+        if options["grasps"] is None:
+            return plan_on_mesh(shape, gripper, Surroundings(support), wanted)
+        given = read_grasps(options["grasps"], gripper, shape).candidates
+        return plan_given(given, shape, gripper, Surroundings(support), wanted)
     eye = options["viewpoint"]
     viewpoints = None if eye is None else np.array([eye])
     return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
+
+
+def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
+    """Plan on everything that a cloud with z up shows on its table."""
+    import numpy as np
+
+    from features.geometry import look_at, transform
+    from grasp.spatial.candidate import Proposals
+    from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.scene_plan import SceneOptions
+    from rtask.engine.perception.clutter import plan_in_view, view_clutter
+    from rtask.errors import UsageError
+
+    if isinstance(shape, Mesh):
+        raise UsageError("--mode scene needs the cloud of a table, not a mesh")
+    eye = options["viewpoint"]
+    if eye is None:
+        raise UsageError("--mode scene needs --viewpoint: the place of the camera, in m")
+    finite = shape[np.isfinite(shape).all(axis=1)]
+    if not len(finite):
+        return Proposals(reason="the cloud holds no finite point")
+    frame_from_camera = look_at(np.array(eye), np.median(finite, axis=0))
+    view = view_clutter(
+        transform(np.linalg.inv(frame_from_camera), finite), None, frame_from_camera
+    )
+    if view is None:
+        return Proposals(reason="no table: no level plane below the camera is large enough")
+    wanted = SceneOptions(
+        noise=_noise(options), samples=options["samples"], seed=options["seed"],
+        most=max(options["top"], 50),
+    )  # fmt: skip
+    found = plan_in_view(view, gripper, wanted)
+    note = f"{len(view.segments)} things on a table at {1000 * view.table_height:.0f} mm"
+    return replace(found, notes=(note, *found.notes))
 
 
 def _classifier(options: dict[str, Any]) -> GraspClassifier | None:
@@ -215,6 +265,7 @@ def _rows(found: Proposals, options: dict[str, Any]) -> list[dict[str, Any]]:
                 "width": c.width,
                 "opening": c.opening,
                 "antipodal": c.antipodal,
+                "segment": c.segment,
                 "completed": c.completed,
                 **{name: float(value) for name, value in c.scores.items()},
                 "planar": planar and {"x": planar.x, "y": planar.y, "theta": planar.theta},
@@ -237,6 +288,7 @@ def _print(
     )
     if found:
         held = "  lift  carry" if "carry" in found[0].scores else ""
+        held += "  moves  thing" if "moves" in found[0].scores else ""
         click.echo(
             "rank   x, y, z mm             approach               width  s_G   95 %  epsilon" + held
         )
@@ -244,6 +296,7 @@ def _print(
         x, y, z = (1000 * v for v in row["position"])
         a, b, c = row["approach"]
         held = f"  {row['lift']:.2f}   {row['carry']:.2f}" if "carry" in row else ""
+        held += f"  {row['moves']:.2f}   {row['segment']:5d}" if "moves" in row else ""
         click.echo(
             f"{row['rank']:4d}  ({x:6.1f},{y:6.1f},{z:6.1f})  ({a:+.2f},{b:+.2f},{c:+.2f})  "
             f"{1000 * row['width']:7.1f}  {row['confidence']:.2f}  {row['lower_95']:.2f}  "

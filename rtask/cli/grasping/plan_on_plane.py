@@ -34,14 +34,16 @@ grasp.add_command(train)
 @click.argument("source")
 @click.option(
     "--mode",
-    type=click.Choice(["push", "space"]),
-    help="Push grasps on a plane, or grasps in space.  [default: space for meshes, else push]",
+    type=click.Choice(["push", "space", "scene"]),
+    help="Push grasps on a plane, grasps in space, or grasps of everything on a table (a cloud, z "
+    "up).  [default: space for meshes, else push]",
 )
 @click.option(
     "--gripper",
     default="panda",
     show_default=True,
-    help="Space: nao, panda, or jaw:STROKE with the stroke in m.",
+    help="Space: nao, panda, jaw:STROKE with the stroke in m, or a file that describes one: JSON, "
+    "TOML or URDF.",
 )
 @click.option(
     "--gripper-type",
@@ -60,6 +62,16 @@ grasp.add_command(train)
     "--viewpoint",
     type=(float, float, float),
     help="Space: position of the camera, m; the hidden side of the cloud is then completed.",
+)
+@click.option(
+    "--grasps",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Space: rank the grasps of this HDF5 file (ACRONYM's layout) of a mesh instead of own.",
+)
+@click.option(
+    "--save-grasps",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Space: write the ranked grasps to this HDF5 file.",
 )
 @click.option(
     "--classifier",
@@ -110,6 +122,12 @@ grasp.add_command(train)
     "--eliminate",
     metavar="FIRST,SHARE",
     help="Push: drop this share of the candidates after the first so many samples.",
+)
+@click.option(
+    "--race",
+    is_flag=True,
+    help="Push: drop grasps as soon as they are worse than the best beyond doubt; advised, with "
+    "--samples 200.",
 )
 @click.option(
     "--method",
@@ -181,7 +199,8 @@ def plan(source: str, data: Path, as_json: bool, **options: Any) -> None:
     mode = options.pop("mode") or ("space" if is_mesh(Path(source)) else "push")
     try:
         with announce_compilation():
-            if mode == "space":
+            if mode != "push":
+                options["scene"] = mode == "scene"
                 found = plan_in_space(source, data, as_json, options)
             else:
                 found = _plan(source, data, as_json, {**options, **_push_defaults(options)})
@@ -215,15 +234,20 @@ def _plan(source: str, data: Path, as_json: bool, options: dict[str, Any]) -> bo
     """Plan push grasps; tell whether any of them closes."""
     import math
 
-    from grasp.push import Elimination, as_part, open_executor, plan_push_grasps
+    from grasp.push import Elimination, Racing, as_part, open_executor, plan_push_grasps
+    from rtask.errors import UsageError
 
-    outline, thing = _outline(source, data, options["store"], options["vertex_std"])
+    outline, thing = _outline(source, data, options)
     part = as_part(outline.polygon, outline.com)
     jaw_width = options["jaw_width"]
-    elimination = None
+    elimination: Elimination | Racing | None = None
     if options["eliminate"]:
         first, share = _first_and_share(options["eliminate"])
         elimination = Elimination((first, max(options["samples"] - first, 1)), share)
+    if options["race"]:
+        if elimination is not None:
+            raise UsageError("--race and --eliminate exclude each other")
+        elimination = Racing(options["samples"])
     position, rotation = options["position_std"], math.radians(options["rotation_std_deg"])
     with (
         Working("planning"),
@@ -257,19 +281,20 @@ _PLANNED = (
 )  # fmt: skip
 
 
-def _outline(source: str, data: Path, store: bool, vertex_std: float | None) -> tuple[Outline, str]:
+def _outline(source: str, data: Path, options: dict[str, Any]) -> tuple[Outline, str]:
     """Return the outline and, for an object of the graph, its IRI."""
     from grasp.push import Outline, outline_from_cloud, read_outline, without_details
     from rtask.errors import UsageError
 
+    hidden = options["vertex_std"], options["correlation"] is not None
     path = Path(source)
     if path.is_file():
-        if store:
+        if options["store"]:
             raise UsageError("--store needs an object of the graph, not a file")
         outline = read_outline(path)
         # Vertices in JSON are what somebody wrote; those of a drawing stand for its curves.
         given = path.suffix.lower() == ".json"
-        return (outline if given else without_details(outline, vertex_std)), ""
+        return (outline if given else without_details(outline, *hidden)), ""
     if not data.exists():
         raise UsageError(f"{source}: no such file, and there is no knowledge base at {data}")
     from rtask.cli.connection import open_to_read
@@ -281,7 +306,7 @@ def _outline(source: str, data: Path, store: bool, vertex_std: float | None) -> 
     ring, height = outline_from_cloud(points)
     note = f"{thing}: footprint of {len(points)} points"
     outline = Outline(ring, None, len(ring), note, height, unit="m")
-    return without_details(outline, vertex_std), thing
+    return without_details(outline, *hidden), thing
 
 
 def _first_and_share(text: str) -> tuple[int, float]:

@@ -48,6 +48,13 @@ _VERDICTS = {
     help="Lowest confidence of an accepted answer.  [default: 0.7]",
 )
 @click.option(
+    "--look",
+    "looks",
+    multiple=True,
+    type=click.Path(exists=True, path_type=Path),
+    help="Another view of the one object in FILE, of the same kind of file; may be repeated.",
+)
+@click.option(
     "--save-plot",
     type=click.Path(dir_okay=False, path_type=Path),
     help="Write a picture with names, poses, and matches with their inliers.",
@@ -62,6 +69,7 @@ def recognise(
     box: tuple[float, float, float, float] | None,
     preset: str,
     min_confidence: float | None,
+    looks: tuple[Path, ...],
     save_plot: Path | None,
     as_json: bool,
 ) -> None:
@@ -77,12 +85,17 @@ def recognise(
 
     with announce_compilation(), Working("recognising"):
         frame, crops = objects_in(file, read_view(file, view), preset, Selection(mask, box))
+        further = [_further(one, view, preset) for one in looks]
+        if further and len(crops) != 1:
+            raise UsageError(
+                f"{file} shows {len(crops)} objects: --look is for one; point at it with --box"
+            )
         if server:
             if save_plot is not None:
                 raise UsageError("--save-plot needs the stored views: it goes with --data alone")
-            rows = _asked(server, crops, min_confidence)
+            rows = _asked(server, crops, min_confidence, further)
         else:
-            rows = _recognised(data, frame, crops, min_confidence, save_plot)
+            rows = _recognised(data, frame, crops, min_confidence, further, save_plot)
     recognised = sum(row["accepted"] for row in rows)
     if as_json:
         print_json(rows)
@@ -110,11 +123,22 @@ def recognise(
     exit_if_empty(recognised)
 
 
+def _further(file: Path, view: View, preset: str) -> Frame:
+    """Return the crop of the one object in another view."""
+    from rtask.cli.perception.selecting import Selection, objects_in
+
+    _, crops = objects_in(file, read_view(file, view), preset, Selection())
+    if len(crops) != 1:
+        raise UsageError(f"--look {file} shows {len(crops)} objects, where one is expected")
+    return crops[0][1]
+
+
 def _recognised(
     data: Path,
     frame: Frame,
     crops: list[tuple[int, Frame]],
     min_confidence: float | None,
+    further: list[Frame],
     save_plot: Path | None,
 ) -> list[dict[str, Any]]:
     """Recognise the objects by the views of a folder."""
@@ -125,7 +149,7 @@ def _recognised(
     with open_to_read(data) as kb:
         index = index_of(kb)
         models = Models(kb)
-        seen = [with_pose(models, one) for one in look(crops, index, min_confidence)]
+        seen = [with_pose(models, one) for one in look(crops, index, min_confidence, further)]
         if save_plot is not None:
             save_picture(save_plot, recognition_picture(models, frame, seen))
         index.close()
@@ -133,7 +157,10 @@ def _recognised(
 
 
 def _asked(
-    server: str, crops: list[tuple[int, Frame]], min_confidence: float | None
+    server: str,
+    crops: list[tuple[int, Frame]],
+    min_confidence: float | None,
+    further: list[Frame],
 ) -> list[dict[str, Any]]:
     """Ask a server about each object."""
     from features.codec import encode_frame
@@ -142,7 +169,10 @@ def _asked(
     with connection(Path(), server) as client:
         for label, crop in crops:
             answer = client.call(
-                "search_object", data=encode_frame(crop), min_confidence=min_confidence
+                "search_object",
+                data=encode_frame(crop),
+                min_confidence=min_confidence,
+                looks=[{"data": encode_frame(one)} for one in further],
             )
             rows.append(
                 {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -60,7 +60,10 @@ def index_of(kb: KnowledgeBase) -> RecognitionIndex:
 
 
 def look(
-    crops: list[tuple[int, Frame]], index: RecognitionIndex, min_confidence: float | None
+    crops: list[tuple[int, Frame]],
+    index: RecognitionIndex,
+    min_confidence: float | None,
+    further: Sequence[Frame] = (),
 ) -> list[Seen]:
     """Recognise the objects of a view.
 
@@ -70,8 +73,10 @@ def look(
         Label and crop of each object.
     min_confidence
         Lowest confidence of an accepted answer; ``None`` for the recogniser's own.
+    further
+        The only object of ``crops`` from other sides.
     """
-    from features.recognition import Recogniser, describe_frame
+    from features.recognition import Recogniser, Recognition, describe_frame, fuse
     from rtask.engine.perception.identity import has_rivals
     from rtask.engine.policy import Policy
 
@@ -79,12 +84,17 @@ def look(
     # A single known object has no rival to be told from: more inliers are required, as in the
     # engine.
     least = 0 if has_rivals(index) else Policy().inliers_when_alone
+
+    def answer_to(features: ViewFeatures) -> Recognition:
+        answer = recogniser.recognise(features, min_confidence=min_confidence)
+        is_doubtful = answer.accepted and answer.matches[0].inliers < least
+        return replace(answer, accepted=False) if is_doubtful else answer
+
+    others = [answer_to(describe_frame(crop)) for crop in further]
     seen = []
     for label, crop in crops:
         features = describe_frame(crop)
-        answer = recogniser.recognise(features, min_confidence=min_confidence)
-        if answer.accepted and answer.matches[0].inliers < least:
-            answer = replace(answer, accepted=False)
+        answer = fuse([answer_to(features), *others], min_confidence=min_confidence)
         seen.append(Seen(label, crop, features, answer))
     return seen
 

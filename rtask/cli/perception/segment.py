@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rtask.cli.options import exit_if_empty, json_option, print_json
-from rtask.cli.perception.cutting import cut, segmentation_option
+from rtask.cli.perception.cutting import segmentation_option
 from rtask.cli.perception.scene_file import View, camera_options, read_scene, save_picture
 from rtask.cli.progress import announce_compilation
+from rtask.engine.perception.cutting import cut
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:

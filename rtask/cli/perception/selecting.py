@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rtask.cli.perception.cutting import cut
+from rtask.engine.perception.cutting import cut
 from rtask.errors import DataError, UsageError
 
 if TYPE_CHECKING:

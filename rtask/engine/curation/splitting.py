@@ -256,6 +256,7 @@ def forget_object(context: Context, thing: NamedNode, purge: bool, author: Acces
             for blob in _forget_view(edit, view)
         ]
         withdraw_models(edit, thing)
+        _forget_places(edit, thing)
         if purge:
             for node in _history(context, edit, thing):
                 freed += edit.forget_bytes(node)
@@ -273,6 +274,15 @@ def forget_object(context: Context, thing: NamedNode, purge: bool, author: Acces
         commit = edit.commit(context, f"{how} {tail(thing)}", author)
         _discard(context, freed if purge else [])
         return commit
+
+
+def _forget_places(edit: Edit, thing: NamedNode) -> None:
+    """Withdraw the estimates of an object's pose."""
+    for link in edit.match(None, RT.poseOf, thing):
+        if isinstance(link.subject, NamedNode):
+            for pose in _objects(edit, link.subject, RT.estimatedPose):
+                edit.remove(edit.match(pose))
+            edit.remove(edit.match(link.subject))
 
 
 def _forget_notes(edit: Edit, thing: NamedNode) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.learning.bandit import Arm, Axes, BetaThompson
+from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
 from grasp.learning.bandit import Trial as Tried
 from grasp.learning.calibration import ScoreMap
 from grasp.spatial.candidate import GraspCandidate
@@ -20,14 +20,18 @@ from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.planar import PlanarGrasp, propose_planar, rate_all
 from rtask.engine.decisions import Option
 from rtask.engine.memory.calibration import PLANAR, SPATIAL
-from rtask.engine.memory.experience import Weights, gather, without_trials
+from rtask.engine.memory.experience import Evidence, Weights, gather, without_trials
 from rtask.engine.policy import Policy
 from rtask.engine.remembered import Memory, Remembered, Trial
 
-__all__ = ["Scene", "choose", "options"]
+__all__ = ["Scene", "choose", "options", "unaided"]
 
 _MERGE_M = 0.005
 _MERGE_RAD = np.deg2rad(10)
+_SURELY_IT = 0.5
+"""Confidence in an identity from which a success of that object is one of the present object."""
+_SPARE_M = 0.008
+"""Room on either side of an object when another hand opens for it."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,10 @@ class Scene:
     frame_from_object : (4, 4) or None, m
         Pose of the object in the robot's frame; None if unknown, or if only grasps from above are
         wanted.
+    forces
+        Largest closing force, N, by type of gripper, where it is known.
+    is_fast
+        Whether the robot is simulated with the coarse physics preset.
     """
 
     footprint: Footprint
@@ -53,6 +61,8 @@ class Scene:
     neighbours: NDArray[np.float64] | None = None
     seed: int = 0
     frame_from_object: NDArray[np.float64] | None = None
+    forces: Mapping[str, float] = field(default_factory=dict)
+    is_fast: bool = False
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -114,25 +124,77 @@ def choose(
     if not candidates:
         return []
     at = np.array([option.in_object for option in candidates])
-    weights = Weights(policy, confidence, scene.gripper, scene.size, now or dt.datetime.now(dt.UTC))
-    told = without_trials(memory)
+    weights = Weights(
+        policy, confidence, scene.gripper, scene.size, now or dt.datetime.now(dt.UTC),
+        scene.forces, scene.is_fast,
+    )  # fmt: skip
+    told = _relevant(without_trials(memory), confidence)
     evidence = gather(
         at[:, :3], at[:, 3], told, weights, policy.bandit.bandwidth, _all_axes(candidates, told)
     )
+    return [
+        replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
+        for c in _rank(candidates, scene, memory, policy, evidence, maps or {})
+    ]
+
+
+def _relevant(told: Sequence[Remembered], confidence: Mapping[str, float]) -> Sequence[Remembered]:
+    """Return what counts as evidence: once the object itself was held, its class says no more.
+
+    Things that look alike may differ in what no camera sees.
+    """
+    known = any(
+        tally.held and confidence.get(one.object, 0.0) >= _SURELY_IT
+        for one in told
+        if not one.of_class
+        for tally in one.tallies
+    )
+    return [one for one in told if not one.of_class] if known else told
+
+
+def unaided(
+    candidates: Sequence[Option],
+    scene: Scene,
+    memory: Memory,
+    policy: Policy,
+    maps: Mapping[str, ScoreMap] | None = None,
+) -> Option | None:
+    """Return the option that :func:`choose` would put first if the graph told of no outcomes."""
+    n = len(candidates)
+    nothing = Evidence(np.zeros(n), np.zeros(n), ((),) * n)
+    order = _rank(candidates, scene, memory, policy, nothing, maps or {})
+    return replace(candidates[order[0].index], choice=order[0]) if order else None
+
+
+def _rank(
+    candidates: Sequence[Option],
+    scene: Scene,
+    memory: Memory,
+    policy: Policy,
+    evidence: Evidence,
+    maps: Mapping[str, ScoreMap],
+) -> list[Choice]:
+    """Return the learner's order, given the graph's evidence on each option."""
     arms = [
         Arm(
-            (float(x), float(y), float(z)), float(theta), _chance(option, maps or {}),
+            (x, y, z), theta, _chance(option, maps),
             float(evidence.successes[i]), float(evidence.failures[i]), option.opening,
             _axes(option.remembered),
         )
-        for i, (option, (x, y, z, theta)) in enumerate(zip(candidates, at, strict=True))
+        for i, option in enumerate(candidates)
+        for x, y, z, theta in [option.in_object]
     ]  # fmt: skip
     trials = [Tried((t.x, t.y, t.z), t.theta, t.held, _axes(t)) for t in memory.trials]
-    learner = BetaThompson(policy.bandit, max(scene.size))
-    return [
-        replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
-        for c in learner.rank(arms, trials, scene.seed)
-    ]
+    return BetaThompson(policy.bandit, max(scene.size)).rank(arms, trials, scene.seed)
+
+
+def _opening(one: Remembered, hand: ParallelGripper) -> float:
+    """Return how far a hand opens for a remembered grasp: as its own kind did, or its contacts'
+    distance and some room, m.
+    """
+    if one.gripper_type == hand.gripper_type or one.width is None:
+        return min(one.opening, hand.max_opening)
+    return min(one.width + 2 * _SPARE_M, hand.max_opening)
 
 
 def _chance(option: Option, maps: Mapping[str, ScoreMap]) -> float:
@@ -142,40 +204,61 @@ def _chance(option: Option, maps: Mapping[str, ScoreMap]) -> float:
 
 
 def _from_above(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
-    """Return the grasps from above that fit the object as it stands now."""
+    """Return the grasps from above that fit the object as it stands now.
+
+    Between neighbours a hand opens no wider than it needs to.
+    """
     if not known:
         return []
+    wide = [_opening(one, scene.gripper) for one in known]
+    tried = [wide]
+    if scene.neighbours is not None:
+        narrow = [
+            w if one.width is None else min(w, one.width + 2 * _SPARE_M)
+            for one, w in zip(known, wide, strict=True)
+        ]
+        tried.append(narrow)
+    found = []
+    for one, *fits in zip(known, *(_rated(scene, known, w) for w in tried), strict=True):
+        free = [grasp for grasp in fits if grasp is not None and grasp.clearance > 0]
+        if free:
+            found.append(Option(one.grasp, free[0], (one.x, one.y, one.z, one.theta), one))
+    return found
+
+
+def _rated(
+    scene: Scene, known: Sequence[Remembered], openings: Sequence[float]
+) -> list[PlanarGrasp | None]:
+    """Return remembered grasps from above as they are now, None where the jaws cannot close."""
     at = np.array([(one.x, one.y, one.theta) for one in known])
     drafts = [
-        PlanarGrasp(x, y, one.z, wrap_axis(theta), 0.0, one.opening, 0.0, "memory", scene.seed)
-        for one, (x, y, theta) in zip(
-            known, move_planar(scene.frame_from_upright, at).tolist(), strict=True
+        PlanarGrasp(x, y, one.z, wrap_axis(theta), 0.0, opening, 0.0, "memory", scene.seed)
+        for one, opening, (x, y, theta) in zip(
+            known, openings, move_planar(scene.frame_from_upright, at).tolist(), strict=True
         )
     ]
-    rated = rate_all(scene.footprint, scene.gripper, drafts, scene.neighbours)
-    return [
-        Option(one.grasp, grasp, (one.x, one.y, one.z, one.theta), one)
-        for one, grasp in zip(known, rated, strict=True)
-        if grasp is not None and grasp.clearance > 0
-    ]
+    return rate_all(scene.footprint, scene.gripper, drafts, scene.neighbours)
 
 
 def _in_space(scene: Scene, known: Sequence[Remembered]) -> list[Option]:
-    """Return the grasps in space of this kind of gripper that are free as the object lies now."""
+    """Return the grasps in space that this gripper can take as the object lies now.
+
+    A pose is that of the point midway between the contacts, with the closing direction and the
+    approach as axes, so that it says the same of every gripper.
+    """
     hand, pose = scene.gripper, scene.frame_from_object
-    mine = [one for one in known if one.gripper_type == hand.gripper_type]
-    if pose is None or not mine:
+    if pose is None or not known:
         return []
     support = float(scene.frame_from_upright[2, 3])
     around = scene.neighbours
     if around is not None:
         around = around + np.array([0.0, 0.0, support])
-    poses = np.stack([pose @ one.object_from_gripper for one in mine])
-    openings = np.array([min(one.opening, hand.max_opening) for one in mine])
+    poses = np.stack([pose @ one.object_from_gripper for one in known])
+    openings = np.array([_opening(one, hand) for one in known])
     room = room_around(poses, openings, hand, Surroundings(Support(support, clearance=0.0), around))
     found = []
     for one, placed, opening, clearance, is_free in zip(
-        mine, poses, openings.tolist(), room.clearance.tolist(), room.free.tolist(), strict=True
+        known, poses, openings.tolist(), room.clearance.tolist(), room.free.tolist(), strict=True
     ):
         width = opening if one.width is None else one.width
         if is_free and hand.fits(width, 0.0):

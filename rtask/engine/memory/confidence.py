@@ -87,9 +87,9 @@ def posterior(
     Examples
     --------
     >>> round(posterior(Policy(), 0.9, []).mean, 2)
-    0.86
+    0.81
     >>> round(posterior(Policy(), 0.9, [(False, 6.0)]).mean, 2)
-    0.45
+    0.24
     """
     told = list(counts)
     won = sum(weight for held, weight in told if held)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime as dt
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,10 @@ class Weights:
         (length, width, height) of the present object, m.
     now
         Current time, from which ages are computed.
+    forces
+        Largest closing force, N, by type of gripper, where it is known.
+    is_fast
+        Whether the asking robot is simulated with the coarse physics preset.
     """
 
     policy: Policy
@@ -60,12 +64,16 @@ class Weights:
     gripper: ParallelGripper
     size: tuple[float, float, float]
     now: dt.datetime
+    forces: Mapping[str, float] = field(default_factory=dict)
+    is_fast: bool = False
 
     def of(self, grasp: Remembered, tally: Tally) -> float:
         """Return the weight of one attempt in a tally."""
-        weight = self._object(grasp) * self._gripper(grasp)
-        if tally.is_fast:
+        weight = self._object(grasp) * self._gripper(grasp, tally.held)
+        if tally.is_fast and not self.is_fast:
             weight *= self.policy.fast_physics
+        if not tally.held and not grasp.of_class:
+            weight *= self.policy.bandit.rho
         half_life = self.policy.half_life_days
         if half_life is not None and tally.latest is not None:
             age_days = max((self.now - tally.latest).total_seconds() / 86_400, 0.0)
@@ -81,11 +89,22 @@ class Weights:
         fade = np.exp(-(distance**2) / (2 * self.policy.size_bandwidth**2))
         return self.policy.same_class * float(fade)
 
-    def _gripper(self, grasp: Remembered) -> float:
-        if grasp.gripper_type == self.gripper.gripper_type:
+    def _gripper(self, grasp: Remembered, held: bool) -> float:
+        """Return the weight of an outcome by the hand that had it.
+
+        What a weak hand holds a strong one holds, and what a strong hand drops a weak one drops;
+        the other way round, little follows.
+        """
+        mine, theirs = self.gripper.gripper_type, grasp.gripper_type
+        if theirs == mine:
             return 1.0
-        fits = self.gripper.min_opening <= min(self.size[:2]) <= self.gripper.max_opening
-        return self.policy.other_gripper if fits else 0.0
+        if not self.gripper.min_opening <= min(self.size[:2]) <= self.gripper.max_opening:
+            return 0.0
+        if mine not in self.forces or theirs not in self.forces:
+            return self.policy.other_gripper
+        asks, tells = self.forces[mine], self.forces[theirs]
+        follows = tells <= asks if held else tells >= asks
+        return 1.0 if follows else self.policy.doubtful_transfer
 
 
 def without_trials(memory: Memory) -> tuple[Remembered, ...]:

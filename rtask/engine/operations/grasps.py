@@ -18,7 +18,14 @@ from rtask.engine.operations.operation import operation
 from rtask.engine.records.objects import frame_id_of, known_object
 from rtask.engine.remembered import Remembered
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Flag, Json, Text, Whole
+from rtask.wire.types import (
+    Flag,
+    GripperTranslation,
+    JointTrajectory,
+    PoseStamped,
+    Text,
+    Whole,
+)
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -67,19 +74,13 @@ class GraspConfidence(Answer):
 class GraspFields(Answer):
     """The fields of moveit_msgs/Grasp without its id."""
 
-    pre_grasp_posture: Json
-    """trajectory_msgs/JointTrajectory"""
-    grasp_posture: Json
-    """trajectory_msgs/JointTrajectory"""
-    grasp_pose: Json
-    """geometry_msgs/PoseStamped"""
+    pre_grasp_posture: JointTrajectory
+    grasp_posture: JointTrajectory
+    grasp_pose: PoseStamped
     grasp_quality: float
-    pre_grasp_approach: Json
-    """moveit_msgs/GripperTranslation"""
-    post_grasp_retreat: Json
-    """moveit_msgs/GripperTranslation"""
-    post_place_retreat: Json
-    """moveit_msgs/GripperTranslation"""
+    pre_grasp_approach: GripperTranslation
+    post_grasp_retreat: GripperTranslation
+    post_place_retreat: GripperTranslation
     max_contact_force: float
     allowed_touch_objects: list[str]
 

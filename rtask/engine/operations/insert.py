@@ -28,6 +28,7 @@ from rtask.engine.records.objects import (
     state_object,
     state_view,
 )
+from rtask.engine.records.places import Sighting, may_have_moved, state_seen
 from rtask.engine.records.prepared import (
     NewObject,
     Prepared,
@@ -201,6 +202,14 @@ class _Writer:
             Sight(one.seen, one.placement, view, event, camera, self.agent, task_id, time,
                   self._grown(one, thing)),
         )  # fmt: skip
+        if one.located is not None:
+            is_over = one.outcome is not None and may_have_moved(one.outcome)
+            robot = one.gripper.robot if one.gripper else self.agent
+            self.withdrawn += state_seen(
+                context, self.triples,
+                Sighting(thing, one.located, robot, self.agent, self.graph, time, event,
+                         moved=now if is_over else None),
+            )  # fmt: skip
         embeddings = context.views.embeddings
         if embeddings is not None and one.vector is not None:
             embeddings.state(self.triples, view, one.vector)

@@ -10,6 +10,7 @@ import inspect
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any, Generic, TypeVar
 
 from rtask.engine.context import SCOPES, Context
@@ -60,7 +61,10 @@ class Operation(Generic[Q, A]):
         UsageError
             The request does not fit the declaration.
         """
-        request = read(self.request, dict(args))
+        return self.answer_to(context, read(self.request, dict(args)), access)
+
+    def answer_to(self, context: Context, request: Q, access: Access) -> A:
+        """Answer a request that was checked before, as :meth:`carry_out` does."""
         return self.handler(context, followed(context.kb, request), access)
 
 
@@ -112,9 +116,9 @@ def operation(scope: str, summary: str) -> Callable[[Handler[Q, A]], Operation[Q
                     f"{name}: expected (context: Context, request: a Message, access: Access) "
                     f"-> an Answer; {one!r} is not a subclass of {kind.__name__}"
                 )
-        name = getattr(handler, "__name__")  # noqa: B009 - a callable need not have one
+        assert isinstance(handler, FunctionType)
         assert isinstance(request, type)
         assert isinstance(answer, type)
-        return Operation(name, scope, summary, request, answer, handler)
+        return Operation(handler.__name__, scope, summary, request, answer, handler)
 
     return declare

@@ -16,7 +16,7 @@ from rtask.errors import UnknownTermError, UsageError
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import NamedNode, iri
 from rtask.wire.message import Answer, Message, read
-from rtask.wire.types import Flag, Grasp, Iri, Number, Stamp, Text, Unit
+from rtask.wire.types import Flag, Grasp, GraspPose, Iri, Number, Stamp, Text, Unit
 
 if TYPE_CHECKING:
     from rtask.engine.context import Context
@@ -36,7 +36,7 @@ class ReportOutcome(Message):
     """IRI of the object; default: that of the decision"""
     grasp: Grasp | None = None
     """its id, or the whole grasp as received; default: given by grasp_pose"""
-    grasp_pose: Grasp | None = None
+    grasp_pose: GraspPose | None = None
     """geometry_msgs/PoseStamped of a grasp that was never offered; default: given by grasp"""
     gripper_id: Text | None = None
     """name or IRI of the end effector; default: the robot's only one"""
@@ -63,7 +63,7 @@ class ReportOutcome(Message):
 
 
 class ReportedOutcome(Answer):
-    """What was stored of an attempt, and the statistics of its grasp over all robots."""
+    """The attempt as it was stored, and the statistics of its grasp over all robots."""
 
     stored: int
     """0 if the outcome of the task is already stored"""

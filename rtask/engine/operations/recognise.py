@@ -1,15 +1,17 @@
 """Recognition of an object and choice of a grasp (Gatto 2016, 3.2.4: recognition for grasping).
 
-Decode, describe, match, query the graph once, propose, choose. Only a refusal is written, if the
-caller may write; the robot reports the outcome under the task that the answer names.
+Decode, describe, match, query the graph once, propose, choose. If the caller may write, a
+refusal is stored, and so is the pose of an object that is new to the robot or has moved; the robot
+reports the outcome under the task that the answer names.
 """
 
 from __future__ import annotations
 
+import datetime as dt
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Le, MaxLen
@@ -21,10 +23,10 @@ from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import LOW_M
 from grasp.spatial.frames import closing_yaw, tilt
 from rtask.engine.context import SCOPES
-from rtask.engine.decisions import Decision, Option
+from rtask.engine.decisions import MIN_TOLD, Decision, Option, told_and_alone
 from rtask.engine.grippers import KnownGripper
 from rtask.engine.memory.calibration import score_maps
-from rtask.engine.memory.choice import Scene, choose, options
+from rtask.engine.memory.choice import Scene, choose, options, unaided
 from rtask.engine.memory.question import question_for
 from rtask.engine.memory.recall import recall
 from rtask.engine.memory.statistics import GraspStatistics, summary
@@ -34,13 +36,16 @@ from rtask.engine.operations.grasps import GraspFields, GraspMessage
 from rtask.engine.operations.operation import operation
 from rtask.engine.operations.search import SimilarObject, match_message, similar_objects
 from rtask.engine.perception.identity import recognise, settle, verdict
-from rtask.engine.perception.observation import Look, observe_once
+from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import MAX_TILT, Placement, footprint_of
 from rtask.engine.perception.poses import ObjectPose, locate, pose_fields
+from rtask.engine.records.places import Sighting, located, state_seen
 from rtask.engine.records.refusals import Refusal, store_refusal
 from rtask.engine.remembered import KnownObject, Memory
 from rtask.engine.terms import find_task
+from rtask.engine.triples import Triples
 from rtask.errors import UnknownTermError
+from rtask.rdf.terms import iri
 from rtask.wire.message import Answer, Message, named
 from rtask.wire.types import Flag, Iri, Json, Points, Probability, Text, Texts, Whole
 
@@ -73,7 +78,7 @@ class _Wanted(Message):
     """name or IRI of the end effector"""
 
 
-class RecogniseForGrasp(Look, _Wanted):
+class RecogniseForGrasp(Looks, _Wanted):
     """A request to recognise an object and to choose a grasp."""
 
     object: Iri | None = None
@@ -100,6 +105,8 @@ class RecogniseForGrasp(Look, _Wanted):
     """c_T, least confidence in the pose; default: decide says"""
     min_grasp: Probability | None = None
     """c_G, least confidence in the grasp; default: decide says"""
+    preset: Literal["faithful", "fast", "real"] | None = None
+    """kind of physics that the robot is in: faithful, fast or real; default: not known"""
     cautious: Flag = False
     """compare c_G with the lower end of the interval90 of a grasp, not with its mean"""
 
@@ -147,6 +154,8 @@ class Recognition(GraspFields, _Recognised):
     shape: Json | None
     recognition: Json
     similar_objects: list[SimilarObject]
+    alone: Json | None
+    """the first grasp if the graph told of no outcomes; null if it told of none"""
     decision: Json | None
     times: Json
 
@@ -187,6 +196,7 @@ class Situation:
     gripper: KnownGripper
     pose: ObjectPose | None = None
     chosen: Sequence[Option] = ()
+    alone: Option | None = None
 
 
 @operation("read", "name an object and the grasps to try, in order")
@@ -198,13 +208,13 @@ def recognise_for_grasp(
     find_task(request.task)
     gripper = context.grippers.find(request.gripper_id, access.agent)
     thresholds = asked(context.policy, request)
-    seen = observe_once(context, request)
+    seen, looks = observe_all(context, request)
     clock.lap("decode_s")
     clock.times.update(seen.seconds)
     least = request.min_confidence if thresholds is None else thresholds.identity
     recognition = recognise(
         context.views.recogniser, seen, context.policy, _MAX_MATCHES, least,
-        context.views.embeddings,
+        context.views.embeddings, looks,
     )  # fmt: skip
     clock.lap("matching_s")
     question = question_for(context.policy, seen, recognition, request.object, gripper)
@@ -216,14 +226,15 @@ def recognise_for_grasp(
     placement, pose = locate(context.models, seen, recognition, known, memory)
     clock.lap("pose_s")
     situation = Situation(seen, recognition, memory, known, placement, gripper, pose)
-    chosen = _choose(context, situation, request, clock)
-    situation = replace(situation, chosen=chosen)
+    chosen, alone = _choose(context, situation, request, clock)
+    situation = replace(situation, chosen=chosen, alone=alone)
     situation, decision = _decided(situation, thresholds)
     known = situation.known
     task = context.names.unique("task").value
     fields = _fields(situation, request.max_grasps)
     if decision is not None:
         decision = {**decision, "refusal": _refused(context, situation, decision, task, access)}
+    _remember_place(context, situation, request, access)
     clock.times["total_s"] = clock.total()
     times = {name: round(seconds, 6) for name, seconds in clock.times.items()}
     context.decisions.put(
@@ -251,16 +262,18 @@ def _known(tracked: str | None, recognition: Matches, memory: Memory) -> KnownOb
 
 def _choose(
     context: Context, situation: Situation, request: RecogniseForGrasp, clock: Clock
-) -> list[Option]:
+) -> tuple[list[Option], Option | None]:
+    """Return the options in order, and the first one if the graph told of no outcomes."""
     seen, placement = situation.observation, situation.placement
     if placement is None or seen.shape is None:
-        return []
+        return [], None
     neighbours = request.neighbours
     if neighbours is not None and len(neighbours):
         neighbours = neighbours - np.array([0.0, 0.0, seen.shape.support_height])
     scene = Scene(
         footprint_of(seen.shape, placement), placement.frame_from_object, situation.gripper.gripper,
         neighbours, request.seed, _pose_in_space(placement, situation.pose),
+        context.grippers.forces(), request.preset == "fast",
     )  # fmt: skip
     object_iri = situation.known.iri if situation.known else None
     found = options(scene, situation.memory, object_iri, request.propose, _MAX_CANDIDATES)
@@ -272,8 +285,11 @@ def _choose(
         confidence[request.object] = 1.0
     maps = score_maps(context, situation.gripper)
     chosen = choose(found, scene, situation.memory, confidence, context.policy, maps=maps)
+    alone = None
+    if any(max(one.explanation["graph"]) >= MIN_TOLD for one in chosen):
+        alone = unaided(found, scene, situation.memory, context.policy, maps)
     clock.lap("choice_s")
-    return chosen
+    return chosen, alone
 
 
 def _pose_in_space(placement: Placement, pose: ObjectPose | None) -> NDArray[np.float64] | None:
@@ -310,6 +326,37 @@ def _refused(
     thing = known.iri if known else matches[0].object_iri if matches else ""
     refusal = Refusal(task, situation.gripper, thing, decision)
     return store_refusal(context, refusal, access).value
+
+
+def _remember_place(
+    context: Context, situation: Situation, request: RecogniseForGrasp, access: Access
+) -> None:
+    """Store the pose of a recognised object if it is new or has moved, and the caller may write."""
+    seen, known, gripper = situation.observation, situation.known, situation.gripper
+    if known is None or "write" not in SCOPES[access.role]:
+        return
+    found = located(
+        seen, request.frame_id, situation.placement, situation.pose, _identity(situation),
+        known.is_round,
+    )  # fmt: skip
+    if found is None:
+        return
+    author = context.author(access, gripper.robot_name)
+    at = dt.datetime.now(dt.UTC)
+    if seen.stamp_s is not None:
+        at = dt.datetime.fromtimestamp(seen.stamp_s, dt.UTC)
+    triples = Triples()
+    withdrawn = state_seen(
+        context, triples,
+        Sighting(iri(known.iri), found, gripper.robot, context.agent_iri(author),
+                 context.home_graph(author), at),
+    )  # fmt: skip
+    if not triples:
+        return
+    with context.writing, context.kb.transaction(access=author, note="see an object") as tx:
+        for subject, predicate, value in withdrawn:
+            tx.remove(subject, predicate, value)
+        triples.write(tx)
 
 
 def _assessment(situation: Situation) -> Assessment:
@@ -385,7 +432,22 @@ def _fields(situation: Situation, max_grasps: int) -> dict[str, Any]:
             **pose_fields(situation.pose, seen),
         },
         "similar_objects": similar_objects(seen, situation.recognition, situation.memory),
+        "alone": _alone(situation),
     }  # fmt: skip
+
+
+def _alone(situation: Situation) -> dict[str, Any] | None:
+    """Return the grasp that the robot would try first without the graph's outcomes."""
+    option = situation.alone
+    if option is None or option.choice is None or not situation.chosen:
+        return None
+    return {
+        "id": option.id,
+        "in_object": dict(zip(("x", "y", "z", "theta"), option.in_object, strict=True)),
+        "mean": option.choice.mean,
+        "quality": option.quality,
+        "text": told_and_alone(situation.chosen[0], option),
+    }
 
 
 def _grasp(option: Option, situation: Situation) -> OfferedGrasp:

@@ -248,6 +248,7 @@ WHERE {{
   }}
   OPTIONAL {{
     ?object rt:currentPose ?p . ?p rt:inFrame/rt:frameId ?frame ; rt:x ?x ; rt:y ?y ; rt:z ?z
+    FILTER NOT EXISTS {{ ?estimate rt:estimatedPose ?p ; prov:invalidatedAtTime ?end }}
     BIND(CONCAT(STR(?x), " ", STR(?y), " ", STR(?z), " ", ?frame) AS ?at)
   }}
 }}

@@ -11,6 +11,7 @@ from pydantic import Field
 from grasp.spatial.gripper import ParallelGripper
 from rtask.engine.names import slug
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.places import state_frame_of
 from rtask.engine.triples import Triples
 from rtask.errors import ForbiddenError, UsageError
 from rtask.rdf.namespaces import CORA, RT
@@ -191,7 +192,7 @@ def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -
                 RT.planningGroup: effector.planning_group,
             },
         )
-    frames = {frame: _frame(triples, robot, frame) for frame in request.frames}
+    frames = {frame: state_frame_of(triples, robot, frame) for frame in request.frames}
     if request.frames:
         triples.add(robot, RT.bodyFrame, frames[request.frames[0]])
     for camera in request.cameras:
@@ -203,7 +204,7 @@ def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -
             {
                 RT.name: camera.name,
                 RT.bodyFrame: frames.get(camera.frame_id)
-                or _frame(triples, robot, camera.frame_id),
+                or state_frame_of(triples, robot, camera.frame_id),
                 RT.imageWidth: camera.width,
                 RT.imageHeight: camera.height,
                 RT.focalX: camera.fx,
@@ -219,8 +220,3 @@ def _robot_triples(context: Context, robot: NamedNode, request: RegisterRobot) -
 
 def _part(robot: NamedNode, name: str) -> NamedNode:
     return NamedNode(f"{robot.value}/{quote(name, safe='')}")
-
-
-def _frame(triples: Triples, robot: NamedNode, frame_id: str) -> NamedNode:
-    frame = NamedNode(f"{robot.value}/frame/{quote(frame_id, safe='')}")
-    return triples.node(frame, [RT.Frame], {RT.frameId: frame_id})

@@ -12,7 +12,7 @@ from rtask.engine.memory.statistics import lower_95
 from rtask.engine.observation import Observation
 from rtask.engine.operations.operation import operation
 from rtask.engine.perception.identity import recognise, settle
-from rtask.engine.perception.observation import Look, observe_once
+from rtask.engine.perception.observation import Looks, observe_all
 from rtask.engine.perception.placement import place
 from rtask.engine.remembered import KnownObject, Memory, Remembered
 from rtask.engine.stored import view_features
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 
-class SearchObject(Look):
+class SearchObject(Looks):
     """A request for known objects that look like this one."""
 
     class_description: Text | None = None
@@ -82,7 +82,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
 
     A description restricts the answer to kinds of objects, in the same query.
     """
-    seen = observe_once(context, request)
+    seen, looks = observe_all(context, request)
     recognition = recognise(
         context.views.recogniser,
         seen,
@@ -90,6 +90,7 @@ def search_object(context: Context, request: SearchObject, access: Access) -> Si
         request.max_results,
         request.min_confidence,
         context.views.embeddings,
+        looks,
     )
     description = request.class_description
     kinds = context.classes.find(description) if description else []

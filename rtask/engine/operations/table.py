@@ -6,9 +6,11 @@ the typed client again: ``python -m rtask.engine.operations.table > rtask/client
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import Any
 
+from rtask.engine.operations.clutter import plan_on_scene
 from rtask.engine.operations.curate import curate_object
 from rtask.engine.operations.feedback import give_feedback
 from rtask.engine.operations.grasps import recall_grasps
@@ -30,6 +32,7 @@ _ALL: tuple[Operation[Any, Any], ...] = (
     recognise_for_grasp,
     recall_grasps,
     plan_in_space,
+    plan_on_scene,
     search_object,
     resolve_request,
     insert_object,
@@ -48,4 +51,4 @@ def client_source() -> str:
 
 
 if __name__ == "__main__":
-    print(client_source(), end="")  # noqa: T201 - this is what it is for
+    sys.stdout.write(client_source())

@@ -55,7 +55,7 @@ class TeachObject(OptionalLook, _Wish):
 
 
 class Taught(Answer):
-    """What was found or stored; the fields with defaults only if something was to be stored."""
+    """The objects found or stored; fields with defaults are there only if something was stored."""
 
     similar_objects: list[SimilarObject]
     suggestions: list[str]

@@ -7,6 +7,7 @@ there is no other object that the view could resemble more.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -31,10 +32,31 @@ def recognise(
     max_results: int,
     min_confidence: float | None = None,
     embeddings: Embeddings | None = None,
+    looks: Sequence[Observation] = (),
 ) -> Recognition:
-    """Match a view against the index; lower the confidence if it holds a single object.
+    """Match a view, and further ``looks`` at the same object, against the index.
 
     Where no print was matched, ``embeddings`` propose objects below the confidence of acceptance.
+    """
+    from features.recognition.fusion import fuse
+
+    answers = [
+        _recognise_one(recogniser, one, policy, max_results, min_confidence, embeddings)
+        for one in (seen, *looks)
+    ]
+    return fuse(answers, min_confidence=min_confidence)
+
+
+def _recognise_one(
+    recogniser: Recogniser,
+    seen: Observation,
+    policy: Policy,
+    max_results: int,
+    min_confidence: float | None,
+    embeddings: Embeddings | None,
+) -> Recognition:
+    """Match one view; lower the confidence if the index holds a single object.
+
     Other objects are counted first, so that one inserted by another robot meanwhile is ignored.
     """
     with_rivals = has_rivals(recogniser.index)

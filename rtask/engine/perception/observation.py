@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, MaxLen
 from numpy.typing import NDArray
+from pydantic import Field
 
 from grasp.spatial.frames import matrix_from_pose
 from rtask.engine.context import Context
@@ -29,7 +30,16 @@ if TYPE_CHECKING:
     from features.tabletop import TabletopShape
     from rtask.kb.core import GraphCore
 
-__all__ = ["Look", "OptionalLook", "observe", "observe_once", "stored_frame", "viewpoint"]
+__all__ = [
+    "Look",
+    "Looks",
+    "OptionalLook",
+    "observe",
+    "observe_all",
+    "observe_once",
+    "stored_frame",
+    "viewpoint",
+]
 
 log = logging.getLogger(__name__)
 
@@ -63,6 +73,13 @@ class Look(OptionalLook):
     """An observation of one object: data, an image, or both."""
 
 
+class Looks(Look):
+    """An observation of one object, with more of the same from other sides."""
+
+    looks: Annotated[list[Look], MaxLen(8)] = Field(default_factory=list)
+    """further observations of the same object: the answer is that of all of them together"""
+
+
 def observe_once(context: Context, request: OptionalLook, where: str = "") -> Observation:
     """Return the observation of a request, decoded at most once; see :func:`observe`."""
     key = _digest(request)
@@ -73,6 +90,12 @@ def observe_once(context: Context, request: OptionalLook, where: str = "") -> Ob
     made = observe(request, where)
     context.observations.put(key, made)
     return made
+
+
+def observe_all(context: Context, request: Looks) -> tuple[Observation, list[Observation]]:
+    """Return the observation of a request, and its further looks."""
+    others = [observe_once(context, one, f"looks[{k}].") for k, one in enumerate(request.looks)]
+    return observe_once(context, request), others
 
 
 def observe(request: OptionalLook, where: str = "") -> Observation:

@@ -18,6 +18,7 @@ from rtask.engine.perception.observation import Look, observe_once
 from rtask.engine.perception.placement import Placement
 from rtask.engine.perception.poses import ObjectPose, locate
 from rtask.engine.records.objects import viewpoint_of
+from rtask.engine.records.places import Located, located
 from rtask.engine.records.received import Outcome, OutcomeReport, Received, received
 from rtask.engine.records.record import Earlier, earlier
 from rtask.engine.remembered import KnownObject
@@ -85,6 +86,8 @@ class Prepared:
         Generation of the index in which it was recognised.
     vector : (d,) float32 or None
         Vector of the view, if a network is in use.
+    located
+        Pose of the object in the frame that the request names, if it is certain.
     """
 
     item: NewObject
@@ -99,6 +102,7 @@ class Prepared:
     growth: Growth | None
     generation: int = 0
     vector: NDArray[np.float32] | None = None
+    located: Located | None = None
 
 
 @dataclass(frozen=True)
@@ -161,9 +165,15 @@ def prepare(context: Context, item: NewObject, where: str, access: Access) -> Pr
     )  # fmt: skip
     embeddings = context.views.embeddings
     vector = None if embeddings is None else embeddings.vector_of(seen)
+    # The robot says which object it is, or this view defines a new one; else it was recognised.
+    is_given = known is None or item.object is not None
+    place = located(
+        seen, item.frame_id, placement, pose,
+        1.0 if is_given else float(recognition.matches[0].confidence), is_round,
+    )  # fmt: skip
     return Prepared(
         item, where, seen, known, placement, gripper, grasp, outcome, view, growth, generation,
-        vector,
+        vector, place,
     )  # fmt: skip
 
 

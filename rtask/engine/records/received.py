@@ -14,7 +14,7 @@ from pydantic import Field
 
 from grasp.arrays import FloatArray
 from grasp.messages import matrix_from_message, planar_from_message
-from grasp.spatial.frames import closing_yaw, matrix_from_pose, pose_from_matrix
+from grasp.spatial.frames import closing_yaw, matrix_from_pose, planar_from_pose, pose_from_matrix
 from rtask.engine.perception.placement import Placement
 from rtask.errors import UsageError
 from rtask.rdf.namespaces import RT
@@ -250,6 +250,8 @@ def received(value: str | Mapping[str, Any], path: str) -> Received:
     in_frame, in_space = _planar(given), _pose_in_space(value, path)
     if in_space is not None:
         in_frame = None
+    elif in_frame is None and "grasp_pose" in value and "pre_grasp_posture" not in value:
+        in_frame = _bare_pose(value["grasp_pose"], path)
     elif in_frame is None and "grasp_pose" in value:
         try:
             planar = planar_from_message(dict(value))
@@ -283,6 +285,19 @@ def _planar(given: _Numbers) -> tuple[float, float, float, float] | None:
     if x is None or y is None or z is None or theta is None:
         return None
     return x, y, z, theta
+
+
+def _bare_pose(pose: Any, path: str) -> tuple[float, float, float, float]:
+    """Return the numbers of a geometry_msgs/PoseStamped that comes without postures."""
+    if not isinstance(pose, Mapping) or "pose" not in pose:
+        raise UsageError(
+            f"{path}.grasp_pose: expected a geometry_msgs/PoseStamped with its pose",
+            field=f"{path}.grasp_pose",
+        )
+    try:
+        return planar_from_pose(matrix_from_message(pose["pose"]))
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}", field=path) from error
 
 
 def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] | None:

@@ -22,6 +22,7 @@ from rtask.engine.records.attempts import (
     state_grasp,
 )
 from rtask.engine.records.objects import state_frame, state_recognition
+from rtask.engine.records.places import state_moved
 from rtask.engine.records.received import Outcome, Received
 from rtask.engine.terms import find_task
 from rtask.engine.triples import Triples, rounded
@@ -114,7 +115,7 @@ def resolve_grasp(
     """Return the grasp of an object that a message names, and whether it is new.
 
     A grasp of another object that was tried on this one becomes a grasp of this one, derived from
-    the other.
+    the other; likewise one of another type of gripper, so that outcomes are told apart by hand.
 
     Raises
     ------
@@ -122,7 +123,9 @@ def resolve_grasp(
         Only an id is given, and it is not a grasp of this object.
     """
     if grasp.iri is not None and context.kb.match(thing, RT.hasGrasp, grasp.iri):
-        return grasp.iri, False
+        mine = context.kb.match(grasp.iri, RT.gripperType, literal(gripper_type))
+        if mine or grasp.in_object is None:
+            return grasp.iri, False
     if grasp.in_object is None:
         name = grasp.id or "without an id"
         raise UnknownTermError(
@@ -145,7 +148,7 @@ class Recorded:
     Parameters
     ----------
     withdrawn
-        Statements of the old count and belief, to be withdrawn.
+        Statements of the old count, belief and place, to be withdrawn.
     counts
         Judged attempts of the grasp by (held, in coarse physics), including this one; None if
         this one is not judged.
@@ -157,7 +160,7 @@ class Recorded:
 
 
 def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -> Recorded:
-    """Add an attempt with grasp, outcome, count and belief.
+    """Add an attempt with grasp, outcome, count and belief, and where it left the object.
 
     Parameters
     ----------
@@ -188,10 +191,12 @@ def record(context: Context, triples: Triples, entry: Entry, pending: Pending) -
         seed=None if entry.decision is None else entry.decision.seed,
     )
     triples.extend(attempt_triples(context, attempt))
-    if entry.outcome.reason in UNJUDGED:
-        return Recorded(grasp, [])
     gripper, held = entry.gripper, entry.outcome.held
-    withdrawn: Withdrawn = []
+    withdrawn: Withdrawn = state_moved(
+        context, triples, entry.thing, gripper.iri, entry.outcome, entry.ended, entry.graph
+    )
+    if entry.outcome.reason in UNJUDGED:
+        return Recorded(grasp, withdrawn)
     if entry.graph == context.kb.graphs.agent(gripper.robot_name):
         withdrawn += count(
             context, triples, grasp, gripper.gripper.gripper_type, gripper.robot, entry.graph,

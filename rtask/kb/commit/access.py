@@ -14,7 +14,7 @@ from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 __all__ = ["RIGHTS", "Access", "Role"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
-RIGHTS = frozenset(("rules",))
+RIGHTS = frozenset(("rules", "replicate"))
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 
@@ -32,7 +32,8 @@ class Access:
         ``admin`` writes everything unprotected.
     rights
         What the caller may do beyond its role. ``rules``: add and remove rules of the reasoner,
-        which of the roles only an ``admin`` may.
+        which of the roles only an ``admin`` may. ``replicate``: copy the whole knowledge base,
+        tokens included, as a follower does.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
-from pyoxigraph import Quad, RdfFormat
+from pyoxigraph import Quad, RdfFormat, parse
 
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
@@ -24,8 +24,9 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.settings import write_durably
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
-from rtask.kb.store.union import is_joined
+from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT, GraphName, NamedNode, iri
 
 __all__ = ["TripleText", "bulk_add", "complete", "finish_bulk"]
@@ -96,10 +97,16 @@ def bulk_add(
 def _add_text(
     files: Files, committer: Committer, text: TripleText, graph: GraphName
 ) -> set[GraphName]:
+    store = files.store
+    if not isinstance(store, EmbeddedStore):
+        with text.open() as stream:
+            parsed = parse(stream, format=text.format, base_iri=text.base)
+            quads = (Quad(q.subject, q.predicate, q.object, graph) for q in parsed)
+            return _add_quads(files, quads, graph, Access().bind(committer.graphs), committer)
     for target in (graph, DEFAULT) if files.settings.is_merged else (graph,):
         try:
             with text.open() as stream:
-                files.store.raw.bulk_load(stream, text.format, base_iri=text.base, to_graph=target)
+                store.raw.bulk_load(stream, text.format, base_iri=text.base, to_graph=target)
         except BaseException:
             if target == graph:
                 _unmark(files)
@@ -120,7 +127,7 @@ def _refuse_rules(committer: Committer, graph: GraphName) -> None:
 def _add_quads(
     files: Files, quads: Iterable[Quad], graph: GraphName, access: Access, committer: Committer
 ) -> set[GraphName]:
-    joined: dict[GraphName, bool] = {graph: files.settings.is_merged and is_joined(graph)}
+    joined: dict[GraphName, bool] = {graph: files.settings.is_merged and Graphs.is_joined(graph)}
 
     def with_union() -> Iterator[Quad]:
         for quad in quads:
@@ -128,13 +135,13 @@ def _add_quads(
             if name not in joined:
                 _refuse_rules(committer, name)
                 access.require_write(name, "load")
-                joined[name] = files.settings.is_merged and is_joined(name)
+                joined[name] = files.settings.is_merged and Graphs.is_joined(name)
             yield quad
             if joined[name]:
                 yield Quad(quad.subject, quad.predicate, quad.object, DEFAULT)
 
     try:
-        files.store.raw.bulk_extend(with_union())
+        files.store.bulk_extend(with_union())
     except BaseException:
         _unmark(files)
         raise
@@ -157,7 +164,7 @@ def finish_bulk(writer: Writer, inference: Inference | None, request: Request) -
             if rest is not None:
                 graph = writer.committer.graphs.inferred
                 quads = itertools.chain(overlay.added, (rest,), missing)
-                overlay.store.raw.bulk_extend(_with_copies(quads, not overlay.store.is_view))
+                overlay.store.bulk_extend(_with_copies(quads, not overlay.store.is_view))
                 overlay.added.clear()
                 request = replace(request, recount=request.recount | {graph})
     except BaseException:
@@ -183,7 +190,7 @@ def complete(writer: Writer, files: Files, inference: Inference | None, access: 
     if name and not files.settings.plain:
         store = files.store
         if files.settings.is_merged:
-            store.raw.bulk_extend(
+            store.bulk_extend(
                 Quad(quad.subject, quad.predicate, quad.object)
                 for quad in store.quads_for_pattern(None, None, None, iri(name))
             )

@@ -20,6 +20,7 @@ from rtask.kb.durability.blobs import Blob
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs, graph_class
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import Derived
 from rtask.rdf.terms import (
     RDF_TYPE,
     DefaultGraph,
@@ -62,6 +63,8 @@ class CommitRecord:
         Rights of the author.
     note
         Free text, or ``None``.
+    is_partial
+        Whether the commit counts statements that were stored before it, by a bulk load.
     """
 
     seq: int
@@ -69,6 +72,7 @@ class CommitRecord:
     ended: dt.datetime
     access: Access
     note: str | None = None
+    is_partial: bool = False
 
 
 @dataclass(frozen=True)
@@ -171,22 +175,20 @@ class Catalogue:
     def record(
         self,
         change: Overlay,
+        derived: Derived,
         commit: CommitRecord,
         facts: GraphFacts,
     ) -> Overlay:
-        """Return the change that a commit makes to the meta and provenance graphs.
-
-        Parameters
-        ----------
-        change
-            The commit's statements, inferred ones included.
-        """
+        """Return the change that a commit makes to the meta and provenance graphs."""
         notes = Overlay(self.store)
         touched = change.touched_graphs() | facts.sizes.keys()
+        if derived.added or derived.removed:
+            touched.add(self.graphs.inferred)
         changed = [graph for graph in touched if not isinstance(graph, DefaultGraph)]
         changed.sort(key=str)
         counts = Counter(quad.graph_name for quad in change.added)
         counts.subtract(Counter(quad.graph_name for quad in change.removed))
+        counts[self.graphs.inferred] += len(derived.added) - len(derived.removed)
         self._describe_activity(notes, commit, changed)
         for graph in changed:
             if graph in change.dropped:

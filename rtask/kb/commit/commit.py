@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 
@@ -28,14 +28,18 @@ from rtask.kb.commit.validation import Validator, Violation
 from rtask.kb.durability.blobs import PREFIX, Blob, BlobStore, digest_of
 from rtask.kb.durability.journal import Journal
 from rtask.kb.rules.rulebook import changed
-from rtask.kb.store.apply import LARGE, Writes, apply
+from rtask.kb.store.apply import apply
+from rtask.kb.store.collector import collector_paused
+from rtask.kb.store.embedded import LARGE
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.late_notes import LateNotes
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import Derived, InGraph, QuadChain
 from rtask.kb.store.replacement import ReplacementError, is_large_removal, replace_contents
-from rtask.kb.store.union import union_change
-from rtask.rdf.terms import LONG_AGO, GraphName, NamedNode
+from rtask.kb.store.union import joined_triples, union_change
+from rtask.kb.store.writes import Writes
+from rtask.rdf.terms import DEFAULT, LONG_AGO, GraphName, NamedNode
 
 __all__ = ["Change", "Commit", "Committer", "Request"]
 
@@ -65,6 +69,8 @@ class Commit:
         Number of contradictory statements moved to quarantine.
     warnings
         Violations that validation reported without rejecting the commit.
+    withdrawn
+        Number of statements that the reasoner removed from the inferred graph.
     """
 
     seq: int
@@ -75,6 +81,7 @@ class Commit:
     activity: NamedNode | None
     quarantined: int = 0
     warnings: tuple[Violation, ...] = ()
+    withdrawn: int = 0
 
 
 @dataclass(frozen=True)
@@ -86,8 +93,8 @@ class Change:
     note: str | None
     added: tuple[Quad, ...]
     removed: tuple[Quad, ...]
-    inferred_added: tuple[Quad, ...]
-    inferred_removed: tuple[Quad, ...]
+    inferred_added: Collection[Quad]
+    inferred_removed: Collection[Quad]
 
     @property
     def graphs(self) -> frozenset[GraphName]:
@@ -172,13 +179,19 @@ class Committer:
 
     def commit(self, change: Overlay, request: Request) -> Change:
         """Store a change with the statements derived from it, or raise and store nothing."""
+        is_large = len(change.added) + len(change.removed) > LARGE
+        with collector_paused() if is_large else nullcontext():
+            return self._commit(change, request)
+
+    def _commit(self, change: Overlay, request: Request) -> Change:
         if self.interrupted:
             raise StoreError("a write was interrupted; open the knowledge base again")
         if self.store.is_stuck:
             self.store.reopen()
+        is_empty = change.is_empty()  # a store elsewhere may learn here of other commits
         self._check_version(request)
         self._check_rights(change, request)
-        if change.is_empty() and not request.recount:
+        if is_empty and not request.recount:
             return self._unchanged(request)
         if request.check_blobs and not self.plain:
             self._check_blobs(change)
@@ -229,10 +242,10 @@ class Committer:
                     blob=digest,
                 )
 
-    def _derive(self, change: Overlay, request: Request) -> tuple[Overlay, Staged | None, int]:
+    def _derive(self, change: Overlay, request: Request) -> tuple[Derived, Staged | None, int]:
         rules = None if self.plain else changed(change, self.graphs)
         if self.inference is None:
-            return Overlay(self.store), None, 0
+            return Derived(), None, 0
         # Notes say nothing about the world, so those that wait do not matter here.
         with self.late.quiet() if self.late is not None else nullcontext():
             if self.quarantines and not request.strict:
@@ -240,7 +253,7 @@ class Committer:
             return *self.inference.stage(change, rules, request.cause_ms), 0
 
     def _store(
-        self, change: Overlay, derived: Overlay, staged: Staged | None, request: Request
+        self, change: Overlay, derived: Derived, staged: Staged | None, request: Request
     ) -> Change:
         late = self.late
         if late is None:
@@ -253,26 +266,29 @@ class Committer:
     def _store_now(
         self,
         change: Overlay,
-        derived: Overlay,
+        derived: Derived,
         staged: Staged | None,
         request: Request,
         late: LateNotes | None = None,
     ) -> Change:
         record = self._next_record(request)
-        everything = _joined(self.store, change, derived)
         notes = Overlay(self.store)
         if not self.plain:
             current = self._closure_state(change, staged, request)
             facts = GraphFacts(
-                request.kinds, request.sources, self._sizes(request, everything), current
+                request.kinds, request.sources, self._sizes(request, change, derived), current
             )
-            notes = self.catalogue.record(everything, record, facts)
-        whole = _joined(self.store, everything, notes)
-        stored = everything if late is not None else whole
+            notes = self.catalogue.record(change, derived, record, facts)
+        whole = _whole(change, derived, notes)
         self.journal.append(record, whole)
         self.interrupted = True
         try:
-            self._write(stored, record.seq)
+            if is_large_removal(self.store, whole):
+                self.journal.sync(record.seq)
+                replace_contents(self.store, whole)
+            else:
+                now = Overlay(self.store) if late is not None else notes
+                self._write(change, derived, now, record.seq)
         except ReplacementError:
             raise  # the journal keeps the commit, and opening the folder again completes it
         except Exception as error:
@@ -290,22 +306,24 @@ class Committer:
         self.interrupted = False
         return self._describe(change, derived, record, request)
 
-    def _write(self, change: Overlay, seq: int) -> None:
+    def _write(self, change: Overlay, derived: Derived, notes: Overlay, seq: int) -> None:
         """Change the store, and the union in it."""
-        if is_large_removal(self.store, change):
-            self.journal.sync(seq)
-            replace_contents(self.store, change)
-            return
-        union = Overlay(self.store)
+        writes = _whole(change, derived, notes)
         if not (self.plain or self.store.is_view):
-            fresh = (self.graphs.inferred, self.graphs.provenance)
-            union = union_change(self.store, change.removed, change.added, fresh)
-        writes = Writes(
-            [*change.removed, *union.removed],
-            [*change.added, *union.added],
-            list(change.created),
-            list(change.dropped),
-        )
+            # The store ignores what it holds: looking up every statement of a file costs more.
+            is_large = len(change.added) > LARGE
+            asserted = joined_triples(change.added) if is_large else ()
+            looked_up = notes.added if is_large else QuadChain(change.added, notes.added)
+            copied = (asserted, derived.added.triples)
+            fresh = (self.graphs.provenance,)
+            union = union_change(self.store, writes.removed, looked_up, fresh, copied)
+            copies = (InGraph(triples, DEFAULT) for triples in copied)
+            writes = replace(
+                writes,
+                removed=QuadChain(writes.removed, union.removed),
+                added=QuadChain(union.added, *copies, writes.added),
+                has_union=True,
+            )
         if len(writes.added) > LARGE:
             self.journal.sync(seq)
         apply(self.store, writes)
@@ -320,18 +338,23 @@ class Committer:
         concerned = self.graphs.rules in touched or any(map(self.graphs.is_input, touched))
         return False if concerned else None
 
-    def _sizes(self, request: Request, change: Overlay) -> dict[GraphName, int]:
+    def _sizes(self, request: Request, change: Overlay, derived: Derived) -> dict[GraphName, int]:
+        added, removed = (
+            QuadChain(change.added, derived.added),
+            (*change.removed, *derived.removed),
+        )
         return {
             graph: self.store.count(graph)
-            + sum(quad.graph_name == graph for quad in change.added)
-            - sum(quad.graph_name == graph for quad in change.removed)
+            + sum(quad.graph_name == graph for quad in added)
+            - sum(quad.graph_name == graph for quad in removed)
             for graph in request.recount
         }
 
     def _next_record(self, request: Request) -> CommitRecord:
         ended = max(dt.datetime.now(dt.UTC), self.last_time)
         started = min(request.started, ended)
-        return CommitRecord(self.last_seq + 1, started, ended, request.access, request.note)
+        seq, is_partial = self.last_seq + 1, bool(request.recount)
+        return CommitRecord(seq, started, ended, request.access, request.note, is_partial)
 
     def _advance(self, record: CommitRecord, notes: Overlay, change: Overlay) -> None:
         self.last_seq, self.last_time = record.seq, record.ended
@@ -341,7 +364,7 @@ class Committer:
                 self.catalogue.forget(graph)
 
     def _describe(
-        self, change: Overlay, derived: Overlay, record: CommitRecord, request: Request
+        self, change: Overlay, derived: Derived, record: CommitRecord, request: Request
     ) -> Change:
         commit = Commit(
             seq=record.seq,
@@ -350,6 +373,7 @@ class Committer:
             derived=len(derived.added),
             time=record.ended,
             activity=None if self.plain else self.catalogue.activity(record.seq),
+            withdrawn=len(derived.removed),
         )
         _log.debug("commit %d: +%d -%d", commit.seq, commit.added, commit.removed)
         return Change(
@@ -358,8 +382,8 @@ class Committer:
             request.note,
             tuple(change.added),
             tuple(change.removed),
-            tuple(derived.added),
-            tuple(derived.removed),
+            derived.added,
+            derived.removed,
         )
 
     def _unchanged(self, request: Request) -> Change:
@@ -367,11 +391,11 @@ class Committer:
         return Change(commit, request.access.agent, request.note, (), (), (), ())
 
 
-def _joined(store: GraphStore, *parts: Overlay) -> Overlay:
-    whole = Overlay(store)
-    for part in parts:
-        whole.removed.update(part.removed)
-        whole.added.update(part.added)
-        whole.created.update(part.created)
-        whole.dropped.update(part.dropped)
-    return whole
+def _whole(change: Overlay, derived: Derived, notes: Overlay) -> Writes:
+    """Return all that a commit changes in named graphs."""
+    return Writes(
+        QuadChain(change.removed, derived.removed, notes.removed),
+        QuadChain(change.added, derived.added, notes.added),
+        list(change.created),
+        list(change.dropped),
+    )

@@ -21,10 +21,10 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad
 from rtask.errors import DataError, ForbiddenError, QuerySyntaxError
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.update_limits import Meter, UpdateLimits
-from rtask.kb.store.apply import Functions, Writes, as_update
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import NetChange, Overlay, apply_change
 from rtask.kb.store.union import union_change
+from rtask.kb.store.writes import Functions, Writes, as_update
 from rtask.rdf.terms import DEFAULT, GraphName, Term, stored_quad
 from rtask.sparql import templates
 from rtask.sparql.service import without_services
@@ -265,7 +265,7 @@ class _Runner:
             f"BIND({_RECORD}({values}) AS ?rtaskRecord) FILTER(?rtaskRecord = 0) }}"
         )
         text = operation.prologue + " ;\n".join([*operations, *_ABORT])
-        _run_and_roll_back(self.overlay.store, text, functions, self.dataset.base)
+        _run_and_roll_back(self.overlay.store.scratch(), text, functions, self.dataset.base)
         return solutions
 
     def _pending(self) -> Writes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Protocol, cast
 
 from pyoxigraph import NamedNode, Quad
@@ -19,6 +19,7 @@ from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.naming import Names
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import Derived, InGraph
 from rtask.kb.store.union import input_change
 from rtask.rdf.terms import GraphName, TripleKey, triple_key
 
@@ -26,15 +27,13 @@ __all__ = ["Inference", "Staged", "labelled", "shipped_rules"]
 
 _log = logging.getLogger(__name__)
 CAUSE_BUDGET_MS = 500.0
-_MANY = 20_000
-"""So many quads are compared with the whole graph instead of being looked up one by one."""
 
 
 class Staged(Protocol):
     """A derivation that is not yet visible; see :class:`reasoner.Closure`."""
 
-    inferred_added: Iterable[TripleKey]
-    inferred_removed: Iterable[TripleKey]
+    inferred_added: Collection[TripleKey]
+    inferred_removed: Collection[TripleKey]
     contradictions: list[Any]
 
     def causes(self, budget_ms: float) -> list[Any]:
@@ -87,6 +86,10 @@ class Inference:
         if self._closure is None:
             self._closure = self._restore() or self._build()
         return self._closure
+
+    def forget(self) -> None:
+        """Mark the closure as stale after another process's commit; it is made again on need."""
+        self._closure = None
 
     def _restore(self) -> Any:
         if self.saved is None:
@@ -143,10 +146,7 @@ class Inference:
                 target.append((quad.subject, quad.predicate, quad.object))
         _log.debug("building the closure of %d schema and %d data", len(schema), len(data))
         try:
-            # the reasoner leaves out triple terms, which its signature does not include
-            closure = Closure.build(
-                cast("Any", schema), cast("Any", data), rules=self._rules_in_force()
-            )
+            closure = Closure.build(schema, data, rules=self._rules_in_force())
         except ClosureTooLargeError as error:
             raise TooLargeError(str(error)) from error
         clashes = closure.contradictions()
@@ -171,7 +171,7 @@ class Inference:
         change: Overlay,
         rules: Sequence[Rule] | None = None,
         cause_ms: float = CAUSE_BUDGET_MS,
-    ) -> tuple[Overlay, Staged]:
+    ) -> tuple[Derived, Staged]:
         """Return the statements that a change adds to and removes from the inferred graph.
 
         Parameters
@@ -195,24 +195,23 @@ class Inference:
 
     def try_stage(
         self, change: Overlay, rules: Sequence[Rule] | None = None
-    ) -> tuple[Overlay, Staged | None, list[Any]]:
+    ) -> tuple[Derived, Staged | None, list[Any]]:
         """Like :meth:`stage`, but return contradictions instead of raising."""
         staged = self._stage(change, rules)
         if staged.contradictions:
             staged.discard()
-            return Overlay(self._store), None, staged.contradictions
+            return Derived(), None, staged.contradictions
         return self._derived(staged), staged, []
 
-    def _derived(self, staged: Staged) -> Overlay:
-        derived = Overlay(self._store)
+    def _derived(self, staged: Staged) -> Derived:
         graph = self._graphs.inferred
-        lost_quads = [Quad(*key, graph) for key in staged.inferred_removed]
-        stored: GraphStore | set[Quad] = self._store
-        if len(lost_quads) > _MANY:
-            stored = set(self._store.quads_for_pattern(None, None, None, graph))
-        derived.removed.update(dict.fromkeys(quad for quad in lost_quads if quad in stored))
-        derived.added.update(dict.fromkeys(Quad(*key, graph) for key in staged.inferred_added))
-        return derived
+        gained, lost = (
+            InGraph(dict.fromkeys(part) if isinstance(part, list) else part, graph)
+            for part in (staged.inferred_added, staged.inferred_removed)
+        )
+        if self._catalogue.revision(graph) is not None:
+            return Derived(gained, lost)  # the graph holds exactly what the closure derived
+        return Derived(gained, dict.fromkeys(quad for quad in lost if quad in self._store))
 
     def inconsistent(
         self, contradictions: Sequence[Any], causes: Sequence[Any] = ()

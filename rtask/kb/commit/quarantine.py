@@ -20,6 +20,7 @@ from rtask.kb.rules.rule import Rule
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import Derived
 from rtask.rdf.terms import RDF_TYPE, NamedNode, TripleKey, iri, literal, triple_key
 
 __all__ = ["Quarantined", "reinstate", "set_aside", "statements"]
@@ -62,7 +63,7 @@ def set_aside(
     graphs: Graphs,
     seq: int,
     rules: Sequence[Rule] | None = None,
-) -> tuple[Overlay, Staged, int]:
+) -> tuple[Derived, Staged, int]:
     """Move contradictory statements from a pending change into the quarantine graph.
 
     Parameters

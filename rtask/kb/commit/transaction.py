@@ -7,7 +7,7 @@ the commit. Do slow work before entering the block.
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -22,7 +22,7 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.blobs import BlobStore
 from rtask.kb.store.overlay import Overlay
 from rtask.rdf.terms import (
-    DEFAULT,
+    DefaultGraph,
     GraphName,
     Subject,
     Term,
@@ -161,12 +161,21 @@ class Transaction:
 
     def add_quads(self, quads: Iterable[Quad], graph: NamedNode | str | None = None) -> None:
         """Assert many statements; those of the default graph go to ``graph`` or :attr:`home`."""
-        pending = self._pending()
         where = self.home if graph is None else iri(graph)
+
+        def named() -> Iterator[Quad]:
+            for quad in quads:
+                if isinstance(quad.graph_name, DefaultGraph):
+                    quad = Quad(quad.subject, quad.predicate, quad.object, where)
+                yield stored_quad(quad)
+
+        self._pending().add_all(named())
+
+    def remove_quads(self, quads: Iterable[Quad]) -> None:
+        """Withdraw many statements, each from its own graph, if the graph contains it."""
+        pending = self._pending()
         for quad in quads:
-            if quad.graph_name == DEFAULT:
-                quad = Quad(quad.subject, quad.predicate, quad.object, where)
-            pending.add(stored_quad(quad))
+            pending.remove(stored_quad(quad))
 
     def clear(self, graph: GraphName | str) -> None:
         """Withdraw all statements of a graph."""

@@ -20,6 +20,7 @@ from rtask.errors import UsageError, ValidationError
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import Derived
 from rtask.rdf.terms import DEFAULT, RDF_TYPE, GraphName, Subject, Term, TripleKey, triple_key
 
 __all__ = ["Validator", "Violation", "policy"]
@@ -174,7 +175,7 @@ class Validator:
         self._graphs = graphs
         self._refuse = refuse
 
-    def check(self, change: Overlay, derived: Overlay) -> tuple[Violation, ...]:
+    def check(self, change: Overlay, derived: Derived) -> tuple[Violation, ...]:
         """Validate the nodes that a pending change touches, in their state after it.
 
         Raises
@@ -184,8 +185,8 @@ class Validator:
         """
         whole = Overlay(self._store)
         for part in (change, derived):
-            whole.removed.update(part.removed)
-            whole.added.update(part.added)
+            whole.removed.update(dict.fromkeys(part.removed))
+            whole.added.update(dict.fromkeys(part.added))
         found = [*self._check(_View(whole, None), read_shapes(tuple(ontology.shapes())))]
         for graph in sorted(change.touched_graphs(), key=str):
             if self._graphs.owner(graph) is not None:

@@ -11,9 +11,9 @@ import contextlib
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
-from rtask.errors import ClosedError, UsageError
+from rtask.errors import ClosedError, ForbiddenError, RtaskError, UsageError
 from rtask.kb.commit.commit import Change, Commit, Committer, Request
 from rtask.kb.durability.recovery import Checkpoints
 from rtask.kb.store.overlay import Overlay
@@ -33,14 +33,29 @@ class Writer:
         Checks and stores changes.
     checkpoints
         Checkpoints of the folder; ``None`` for a store in memory.
+    changes
+        Class of the pending changes.
+
+    Attributes
+    ----------
+    follows
+        Address of the process whose commits are taken in; nobody else may write then.
     """
 
-    def __init__(self, committer: Committer, checkpoints: Checkpoints | None = None) -> None:
+    def __init__(
+        self,
+        committer: Committer,
+        checkpoints: Checkpoints | None = None,
+        changes: type[Overlay] = Overlay,
+    ) -> None:
         self.committer = committer
+        self._changes = changes
         self._checkpoints = checkpoints
         self._lock = threading.RLock()
         self._inside = False
         self._closed = False
+        self._aside: threading.Thread | None = None
+        self.follows: str | None = None
         self._announcing = threading.RLock()
         self._unannounced: deque[Change] = deque()
         self._listeners: list[Listener] = []
@@ -51,19 +66,25 @@ class Writer:
         try:
             if self._closed:
                 raise ClosedError("the knowledge base is closed or open for reading only")
+            if self.follows is not None:
+                raise ForbiddenError(
+                    f"this knowledge base follows {self.follows}; write there", operation="write"
+                )
             if self._inside:
                 raise UsageError(
                     "this thread is inside a transaction; use the transaction's own add, remove "
                     "and update"
                 )
+            self.committer.store.begin_change()
         except BaseException:
             self._lock.release()
             raise
         self._inside = True
-        return Overlay(self.committer.store)
+        return self._changes(self.committer.store)
 
     def cancel(self) -> None:
         """Discard the change and release the lock."""
+        self.committer.store.end_change()
         self._inside = False
         self._lock.release()
 
@@ -80,19 +101,43 @@ class Writer:
             return change.commit
         self.committer.journal.sync(change.commit.seq)
         self._announce(change.commit.seq)
-        if self._checkpoints is not None and self._checkpoints.is_due():
-            self._checkpoint(self._checkpoints)
+        self.checkpoint_if_due()
         return change.commit
+
+    def checkpoint_if_due(self) -> None:
+        """Make a checkpoint if the last one is old or the journal has grown much."""
+        if self._checkpoints is not None and self._checkpoints.is_due():
+            self._checkpoint_aside(self._checkpoints)
+
+    def _checkpoint_aside(self, checkpoints: Checkpoints) -> None:
+        """Begin a checkpoint in a thread of its own, unless one is under way or this is closed.
+
+        Nobody waits for what is written to disk before the lock is taken.
+        """
+        with self._lock:
+            if self._closed or (self._aside is not None and self._aside.is_alive()):
+                return
+            checkpoints.postpone()
+            self._aside = threading.Thread(
+                target=self._checkpoint, args=(checkpoints,), name="rtask-checkpoint"
+            )
+            self._aside.start()
 
     def _checkpoint(self, checkpoints: Checkpoints) -> None:
         inference = self.committer.inference
         save: Callable[[], None] | None = None
-        with self.exclusive():
-            checkpoints.make(self.committer.last_seq)
-            if inference is not None and inference.is_save_due():
-                save = inference.prepare_save()
-        if save is not None:
-            save()
+        try:
+            checkpoints.write_ahead()
+            with self._lock:
+                checkpoints.make(self.committer.last_seq)
+            with self._lock:
+                if inference is not None and inference.is_save_due():
+                    save = inference.prepare_save()
+            if save is not None:
+                save()
+        except (RtaskError, OSError, RuntimeError) as error:
+            # The journal holds all that the checkpoint would have made durable.
+            _log.warning("a checkpoint failed and will be tried again: %s", error)
 
     @contextlib.contextmanager
     def exclusive(self) -> Iterator[None]:
@@ -112,6 +157,14 @@ class Writer:
 
         return stop
 
+    def take_in(self, changes: Iterable[Change]) -> None:
+        """Announce commits of another process, with the next of this one or :meth:`announce`."""
+        self._unannounced.extend(changes)
+
+    def announce(self) -> None:
+        """Announce the commits that have been taken in."""
+        self._announce(self.committer.last_seq)
+
     def _announce(self, durable: int) -> None:
         with self._announcing:
             while self._unannounced and self._unannounced[0].commit.seq <= durable:
@@ -129,6 +182,9 @@ class Writer:
             late.try_flush()
 
     def close(self) -> None:
-        """Wait for the current write and refuse further ones."""
+        """Wait for the current write and checkpoint, and refuse further ones."""
         with self._lock:
             self._closed = True
+            aside = self._aside
+        if aside is not None:
+            aside.join()

@@ -10,6 +10,7 @@
         closure-<seq>/    what the reasoner had derived at a commit, to go on from
         blobs/            byte strings by digest
         published/        snapshots for processes that read beside the writer
+        followers/        their copies, which they keep current
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ from pyoxigraph import Store
 
 from rtask.errors import StoreError, StoreFormatError, StoreLockedError
 from rtask.kb.durability.blobs import BlobStore
-from rtask.kb.durability.journal import JournalFile, NoJournal
+from rtask.kb.durability.journal import JournalFile, KeptJournal, NoJournal
 from rtask.kb.durability.lock import FolderLock
+from rtask.kb.durability.private_copy import PrivateCopy
 from rtask.kb.durability.published import HeldSnapshot, hold_newest
 from rtask.kb.durability.recovery import Checkpoints, recover, require_clean
 from rtask.kb.durability.saved_closures import SavedClosures
 from rtask.kb.durability.settings import Settings
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.replacement import complete_replacement
 
@@ -47,19 +50,20 @@ class Files:
     may_be_ahead
         Whether the store may hold statements of commits that the journal lost.
     held
-        The snapshot that is read in the place of the folder's own store, beside a writer.
+        The snapshot that is read in the place of the folder's own store, beside a writer, or the
+        copy of one that follows the writer.
     """
 
     settings: Settings
     store: GraphStore
     blobs: BlobStore
-    journal: JournalFile | NoJournal
+    journal: KeptJournal | NoJournal
     folder: Path | None = None
     lock: FolderLock | None = None
     checkpoints: Checkpoints | None = None
     last_seq: int = 0
     may_be_ahead: bool = False
-    held: HeldSnapshot | None = None
+    held: HeldSnapshot | PrivateCopy | None = None
 
     @property
     def read_from(self) -> Path | None:
@@ -68,7 +72,7 @@ class Files:
 
     def saved_closures(self) -> SavedClosures | None:
         """Return the closures saved in the folder; ``None`` for a store in memory."""
-        if self.folder is None or not isinstance(self.journal, JournalFile):
+        if self.folder is None or not isinstance(self.journal, JournalFile) or self.held:
             return None
         return SavedClosures(self.folder, self.journal, self.settings.epoch)
 
@@ -82,7 +86,7 @@ class Files:
 
     def abandon(self) -> None:
         """Release the files without a checkpoint."""
-        if isinstance(self.journal, JournalFile):
+        if not isinstance(self.journal, NoJournal):
             self.journal.close()
         self.store.close()
         if self.lock is not None:
@@ -126,7 +130,7 @@ def make(folder: Path, settings: Settings) -> None:
 
 def open_in_memory(settings: Settings) -> Files:
     """Open a knowledge base in memory."""
-    return Files(settings, GraphStore(Store()), BlobStore(None), NoJournal())
+    return Files(settings, EmbeddedStore(Store()), BlobStore(None), NoJournal())
 
 
 def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
@@ -159,7 +163,8 @@ def open_for_writing(folder: Path, settings: Settings, durable: bool) -> Files:
 def open_for_reading(folder: Path, settings: Settings) -> Files:
     """Open a folder for reading, together with other readers.
 
-    Beside a writer, the newest snapshot that it has published is opened.
+    Beside a writer, a copy of the newest snapshot that it has published is opened, to be kept
+    current; the snapshot itself if the folder cannot be written.
     """
     try:
         lock = _lock(folder, shared=True)
@@ -167,8 +172,19 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
         held = hold_newest(folder)
         if held is None:
             raise
-        _log.warning("%s, or read its state after commit %d, as here", error, held.seq)
-        return _open_snapshot(folder, settings, held)
+        try:
+            copy = PrivateCopy(folder)
+        except OSError as reason:
+            _log.warning(
+                "%s, or read its state after commit %d, as here: following it needs a folder that "
+                "can be written (%s)",
+                error,
+                held.seq,
+                reason.strerror,
+            )
+            return _open_snapshot(folder, settings, held)
+        held.release()
+        return _open_copy(folder, settings, copy)
     try:
         require_clean(folder)
         store = _open_store(folder, reading=True)
@@ -178,6 +194,24 @@ def open_for_reading(folder: Path, settings: Settings) -> Files:
     blobs = BlobStore(folder / "blobs", writable=False)
     journal = JournalFile(folder / "journal")
     return Files(settings, store, blobs, journal, folder, lock)
+
+
+def _open_copy(folder: Path, settings: Settings, copy: PrivateCopy) -> Files:
+    try:
+        taken = copy.take()
+        if taken is None:
+            raise StoreError(f"{folder} was closed while it was opened for reading; open it again")
+        path, seq = taken
+        store = EmbeddedStore(Store(str(path)), str(path))
+    except (OSError, RuntimeError) as error:
+        copy.release()
+        raise StoreError(f"the snapshot in {folder} cannot be read: {error}") from error
+    except BaseException:
+        copy.release()
+        raise
+    blobs = BlobStore(folder / "blobs", writable=False)
+    journal = JournalFile(folder / "journal")
+    return Files(settings, store, blobs, journal, folder, last_seq=seq, held=copy)
 
 
 def _open_snapshot(folder: Path, settings: Settings, held: HeldSnapshot) -> Files:
@@ -197,10 +231,10 @@ def _lock(folder: Path, shared: bool) -> FolderLock:
         raise StoreError(f"{folder} cannot be opened: {error.strerror}") from error
 
 
-def _open_store(folder: Path, reading: bool) -> GraphStore:
+def _open_store(folder: Path, reading: bool) -> EmbeddedStore:
     path = str(folder / "store")
     try:
-        return GraphStore(Store.read_only(path)) if reading else GraphStore(Store(path), path)
+        return EmbeddedStore(Store.read_only(path)) if reading else EmbeddedStore(Store(path), path)
     except OSError as error:
         if "lock" in str(error).lower():
             raise StoreError(f"the store in {folder} cannot be opened: {error}") from error

@@ -15,8 +15,9 @@ import os
 import threading
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,13 +26,15 @@ from pyoxigraph import Quad, RdfFormat, parse, serialize
 from rtask.errors import StorageFullError, StoreError
 from rtask.kb.commit.catalogue import CommitRecord
 from rtask.kb.durability.blobs import sync_folder
-from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import GraphName, iri
 
-__all__ = ["Journal", "JournalFile", "NoJournal", "Record"]
+__all__ = ["Journal", "JournalFile", "KeptJournal", "NoJournal", "Record", "body_of"]
 
 SEGMENT_BYTES = 64 << 20
 _KEPT_BYTES = 1 << 30
+_BLOCK = 10_000
+"""Number of statements that are turned into text at a time."""
 _KEPT_S = 30 * 86_400
 
 
@@ -42,7 +45,8 @@ class Record:
     Parameters
     ----------
     header
-        ``seq, time, agent, note, kind, removed, added, created, dropped, bytes, crc32``.
+        ``seq, time, agent, note, kind, removed, added, created, dropped, bytes, crc32``; and
+        ``partial`` if the commit counts statements that were stored without a record.
     body
         The ``D`` and ``A`` lines.
     """
@@ -57,10 +61,18 @@ class Record:
 
     def removed(self) -> list[Quad]:
         """Return the statements that the commit withdrew."""
-        return self._quads(b"D ")
+        return self._removed
 
     def added(self) -> list[Quad]:
         """Return the statements that the commit asserted or derived."""
+        return self._added
+
+    @cached_property
+    def _removed(self) -> list[Quad]:
+        return self._quads(b"D ")
+
+    @cached_property
+    def _added(self) -> list[Quad]:
         return self._quads(b"A ")
 
     def graphs(self, key: str) -> list[GraphName]:
@@ -75,7 +87,7 @@ class Record:
 class Journal(Protocol):
     """Interface of journals."""
 
-    def append(self, record: CommitRecord, change: Overlay) -> None:
+    def append(self, record: CommitRecord, change: Writes) -> None:
         """Write the record of a commit, not yet durably."""
 
     def withdraw(self) -> None:
@@ -85,10 +97,23 @@ class Journal(Protocol):
         """Wait until the record of this commit is durable."""
 
 
+class KeptJournal(Journal, Protocol):
+    """A journal that can be read."""
+
+    def records(self, since: int = 0) -> Iterator[Record]:
+        """Yield the records of commits after ``since``, oldest first."""
+
+    def oldest(self) -> int | None:
+        """Return the number of the oldest commit with a record; ``None`` without any."""
+
+    def close(self) -> None:
+        """Release what the journal holds."""
+
+
 class NoJournal:
     """Journal of a store in memory, which records nothing."""
 
-    def append(self, record: CommitRecord, change: Overlay) -> None:
+    def append(self, record: CommitRecord, change: Writes) -> None:
         """Do nothing."""
 
     def withdraw(self) -> None:
@@ -121,7 +146,17 @@ class JournalFile:
         self._path: Path | None = None
         self.written_bytes = 0
 
-    def append(self, record: CommitRecord, change: Overlay) -> None:
+    @property
+    def folder(self) -> Path:
+        """Folder of the segments."""
+        return self._folder
+
+    @property
+    def written(self) -> int:
+        """Number of the last record that this process wrote; 0 before the first."""
+        return self._written
+
+    def append(self, record: CommitRecord, change: Writes) -> None:
         """Write the record of a commit, not yet durably.
 
         Raises
@@ -225,6 +260,11 @@ class JournalFile:
                 if record.seq > since:
                     yield record
 
+    def oldest(self) -> int | None:
+        """Return the number of the oldest commit with a record; ``None`` without any."""
+        segments = self.segments()
+        return int(segments[0].stem) if segments else None
+
     def records_from(self, segment: str, start: int) -> Iterator[Record]:
         """Yield the record at an offset of a segment, and all after it.
 
@@ -283,8 +323,8 @@ class JournalFile:
             path.unlink()
 
 
-def _encode(record: CommitRecord, change: Overlay) -> bytes:
-    body = _lines(b"D ", list(change.removed)) + _lines(b"A ", list(change.added))
+def _encode(record: CommitRecord, change: Writes) -> bytes:
+    body = body_of(change.removed, change.added)
     header = {
         "seq": record.seq,
         "time": record.ended.isoformat(),
@@ -294,10 +334,17 @@ def _encode(record: CommitRecord, change: Overlay) -> bytes:
         "removed": len(change.removed),
         "added": len(change.added),
     }
+    if record.is_partial:
+        header["partial"] = True
     for key, graphs in (("created", change.created), ("dropped", change.dropped)):
         if graphs:
             header[key] = [getattr(graph, "value", "") for graph in graphs]
     return encode(header, body)
+
+
+def body_of(removed: Collection[Quad], added: Collection[Quad]) -> bytes:
+    """Return the lines of a record."""
+    return _lines(b"D ", removed) + _lines(b"A ", added)
 
 
 def encode(header: dict[str, Any], body: bytes) -> bytes:
@@ -306,12 +353,16 @@ def encode(header: dict[str, Any], body: bytes) -> bytes:
     return json.dumps(whole, ensure_ascii=False).encode() + b"\n" + body
 
 
-def _lines(mark: bytes, quads: Sequence[Quad]) -> bytes:
+def _lines(mark: bytes, quads: Collection[Quad]) -> bytes:
     if not quads:
         return b""
-    text = serialize(quads, format=RdfFormat.N_QUADS)
-    assert text is not None
-    return mark + text.rstrip(b"\n").replace(b"\n", b"\n" + mark) + b"\n"
+    blocks = []
+    rest = iter(quads)
+    while block := list(itertools.islice(rest, _BLOCK)):
+        text = serialize(block, format=RdfFormat.N_QUADS)
+        assert text is not None
+        blocks.append(mark + text[:-1].replace(b"\n", b"\n" + mark) + b"\n")
+    return b"".join(blocks)
 
 
 def read_segment(path: Path, torn_end: bool, start: int = 0) -> Iterator[tuple[Record, int]]:

@@ -1,8 +1,9 @@
 """Snapshots that a writer publishes for other processes, one at each checkpoint.
 
-A process that opens a folder for reading beside a writer reads the newest of them, because the
-files of a store that is being written must not be opened twice. A snapshot consists of hard links,
-so it takes almost no space until the store rewrites its files. It is kept while somebody holds it.
+A process that opens a folder for reading beside a writer begins with the newest of them, because
+the files of a store that is being written must not be opened twice. A snapshot consists of hard
+links, so it takes almost no space until the store rewrites its files. It is kept while somebody
+holds it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
 
 __all__ = ["HeldSnapshot", "Publisher", "hold_newest"]
@@ -73,7 +75,7 @@ class Publisher:
                 shutil.rmtree(draft, ignore_errors=True)
                 draft.mkdir()
                 (draft / _LOCK).touch()
-                self._store.raw.backup(str(draft / "store"))
+                embedded_store(self._store, "a snapshot").raw.backup(str(draft / "store"))
                 draft.rename(target)
             except (OSError, RuntimeError) as error:
                 _log.warning("no snapshot for other processes: %s", error)

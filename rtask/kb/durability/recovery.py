@@ -23,10 +23,11 @@ from rtask.kb.durability.journal import JournalFile, Record, encode
 from rtask.kb.durability.published import Publisher
 from rtask.kb.durability.seal import Seal, require_sealed, seal
 from rtask.kb.durability.settings import Settings, write_durably
-from rtask.kb.store.apply import Writes, apply
+from rtask.kb.store.apply import apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import Overlay
 from rtask.kb.store.union import union_change
+from rtask.kb.store.writes import Writes
 
 __all__ = ["Checkpoint", "Checkpoints", "recover", "replay", "replay_all"]
 
@@ -116,6 +117,17 @@ class Checkpoints:
     def journal(self) -> JournalFile:
         """The journal whose commits the checkpoints cover."""
         return self._journal
+
+    def postpone(self) -> None:
+        """Restart the clock that counts to the next checkpoint."""
+        self._time = time.monotonic()
+
+    def write_ahead(self) -> None:
+        """Force to disk what the store holds now, so that the checkpoint has little left to do.
+
+        Commits may go on meanwhile.
+        """
+        self._store.flush()
 
     def make(self, seq: int, clean: bool = False) -> None:
         """Make the store durable and record it."""
@@ -250,7 +262,7 @@ def _store_touched(store: GraphStore, touched: dict[Quad, bool], merged: bool) -
     touched.clear()
     if removed or added:
         union = union_change(store, removed, added) if merged else Overlay(store)
-        apply(store, Writes([*removed, *union.removed], [*added, *union.added]))
+        apply(store, Writes([*removed, *union.removed], [*union.added, *added]))
 
 
 def replay(store: GraphStore, record: Record, merged: bool) -> None:
@@ -259,7 +271,7 @@ def replay(store: GraphStore, record: Record, merged: bool) -> None:
     added = [quad for quad in record.added() if quad not in store]
     union = union_change(store, removed, added) if merged else Overlay(store)
     created, dropped = record.graphs("created"), record.graphs("dropped")
-    writes = Writes([*removed, *union.removed], [*added, *union.added], created, dropped)
+    writes = Writes([*removed, *union.removed], [*union.added, *added], created, dropped)
     if removed or added or created or dropped:
         apply(store, writes)
 

@@ -103,10 +103,12 @@ class SavedClosures:
 
     def restore(self, held: Held, rules: Iterable[str | LabelledRule]) -> Closure | None:
         """Return the closure of the present statements, ``None`` if no saved one fits."""
+        from reasoner.saved.container import DamagedFolderError
+
         for path in saved_folders(self._folder):
             try:
                 closure = self._read(path, held, tuple(rules))
-            except Exception as error:  # noqa: BLE001 - whatever is wrong, building anew is right
+            except (_MisfitError, DamagedFolderError, StoreError, OSError) as error:
                 _log.warning("%s is not used, the closure is built anew: %s", path, error)
                 continue
             self._saved_changes = 0
@@ -133,8 +135,7 @@ class SavedClosures:
             gained = [key for key in touched if held.holds(key)]
             present = set(gained)
             lost = [key for key in touched if key not in present]
-            # the reasoner leaves out triple terms, which its signature does not include
-            closure.stage(add=gained, remove=lost).apply()  # type: ignore[arg-type]
+            closure.stage(add=gained, remove=lost).apply()
         _log.debug("read %s and followed %d triples", path, len(touched))
         return closure
 

@@ -42,6 +42,8 @@ class Settings:
         compute it.
     parent
         Store and commit of the backup that this was restored from.
+    store
+        Address of the SPARQL server that holds the statements; ``None`` if the folder does.
     """
 
     store_id: str
@@ -52,6 +54,7 @@ class Settings:
     format: int = FORMAT
     union: str = "merged"
     parent: str | None = None
+    store: str | None = None
 
     @classmethod
     def new(

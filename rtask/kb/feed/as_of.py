@@ -11,7 +11,7 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.folder import Files
 from rtask.kb.durability.journal import JournalFile, NoJournal, Record
 from rtask.kb.feed.feed import Feed
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graphs import Graphs
 from rtask.rdf.terms import DEFAULT
 
@@ -59,7 +59,7 @@ def copy_as_of(
         store.add_graph(graph)
     for record in reversed(list(journal.records(seq))):
         _undo(store, record)
-    catalogue = Catalogue(GraphStore(store), graphs)
+    catalogue = Catalogue(EmbeddedStore(store), graphs)
     if not plain:
         _require_whole(store, graphs, catalogue, seq)
         if not files.settings.is_view:
@@ -95,7 +95,7 @@ def _require_whole(store: Store, graphs: Graphs, catalogue: Catalogue, seq: int)
 def _closed_for_writing(
     files: Files, graphs: Graphs, store: Store, seq: int
 ) -> tuple[Files, Catalogue, Writer]:
-    copy = Files(files.settings, GraphStore(store), files.blobs, NoJournal(), last_seq=seq)
+    copy = Files(files.settings, EmbeddedStore(store), files.blobs, NoJournal(), last_seq=seq)
     copy.store.is_view = files.settings.is_view
     catalogue = Catalogue(copy.store, graphs)
     plain = files.settings.plain

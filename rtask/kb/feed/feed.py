@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 
 from pyoxigraph import Quad
 
 from rtask.errors import EpochChangedError, GoneError, UsageError
 from rtask.kb.commit.catalogue import Catalogue
 from rtask.kb.commit.commit import Change, Commit
-from rtask.kb.durability.journal import JournalFile, Record
+from rtask.kb.durability.journal import KeptJournal, Record
 from rtask.kb.feed.subscriptions import QUEUE, Filter, Subscription
 from rtask.kb.store.graph_store import GraphStore
 from rtask.rdf.terms import RDF_TYPE, GraphName, NamedNode, Subject, Term, moment
@@ -46,7 +46,7 @@ class Feed:
         epoch: str,
         store: GraphStore,
         catalogue: Catalogue,
-        journal: JournalFile | None,
+        journal: KeptJournal | None,
         plain: bool,
         last_seq: int,
     ) -> None:
@@ -189,7 +189,7 @@ class Feed:
 
     def require_kept(self, after: int) -> None:
         """Raise unless every commit after this number is still kept."""
-        oldest = self._oldest_kept()
+        oldest = self.oldest_kept()
         if after > self._announced:
             raise UsageError(f"there is no commit {after}; the last one is {self._announced}")
         if after + 1 < oldest:
@@ -200,11 +200,11 @@ class Feed:
                 seq=self._announced,
             )
 
-    def _oldest_kept(self) -> int:
+    def oldest_kept(self) -> int:
+        """Return the number of the oldest commit that can be read again."""
         if self._journal is None:
             return self._oldest
-        segments = self._journal.segments()
-        return int(segments[0].stem) if segments else self._announced + 1
+        return self._journal.oldest() or self._announced + 1
 
     def _past(self, wanted: Filter, after: int, upto: int) -> Iterator[Change]:
         for change in self.changes(after, upto):
@@ -220,9 +220,9 @@ class Feed:
         for record in self._journal.records(after):
             if record.seq > upto:
                 return
-            yield self._read(record)
+            yield self.read(record)
 
-    def _read(self, record: Record) -> Change:
+    def read(self, record: Record) -> Change:
         """Convert a journal record to the change that was announced."""
         graphs = self._catalogue.graphs
         derived = {graphs.inferred}
@@ -242,6 +242,7 @@ class Feed:
             derived=len(inferred[0]),
             time=moment(record.header.get("time")),
             activity=None if self._plain else self._catalogue.activity(record.seq),
+            withdrawn=len(inferred[1]),
         )
         agent, note = record.header.get("agent"), record.header.get("note")
         return Change(commit, agent, note, *asserted, *inferred)
@@ -269,15 +270,17 @@ class _Subscriber:
         self.wanted = wanted
 
 
+def _parts(change: Change) -> tuple[Collection[Quad], ...]:
+    return change.added, change.removed, change.inferred_added, change.inferred_removed
+
+
 def _quads(change: Change) -> Iterator[Quad]:
-    yield from change.added
-    yield from change.removed
-    yield from change.inferred_added
-    yield from change.inferred_removed
+    for part in _parts(change):
+        yield from part
 
 
 def _size(change: Change) -> int:
-    return sum(1 for _ in _quads(change))
+    return sum(map(len, _parts(change)))
 
 
 def _masked(quad: Quad, mask: _Mask) -> _Key:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from pyoxigraph import Quad
 
-from rtask.kb.durability.journal import JournalFile
+from rtask.kb.durability.journal import KeptJournal, NoJournal
 from rtask.kb.feed.feed import Feed
 from rtask.rdf.terms import GraphName, moment
 
@@ -66,7 +66,7 @@ class Period:
 
 
 def history(
-    feed: Feed, journal: object, matches: Callable[[Quad], bool], period: Period
+    feed: Feed, journal: KeptJournal | NoJournal, matches: Callable[[Quad], bool], period: Period
 ) -> Iterator[HistoryEntry]:
     """Yield the commits that touched matching statements, oldest first.
 
@@ -79,9 +79,11 @@ def history(
             yield replace(entry, added=added, removed=removed)
 
 
-def _entries(feed: Feed, journal: object, period: Period) -> Iterator[HistoryEntry]:
+def _entries(
+    feed: Feed, journal: KeptJournal | NoJournal, period: Period
+) -> Iterator[HistoryEntry]:
     upto = feed.last_seq if period.upto is None else period.upto
-    if not isinstance(journal, JournalFile):
+    if isinstance(journal, NoJournal):
         for change in feed.changes(period.after, upto):
             time = change.commit.time.isoformat()
             if period.holds(time, change.agent):

@@ -10,7 +10,7 @@ import contextlib
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -72,7 +72,7 @@ class Filter:
         if self.is_open and self.inferred:
             return change
 
-        def chosen(quads: tuple[Quad, ...]) -> tuple[Quad, ...]:
+        def chosen(quads: Collection[Quad]) -> tuple[Quad, ...]:
             return tuple(quad for quad in quads if self.fits(quad, is_instance))
 
         part = replace(

@@ -26,16 +26,22 @@ from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint, Checkpoints, boot_id
 from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings, write_durably
+from rtask.kb.store.embedded import embedded_store
 
 __all__ = ["backup", "restore"]
 
 _FILE = "backup.json"
 
 
-def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
+def backup(files: Files, writer: Writer, target: Path, blobs: bool = True) -> dict[str, Any]:
     """Copy an open knowledge base; writers wait briefly, readers are not affected.
 
     The copy is opened and its statements counted before it is marked as complete.
+
+    Parameters
+    ----------
+    blobs
+        Whether to copy byte strings, too.
 
     Returns
     -------
@@ -55,7 +61,7 @@ def backup(files: Files, writer: Writer, target: Path) -> dict[str, Any]:
     if target.exists():
         raise UsageError(f"{target} exists{_what_it_is(target)}; name a new folder")
     try:
-        return _copy(files, writer, files.folder, files.checkpoints, target)
+        return _copy(files, writer, files.folder if blobs else None, files.checkpoints, target)
     except OSError as error:
         if error.errno == errno.ENOSPC:
             raise StorageFullError(
@@ -72,16 +78,16 @@ def _what_it_is(target: Path) -> str:
 
 
 def _copy(
-    files: Files, writer: Writer, folder: Path, checkpoints: Checkpoints, target: Path
+    files: Files, writer: Writer, folder: Path | None, checkpoints: Checkpoints, target: Path
 ) -> dict[str, Any]:
     target.mkdir(parents=True)
     with writer.exclusive():
         seq = writer.committer.last_seq
         checkpoints.make(seq)
-        files.store.raw.backup(str(target / "store"))
+        embedded_store(files.store, "a backup").raw.backup(str(target / "store"))
         _copy_journal(files.journal, target / "journal")
-    for blob in sorted((folder / "blobs").glob("??/??/*")):
-        copy_blob(blob, target / "blobs" / blob.relative_to(folder / "blobs"))
+    for blob in sorted((folder / "blobs").glob("??/??/*")) if folder is not None else ():
+        copy_blob(blob, target / "blobs" / blob.relative_to(blob.parents[2]))
     (target / "blobs" / "tmp").mkdir(parents=True, exist_ok=True)
     files.settings.save(target)
     sealed = seal(JournalFile(target / "journal"))

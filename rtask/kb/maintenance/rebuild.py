@@ -22,7 +22,7 @@ from rtask.kb.durability.recovery import Checkpoint, boot_id, replay_all
 from rtask.kb.durability.saved_closures import discard_saved
 from rtask.kb.durability.seal import seal
 from rtask.kb.durability.settings import Settings
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graphs import Graphs
 
 __all__ = ["rebuild_journal", "rebuild_store"]
@@ -47,7 +47,7 @@ def rebuild_store(folder: Path) -> int:
         fresh = folder / "store.rebuilt"
         if fresh.exists():
             _set_aside(fresh)
-        store = GraphStore(Store(str(fresh)), str(fresh))
+        store = EmbeddedStore(Store(str(fresh)), str(fresh))
         store.is_view = settings.is_view
         try:
             journal = JournalFile(folder / "journal")
@@ -67,7 +67,9 @@ def rebuild_store(folder: Path) -> int:
     return last
 
 
-def _replay_all(folder: Path, store: GraphStore, journal: JournalFile, settings: Settings) -> int:
+def _replay_all(
+    folder: Path, store: EmbeddedStore, journal: JournalFile, settings: Settings
+) -> int:
     def gapless() -> Iterator[Record]:
         last = 0
         for record in journal.records():
@@ -91,7 +93,7 @@ def _require_known(folder: Path, record: Record) -> None:
         )
 
 
-def _require_complete(folder: Path, store: GraphStore, settings: Settings) -> None:
+def _require_complete(folder: Path, store: EmbeddedStore, settings: Settings) -> None:
     """Compare the sizes of graphs with those recorded in the catalogue."""
     if settings.plain:
         return
@@ -160,7 +162,7 @@ def _stored_seq(folder: Path, settings: Settings) -> int:
             f"{folder} has neither checkpoint nor journal, and a plain store does not number its "
             "commits; export it with pyoxigraph and load it into a new one"
         )
-    store = GraphStore(Store.read_only(str(folder / "store")))
+    store = EmbeddedStore(Store.read_only(str(folder / "store")))
     try:
         return Catalogue(store, Graphs(settings.base)).seq
     finally:

@@ -14,8 +14,9 @@ from rtask.kb.commit.writer import Writer
 from rtask.kb.durability.blobs import PREFIX, digest_of
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.reasoning import Reasoning
-from rtask.kb.store.apply import Writes, apply
-from rtask.kb.store.union import is_joined
+from rtask.kb.store.apply import apply
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DEFAULT, GraphName, triple_key
 
 __all__ = ["PARTS", "Finding", "collect_blobs", "verify"]
@@ -140,14 +141,14 @@ def _union(kb: Reasoning, repair: bool) -> Iterator[Finding]:
     missing = [
         Quad(*triple_key(quad), DEFAULT)
         for quad in store.quads_for_pattern(None, None, None, None)
-        if is_joined(quad.graph_name)
+        if Graphs.is_joined(quad.graph_name)
         if Quad(*triple_key(quad), DEFAULT) not in store
     ]
     surplus = [
         quad
         for quad in store.quads_for_pattern(None, None, None, DEFAULT)
         if not any(
-            is_joined(other.graph_name)
+            Graphs.is_joined(other.graph_name)
             for other in store.quads_for_pattern(*triple_key(quad), None)
         )
     ]

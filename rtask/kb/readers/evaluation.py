@@ -99,11 +99,16 @@ def prepare(
 
 
 def _evaluate(
-    store: GraphStore, graphs: Graphs, plain: bool, text: str, dataset: QueryDataset
+    store: GraphStore,
+    graphs: Graphs,
+    plain: bool,
+    text: str,
+    dataset: QueryDataset,
+    timeout_s: float | None,
 ) -> Any:
     text, arguments = prepare(store, graphs, plain, text, dataset)
     try:
-        return store.query(text, base_iri=dataset.base, **arguments)
+        return store.query(text, timeout_s=timeout_s, base_iri=dataset.base, **arguments)
     except SyntaxError as error:
         raise syntax_error(error, "query", text) from error
     except (RuntimeError, ValueError) as error:
@@ -111,10 +116,21 @@ def _evaluate(
 
 
 def run(
-    store: GraphStore, graphs: Graphs, plain: bool, text: str, dataset: QueryDataset
+    store: GraphStore,
+    graphs: Graphs,
+    plain: bool,
+    text: str,
+    dataset: QueryDataset,
+    timeout_s: float | None = None,
 ) -> Solutions | bool | Triples:
-    """Evaluate a query and read its answer to the end."""
-    answer = _evaluate(store, graphs, plain, text, dataset)
+    """Evaluate a query and read its answer to the end.
+
+    Parameters
+    ----------
+    timeout_s
+        Time limit where the statements are on another server; there is none in this process.
+    """
+    answer = _evaluate(store, graphs, plain, text, dataset, timeout_s)
     try:
         if isinstance(answer, QuerySolutions):
             names = [variable.value for variable in answer.variables]
@@ -133,6 +149,7 @@ def serialize(
     text: str,
     media_type: str,
     dataset: QueryDataset,
+    timeout_s: float | None = None,
 ) -> bytes:
     """Evaluate a query and return its answer in a media type.
 
@@ -141,7 +158,7 @@ def serialize(
     UsageError
         If the media type does not fit the kind of query.
     """
-    answer = _evaluate(store, graphs, plain, text, dataset)
+    answer = _evaluate(store, graphs, plain, text, dataset, timeout_s)
     if isinstance(answer, QuerySolutions | QueryBoolean):
         known: Any = QueryResultsFormat.from_media_type(media_type)
         kind = "rows or a truth value"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 
 from rtask.kb.readers.messages import encode_change, message
-from rtask.kb.store.apply import Writes
+from rtask.kb.store.writes import Writes
 
 __all__ = ["CommitFrame", "DumpSink"]
 

@@ -26,6 +26,7 @@ from rtask.errors import ClosedError
 from rtask.kb.readers import main as reader_main
 from rtask.kb.readers.frames import CommitFrame, DumpSink
 from rtask.kb.readers.messages import Incoming, message
+from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
 
 if TYPE_CHECKING:
@@ -310,7 +311,7 @@ class KeeperProcess:
         graphs = [g.value for g in store.named_graphs() if isinstance(g, NamedNode)]
         self._connection.sendall(message(b"L", json.dumps(graphs).encode()))
         sink: Any = DumpSink(self._connection)
-        store.raw.dump(sink, RdfFormat.N_QUADS)
+        embedded_store(store, "a reader").raw.dump(sink, RdfFormat.N_QUADS)
         sink.flush()
         self._connection.sendall(message(b"D"))
 

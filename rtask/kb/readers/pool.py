@@ -20,8 +20,8 @@ from rtask.kb.readers.places import Places, RefusedTexts, require_time
 from rtask.kb.readers.request import Question, ReaderLimits
 from rtask.kb.readers.streams import Deadlines, ReaderStream
 from rtask.kb.readers.supply import ReaderSupply
-from rtask.kb.store.apply import Writes
 from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.writes import Writes
 from rtask.sparql.query_cost import is_quick
 
 __all__ = ["Readers"]

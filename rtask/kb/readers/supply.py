@@ -18,9 +18,10 @@ from rtask.errors import ClosedError, UnsupportedError
 from rtask.kb.readers.frames import CommitFrame
 from rtask.kb.readers.keeper import KeeperProcess, ReaderGone, ReaderProcess
 from rtask.kb.readers.places import Places
-from rtask.kb.store.apply import Writes
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.snapshots import Snapshot, Snapshots
+from rtask.kb.store.writes import Writes
 
 __all__ = ["ReaderSupply"]
 
@@ -70,7 +71,12 @@ class ReaderSupply:
         self._used: dict[int, Snapshot] = {}
         self._closed = False
         self._size = -1
-        self.possible = sys.platform != "win32" and hasattr(os, "fork") and bool(sys.executable)
+        self.possible = (
+            isinstance(store, EmbeddedStore)
+            and sys.platform != "win32"
+            and hasattr(os, "fork")
+            and bool(sys.executable)
+        )
         self.killed = self.answered = self.changes = 0
 
     def stored(self, writes: Writes) -> None:

@@ -19,7 +19,7 @@ from rtask.kb.commit.update_limits import UpdateLimits
 from rtask.kb.readers.answering import refuse, send_all
 from rtask.kb.readers.memory import memory_limit, resident_bytes
 from rtask.kb.readers.messages import encode_change, message
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import NetChange, apply_change
 
@@ -73,7 +73,7 @@ def evaluate(raw: ox.Store, order: dict[str, Any]) -> tuple[bytes | Exception, b
     raw, order
         As in :func:`answer_update`.
     """
-    store = GraphStore(raw)
+    store = EmbeddedStore(raw)
     store.is_view = order["view"]
     ontologies = frozenset(order["ontologies"])
     access = Access(order["agent"], order["role"], frozenset(order["rights"])).bind(
@@ -97,7 +97,7 @@ def evaluate(raw: ox.Store, order: dict[str, Any]) -> tuple[bytes | Exception, b
     return outcome, _undo(store, whole)
 
 
-def _undo(store: GraphStore, whole: NetChange) -> bool:
+def _undo(store: EmbeddedStore, whole: NetChange) -> bool:
     if len(whole.added) + len(whole.removed) > MAX_UNDONE:
         return False
     apply_change(store, NetChange(whole.added, whole.removed, whole.dropped, whole.created))

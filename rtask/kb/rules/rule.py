@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from rtask.errors import ParseError, UsageError
 from rtask.rdf.terms import NamedNode
@@ -59,6 +59,24 @@ class Rule:
             "author": self.author.value if self.author else None,
             "time": self.time.isoformat() if self.time else None,
         }
+
+    @classmethod
+    def from_dict(cls, value: Mapping[str, Any]) -> Rule:
+        """Return the rule that :meth:`to_dict` gave.
+
+        >>> rule = Rule("on is above", "CONSTRUCT {}", iri=NamedNode("urn:rule:1"))
+        >>> Rule.from_dict(rule.to_dict()) == rule
+        True
+        """
+        iri, author, time = value["iri"], value["author"], value["time"]
+        return cls(
+            value["label"],
+            value["text"],
+            value["comment"],
+            NamedNode(iri) if iri else None,
+            NamedNode(author) if author else None,
+            dt.datetime.fromisoformat(time) if time else None,
+        )
 
 
 Source: TypeAlias = Rule | Path | str

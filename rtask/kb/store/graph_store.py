@@ -1,29 +1,25 @@
-"""A quad store that can be closed explicitly.
+"""Interface of the store of a knowledge base.
 
-pyoxigraph closes a store only when its last reference is dropped, and a traceback may keep a
-reference for long. Other code therefore refers to :class:`GraphStore`, which drops its reference
-on ``close()``.
+:class:`rtask.kb.store.embedded.EmbeddedStore` keeps the quads in this process, on disk or in
+memory; :class:`rtask.remote.store.RemoteStore` on a SPARQL 1.1 server. Commits, the catalogue,
+inference, rights, validation and the feed work on this interface and know neither.
 """
 
 from __future__ import annotations
 
-import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Protocol
 
-from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, Store
+from pyoxigraph import NamedNode, Quad
 
-from rtask.errors import ClosedError, StorageFullError, StoreFormatError
-from rtask.kb.store.graphs import Graphs
-from rtask.rdf.terms import GraphName, Subject, Term, stored
-from rtask.sparql.lexer import names_dataset
+from rtask.kb.store.writes import Writes
+from rtask.rdf.terms import GraphName, Subject, Term
 
-__all__ = ["GraphStore"]
+__all__ = ["Gate", "GraphStore"]
 
-_ATTEMPTS = 20
-_PAUSE_S = 0.05
 _OPEN = nullcontext()
 _COMPLETE = nullcontext(True)
 
@@ -51,13 +47,8 @@ class Gate(Protocol):
         """Let no read begin in the block, where the store holds neither the old nor the new."""
 
 
-class GraphStore:
-    """Quad store of a knowledge base.
-
-    Parameters
-    ----------
-    store
-        The store; the caller must keep no other reference to it.
+class GraphStore(ABC):
+    """Quads of a knowledge base, wherever they are stored.
 
     Attributes
     ----------
@@ -70,16 +61,14 @@ class GraphStore:
         Functions that :func:`rtask.kb.store.apply.apply` calls with the changes of each commit.
     gate
         Completes the store before a read begins; ``None`` if it is always complete. Methods of this
-        class take care of it; what reads :attr:`raw` begins inside :meth:`complete`.
+        class take care of it; what reads the files begins inside :meth:`complete`.
     """
 
-    __slots__ = ("_path", "_store", "followers", "gate", "is_stuck", "is_view")
+    __slots__ = ("followers", "gate", "is_stuck", "is_view")
 
-    def __init__(self, store: Store, path: str | None = None) -> None:
-        self._store: Store | None = store
-        self._path = path
+    def __init__(self) -> None:
         self.is_stuck = False
-        self.followers: list[Callable[[Any], None]] = []
+        self.followers: list[Callable[[Writes], None]] = []
         self.is_view = False
         self.gate: Gate | None = None
 
@@ -103,79 +92,30 @@ class GraphStore:
         return gate.reading()
 
     @property
-    def raw(self) -> Store:
-        """The underlying store; do not keep a reference.
-
-        Raises
-        ------
-        ClosedError
-            After :meth:`close`.
-        """
-        if self._store is None:
-            raise ClosedError("the knowledge base is closed")
-        return self._store
-
-    @property
+    @abstractmethod
     def folder(self) -> Path | None:
-        """Folder of the knowledge base; ``None`` in memory."""
-        return None if self._path is None else Path(self._path).parent
+        """Folder with the quads; ``None`` if they are in memory or elsewhere."""
 
     @property
+    @abstractmethod
     def is_open(self) -> bool:
         """Whether the store is open."""
-        return self._store is not None
 
+    @abstractmethod
     def reopen(self) -> None:
-        """Reopen the store, which refuses every write after the disk was full.
+        """Recover from a full disk."""
 
-        Raises
-        ------
-        StorageFullError
-            The disk is still full, or the store is still being read.
-        """
-        if self._path is None:
-            return
-        self._store = None
-        for attempt in range(_ATTEMPTS):
-            try:
-                self._store = Store(self._path)
-                self.is_stuck = False
-                return
-            except OSError as error:
-                if attempt + 1 == _ATTEMPTS or "lock" not in str(error).lower():
-                    self._store = Store.read_only(self._path)
-                    raise StorageFullError(f"the store cannot be written: {error}") from error
-                time.sleep(_PAUSE_S)
-
+    @abstractmethod
     def close(self) -> None:
-        """Release the files."""
-        self._store = None
+        """Release the files or the connection."""
 
-    def __contains__(self, quad: Quad) -> bool:
-        try:
-            with self.complete(quad.graph_name):
-                return quad in self.raw
-        except RuntimeError as error:
-            raise self._failed(error) from error
+    @abstractmethod
+    def __contains__(self, quad: Quad) -> bool: ...
 
-    def __len__(self) -> int:
-        try:
-            with self.complete():
-                return len(self.raw)
-        except RuntimeError as error:
-            raise self._failed(error) from error
+    @abstractmethod
+    def __len__(self) -> int: ...
 
-    def _failed(self, error: RuntimeError) -> Exception:
-        """Return the error for a failure of the store, distinguishing damaged files."""
-        if "orruption" not in str(error):
-            return error
-        folder = Path(self._path).parent if self._path else Path()
-        return StoreFormatError(
-            f"the store in {folder} is damaged: {error}; restore a backup, or rebuild the store "
-            f"from the journal: rtask rebuild store -d {folder}",
-            damaged="store",
-        )
-
+    @abstractmethod
     def quads_for_pattern(
         self,
         subject: Subject | None,
@@ -183,112 +123,60 @@ class GraphStore:
         value: Term | None,
         graph: GraphName | None = None,
     ) -> Iterator[Quad]:
-        """Yield the quads that match; consume them in this thread.
+        """Yield the quads that match; consume them in this thread."""
 
-        An exhausted iterator drops its reference to the store.
-        """
-        if self.is_view and isinstance(graph, DefaultGraph):
-            yield from self._view(subject, predicate, value)
-            return
-        try:
-            with self.complete(graph):
-                found = self.raw.quads_for_pattern(subject, predicate, value, graph)
-            if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
-                yield from found
-            else:
-                yield from _fitting(found, subject, value, graph)
-        except RuntimeError as error:
-            raise self._failed(error) from error
-
-    def _view(
-        self, subject: Subject | None, predicate: NamedNode | None, value: Term | None
-    ) -> Iterator[Quad]:
-        seen: set[Quad] = set()
-        for quad in self.quads_for_pattern(subject, predicate, value, None):
-            one = Quad(quad.subject, quad.predicate, quad.object)
-            if one not in seen and not Graphs.is_quarantine(quad.graph_name):
-                seen.add(one)
-                yield one
-
+    @abstractmethod
     def count(self, graph: GraphName) -> int:
-        """Return the number of triples in a named graph."""
-        if not isinstance(graph, NamedNode):
-            return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
-        text = f"SELECT (COUNT(*) AS ?n) {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
-        with self.complete(graph):
-            [row] = self.raw.query(text)  # type: ignore[misc]
-        return int(row["n"].value)
+        """Return the number of triples in a graph."""
 
+    @abstractmethod
     def named_graphs(self) -> Iterator[GraphName]:
         """Yield the names of the named graphs, empty ones included."""
-        with self.complete():
-            return self.raw.named_graphs()
 
+    @abstractmethod
     def contains_named_graph(self, graph: GraphName) -> bool:
         """Whether a named graph exists."""
-        with self.complete(graph):
-            return self.raw.contains_named_graph(graph)
 
-    def query(self, text: str, **options: Any) -> Any:
-        """Evaluate a query; consume the answer in this thread."""
-        if self.is_view and "default_graph" not in options and not names_dataset(text):
-            options["use_default_graph_as_union"] = True
-        try:
-            with self.complete():
-                return self.raw.query(text, **options)
-        except RuntimeError as error:
-            raise self._failed(error) from error
+    @abstractmethod
+    def query(self, text: str, *, timeout_s: float | None = None, **options: Any) -> Any:
+        """Evaluate a query; options and answer are those of ``pyoxigraph.Store.query``.
 
+        Consume the answer in this thread.
+
+        Parameters
+        ----------
+        timeout_s
+            Time limit where another process answers; a store in this one has none.
+        """
+
+    @abstractmethod
     def update(self, text: str, **options: Any) -> None:
-        """Run an update atomically."""
-        try:
-            self.raw.update(text, **options)
-        except RuntimeError as error:
-            raise self._failed(error) from error
+        """Run an update atomically; options are those of ``pyoxigraph.Store.update``."""
 
-    def extend(self, quads: Iterable[Quad]) -> None:
-        """Add quads, all or none."""
-        try:
-            self.raw.extend(quads)
-        except RuntimeError as error:
-            raise self._failed(error) from error
+    def begin_change(self) -> None:  # noqa: B027 - nothing to do in this process
+        """Prepare for a change by this thread; called with the writer's lock."""
 
+    def end_change(self) -> None:  # noqa: B027 - nothing to do in this process
+        """End the change, whether it was stored or not."""
+
+    def prefetch(self, subjects: Iterable[Subject]) -> None:  # noqa: B027 - nothing to do in this process
+        """Expect look-ups of these subjects in this change; a store elsewhere asks for all now."""
+
+    def scratch(self) -> GraphStore:
+        """Return a store in this process with the same content, on which an update may be tried.
+
+        The update is made to fail, so that this may be the store itself.
+        """
+        return self
+
+    @abstractmethod
+    def apply(self, writes: Writes) -> None:
+        """Store the changes of one commit, all or none."""
+
+    @abstractmethod
     def bulk_extend(self, quads: Iterable[Quad]) -> None:
         """Add many quads fast, but not atomically: a process killed meanwhile leaves some."""
-        try:
-            self.raw.bulk_extend(quads)
-        except RuntimeError as error:
-            raise self._failed(error) from error
 
+    @abstractmethod
     def flush(self) -> None:
         """Force everything to disk."""
-        if self.gate is not None:
-            self.gate.flush()
-        try:
-            self.raw.flush()
-        except RuntimeError as error:
-            raise self._failed(error) from error
-
-
-def _is_named(term: Subject | Term | None) -> bool:
-    return term is None or isinstance(term, NamedNode)
-
-
-def _fitting(
-    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
-) -> Iterator[Quad]:
-    """Yield only the quads that really match.
-
-    On disk, pyoxigraph reads past a term whose encoding ends in byte 255: a pattern with the number
-    255 also yields 256 to 510. The same holds for dates, short strings and short blank node labels.
-    Terms stored by their hash, and SPARQL, are not affected.
-    """
-    wanted = None if value is None else stored(value)
-    for quad in found:
-        if wanted is not None and quad.object != wanted:
-            continue
-        if subject is not None and quad.subject != subject:
-            continue
-        if graph is not None and quad.graph_name != graph:
-            continue
-        yield quad

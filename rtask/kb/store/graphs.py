@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from urllib.parse import quote, unquote
 
-from pyoxigraph import NamedNode
+from pyoxigraph import DefaultGraph, NamedNode
 
 import ontology
 from rtask.errors import UsageError
@@ -18,6 +18,8 @@ __all__ = ["Graphs"]
 
 _RT = ontology.NS
 _QUARANTINE = "quarantine"
+_OF_SERVERS = ("store", "union", "staged")
+"""Of a knowledge base on a SPARQL server; see :mod:`rtask.remote`."""
 _KEPT_BY_COMMITS = frozenset(
     {"InferredGraph", "MetaGraph", "ProvenanceGraph", "RuleGraph", "QuarantineGraph"}
 )
@@ -76,6 +78,11 @@ class Graphs:
         """Whether this is the quarantine graph of a knowledge base."""
         return isinstance(graph, NamedNode) and graph.value.endswith("/graph/" + _QUARANTINE)
 
+    @staticmethod
+    def is_joined(graph: GraphName) -> bool:
+        """Whether a graph is part of the union."""
+        return not isinstance(graph, DefaultGraph) and not Graphs.is_quarantine(graph)
+
     def agent(self, name: str) -> NamedNode:
         """Return the graph of a robot or person."""
         if not name:
@@ -131,7 +138,8 @@ class Graphs:
 
     def is_kept_by_commits(self, graph: GraphName) -> bool:
         """Whether the graph is written by the knowledge base itself only."""
-        return self.kind(graph) in _KEPT_BY_COMMITS
+        first = self._path(graph).partition("/")[0]
+        return first in _OF_SERVERS or self.kind(graph) in _KEPT_BY_COMMITS
 
     def is_input(self, graph: GraphName) -> bool:
         """Whether the reasoner reads this graph.

@@ -16,10 +16,11 @@ import weakref
 from collections.abc import Iterator
 
 from rtask.errors import RtaskError
-from rtask.kb.store.apply import Writes, apply
+from rtask.kb.store.apply import apply
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.overlay import NetChange, Overlay
 from rtask.kb.store.union import union_change
+from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import DEFAULT, GraphName
 
 __all__ = ["LateNotes"]
@@ -27,8 +28,9 @@ __all__ = ["LateNotes"]
 _log = logging.getLogger(__name__)
 _MAX_COMMITS = 256
 _REST_S = 0.2
+"""Pause (s) after which notes are stored, so that the next read does not wait for them."""
 _MAX_DRAIN_S = 2.0
-"""A question on its way to a reader process counts as beginning, and does not read this store."""
+"""Longest wait (s) for reads under way; a question on its way to a reader counts as one."""
 
 
 class LateNotes:
@@ -54,7 +56,7 @@ class LateNotes:
         self._readers = 0
         self._was_read = False
         self._is_behind = False
-        self._gate = threading.Lock()
+        self._gate = threading.Condition()
         self._storing = threading.RLock()
         self._rest: threading.Thread | None = None
         store.gate = self
@@ -85,8 +87,7 @@ class LateNotes:
                 self.try_flush()
             yield
         finally:
-            with self._gate:
-                self._readers -= 1
+            self._leave()
 
     @contextlib.contextmanager
     def excluding(self) -> Iterator[None]:
@@ -94,9 +95,7 @@ class LateNotes:
         with self._storing:
             with self._gate:
                 self._is_excluding = self._is_behind = True
-            end = time.monotonic() + _MAX_DRAIN_S
-            while self._readers and time.monotonic() < end:
-                time.sleep(0.001)
+                self._gate.wait_for(lambda: not self._readers, _MAX_DRAIN_S)
             try:
                 yield
             finally:
@@ -113,8 +112,15 @@ class LateNotes:
         try:
             yield may_begin
         finally:
-            with self._gate:
-                self._readers -= may_begin
+            if may_begin:
+                self._leave()
+
+    def _leave(self) -> None:
+        """End the beginning of a read."""
+        with self._gate:
+            self._readers -= 1
+            if not self._readers:
+                self._gate.notify_all()
 
     @contextlib.contextmanager
     def quiet(self) -> Iterator[None]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad
 
+from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
 from rtask.rdf.terms import GraphName
 
@@ -49,6 +50,23 @@ class Overlay:
         elif quad not in self.store:
             self.added[quad] = None
         self.create(quad.graph_name)
+
+    def add_all(self, quads: Iterable[Quad]) -> None:
+        """Add many quads; where all of a graph goes, they are not looked up one by one."""
+        is_gone: dict[GraphName, bool] = {}
+        removed, added, store = self.removed, self.added, self.store
+        restored: set[Quad] = set()
+        for quad in quads:
+            graph = quad.graph_name
+            if graph not in is_gone:
+                self.create(graph)
+                going = sum(other.graph_name == graph for other in removed)
+                is_gone[graph] = going == store.count(graph)
+            if quad in removed:
+                del removed[quad]
+                restored.add(quad)
+            elif quad not in restored and (is_gone[graph] or quad not in store):
+                added[quad] = None
 
     def has_graph(self, graph: GraphName) -> bool:
         """Whether the graph exists; the default graph always does."""
@@ -128,7 +146,7 @@ def _cancel(items: Mapping[Any, None], opposite: dict[Any, None], kept: dict[Any
 
 def apply_change(store: GraphStore, change: Overlay | NetChange) -> None:
     """Change a private copy of the store in place."""
-    raw = store.raw
+    raw = embedded_store(store, "a private copy").raw
     for quad in change.removed:
         raw.remove(quad)
     raw.extend(change.added)

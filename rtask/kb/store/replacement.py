@@ -10,17 +10,18 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterable
+from itertools import chain, islice
 from pathlib import Path
 
 from pyoxigraph import BlankNode, NamedNode, Quad, RdfFormat, parse, serialize
 
 from rtask.errors import StoreError
-from rtask.kb.store.apply import Writes
+from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
-from rtask.kb.store.overlay import Overlay
-from rtask.kb.store.union import is_joined, remaining
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.union import remaining
+from rtask.kb.store.writes import Writes
 from rtask.rdf.terms import GraphName
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
 
 _FILE = "staying.nq"
 MIN_REPLACED = 50_000
+_BLOCK = 100_000
 _MAX_STAYING_RATIO = 2
 """Loading a statement takes about half the time of removing one."""
 
@@ -40,7 +42,7 @@ class ReplacementError(StoreError):
     """The store was emptied and could not be filled again; the next opening does it."""
 
 
-def is_large_removal(store: GraphStore, change: Overlay) -> bool:
+def is_large_removal(store: GraphStore, change: Writes) -> bool:
     """Whether loading what stays is quicker than removing what goes."""
     removed = len(change.removed)
     if store.gate is None or store.is_view or removed < MIN_REPLACED:
@@ -49,7 +51,7 @@ def is_large_removal(store: GraphStore, change: Overlay) -> bool:
     return named - removed <= _MAX_STAYING_RATIO * removed
 
 
-def replace_contents(store: GraphStore, change: Overlay) -> None:
+def replace_contents(store: GraphStore, change: Writes) -> None:
     """Load anew what the named graphs hold after a change, and the union of them.
 
     The journal must hold the change durably. Reads in this process wait meanwhile; those that have
@@ -61,14 +63,15 @@ def replace_contents(store: GraphStore, change: Overlay) -> None:
         The change will be completed when the folder is opened again.
     """
     graphs = [*(g for g in store.named_graphs() if g not in change.dropped), *change.created]
-    staying = _staying(store, change)
+    staying = remaining(store, change.removed, store.named_graphs())
     gate, folder = store.gate, store.folder
     assert gate is not None
     if folder is None:
         text = io.BytesIO()
         serialize(staying, output=text, format=RdfFormat.N_QUADS)
         with gate.excluding():
-            _load(store, parse(text.getvalue(), format=RdfFormat.N_QUADS), graphs)
+            kept = parse(text.getvalue(), format=RdfFormat.N_QUADS)
+            _load(store, chain(kept, change.added), graphs)
     else:
         temporary = folder / f"{_FILE}.tmp"
         with temporary.open("wb") as out:
@@ -82,8 +85,8 @@ def replace_contents(store: GraphStore, change: Overlay) -> None:
             temporary.rename(folder / _FILE)
             try:
                 _sync_folder(folder)
-                _load_file(store, folder)
-            except Exception as error:
+                _load_file(store, folder, change.added)
+            except Exception as error:  # whatever it is, the store is no longer what it was
                 raise ReplacementError(
                     f"a large removal could not be completed: {error}; open the knowledge base "
                     "again"
@@ -94,7 +97,10 @@ def replace_contents(store: GraphStore, change: Overlay) -> None:
 
 
 def complete_replacement(store: GraphStore, folder: Path) -> bool:
-    """Complete a replacement that a crash interrupted; return whether there was one."""
+    """Complete a replacement that a crash interrupted; return whether there was one.
+
+    What its commit added, the journal brings.
+    """
     (folder / f"{_FILE}.tmp").unlink(missing_ok=True)
     if not (folder / _FILE).exists():
         return False
@@ -102,19 +108,23 @@ def complete_replacement(store: GraphStore, folder: Path) -> bool:
     return True
 
 
-def _load_file(store: GraphStore, folder: Path) -> None:
+def _load_file(store: GraphStore, folder: Path, added: Iterable[Quad] = ()) -> None:
     path = folder / _FILE
     with path.open("rb") as file:
         graphs = [NamedNode(name) for name in json.loads(file.readline()[1:]) if name]
-    _load(store, parse(path=path, format=RdfFormat.N_QUADS), graphs)
-    store.raw.flush()
+    _load(store, chain(parse(path=path, format=RdfFormat.N_QUADS), added), graphs)
+    embedded_store(store, "replacing everything").raw.flush()
     path.unlink()
 
 
 def _load(store: GraphStore, quads: Iterable[Quad], graphs: Iterable[GraphName]) -> None:
-    raw = store.raw
+    raw = embedded_store(store, "replacing everything").raw
     raw.clear()
-    raw.bulk_extend(quads)  # keeps the names of blank nodes, unlike bulk_load
+    rest = iter(quads)
+    while block := list(islice(rest, _BLOCK)):
+        joined = (quad for quad in block if Graphs.is_joined(quad.graph_name))
+        raw.bulk_extend(Quad(quad.subject, quad.predicate, quad.object) for quad in joined)
+        raw.bulk_extend(block)  # keeps the names of blank nodes, unlike bulk_load
     for graph in graphs:
         if isinstance(graph, NamedNode | BlankNode):
             raw.add_graph(graph)
@@ -126,11 +136,3 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _staying(store: GraphStore, change: Overlay) -> Iterator[Quad]:
-    """Yield the quads after a change, those of joined graphs once more for the union."""
-    for quad in chain(remaining(store, change.removed, store.named_graphs()), change.added):
-        yield quad
-        if is_joined(quad.graph_name):
-            yield Quad(quad.subject, quad.predicate, quad.object)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rtask.errors import StoreError
+from rtask.kb.store.embedded import embedded_store
 from rtask.kb.store.graph_store import GraphStore
 
 __all__ = ["Snapshot", "Snapshots"]
@@ -80,7 +81,7 @@ class Snapshots:
             try:
                 self._home.mkdir(exist_ok=True)
                 with self._store.complete():
-                    self._store.raw.backup(str(path))
+                    embedded_store(self._store, "a snapshot").raw.backup(str(path))
             except (OSError, RuntimeError) as error:
                 shutil.rmtree(path, ignore_errors=True)
                 raise StoreError(f"cannot make a snapshot of {self._folder}: {error}") from error

@@ -7,16 +7,22 @@ each graph that holds it. A triple is removed together with its last occurrence 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Sequence
 
-from pyoxigraph import DefaultGraph, Quad
+from pyoxigraph import Quad
 
 from rtask.kb.store.graph_store import GraphStore
 from rtask.kb.store.graphs import Graphs
 from rtask.kb.store.overlay import Overlay
+from rtask.kb.store.quads import InGraph, QuadChain
 from rtask.rdf.terms import DEFAULT, GraphName, Subject, TripleKey, triple_key
 
-__all__ = ["input_change", "is_joined", "remaining", "union_change"]
+__all__ = [
+    "input_change",
+    "joined_triples",
+    "remaining",
+    "union_change",
+]
 
 _LARGE = 20_000
 _MAX_HELD_RATIO = 4
@@ -28,6 +34,7 @@ def union_change(
     removed: Iterable[Quad],
     added: Iterable[Quad],
     fresh: Collection[GraphName] = (),
+    besides: Sequence[Container[TripleKey]] = (),
 ) -> Overlay:
     """Return the change of the default graph when these quads of named graphs change.
 
@@ -38,18 +45,23 @@ def union_change(
     fresh
         Graphs whose added statements are rarely in another graph, so that checking costs more
         than adding a duplicate.
+    besides
+        Triples that the union gains besides; they are not part of the result.
     """
     change = Overlay(store)
     known = _Known(store)
-    new = {triple_key(quad): quad for quad in added if is_joined(quad.graph_name)}
-    gone = {quad: None for quad in removed if is_joined(quad.graph_name)}
+    new = {triple_key(quad): quad for quad in added if Graphs.is_joined(quad.graph_name)}
+    gone = {quad: None for quad in removed if Graphs.is_joined(quad.graph_name)}
+    store.prefetch(
+        [q.subject for q in gone] + [q.subject for q in new.values() if q.graph_name not in fresh]
+    )
     for key, quad in new.items():
         in_union = Quad(*key, DEFAULT)
         if quad.graph_name in fresh or not known.has(in_union):
             change.added[in_union] = None
-    holds = _holder(store, gone, is_joined)
+    holds = _holder(store, gone, Graphs.is_joined)
     for key in {triple_key(quad): None for quad in gone}:
-        if key not in new and not holds(key):
+        if key not in new and not any(key in more for more in besides) and not holds(key):
             change.removed[Quad(*key, DEFAULT)] = None
     return change
 
@@ -59,20 +71,16 @@ def input_change(
 ) -> tuple[list[TripleKey], list[TripleKey]]:
     """Return the triples that the union of the asserted graphs gains and loses.
 
-    A triple asserted in two graphs is lost only when it is removed from both.
+    A triple asserted in two graphs is lost only when it is removed from both. What is gained may
+    contain triples that another graph asserts already; the reasoner knows them.
     """
-    new = {triple_key(quad): None for quad in overlay.added if is_input(quad.graph_name)}
-    gone = {quad: None for quad in overlay.removed if is_input(quad.graph_name)}
+    inputs = _Cached(is_input)
+    new = {triple_key(quad): None for quad in overlay.added if inputs[quad.graph_name]}
+    gone = {quad: None for quad in overlay.removed if inputs[quad.graph_name]}
     lost_keys = {triple_key(quad): None for quad in gone}
-    known = _Known(overlay.store)
-    gained = [
-        key
-        for key in new
-        if not known.mentions(key[0]) or not _is_held(overlay.store, key, {}, is_input)
-    ]
     holds = _holder(overlay.store, gone, is_input)
     lost = [key for key in lost_keys if key not in new and not holds(key)]
-    return gained, lost
+    return list(new), lost
 
 
 def _holder(
@@ -88,20 +96,62 @@ def _holder(
 
 
 def remaining(
-    store: GraphStore, gone: dict[Quad, None], graphs: Iterable[GraphName]
+    store: GraphStore, gone: Collection[Quad], graphs: Iterable[GraphName]
 ) -> Iterator[Quad]:
     """Yield the quads of some graphs that are not among those that go.
 
     Graphs that lose everything are not read.
     """
-    losses = Counter(quad.graph_name for quad in gone)
+    losses = _graph_counts(gone)
     for graph in graphs:
         lost = losses[graph]
         if lost and lost == store.count(graph):
             continue
-        for quad in store.quads_for_pattern(None, None, None, graph):
-            if not lost or quad not in gone:
+        found = store.quads_for_pattern(None, None, None, graph)
+        if not lost:
+            yield from found
+            continue
+        going = [
+            set(part) if isinstance(part, InGraph) else part
+            for part in _parts(gone)
+            if not isinstance(part, InGraph) or part.graph == graph
+        ]
+        for quad in found:
+            if not any(quad in part for part in going):
                 yield quad
+
+
+def _graph_counts(quads: Collection[Quad]) -> Counter[GraphName]:
+    """Return how many quads each graph has."""
+    counts: Counter[GraphName] = Counter()
+    for part in _parts(quads):
+        if isinstance(part, InGraph):
+            counts[part.graph] += len(part)
+        else:
+            counts.update(quad.graph_name for quad in part)
+    return counts
+
+
+def _parts(quads: Collection[Quad]) -> tuple[Collection[Quad], ...]:
+    return quads.parts if isinstance(quads, QuadChain) else (quads,)
+
+
+def joined_triples(quads: Iterable[Quad]) -> dict[TripleKey, None]:
+    """Return the triples of those quads that are part of the union, each once."""
+    joined = _Cached(Graphs.is_joined)
+    return {triple_key(quad): None for quad in quads if joined[quad.graph_name]}
+
+
+class _Cached(dict[GraphName, bool]):
+    """Answers of a test about graphs, of which few occur in many statements."""
+
+    def __init__(self, test: Callable[[GraphName], bool]) -> None:
+        super().__init__()
+        self._test = test
+
+    def __missing__(self, graph: GraphName) -> bool:
+        found = self[graph] = self._test(graph)
+        return found
 
 
 class _Known:
@@ -125,11 +175,6 @@ class _Known:
     def has(self, quad: Quad) -> bool:
         """Whether the store holds a quad."""
         return self.mentions(quad.subject) and quad in self._store
-
-
-def is_joined(graph: GraphName) -> bool:
-    """Whether a graph is part of the union."""
-    return not isinstance(graph, DefaultGraph) and not Graphs.is_quarantine(graph)
 
 
 def _is_held(

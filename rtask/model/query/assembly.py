@@ -1,17 +1,21 @@
-"""Assembly of the objects of a query from the rows of its answer."""
+"""Answers of a query from its rows: objects with what they refer to, or plain values."""
 
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import pyoxigraph as ox
 
+from rtask.errors import UsageError
 from rtask.model.codec import decode
 from rtask.model.fields import Field
 from rtask.model.instance import Model
-from rtask.model.query.plan import Plan, eager
+from rtask.model.query import compile as compiled
+from rtask.model.query.expressions import After, Path
+from rtask.model.query.plan import Plan, check_root, eager
 from rtask.model.reading import Facts, collect
 from rtask.rdf.terms import NamedNode, Term
 from rtask.sparql.results import Solutions
@@ -19,7 +23,16 @@ from rtask.sparql.results import Solutions
 if TYPE_CHECKING:
     from rtask.model.session import Session
 
-__all__ = ["Assembly", "plain_value", "term_name"]
+__all__ = ["Assembly", "PlainAnswers", "plain_value"]
+
+A = TypeVar("A")
+B = TypeVar("B")
+C = TypeVar("C")
+D = TypeVar("D")
+E = TypeVar("E")
+F = TypeVar("F")
+G = TypeVar("G")
+H = TypeVar("H")
 
 
 class Assembly:
@@ -119,3 +132,152 @@ def _sort_key(term: Term | None) -> tuple[int, Any]:
     if isinstance(value, dt.datetime):
         return (5, value if value.tzinfo else value.replace(tzinfo=dt.UTC))
     return (6, str(term))
+
+
+class PlainAnswers:
+    """The part of a query that needs no objects."""
+
+    def __init__(self, session: Session, plan: Plan) -> None:
+        self._session = session
+        self._plan = plan
+
+    def _select(self, text: str) -> Solutions:
+        self._session.flush_before_query()
+        return self._session.rows(text)
+
+    def count(self) -> int:
+        """Return the number of objects."""
+        return int(str(self._select(compiled.count_text(self._plan))[0].value("n")))
+
+    def exists(self) -> bool:
+        """Return whether there is such an object."""
+        self._session.flush_before_query()
+        return self._session.holds(compiled.ask_text(self._plan))
+
+    def ids(self) -> list[str]:
+        """Return the IRIs of the objects, in order."""
+        rows = self._select(compiled.id_text(self._plan))
+        names = [term_name(row["root"]) for row in rows]
+        return names if self._plan.orders else sorted(names)
+
+    @overload
+    def values(self, a: Path[A], /, *, batch: int | None = None) -> Iterator[tuple[A | None]]: ...
+    @overload
+    def values(
+        self, a: Path[A], b: Path[B], /, *, batch: int | None = None
+    ) -> Iterator[tuple[A | None, B | None]]: ...
+    @overload
+    def values(
+        self, a: Path[A], b: Path[B], c: Path[C], /, *, batch: int | None = None
+    ) -> Iterator[tuple[A | None, B | None, C | None]]: ...
+    @overload
+    def values(
+        self, a: Path[A], b: Path[B], c: Path[C], d: Path[D], /, *, batch: int | None = None
+    ) -> Iterator[tuple[A | None, B | None, C | None, D | None]]: ...
+    @overload
+    def values(
+        self,
+        a: Path[A],
+        b: Path[B],
+        c: Path[C],
+        d: Path[D],
+        e: Path[E],
+        /,
+        *,
+        batch: int | None = None,
+    ) -> Iterator[tuple[A | None, B | None, C | None, D | None, E | None]]: ...
+    @overload
+    def values(
+        self,
+        a: Path[A],
+        b: Path[B],
+        c: Path[C],
+        d: Path[D],
+        e: Path[E],
+        f: Path[F],
+        /,
+        *,
+        batch: int | None = None,
+    ) -> Iterator[tuple[A | None, B | None, C | None, D | None, E | None, F | None]]: ...
+    @overload
+    def values(
+        self,
+        a: Path[A],
+        b: Path[B],
+        c: Path[C],
+        d: Path[D],
+        e: Path[E],
+        f: Path[F],
+        g: Path[G],
+        /,
+        *,
+        batch: int | None = None,
+    ) -> Iterator[tuple[A | None, B | None, C | None, D | None, E | None, F | None, G | None]]: ...
+    @overload
+    def values(
+        self,
+        a: Path[A],
+        b: Path[B],
+        c: Path[C],
+        d: Path[D],
+        e: Path[E],
+        f: Path[F],
+        g: Path[G],
+        h: Path[H],
+        /,
+        *,
+        batch: int | None = None,
+    ) -> Iterator[
+        tuple[A | None, B | None, C | None, D | None, E | None, F | None, G | None, H | None]
+    ]: ...
+    @overload
+    def values(self, *paths: Path[Any], batch: int | None = None) -> Iterator[tuple[Any, ...]]: ...
+    def values(self, *paths: Path[Any], batch: int | None = None) -> Iterator[tuple[Any, ...]]:
+        """Yield the values along paths; one tuple for each combination, ``None`` if missing.
+
+        Values are Python values of the types that the fields declare, objects are their IRIs.
+        Type checkers know the types of up to eight columns.
+
+        Parameters
+        ----------
+        *paths
+            One or more, which begin at the class of the query.
+        batch
+            Read so many objects at a time, in the order of their IRIs and in constant memory; each
+            batch is one query, which begins after the last IRI. By default one query, which is
+            run at once, reads all, and its rows are converted as they are consumed.
+
+        Raises
+        ------
+        UsageError
+            Without paths, for a path of another class, and for a batch together with ``order_by``,
+            ``limit`` or ``offset``.
+        """
+        if not paths:
+            raise UsageError("values() needs the paths to read, e.g. values(G.grasp_quality)")
+        for path in paths:
+            check_root(self._plan, path)
+        if batch is None:
+            return _plain(self._select(compiled.row_text(self._plan, paths)), len(paths))
+        if isinstance(batch, bool) or not isinstance(batch, int) or batch < 1:
+            raise UsageError(f"expected a batch of 1 or more objects, not {batch!r}")
+        if self._plan.orders or self._plan.limit is not None or self._plan.offset:
+            raise UsageError("values(batch=) sorts by IRI: remove order_by, limit and offset")
+        return self._batches(paths, batch)
+
+    def _batches(self, paths: tuple[Path[Any], ...], batch: int) -> Iterator[tuple[Any, ...]]:
+        last = ""
+        while True:
+            conditions = (*self._plan.conditions, (After(last),))
+            plan = replace(self._plan, conditions=conditions, limit=batch)
+            rows = self._select(compiled.page_text(plan, paths))
+            yield from _plain(rows, len(paths))
+            roots = {term_name(row[0]) for row in rows.tuples()}
+            if len(roots) < batch:
+                return
+            last = max(roots)
+
+
+def _plain(rows: Solutions, width: int) -> Iterator[tuple[Any, ...]]:
+    """Convert the columns after the root; sort keys may follow them."""
+    return (tuple(map(plain_value, row[1 : width + 1])) for row in rows.tuples())

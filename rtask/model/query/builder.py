@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+from typing import Any, Generic, TypeVar, overload
 
 from rtask.errors import FieldError, UnknownTermError, UsageError
 from rtask.model.instance import Model
 from rtask.model.query import compile as compiled
-from rtask.model.query.assembly import Assembly, plain_value, term_name
+from rtask.model.query.assembly import Assembly, PlainAnswers, plain_value
 from rtask.model.query.expressions import (
     After,
     Aggregate,
@@ -29,11 +29,7 @@ from rtask.model.query.expressions import (
     minimum,
     total,
 )
-from rtask.model.query.plan import Plan, check_root, eager
-from rtask.sparql.results import Solutions
-
-if TYPE_CHECKING:
-    from rtask.model.session import Session
+from rtask.model.query.plan import check_root, eager
 
 __all__ = ["Query"]
 
@@ -41,16 +37,12 @@ M = TypeVar("M", bound=Model)
 T = TypeVar("T")
 
 
-class Query(Generic[M]):
+class Query(PlainAnswers, Generic[M]):
     """A query for objects of a class; created by :meth:`Session.query`.
 
     Every method that restricts it returns a new query. Nothing is sent until a result is
     requested, and then a single query.
     """
-
-    def __init__(self, session: Session, plan: Plan) -> None:
-        self._session = session
-        self._plan = plan
 
     def _with(self, **changes: Any) -> Query[M]:
         return Query(self._session, replace(self._plan, **changes))
@@ -124,10 +116,6 @@ class Query(Generic[M]):
                 f"         and {steps}: a {model.__name__}, {len(eager(model))} properties"
             )
         return "\n".join([*lines, "", self.sparql()])
-
-    def _select(self, text: str) -> Solutions:
-        self._session.flush_before_query()
-        return self._session.rows(text)
 
     def all(self) -> list[M]:
         """Return the objects, in order."""
@@ -208,31 +196,6 @@ class Query(Generic[M]):
         if len(found) > 1:
             raise UsageError(f"several {name} match the query, among them {found[0]}, {found[1]}")
         return found[0]
-
-    def count(self) -> int:
-        """Return the number of objects."""
-        return int(str(self._select(compiled.count_text(self._plan))[0].value("n")))
-
-    def exists(self) -> bool:
-        """Return whether there is such an object."""
-        self._session.flush_before_query()
-        return self._session.holds(compiled.ask_text(self._plan))
-
-    def ids(self) -> list[str]:
-        """Return the IRIs of the objects, in order."""
-        rows = self._select(compiled.id_text(self._plan))
-        names = [term_name(row["root"]) for row in rows]
-        return names if self._plan.orders else sorted(names)
-
-    def values(self, *paths: Path[Any]) -> list[tuple[Any, ...]]:
-        """Return plain values along paths; one tuple for each combination, ``None`` if missing.
-
-        Objects come as their IRIs.
-        """
-        for path in paths:
-            check_root(self._plan, path)
-        rows = self._select(compiled.row_text(self._plan, paths))
-        return [tuple(plain_value(row[f"value{at}"]) for at in range(len(paths))) for row in rows]
 
     def group_by(self, *paths: Path[Any]) -> Groups:
         """Group the objects by the values along paths."""

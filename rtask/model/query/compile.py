@@ -8,7 +8,7 @@ a query is cached by its shape: the same query with another value is not compile
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from decimal import Decimal
 from itertools import cycle
 from typing import Any
@@ -29,6 +29,7 @@ __all__ = [
     "fetch_filter",
     "id_text",
     "object_text",
+    "page_text",
     "row_text",
 ]
 
@@ -191,12 +192,8 @@ def row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
 def _row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
     names = Names()
     lines, bound = _group(plan, names)
-    picks = []
-    for at, path in enumerate(paths):
-        scope = Scope(names, plan.inferred)
-        variable = scope.walk(steps(path))
-        lines.append("OPTIONAL { " + " ".join(scope.lines) + f" BIND({variable} AS ?value{at}) }}")
-        picks.append(f"?value{at}")
+    lines += _columns(plan, names, paths)
+    picks = [f"?value{at}" for at in range(len(paths))]
     optional, variables = _keys(plan, names, bound)
     sorts = [
         f"{'DESC' if order.descending else 'ASC'}({variable})"
@@ -206,6 +203,25 @@ def _row_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
     chosen = " ".join(["?root", *picks, *dict.fromkeys(variables)])
     body = "\n  ".join([*lines, *optional])
     return f"SELECT DISTINCT {chosen} WHERE {{\n  {body}\n}}{tail}"
+
+
+def _columns(plan: Plan, names: Names, paths: Sequence[Path[Any]]) -> Iterator[str]:
+    """Yield a pattern for each path that binds ``?value0``, ``?value1``... where there is one."""
+    for at, path in enumerate(paths):
+        scope = Scope(names, plan.inferred)
+        variable = scope.walk(steps(path))
+        yield "OPTIONAL { " + " ".join(scope.lines) + f" BIND({variable} AS ?value{at}) }}"
+
+
+def page_text(plan: Plan, paths: Sequence[Path[Any]]) -> str:
+    """Return a query for the plain values of a limited number of roots, with all rows of each."""
+
+    def write() -> str:
+        body = "\n  ".join([f"{{ {_roots(plan)} }}", *_columns(plan, Names(), paths)])
+        picks = " ".join(f"?value{at}" for at in range(len(paths)))
+        return f"SELECT DISTINCT ?root {picks} WHERE {{\n  {body}\n}} ORDER BY ?root"
+
+    return _compiled(plan, ("page", *map(steps, paths)), write)
 
 
 def id_text(plan: Plan) -> str:

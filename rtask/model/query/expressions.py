@@ -57,7 +57,8 @@ class Condition:
 class Path(Generic[T]):
     """A path along fields, from the class of the query.
 
-    Created by accessing a field on a class: ``RTASK.GraspConfiguration.grasp_of.mass``.
+    Created by accessing a field on a class: ``RTASK.GraspConfiguration.grasp_of.mass``. Its type
+    argument is the type of the plain values at its end; that of an object is ``str``, its IRI.
 
     Parameters
     ----------

@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -70,19 +71,27 @@ class GraspObject:
 
     def write(self, folder: Path) -> list[Path]:
         """Write each part as an OBJ file for the physics; return their paths."""
-        paths = []
-        for k, part in enumerate(self.parts):
-            hull = ConvexHull(part)
-            lines = ["v {:.7f} {:.7f} {:.7f}".format(*point) for point in part]
-            lines += ["f {} {} {}".format(*(face + 1)) for face in hull.simplices]
-            path = folder / f"part-{k}.obj"
-            path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-            paths.append(path)
-        return paths
+        return [
+            _write_obj(folder / f"part-{k}.obj", part, ConvexHull(part).simplices)
+            for k, part in enumerate(self.parts)
+        ]
+
+    def write_whole(self, folder: Path) -> Path:
+        """Write the parts' hulls as one OBJ file for cameras; return its path."""
+        mesh = self.mesh()
+        return _write_obj(folder / "whole.obj", mesh.vertices, mesh.faces)
 
     def turned(self, rotation: Floats) -> GraspObject:
         """Return the object in another orientation (3, 3)."""
         return GraspObject(self.name, tuple(p @ rotation.T for p in self.parts), self.mass)
+
+
+def _write_obj(path: Path, vertices: Floats, faces: NDArray[np.integer[Any]]) -> Path:
+    """Write triangles (m, 3) between points (n, 3); return the path."""
+    lines = ["v {:.7f} {:.7f} {:.7f}".format(*point) for point in vertices]
+    lines += ["f {} {} {}".format(*(face + 1)) for face in faces]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
 
 
 def _centred(name: str, parts: Sequence[Floats], mass: float) -> GraspObject:

@@ -12,7 +12,8 @@ import numpy as np
 
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.grasp_plan import SpatialOptions, plan_on_mesh
-from grasp.spatial.gripper import ParallelGripper, gripper_named
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.mesh_candidates import propose_on_mesh
 from grasp.spatial.scoring.confidence import Load, score_grasps
 from grasp.spatial.scoring.select import rank_by_confidence

@@ -14,7 +14,7 @@ from features.modelling import ObjectModel, mesh_to_ply
 from features.pose import PoseParams, estimate_pose
 from features.pose.rotations import rotation_about
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 CAMERA = Intrinsics(200, 160, 320.0, 320.0, 99.5, 79.5)
 HALF = np.array([0.045, 0.03, 0.02])

@@ -84,7 +84,7 @@ def test_two_views_are_laid_on_each_other() -> None:
     assert np.linalg.norm(moved - wanted) < 0.0015
     assert np.rad2deg(angle_between(found.camera_from_object[:3, :3], true[:3, :3])) < 1.0
     assert found.accepted
-    assert found.confidence <= PoseConfidence().most_from_view
+    assert found.confidence <= PoseConfidence().max_from_view
 
 
 def test_a_wrong_movement_between_views_is_not_accepted() -> None:
@@ -146,7 +146,7 @@ def test_axes_cannot_see_half_a_turn_and_do_not_apply_to_what_looks_round(
     half = true.copy()
     half[:3, :3] = true[:3, :3] @ rotation_about(np.array([0, 0, 1.0]), np.pi)
     assert axis_check(model, frame, half).passes
-    strict = axis_check(model, frame, true, least_ratio=50.0)
+    strict = axis_check(model, frame, true, min_ratio=50.0)
     assert not strict.applies
     assert strict.passes
     blank = Frame(np.zeros((120, 160), np.float32), CAMERA)

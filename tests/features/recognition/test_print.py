@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -239,3 +241,23 @@ def test_more_agreement_never_lowers_the_confidence() -> None:
         assert (np.array(weights[1:]) * signs >= 0).all()
     seen = PrintEvidence(12, 0.3, 4.0, 0.2, 0.5, 0.2, 1.5, 4, 0.3)
     assert print_score(without_contradiction(seen)) > print_score(seen)
+
+
+def test_a_thing_as_narrow_as_a_pen_is_compared_too() -> None:
+    # A crash of native code would take the server, and here the test run, with it.
+    done = subprocess.run([sys.executable, "-c", _NARROW], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) > 0.8
+
+
+_NARROW = """
+import cv2, numpy as np
+from features.recognition.comparison.difference import compare_pictures
+from features.recognition.views.picture import ViewPicture, take_picture
+grain = np.random.default_rng(0).integers(0, 255, (29, 307, 3)).astype(np.uint8)
+print_ = cv2.normalize(cv2.GaussianBlur(grain, (0, 0), 2), None, 0, 255, cv2.NORM_MINMAX)
+picture = ViewPicture.from_bytes(take_picture(print_, np.ones((29, 307), bool)))
+corners = np.array([[0, 0], [306, 0], [306, 28], [0, 28]], np.float32)
+found = compare_pictures(picture, picture, np.eye(3), corners)
+print(found.correlation[found.between].mean())
+"""

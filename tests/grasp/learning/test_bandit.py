@@ -14,8 +14,8 @@ SIZE = 0.08
 def test_beliefs_equal_the_formula_computed_by_hand():
     arm = Arm(HERE, 0.0, quality=0.75, successes=2.0, failures=1.0)
     alpha, beta = BetaThompson(size_m=SIZE).beliefs([arm])[0]
-    assert alpha == pytest.approx(0.3 + 6 * 0.75 + 2)
-    assert beta == pytest.approx(0.3 + 6 * 0.25 + 1)
+    assert alpha == pytest.approx(0.3 + 2 * 0.75 + 2)
+    assert beta == pytest.approx(0.3 + 2 * 0.25 + 1)
 
 
 def test_an_arm_without_quality_has_no_geometric_prior():

@@ -9,8 +9,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from grasp.learning.environments import Bins, MountainCar, Taxi, TwoRooms
+from grasp.learning.environments.compass import EAST, NORTH, SHARES, SIDES, SOUTH, WEST, aside
 from grasp.learning.environments.taxi import IN_TAXI, LANDMARKS, PICK_UP, PUT_DOWN
-from grasp.learning.environments.two_rooms import EAST, NORTH, SOUTH, WEST
 
 
 @pytest.mark.parametrize("world", [TwoRooms, Taxi, MountainCar])
@@ -128,3 +128,27 @@ def test_cells_are_centred_on_zero() -> None:
         bins.number((np.nan, 0.0))
     with pytest.raises(ValueError, match="empty"):
         Bins((0,), (0,), (3,))
+
+
+def test_whole_numbers_and_fractions_share_cells() -> None:
+    bins = Bins((-2, 0), (3, 9), (5, 4))
+    for state in np.random.default_rng(0).integers(-6, 14, (300, 2)):
+        # by the rule, on arrays; twice, as the second answer is remembered
+        cell = np.trunc((state + np.copysign(bins.width / 2, state)) / bins.width) - bins.first
+        cell = np.clip(cell, 0, np.array(bins.shape) - 1).astype(int)
+        expected = int(np.ravel_multi_index(tuple(cell), bins.shape))
+        assert [bins.number(s) for s in (state, state, state.astype(float), state.tolist())] == [
+            expected
+        ] * 4
+    assert bins.number((1e300, -1e300)) == bins.number((3, 0))
+    for wrong in (np.array([1]), np.array([[1, 2]]), np.array([1, 2, 3]), (np.inf, 0.0)):
+        with pytest.raises(ValueError, match="2 finite"):
+            bins.number(wrong)
+
+
+def test_moves_go_aside_as_numpy_chooses() -> None:
+    ours, theirs = np.random.default_rng(3), np.random.default_rng(3)
+    for direction in (NORTH, SOUTH, EAST, WEST):
+        ways = (direction, *SIDES[direction])
+        for _ in range(100):
+            assert aside(direction, ours.random()) == ways[theirs.choice(3, p=SHARES)]

@@ -16,7 +16,7 @@ from grasp.learning.metrics import attempts, bootstrap, difference, first_try
 from grasp.learning.report import curves_svg, table, text
 from grasp.learning.simulated import World, WorldSettings, make_world
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 _SMALL = WorldSettings(families=5, objects=24, seed=3, runs=10, samples=40)
 

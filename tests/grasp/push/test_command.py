@@ -35,6 +35,15 @@ def test_a_part_gives_a_table(part: Path) -> None:
     assert [line.split()[0] for line in lines[2:5]] == ["1", "2", "3"]
 
 
+def test_a_race_finds_the_same_best_with_fewer_evaluations(part: Path) -> None:
+    whole, raced = (
+        json.loads(_run(str(part), "--samples", "100", "--json", *more).stdout)
+        for more in ((), ("--race",))
+    )
+    assert raced["grasps"][0]["quality"] == whole["grasps"][0]["quality"]
+    assert raced["evaluations"] < whole["evaluations"]
+
+
 @pytest.mark.slow
 def test_json_and_drawings(part: Path, tmp_path: Path) -> None:
     folder = tmp_path / "drawings"
@@ -87,6 +96,7 @@ def test_a_cloud_is_drawn_in_space(tmp_path: Path) -> None:
         (["--friction", "-1"], "friction"),
         (["--max-opening", "0.1"], "stroke"),
         (["--eliminate", "many"], "two numbers"),
+        (["--eliminate", "5,0.8", "--race"], "exclude each other"),
         (["--store"], "object of the graph"),
         (["--angles", "2"], "odd"),
         (["--jaw-width", "0"], "jaw_width must be positive"),

@@ -18,6 +18,7 @@ from grasp.push import (
     sample_grasps,
     simplify,
 )
+from grasp.push.polygon import MAX_VERTICES, _reduced
 
 SQUARE = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]
 
@@ -161,3 +162,25 @@ def test_tolerances_are_explicit_standard_deviations() -> None:
     usual, pixels = Tolerance.default(part), Tolerance.variance_px(part)
     assert usual.vertex_std == pytest.approx(pixels.vertex_std, rel=0.01)
     assert usual.com_std == pytest.approx(pixels.com_std, rel=0.01)
+
+
+def _crescent(thick: float, count: int = 220) -> np.ndarray:
+    """Return a band along three quarters of a circle, so thin that chords of its sides cross."""
+    turn = np.linspace(0, 1.5 * np.pi, count)
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return np.vstack([ring, (1 - thick) * ring[::-1] * (1 + 1e-3 * np.cos(9 * turn)[:, None])])
+
+
+def test_an_outline_that_would_touch_itself_is_simplified_more_finely() -> None:
+    band = _crescent(0.012)
+    with pytest.raises(ValueError, match="touches or crosses itself"):
+        as_polygon(_reduced(band, 0.02))
+    kept = simplify(band, len(band), 0.02)
+    assert len(_reduced(band, 0.02)) < len(kept) < len(band)
+    few = simplify(band, 24)
+    assert 24 < len(few) <= MAX_VERTICES  # 24 vertices of this band cross
+
+
+def test_vertices_that_repeat_one_another_are_left_out() -> None:
+    square = np.array([[0, 0], [1, 0], [1, 1e-8], [1, 1], [0, 1]])
+    assert len(simplify(square)) == 4

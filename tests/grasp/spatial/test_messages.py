@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from grasp.messages import candidate_from_message, spatial_grasp_message
 from grasp.spatial.candidate import GraspCandidate, to_planar
 from grasp.spatial.frames import pose_from_planar
-from grasp.spatial.gripper import gripper_named, nao_hand, panda_hand, parallel_jaw
+from grasp.spatial.gripper import nao_hand, panda_hand, parallel_jaw
+from grasp.spatial.gripper_files import gripper_named
 
 HANDS = [nao_hand(), panda_hand(), parallel_jaw(0.06)]
 

@@ -115,6 +115,16 @@ def test_a_neighbour_closes_the_directions_where_a_finger_would_stand():
     assert round(0.3 + np.pi / 2, 3) in left
 
 
+def test_a_long_bar_is_taken_far_from_its_middle_where_neighbours_leave_no_other_place():
+    bar = Footprint((0.0, 0.0), 0.0, 0.20, 0.02, 0.03)
+    beside = np.array([0.016, 0.020, 0.024, 0.028])
+    along, across = np.linspace(-0.055, 0.055, 45), np.concatenate([-beside, beside])
+    rails = np.stack(np.meshgrid(along, across, [0.01, 0.02, 0.03]), axis=-1).reshape(-1, 3)
+    left = propose_planar(bar, HAND, rails)
+    assert left
+    assert {round(abs(g.x), 3) for g in left} == {0.075}
+
+
 def test_a_neighbour_lower_than_the_fingertips_does_not_matter():
     spot = np.array(CAN.centre) + 0.031 * np.array([np.cos(0.3), np.sin(0.3)])
     low = np.array([[spot[0], spot[1], 0.01]])

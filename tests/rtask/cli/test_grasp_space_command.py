@@ -183,3 +183,45 @@ def test_grasps_in_space_are_stored_and_recalled(tmp_path: Path) -> None:
     best = recalled[0]
     assert best["gripper_type"] == "panda_hand"
     assert abs(best["x"]) < 0.05
+
+
+@pytest.mark.slow
+def test_the_cloud_of_a_table_gives_grasps_of_each_thing(tmp_path: Path) -> None:
+    from grasp.spatial.meshes.shapes import box_mesh
+
+    rng = np.random.default_rng(0)
+    side = np.linspace(-0.3, 0.3, 250)
+    x, y = (v.ravel() for v in np.meshgrid(side, side))
+    table = np.c_[x, y, rng.normal(0, 3e-4, x.size)]
+    eye, box = np.array([0.1, 0.0, 0.5]), box_mesh((0.04, 0.05, 0.06))
+    things = []
+    for place in (-0.05, 0.05):
+        points, face = box.sample(6000, rng)
+        points += np.array([0.0, place, 0.03])
+        things.append(points[np.einsum("ij,ij->i", box.normals[face], eye - points) > 0])
+    np.save(tmp_path / "table.npy", np.vstack([table, *things]))
+    given = (str(tmp_path / "table.npy"), "--mode", "scene", "--samples", "10")
+    done = _run(*given, "--viewpoint", "0.1", "0", "0.5", "--json")
+    told = json.loads(done.stdout)
+    assert {row["segment"] for row in told["grasps"]} == {1, 2}
+    assert "2 things on a table" in told["notes"][1]
+    blind = _run(*given)
+    assert blind.exit_code != 0
+    assert "--viewpoint" in str(blind.exception)
+
+
+def test_grippers_and_grasps_come_from_files(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    mesh = _box(tmp_path / "box.obj", (0.04, 0.12, 0.08))
+    hand = tmp_path / "slim.json"
+    hand.write_text(json.dumps({"name": "slim", "max_opening": 0.06}))
+    grasps = tmp_path / "grasps.h5"
+    usual = (str(mesh), "--gripper", str(hand), "--samples", "20", "--json")
+    first = json.loads(_run(*usual, "--save-grasps", str(grasps)).stdout)
+    assert first["gripper"] == "slim"
+    again = json.loads(_run(*usual, "--grasps", str(grasps)).stdout)
+    assert again["grasps"][0]["stored"] >= 0
+    hand.write_text(json.dumps({"name": "slim", "stroke": 0.06}))
+    done = _run(*usual)
+    assert done.exit_code != 0
+    assert "unknown field 'stroke'" in str(done.exception)

@@ -17,13 +17,14 @@ import ontology
 import rtask
 from rtask.cli import cli, main
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 _ROOT = Path(__file__).resolve().parents[3]
 _GRAPH = "urn:lab/graph/agent/nao-1"
 Run = Callable[..., tuple[int, str, str]]
-# What prints nothing but a file in a format of its own, or talks until it is interrupted.
-_WITHOUT_JSON = {"serve", "act-serve", "urdf"}
+# What prints nothing but a file in a format of its own or the output of a script of the user, or
+# talks until it is interrupted.
+_WITHOUT_JSON = {"serve", "act-serve", "urdf", "changes", "node", "ros", "run"}
 
 
 def _commands(group: click.Group, name: str = "") -> Iterator[tuple[str, click.Command]]:

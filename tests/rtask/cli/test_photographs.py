@@ -71,6 +71,23 @@ def taught(tmp_path, capsys):
     return store
 
 
+def test_two_photographs_of_one_thing_are_recognised_together(taught, tmp_path, capsys):
+    photo, other, strange = (
+        save(tmp_path / f"{k}.jpg", photograph(seed, angle, 7)[0])
+        for k, (seed, angle) in enumerate(((1, -6), (1, 12), (3, 0)))
+    )
+
+    def sure(*looks, code=0):
+        given = [word for one in looks for word in ("--look", one)]
+        rows = json.loads(
+            run(capsys, "recognise", photo, *given, "-d", taught, "--json", code=code)
+        )
+        return rows[0]["matches"][0]["confidence"]
+
+    assert sure(other) > 0.82
+    assert sure(strange, code=1) < sure()
+
+
 def test_what_was_taught_by_photographs_is_recognised_on_another(taught, tmp_path, capsys):
     photo = save(tmp_path / "seen.jpg", photograph(1, -6, 7)[0])
     said = run(capsys, "recognise", photo, "-d", taught)

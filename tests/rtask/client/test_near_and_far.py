@@ -19,7 +19,7 @@ from features.codec import encode_frame, to_wire
 from features.geometry import Frame, Intrinsics
 from rtask.errors import CallFailedError, ForbiddenError, RtaskError
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 NS = "https://w3id.org/rtask-kg/ns#"
 HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.05, "max_payload": 0.3}

@@ -8,7 +8,7 @@ from grasp.learning.calibration import fit_map
 from rtask.engine.memory.calibration import PLANAR, own_outcomes, score_maps
 from rtask.kb.commit.access import Access
 
-pytestmark = pytest.mark.slow  # starts robots
+pytestmark = pytest.mark.slow
 
 
 def _hand(engine, name="right_hand", robot="nao-1"):

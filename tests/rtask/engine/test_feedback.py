@@ -16,7 +16,7 @@ from rtask.engine.policy import Policy
 from rtask.errors import ForbiddenError, UnknownTermError, UsageError
 from rtask.kb.commit.access import Access
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 
 class Trial:

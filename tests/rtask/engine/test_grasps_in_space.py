@@ -15,7 +15,7 @@ from rtask.engine.memory.learners import experience
 from rtask.engine.records.shapes import object_shape
 from rtask.errors import UnknownTermError, UsageError
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 PLAN = {"samples": 40, "max_grasps": 30}
 Known = tuple[Any, str, dict[str, Any]]

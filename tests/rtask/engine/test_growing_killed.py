@@ -18,7 +18,7 @@ from rtask.engine.stored import stored_models
 from rtask.rdf.namespaces import RT
 from rtask.rdf.terms import iri
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 SCRIPT = Path(__file__).with_name("growing_process.py")
 YAWS = (0.3, 0.9, -0.5, 1.4)

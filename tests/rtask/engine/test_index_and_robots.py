@@ -10,7 +10,7 @@ from rtask.errors import UnsupportedError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.rdf.terms import NamedNode
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 NS = "https://w3id.org/rtask-kg/ns#"
 

@@ -40,7 +40,8 @@ def test_a_grasp_may_come_back_with_whatever_the_robot_added():
     [
         ({}, "expected an id or a pose"),
         ({"x": "here", "y": 0, "z": 0, "theta": 0}, r"grasp\.x: expected a finite number"),
-        ({"grasp_pose": {}}, "grasp: not a grasp message"),
+        ({"grasp_pose": {}}, r"grasp\.grasp_pose: expected a geometry_msgs/PoseStamped"),
+        ({"grasp_pose": 3}, r"grasp\.grasp_pose: expected a geometry_msgs/PoseStamped"),
         ({"in_object": {"x": 1}}, r"grasp\.in_object\.y is missing"),
     ],
 )

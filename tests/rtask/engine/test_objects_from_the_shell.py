@@ -12,7 +12,7 @@ from rtask.cli import main
 from rtask.engine import Engine
 from rtask.rdf.namespaces import RT
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 
 def told(capsys, *arguments):

@@ -48,6 +48,35 @@ def test_an_image_alone_is_stored_and_found_again(engine, bench, robots, box_fra
     assert seen["task_response"] == "no_grasp"
 
 
+def test_several_looks_at_one_thing_are_answered_together(engine, bench, robots, box_frame):
+    def picture(product, seed):
+        seen = bench.look(product, bench.Eye(noise_seed=seed))
+        return {"image": jpeg(seen.rgb), "mask": encode_rle(seen.mask)}
+
+    robot = robots()
+    first = {"image": jpeg(box_frame.rgb), "mask": encode_rle(box_frame.mask), "name": "tea"}
+    robot.call("insert_object", objects=[first])
+    robot.call("insert_object", objects=[{**picture(bench.CAN, 0), "name": "can"}])
+    seen, other, strange = picture(bench.BOX, 3), picture(bench.BOX, 4), picture(bench.CAN, 5)
+
+    def odds(answer, name="tea"):
+        sure = {one["label"]: one["confidence"] for one in answer["similar_objects"]}.get(name)
+        return -1.5 if sure is None else float(np.clip(np.log(sure / (1 - sure)), -6, 6))
+
+    alone = [odds(robot.call("search_object", **one)) for one in (seen, other, strange)]
+    both = robot.call("search_object", **seen, looks=[other])
+    assert both["accepted"]
+    assert odds(both) == pytest.approx(np.mean(alone[:2]), abs=0.01)
+    three = robot.call("search_object", **seen, looks=[strange, other])
+    assert odds(three) == pytest.approx(np.mean(sorted(alone)[-2:]), abs=0.01)
+    mixed = robot.call("search_object", **seen, looks=[strange])
+    assert not mixed["accepted"]  # two things in one request: neither is in both looks
+    asked = robot.recognise({}, **seen, looks=[other])
+    assert asked["recognition"]["accepted"]
+    with pytest.raises(UsageError, match=r"looks\[1\].data is missing"):
+        robot.call("search_object", **seen, looks=[other, {"box": [0, 0, 5, 5]}])
+
+
 def test_a_mask_in_a_whole_frame_points_at_the_object(engine, robots, box_frame):
     robot = robots()
     whole = encode_frame(type(box_frame)(box_frame.depth_m, box_frame.intrinsics, box_frame.rgb))

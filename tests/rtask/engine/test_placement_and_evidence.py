@@ -10,8 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from features.tabletop import measure
+from grasp.spatial.footprint import Footprint
 from grasp.spatial.frames import surface_from_object
 from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.planar import PlanarGrasp
+from rtask.engine.decisions import Option
+from rtask.engine.memory.choice import Scene, choose, options
 from rtask.engine.memory.experience import Weights, gather, without_trials
 from rtask.engine.perception.placement import classify_shape, footprint_of, place
 from rtask.engine.policy import Policy
@@ -135,7 +139,8 @@ def evidence(grasp, theta=0.5, z=0.03, **changes):
 
 
 def test_the_same_grasp_on_the_same_object_counts_in_full():
-    assert evidence(remembered()) == (3.0, 1.0)
+    # A failure of an unchanged object weighs as one of the robot's own: rho.
+    assert evidence(remembered()) == (3.0, 2.0)
 
 
 def test_neighbours_count_by_the_kernel():
@@ -158,9 +163,24 @@ def test_coarse_physics_another_gripper_and_age_weigh_less():
     fast = remembered(tallies=(Tally(True, 1, is_fast=True),))
     assert evidence(fast)[0] == pytest.approx(0.3)
     assert evidence(remembered(gripper_type="panda"))[0] == pytest.approx(1.5)
+    in_fast = replace(weights(), is_fast=True)
+    assert in_fast.of(fast, fast.tallies[0]) == 1.0
     old = remembered(tallies=(Tally(True, 1, latest=NOW - dt.timedelta(days=20)),))
     assert evidence(old)[0] == 1.0
     assert evidence(old, half_life_days=10.0)[0] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("teller_n", "held", "weight"),
+    [(5, True, 1.0), (5, False, 0.3), (40, True, 0.3), (40, False, 1.0)],
+)
+def test_a_weak_hand_speaks_for_a_strong_one_when_it_held_and_the_strong_one_when_it_lost(
+    teller_n, held, weight
+):
+    told = remembered(gripper_type="other")
+    between = replace(weights(), forces={"other": teller_n, "nao_hand": 20.0})
+    factor = 1.0 if held else Policy().bandit.rho
+    assert between.of(told, Tally(held, 1)) == pytest.approx(weight * factor)
 
 
 def test_another_object_of_the_class_is_scaled_to_this_one():
@@ -168,6 +188,38 @@ def test_another_object_of_the_class_is_scaled_to_this_one():
     other = remembered(of_class=True, object="p", size=larger, z=0.036)
     fade = np.exp(-3 * np.log(1.2) ** 2 / (2 * 0.3**2))
     assert evidence(other)[0] == pytest.approx(3 * 0.7 * fade, abs=1e-6)
+
+
+def scene(neighbours=None):
+    return Scene(Footprint((0.0, 0.0), 0.0, *SIZE), np.eye(4), HAND, neighbours)
+
+
+def told(*grasps):
+    """Return what the graph tells, as the learner sees it, of a grasp from geometry alone."""
+    here = PlanarGrasp(0.0, 0.0, 0.03, 0.5, 0.03, 0.05, 0.9)
+    candidate = Option("candidate:0", here, (0.0, 0.0, 0.03, 0.5))
+    memory = Memory(grasps=grasps)
+    (chosen,) = choose([candidate], scene(), memory, {"o": 0.9, "p": 0.9}, Policy(), NOW)
+    return chosen.explanation["graph"]
+
+
+def test_once_an_object_itself_was_held_its_class_says_no_more():
+    alike = remembered(of_class=True, object="p", tallies=(Tally(True, 3),))
+    lost, held = (remembered(tallies=(Tally(held, 1),)) for held in (False, True))
+    assert told(alike) == pytest.approx((3 * 0.7, 0.0))
+    assert told(alike, lost) == pytest.approx((3 * 0.7, 2 * 0.9))
+    assert told(alike, held) == pytest.approx((0.9, 0.0))
+
+
+def test_a_remembered_hand_opens_no_wider_than_it_must_between_neighbours():
+    # 1 mm outside the fingers of a hand that leaves 8 mm on either side: in the way of a wider one.
+    away = 0.046 / 2 + HAND.finger_width + 0.001
+    posts = np.array([[0.0, away, 0.05], [0.0, -away, 0.05]])
+    memory = Memory(grasps=(remembered(theta=np.pi / 2, opening=0.05, width=0.03),))
+    for neighbours, opening in ((None, 0.05), (posts, 0.046)):
+        (found,) = options(scene(neighbours), memory, "o", propose=False)
+        assert found.opening == pytest.approx(opening)
+    assert options(scene(posts - np.sign(posts) * 0.004), memory, "o", propose=False) == []
 
 
 def test_the_present_episode_is_not_counted_twice():

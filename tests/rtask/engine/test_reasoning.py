@@ -11,7 +11,7 @@ from reasoner.shacl import validate
 from rtask.errors import ForbiddenError
 from rtask.kb.commit.access import Access
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 PREFIX = (
     "PREFIX rt: <https://w3id.org/rtask-kg/ns#> PREFIX prov: <http://www.w3.org/ns/prov#> "

@@ -11,7 +11,7 @@ from rtask.engine.memory.meaning import meaning, stems
 from rtask.errors import UnknownTermError
 from rtask.kb.commit.access import Access
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 RT = ontology.NS
 ANN = Access("ann", "teacher")
@@ -113,7 +113,7 @@ def test_what_is_known_and_not_seen_is_told_with_its_place(room):
         "<urn:frame> a rt:Frame ; rt:frameId 'kitchen' ."
         f"<{room.pencil}> rt:hasPose <urn:pose> . <urn:pose> a rt:Pose ; rt:inFrame <urn:frame> ;"
         " rt:x 1.5e0 ; rt:y 0.25e0 ; rt:z 0.75e0 ; rt:qx 0e0 ; rt:qy 0e0 ; rt:qz 0e0 ; rt:qw 1e0 ;"
-        " rt:atTime '2026-01-01T10:00:00Z'^^<http://www.w3.org/2001/XMLSchema#dateTimeStamp>"
+        " rt:atTime '2100-01-01T10:00:00Z'^^<http://www.w3.org/2001/XMLSchema#dateTimeStamp>"
     )
     answer = room.ask("a pen", objects=[])
     assert [one["code"] for one in answer["reasons"]] == ["not_seen", "elsewhere"]

@@ -11,7 +11,7 @@ from rtask.kb.commit.access import Access
 from rtask.rdf.namespaces import RDF, RT
 from rtask.rdf.terms import iri
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 ANN, BOB = Access("ann", "teacher"), Access("bob", "teacher")
 

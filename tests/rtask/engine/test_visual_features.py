@@ -17,7 +17,7 @@ from rtask.cli import cli
 from rtask.engine import Engine
 from rtask.model import RTASK
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 NS = "https://w3id.org/rtask-kg/ns#"
 KINDS = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable
 
@@ -22,3 +23,10 @@ def wait_until(condition: Callable[[], bool], within_s: float = 20.0) -> None:
     while not condition():
         assert time.monotonic() < end, "it did not happen"
         time.sleep(0.01)
+
+
+def end_of_checkpoints() -> None:
+    """Wait for the checkpoints that are under way in this process."""
+    for thread in threading.enumerate():
+        if thread.name == "rtask-checkpoint":
+            thread.join()

@@ -82,7 +82,9 @@ def test_clearing_everything_clears_what_one_may_write(kb: KnowledgeBase) -> Non
     assert kb.match(graph=kb.graphs.provenance)
 
 
-@pytest.mark.parametrize("name", ["inferred", "meta", "provenance", "rules/nightly"])
+@pytest.mark.parametrize(
+    "name", ["inferred", "meta", "provenance", "rules/nightly", "store", "union", "staged/1/0"]
+)
 def test_graphs_that_the_knowledge_base_keeps_are_closed_to_all(
     kb: KnowledgeBase, name: str
 ) -> None:

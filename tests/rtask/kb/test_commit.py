@@ -22,10 +22,13 @@ from rtask.errors import (
 from rtask.kb.commit import commit as commit_module
 from rtask.kb.commit.access import Access
 from rtask.kb.commit.commit import Change
+from rtask.kb.durability.recovery import Checkpoint, boot_id
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, NamedNode, Quad, iri, prologue
+from tests.rtask.kb.processes import end_of_checkpoints
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 _PREFIX = prologue({name: ontology.PREFIXES[name] for name in ("rt", "prov", "rdfs")})
 
@@ -302,3 +305,48 @@ def test_threads_write_and_read_at_once(tmp_path: Path) -> None:
         assert failures == []
         assert kb.seq == 60
         assert kb.verify() == []
+
+
+def test_commits_go_on_while_a_checkpoint_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, let_go = threading.Event(), threading.Event()
+    real = EmbeddedStore.flush
+
+    def slowly(store: EmbeddedStore) -> None:
+        if threading.current_thread().name == "rtask-checkpoint":
+            begun.set()
+            assert let_go.wait(20)
+        real(store)
+
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        monkeypatch.setattr(EmbeddedStore, "flush", slowly)
+        monkeypatch.setattr("rtask.kb.durability.recovery._EVERY_S", 0.0)
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+        assert begun.wait(20)
+        for number in range(3):
+            kb.update(f"INSERT DATA {{ <urn:b> <urn:p> {number} }}")
+        assert Checkpoint.load(tmp_path) == Checkpoint(0, clean=False, boot=boot_id())
+        let_go.set()
+        end_of_checkpoints()
+        checkpoint = Checkpoint.load(tmp_path)
+        assert checkpoint is not None
+        assert checkpoint.seq == 4
+
+
+def test_a_checkpoint_that_fails_leaves_the_commits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*args: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        monkeypatch.setattr("rtask.kb.durability.recovery._EVERY_S", 0.0)
+        monkeypatch.setattr(Checkpoint, "save", full)
+        kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
+        end_of_checkpoints()
+        monkeypatch.undo()
+        kb.update("INSERT DATA { <urn:a> <urn:p> 2 }")
+    assert "a checkpoint failed" in caplog.text
+    with rtask.open(tmp_path, ontologies=False, reason=False) as kb:
+        assert len(kb.match("urn:a")) == 2

@@ -15,7 +15,7 @@ import pytest
 import rtask
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint, replay
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.kb.store.late_notes import LateNotes
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import iri
@@ -29,20 +29,20 @@ def _open(folder: Path | str, **options: object) -> KnowledgeBase:
     return rtask.open(folder, ontologies=False, **options)
 
 
-def _early(kb: KnowledgeBase) -> GraphStore:
+def _early(kb: KnowledgeBase) -> EmbeddedStore:
     """Return a store in which every commit of the journal has its notes at once."""
-    store = GraphStore(ox.Store())
+    store = EmbeddedStore(ox.Store())
     assert kb.folder is not None
     for record in JournalFile(kb.folder / "journal").records():
         replay(store, record, merged=True)
     return store
 
 
-def _quads(store: GraphStore, graph: ox.NamedNode | None = None) -> set[ox.Quad]:
+def _quads(store: EmbeddedStore, graph: ox.NamedNode | None = None) -> set[ox.Quad]:
     return set(store.quads_for_pattern(None, None, None, graph))
 
 
-def _rows(store: GraphStore, text: str) -> set[str]:
+def _rows(store: EmbeddedStore, text: str) -> set[str]:
     return set(map(str, store.query(text)))
 
 
@@ -50,7 +50,7 @@ def _solutions(found: object) -> set[str]:
     return {str(sorted(map(str, row.values()))) for row in found}  # type: ignore[attr-defined]
 
 
-READS: dict[str, Callable[[KnowledgeBase, GraphStore], bool]] = {
+READS: dict[str, Callable[[KnowledgeBase, EmbeddedStore], bool]] = {
     "everything": lambda kb, early: _quads(kb.store) == _quads(early),
     "meta": lambda kb, early: set(kb.match(graph=kb.graphs.meta)) == _quads(early, kb.graphs.meta),
     "provenance": lambda kb, early: (
@@ -84,7 +84,7 @@ READS: dict[str, Callable[[KnowledgeBase, GraphStore], bool]] = {
 }
 
 
-def _by_update(kb: KnowledgeBase, early: GraphStore) -> bool:
+def _by_update(kb: KnowledgeBase, early: EmbeddedStore) -> bool:
     """Let an update read the notes, and a transaction in which something is pending already."""
     expected = len(
         list(early.quads_for_pattern(None, iri(_RT + "tripleCount"), None, kb.graphs.meta))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -11,7 +12,8 @@ from pathlib import Path
 import pytest
 
 import rtask
-from rtask.errors import StoreError, StoreLockedError
+from rtask.errors import ClosedError, StoreError, StoreLockedError
+from rtask.kb.durability.journal import encode
 from rtask.kb.durability.published import hold_newest
 
 WRITER = """
@@ -23,6 +25,12 @@ for line in sys.stdin:
     if word == "add":
         for n in range(int(rest)):
             kb.update(f"INSERT DATA {{ <urn:{kb.seq}:{n}> <urn:p> {n} }}")
+    elif word == "bulk":
+        from rtask.loader import bulk, load
+        load.MAX_QUADS = 20
+        kb.load(rest, graph="urn:big")
+    elif word == "drop":
+        kb.update("DROP GRAPH <urn:big>")
     elif word == "checkpoint":
         kb.checkpoint()
     elif word == "kill":
@@ -77,30 +85,121 @@ def _count(kb: rtask.KnowledgeBase) -> object:
 
 
 @pytest.mark.slow
-def test_a_reader_beside_a_writer_sees_its_newest_snapshot(tmp_path: Path) -> None:
+def test_a_reader_beside_a_writer_sees_each_commit(tmp_path: Path) -> None:
     folder = tmp_path / "kb"
     with writing(folder) as writer:
         before = writer.say("add 5")
-        with rtask.open(folder, mode="r") as early:
-            assert _count(early) == 0  # published when the folder was opened
+        with rtask.open(folder, mode="r") as kb:
+            assert (_count(kb), kb.seq) == (5, before)
+            for more in range(1, 4):
+                after = writer.say("add 1")
+                assert (_count(kb), kb.seq) == (5 + more, after)
+                (row,) = kb.select(COUNT, timeout_s=60.0)  # in a reader process of its own
+                assert row.value("n") == 5 + more
             writer.say("checkpoint")
-            with rtask.open(folder, mode="r") as kb:
-                assert (_count(kb), kb.seq) == (5, before)
-                (row,) = kb.select(COUNT, timeout_s=60.0)
-                assert row.value("n") == 5
-                writer.say("add 3")
-                writer.say("checkpoint")
-                writer.say("add 1")
-                writer.say("checkpoint")
-                assert _count(kb) == 5  # what it opened stays as it was
-                with rtask.open(folder, mode="r") as later:
-                    assert _count(later) == 9
-            assert _count(early) == 0
+            writer.say("add 2")
+            assert len(kb.match(None, "urn:p")) == 10
+            assert kb.catalogue.triple_count(kb.graphs.shared) == 10
+            assert [entry.seq for entry in kb.history(predicate="urn:p")][-1] == kb.seq
+            assert [finding for finding in kb.verify() if finding.severity == "error"] == []
+            with pytest.raises(ClosedError):
+                kb.update("INSERT DATA { <urn:a> <urn:p> 1 }")
         with pytest.raises(StoreLockedError):
             rtask.open(folder)
     assert not (folder / "published").exists()
+    assert not (folder / "followers").exists()
     with rtask.open(folder, mode="r") as kb:
-        assert _count(kb) == 9
+        assert _count(kb) == 10
+
+
+@pytest.mark.slow
+def test_subscribers_of_a_reader_hear_of_the_writers_commits(tmp_path: Path) -> None:
+    folder = tmp_path / "kb"
+    with (
+        writing(folder) as writer,
+        rtask.open(folder, mode="r") as kb,
+        kb.subscribe(predicate="urn:p") as changes,
+        kb.subscribe_query(COUNT) as rows,
+    ):
+        assert len(rows.get(20).added) == 1
+        seq = writer.say("add 1")
+        assert changes.get(20).commit.seq == seq
+        assert [row.value("n") for row in rows.get(20).added] == [1]
+
+
+@pytest.mark.slow
+def test_a_reader_follows_bulk_loads_removals_and_the_next_writer(tmp_path: Path) -> None:
+    folder = tmp_path / "kb"
+    (tmp_path / "many.nt").write_text(
+        "".join(f"<urn:m{n}> <urn:p> <urn:o{n % 5}> .\n" for n in range(300))
+    )
+    with writing(folder) as writer, rtask.open(folder, mode="r") as kb:
+        writer.say("add 2")
+        assert _count(kb) == 2
+        writer.say(f"bulk {tmp_path / 'many.nt'}")
+        assert _count(kb) == 302
+        writer.say("drop")
+        assert _count(kb) == 2
+        writer.say("add 1")
+        assert _count(kb) == 3
+        writer.end()
+        with writing(folder) as another:
+            another.say("add 4")
+            assert _count(kb) == 7
+
+
+@pytest.mark.slow
+def test_a_commit_that_the_writer_takes_back_is_forgotten(tmp_path: Path) -> None:
+    folder = tmp_path / "kb"
+    with writing(folder) as writer:
+        writer.say("add 2")
+        with rtask.open(folder, mode="r") as kb:
+            assert _count(kb) == 2
+            [segment] = (folder / "journal").glob("*.log")
+            whole = segment.read_bytes()
+            seq = writer.say("add 1")
+            assert _count(kb) == 3
+            segment.write_bytes(whole)  # as after a commit for which the disk had no room
+            assert (_count(kb), kb.seq) == (2, seq - 1)
+
+
+@pytest.mark.slow
+def test_a_commit_in_the_place_of_one_taken_back_is_read(tmp_path: Path) -> None:
+    """The journal may have grown again, and further, before the reader looks."""
+    folder = tmp_path / "kb"
+    with writing(folder) as writer:
+        writer.say("add 2")
+        with rtask.open(folder, mode="r") as kb:
+            [segment] = (folder / "journal").glob("*.log")
+            begin = segment.stat().st_size
+            seq = writer.say("add 1")
+            assert _count(kb) == 3
+            whole = segment.read_bytes()
+            lines = [b'A <urn:late%d> <urn:p> "%d" <urn:g> .\n' % (n, n) for n in range(200)]
+            header = {"seq": seq, "time": "2030-01-01T00:00:00+00:00", "agent": None, "note": None}
+            other = encode({**header, "created": ["urn:g"]}, b"".join(lines))
+            assert begin + len(other) > len(whole)
+            new = segment.with_suffix(".new")
+            new.write_bytes(whole[:begin] + other)
+            new.rename(segment)
+            assert (_count(kb), kb.seq) == (2 + len(lines), seq)
+            segment.write_bytes(whole[:begin])
+            shutil.rmtree(folder / "published")
+            with pytest.raises(StoreError, match="open the knowledge base again"):
+                kb.match("urn:x")
+
+
+@pytest.mark.slow
+def test_what_a_killed_reader_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    folder = tmp_path / "kb"
+    die = "import os, rtask, sys; rtask.open(sys.argv[1], mode='r').match('urn:x'); os._exit(9)"
+    with writing(folder):
+        command = [sys.executable, "-c", die, str(folder)]
+        assert subprocess.run(command, check=False).returncode == 9
+        left = set((folder / "followers").iterdir())
+        assert len(left) == 1
+        with rtask.open(folder, mode="r"):
+            assert left.isdisjoint((folder / "followers").iterdir())
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from rtask.rdf.terms import iri
 from rtask.sparql.results import Solutions, Triples
 from rtask.sparql.syntax import check_query
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture

@@ -18,7 +18,8 @@ from rtask.errors import StorageFullError, StoreError, StoreFormatError
 from rtask.kb.durability import journal as journal_module
 from rtask.kb.durability.journal import JournalFile
 from rtask.kb.durability.recovery import Checkpoint
-from rtask.kb.store.apply import LARGE, apply
+from rtask.kb.store.apply import apply
+from rtask.kb.store.embedded import LARGE
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import BlankNode, iri
 
@@ -48,8 +49,7 @@ def test_twenty_kills_lose_nothing_acknowledged_and_tear_nothing() -> None:
 _HALF = """
 import os, sys
 import rtask
-from rtask.kb.store.apply import LARGE
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import LARGE, EmbeddedStore
 
 kb = rtask.open(sys.argv[1], ontologies=False, reason=False)
 kb.update("INSERT DATA { <urn:old> <urn:p> 1 }")
@@ -58,9 +58,9 @@ with kb.transaction() as tx:
     for number in range(LARGE):
         tx.add(f"urn:s{number}", "urn:p", number)
     if sys.argv[2] == "between":
-        GraphStore.update = lambda *_, **__: os._exit(9)
+        EmbeddedStore.update = lambda *_, **__: os._exit(9)
     else:
-        GraphStore.bulk_extend = lambda *_, **__: os._exit(9)
+        EmbeddedStore.bulk_extend = lambda *_, **__: os._exit(9)
 """
 
 

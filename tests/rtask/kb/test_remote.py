@@ -1,4 +1,4 @@
-"""The same calls over SPARQL 1.1 Protocol, against a server with its own store."""
+"""A bare dataset or a server of RTASK over SPARQL 1.1 Protocol: calls, retries and refusals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 import pyoxigraph as ox
 import pytest
@@ -43,25 +43,25 @@ class Server(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers queries and updates sent directly (SPARQL 1.1 Protocol, 2.1.3 and 2.2.2)."""
+    """Answers queries and updates sent as forms (SPARQL 1.1 Protocol, 2.1.2 and 2.2.1)."""
 
     server: Server
 
     def do_POST(self) -> None:
-        text = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        form = parse_qs(self.rfile.read(int(self.headers["Content-Length"])).decode())
+        [text] = form.get("query", []) + form.get("update", [])
         self.server.requests.append(text)
         if self.headers.get("Authorization") != "Bearer secret":
             return self._answer(401, b'{"detail": "no token"}')
         self.server.go_on.wait(30.0)
         if self.server.faults:
             return self._answer(self.server.faults.pop(0), b'{"detail": "not now"}')
-        if self.headers["Content-Type"] == "application/sparql-update":
+        if "update" in form:
             self.server.store.update(text)
             return self._answer(204, b"")
-        given = parse_qs(urlsplit(self.path).query)
         dataset: dict[str, Any] = {}
-        if "default-graph-uri" in given:
-            dataset["default_graph"] = [ox.NamedNode(g) for g in given["default-graph-uri"]]
+        if "default-graph-uri" in form:
+            dataset["default_graph"] = [ox.NamedNode(g) for g in form["default-graph-uri"]]
         found: Any = self.server.store.query(
             text, use_default_graph_as_union=not dataset, **dataset
         )
@@ -93,7 +93,8 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 @pytest.fixture
 def kb(server: Server) -> Iterator[rtask.KnowledgeBase]:
-    with rtask.open(f"http://127.0.0.1:{server.server_port}/sparql", token="secret") as opened:
+    address = f"http://127.0.0.1:{server.server_port}/sparql"
+    with rtask.open(address, token="secret", plain=True) as opened:
         yield opened
 
 
@@ -173,7 +174,7 @@ def test_refusals_keep_their_meaning(kb: rtask.KnowledgeBase, server: Server) ->
     with pytest.raises(ForbiddenError, match="403 not now"):
         kb.update("CLEAR ALL")
     with (
-        rtask.open(kb.query_url) as stranger,  # type: ignore[attr-defined]
+        rtask.open(kb.query_url, plain=True) as stranger,  # type: ignore[attr-defined]
         pytest.raises(AuthenticationError, match="no token"),
     ):
         stranger.query("ASK {}")
@@ -188,7 +189,7 @@ def test_an_answer_that_breaks_off_is_an_error(kb: rtask.KnowledgeBase, server: 
 def test_nobody_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wire, "_PAUSE_S", 0.0)
     with (
-        rtask.open("http://127.0.0.1:9/sparql") as kb,
+        rtask.open("http://127.0.0.1:9/sparql", plain=True) as kb,
         pytest.raises(RemoteUnavailableError, match=r"127\.0\.0\.1:9"),
     ):
         kb.update("CLEAR ALL")

@@ -20,8 +20,9 @@ from rtask.kb.durability.saved_closures import saved_folders
 from rtask.kb.durability.settings import Settings
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Literal, iri
+from tests.rtask.kb.processes import end_of_checkpoints
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 _STRESS = Path(__file__).parents[2] / "benchmarks" / "stress_closure.py"
 _TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
@@ -267,8 +268,10 @@ def test_a_checkpoint_saves_it_when_enough_has_changed(
     monkeypatch.setattr("rtask.kb.durability.recovery._EVERY_S", 0.0)
     with _open(folder) as kb:
         kb.update("INSERT DATA { <urn:t:k> <urn:t:p> 1 }")
+        end_of_checkpoints()
         assert _newest(folder) == "2"
         kb.update("INSERT DATA { <urn:t:k> a <urn:t:Mug> }")
+        end_of_checkpoints()
         assert _newest(folder) == "4"
 
 

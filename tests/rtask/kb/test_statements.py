@@ -24,7 +24,7 @@ from rtask.kb.commit.statements import INVALIDATED
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Literal, NamedNode, Quad
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 _ON = ("urn:mug", "urn:on", NamedNode("urn:table"))
 _RT = "https://w3id.org/rtask-kg/ns#"

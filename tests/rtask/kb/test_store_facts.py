@@ -8,7 +8,7 @@ from pathlib import Path
 import pyoxigraph as ox
 import pytest
 
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 
 _XSD = "http://www.w3.org/2001/XMLSchema#"
 
@@ -123,7 +123,7 @@ def test_triple_terms_pass_through_n_quads() -> None:
     assert list(ox.parse(text, format=ox.RdfFormat.N_QUADS)) == [quad]
 
 
-def _numbers(store: ox.Store | GraphStore, number: int) -> list[int]:
+def _numbers(store: ox.Store | EmbeddedStore, number: int) -> list[int]:
     pattern = (ox.NamedNode("urn:s"), ox.NamedNode("urn:p"), ox.Literal(number))
     return sorted(int(quad.object.value) for quad in store.quads_for_pattern(*pattern))
 
@@ -133,7 +133,7 @@ def test_a_pattern_with_a_number_yields_that_number_only(tmp_path: Path) -> None
     store = ox.Store(tmp_path)
     store.extend(_quad(number) for number in range(250, 520))
     assert _numbers(store, 255) == list(range(255, 511))
-    ours = GraphStore(store)
+    ours = EmbeddedStore(store)
     for number in (250, 255, 256, 511):
         assert _numbers(ours, number) == [number]
     written_otherwise = ox.Literal("0255", datatype=ox.NamedNode(_XSD + "integer"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import pyoxigraph as ox
 import pytest
 
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 
 _XSD = "http://www.w3.org/2001/XMLSchema#"
 _EDGES = (0, 1, -1, 254, 255, 256, 257, 510, 511, 512, 65_535, 65_536, -255, -256, -257)
@@ -73,7 +73,7 @@ def _quad(rng: random.Random) -> ox.Quad:
 @pytest.mark.parametrize("on_disk", [True, False])
 def test_patterns_yield_what_a_set_yields(tmp_path: Path, on_disk: bool) -> None:
     rng = random.Random(3)
-    store = GraphStore(ox.Store(tmp_path) if on_disk else ox.Store())
+    store = EmbeddedStore(ox.Store(tmp_path) if on_disk else ox.Store())
     store.extend(_quad(rng) for _ in range(4_000))
     quads = list(store.raw)
     by_shape: dict[tuple[bool, ...], dict[tuple[object, ...], set[ox.Quad]]] = {}

@@ -9,7 +9,7 @@ from rtask.errors import UsageError, ValidationError
 from rtask.kb.commit import validation
 from rtask.knowledge_base import KnowledgeBase
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 _RT = "https://w3id.org/rtask-kg/ns#"
 _MUG = '<urn:mug> a rt:Mug ; rt:objectId "lab/mug" ; rt:mass 0.31e0'

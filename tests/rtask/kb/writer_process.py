@@ -25,7 +25,7 @@ from typing import Any
 
 import rtask
 from rtask.kb.commit.commit import Request
-from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.embedded import EmbeddedStore
 from rtask.knowledge_base import KnowledgeBase
 from rtask.rdf.terms import Quad, iri, literal
 
@@ -140,7 +140,7 @@ def die_at(call: int) -> None:
 
     for owner, names in (
         (os, "write fsync fdatasync ftruncate replace unlink link mkdir open"),
-        (GraphStore, "extend update flush close"),
+        (EmbeddedStore, "extend update flush close"),
     ):
         for name in names.split():
             setattr(owner, name, watched(getattr(owner, name)))

@@ -12,7 +12,7 @@ import ontology
 from rtask.errors import ForbiddenError
 from rtask.knowledge_base import KnowledgeBase
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 RT = rdflib.Namespace(ontology.NS)
 

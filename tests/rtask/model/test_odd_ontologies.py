@@ -17,7 +17,7 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, LazyLoadError
 from rtask.model.dynamic import Vocabulary
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 ODD = r"""
 @prefix : <http://example.org/odd#> .

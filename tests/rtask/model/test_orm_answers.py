@@ -16,7 +16,7 @@ from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, Session, avg, count, maximum, total
 from rtask.model.query import compile as compiled
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 G = RTASK.GraspConfiguration
 THING = RTASK.ManipulableObject
@@ -225,8 +225,11 @@ def test_hostile_text_is_written_and_found_again(
 TYPED = """
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any, assert_type
+
 import rtask
-from rtask.model import RTASK, avg, count
+from rtask.model import RTASK, Path, avg, count
 
 with rtask.open(":memory:") as kb, kb.session("nao-1") as s:
     mug = RTASK.Mug(object_id="lab/mug-1", mass=0.3)
@@ -237,6 +240,14 @@ with rtask.open(":memory:") as kb, kb.session("nao-1") as s:
         for thing in grasp.grasp_of:
             held: float | None = thing.mass
     best: RTASK.PlanarGrasp | None = s.query(RTASK.PlanarGrasp).first()
+    G = RTASK.GraspConfiguration
+    pairs = s.query(G).values(G.grasp_quality, G.name)
+    assert_type(pairs, Iterator[tuple[float | None, str | None]])
+    assert_type(next(s.query(G).values(G.grasp_of, batch=10)), tuple[str | None])
+    far: Path[float] = G.grasp_of.mass
+    assert_type(next(s.query(G).values(far, G.grasp_of.name)), tuple[float | None, Any | None])
+    nine = (far, far, far, far, far, far, far, far, far)
+    assert_type(next(s.query(G).values(*nine)), tuple[Any, ...])
     rows = s.query(RTASK.Mug).group_by(RTASK.Mug.name).aggregate(n=count(), m=avg(RTASK.Mug.mass))
 """
 WRONG = {
@@ -245,6 +256,9 @@ WRONG = {
     "text: str = mug.mass": "Incompatible types in assignment",
     "mug.masss": 'has no attribute "masss"',
     "RTASK.Mug(masss=1.0)": 'Unexpected keyword argument "masss"',
+    "words: str = next(s.query(G).values(G.name, G.grasp_quality))[1]": "Incompatible types",
+    "for one, two, three in s.query(G).values(G.name, far): pass": "Need more than 2 values",
+    "s.query(G).values('grasp_quality')": "No overload variant",
     "s.get(RTASK.Mug, 'urn:x').tried_in": 'has no attribute "tried_in"',
 }
 

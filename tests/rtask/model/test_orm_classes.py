@@ -17,7 +17,7 @@ from rtask.model.generate import generate_rtask
 from rtask.model.instance import required
 from rtask.model.schema import read_schema
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 SHOP = """
 @prefix : <http://example.org/shop#> .

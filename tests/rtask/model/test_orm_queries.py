@@ -12,7 +12,7 @@ from rtask.errors import ClosedError, UnknownTermError, UsageError
 from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, LazyLoadError, Session, avg, count, maximum
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 G = RTASK.GraspConfiguration
 
@@ -118,12 +118,54 @@ def test_an_object_with_several_keys_is_sorted_by_the_best_of_them(
 def test_values_are_rows(still_lab: KnowledgeBase) -> None:
     with still_lab.session() as s:
         query = s.query(G).order_by(G.grasp_quality)
-        assert query.values(G.grasp_of.name, G.tried_in.has_outcome.success) == [
+        assert list(query.values(G.grasp_of.name, G.tried_in.has_outcome.success)) == [
             ("mug", None),
             ("pen", False),
             ("mug", True),
         ]
-        assert query.limit(1).values(G.grasp_of) == [(still_lab.base + "object/1",)]
+        assert list(query.limit(1).values(G.grasp_of)) == [(still_lab.base + "object/1",)]
+
+
+def test_values_are_read_by_one_query_or_in_batches(
+    still_lab: KnowledgeBase, queries: list[str]
+) -> None:
+    """An object's rows stay together at the edges of batches of every size."""
+    T = RTASK.ManipulableObject
+    with still_lab.session() as s:
+        for query in (s.query(T), s.query(T).where(T.has_grasp.grasp_quality > 0.7)):
+            queries.clear()
+            rows = query.values(T.name, T.has_grasp.grasp_quality)
+            assert len(queries) == 1  # sent before the first row is taken
+            every = sorted(rows)
+            assert len(queries) == 1
+            assert {name for name, _ in every} == {"mug", "pen"}
+            assert ("mug", 0.9) in every
+            assert ("mug", 0.6) in every
+            for batch, sent in ((1, 3), (2, 2), (9, 1)):
+                queries.clear()
+                rows = query.values(T.name, T.has_grasp.grasp_quality, batch=batch)
+                assert next(rows)[0] == "mug"  # the IRI of the mug comes first
+                assert len(queries) == 1
+                assert len(list(rows)) == len(every) - 1
+                assert len(queries) == sent
+                again = query.values(T.name, T.has_grasp.grasp_quality, batch=batch)
+                assert sorted(again) == every
+
+
+def test_values_are_refused_before_anything_is_sent(
+    still_lab: KnowledgeBase, queries: list[str]
+) -> None:
+    with still_lab.session() as s:
+        query = s.query(G)
+        for wrong, words in (
+            (lambda: query.values(), "needs the paths"),
+            (lambda: query.values(RTASK.Robot.name), "does not begin at"),
+            (lambda: query.values(G.grasp_quality, batch=0), "1 or more objects"),
+            (lambda: query.limit(1).values(G.grasp_quality, batch=2), "remove order_by"),
+        ):
+            with pytest.raises(UsageError, match=words):
+                wrong()
+    assert queries == []
 
 
 def test_numbers_about_groups(still_lab: KnowledgeBase) -> None:

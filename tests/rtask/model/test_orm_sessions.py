@@ -13,7 +13,7 @@ from rtask.errors import InconsistentError, UnknownTermError, UsageError, Versio
 from rtask.knowledge_base import KnowledgeBase
 from rtask.model import RTASK, FieldError, OwnershipError, Session
 
-pytestmark = pytest.mark.slow  # starts servers or robots
+pytestmark = pytest.mark.slow
 
 RT = ontology.NS
 

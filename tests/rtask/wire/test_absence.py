@@ -51,6 +51,8 @@ def sample(field):
         value = base64.b64encode(b"abc").decode()
     elif carried is not None and carried.ros == "geometry_msgs/Pose":
         value = POSE
+    elif carried is not None and carried.ros == "geometry_msgs/PoseStamped":
+        value = {"pose": POSE}
     else:
         value = {str: "a", float: 0.05, int: 1, bool: True}[kind.type]
     return [value] if kind.is_list else value

@@ -119,7 +119,7 @@ def filled(control):
     if control.sort == "number":
         return str(control.minimum if control.minimum is not None else 0)
     if control.sort == "json":
-        if control.name.endswith("box"):
+        if control.name.endswith(("box", "region")):
             return json.dumps([0, 0, 9, 9])
         return json.dumps([[0, 0, 0]] if control.name.endswith("neighbours") else POSE)
     return "a"

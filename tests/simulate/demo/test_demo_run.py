@@ -19,7 +19,7 @@ import pytest
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
-_DEMO = [sys.executable, "-m", "rtask", "demo"]
+_DEMO = [sys.executable, "-m", "rtask", "demo", "--products", "plain"]
 
 
 def _run(*arguments: str, timeout: float = 1500) -> subprocess.CompletedProcess[str]:

@@ -6,12 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from simulate.demo.console import Console
+import pytest
+
+from rtask.errors import UsageError
 from simulate.demo.orchestrate import Demo, Settings
 from simulate.demo.queries import QUESTIONS, Answer
 from simulate.demo.report import (
     COLUMNS,
     by_product,
+    comparison,
     mean_attempts,
     own_judgements,
     robot_totals,
@@ -106,28 +109,25 @@ def test_an_object_that_went_before_it_was_tried_has_a_row_too() -> None:
     assert robot_totals(robot, cap=4)["from_memory"] == 0
 
 
-def _demo(tmp_path: Path) -> Demo:
-    return Demo(Settings(tmp_path / "demo"), Console(results=False))
-
-
-def test_an_object_is_the_product_it_was_first_made_from(tmp_path: Path) -> None:
-    demo = _demo(tmp_path)
-    demo._score(_robot(_met(product="can-1", object_iri="urn:o:1")))
-    second = demo._score(
+def test_an_object_is_the_product_it_was_first_made_from() -> None:
+    products: dict[str, str] = {}
+    Demo._score(_robot(_met(product="can-1", object_iri="urn:o:1")), products)
+    second = Demo._score(
         _robot(
             _met(product="can-1", recognised="urn:o:1"),
             _met(product="can-2", recognised="urn:o:1"),
             _met(product="can-3", object_iri="urn:o:2"),
-        )
+        ),
+        products,
     )
     assert [met["right"] for met in second["encounters"]] == [True, False, None]
     assert second["known_before"] == 1
 
 
-def test_something_that_is_no_product_is_never_recognised_rightly(tmp_path: Path) -> None:
-    demo = _demo(tmp_path)
-    demo._score(_robot(_met(product="", object_iri="urn:o:1")))
-    again = demo._score(_robot(_met(product="", recognised="urn:o:1")))
+def test_something_that_is_no_product_is_never_recognised_rightly() -> None:
+    products: dict[str, str] = {}
+    Demo._score(_robot(_met(product="", object_iri="urn:o:1")), products)
+    again = Demo._score(_robot(_met(product="", recognised="urn:o:1")), products)
     assert again["encounters"][0]["right"] is False
 
 
@@ -136,6 +136,8 @@ def test_the_report_holds_the_table_the_answers_and_the_result(tmp_path: Path) -
     result = {"robots": [robot_totals(robot, 4)], "seed": 3}
     answer = Answer(QUESTIONS[0], ("id", "robot"), (("rtask/1", "nao-1"),))
     write_report(tmp_path, result, rows([robot]), [answer])
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<h3>nao-1</h3>" in page
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["seed"] == 3
     assert "| nao-1 | can-1 | can 17 |" in text
@@ -192,3 +194,27 @@ def test_an_object_met_twice_is_joined_without_identities_too() -> None:
         del one["right"]
     (joined,) = by_product(met)
     assert joined["tries"] == 3
+
+
+def test_the_last_robot_is_set_beside_itself_without_the_graph() -> None:
+    told = "graph: held 1 of 1; alone: 31 mm from there"
+    known = _met(product="carton-1", tries=1, tries_to_success=1,
+                 attempts=[{"source": "memory", "alone": told}])  # fmt: skip
+    fresh = _met(product="carton-1", tries=3, tries_to_success=3)
+    never = _met(product="bar-2", tries=4, tries_to_success=None, attempts=[])
+    rows_beside = comparison([known, never], [fresh])
+    assert rows_beside == [
+        ("carton-1", "1", "3", "memory", told),
+        ("bar-2", "> 4", "-", "-", ""),
+    ]
+
+
+def test_the_hard_products_go_to_robots_that_can_lift_them(tmp_path: Path) -> None:
+    hard = Settings(tmp_path, products="hard")
+    assert (hard.kind_of(0), hard.compares) == ("panda", True)
+    assert not Settings(tmp_path, products="hard", robots=1).compares
+    plain = Settings(tmp_path)
+    assert (plain.kind_of(1), plain.compares) == ("nao", False)
+    assert Settings(tmp_path, kinds=("nao", "panda"), products="hard").kind_of(1) == "panda"
+    with pytest.raises(UsageError, match="there is no set 'odd'"):
+        Settings(tmp_path, products="odd")

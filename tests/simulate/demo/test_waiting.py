@@ -23,7 +23,7 @@ def watch(folder: Path, ended: int | None) -> dict:
     robot = SimpleNamespace(name="nao-1", events=lambda: iter([WAITING, DONE]))
     process = SimpleNamespace(poll=lambda: ended)
     endpoint = SimpleNamespace(process=process, complaint=lambda: "killed by signal 9 (SIGKILL)")
-    return Demo(Settings(folder / "demo"), Console(results=False))._watch(robot, endpoint)
+    return Demo(Settings(folder / "demo"), Console(results=False))._watch(robot, endpoint, {})
 
 
 def test_a_slow_endpoint_is_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -43,9 +43,12 @@ def test_unknown_is_neither_a_false_yes_nor_a_false_no():
 
 @pytest.mark.slow
 def test_a_trial_follows_from_its_seed_and_has_judgement_and_truth():
-    study = judging_study(2, seed=3, robot="panda", preset="fast", difficult=0.0)
-    first, again = (judging_trial(study.settings, 0) for _ in range(2))
-    assert (first["held"], first["placed"]) == ("yes", "yes")
-    assert first["truth"]["held"]
-    assert first["truth"]["placed"]
-    assert {**first, "cpu_s": 0.0} == {**again, "cpu_s": 0.0}
+    study = judging_study(4, seed=3, robot="panda", preset="fast", difficult=0.0)
+    trials = [judging_trial(study.settings, number) for number in range(4)]
+    for trial in trials:
+        assert (trial["held"] == "yes") == trial["truth"]["held"]
+        assert (trial["placed"] == "yes") == trial["truth"]["placed"]
+    # One of 24 easy attempts with this seed fails; which one is not the same on every machine.
+    assert sum(trial["truth"]["placed"] for trial in trials) >= 3
+    again = judging_trial(study.settings, 0)
+    assert {**trials[0], "cpu_s": 0.0} == {**again, "cpu_s": 0.0}

@@ -59,7 +59,9 @@ def _mean(name: str, source: str, objects: list[dict[str, Any]], last: int) -> f
 
 
 def test_what_geometry_rates_best_goes_first_and_what_cannot_be_reached_costs_nothing() -> None:
-    assert _mean("bandit, geometry only", "geometry", _world(20), 20) < 1.3
+    # The sampled choice among the best five costs a try now and then: 1.37. With kappa = 0.5 it is
+    # 1.87, without geometry 2.52, and what cannot be reached would cost at least one try each.
+    assert _mean("bandit, geometry only", "geometry", _world(20), 20) < 1.6
 
 
 def test_the_graph_alone_finds_the_grasp_that_held_on_others_of_the_kind() -> None:

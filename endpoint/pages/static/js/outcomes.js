@@ -1,6 +1,8 @@
 // Outcomes, one card at a time, judged by keys, buttons or swipes. Without this file every card is
 // on the page with a form of its own.
 
+import { element } from "./dom.js";
+
 const TAKE_BACK_MS = 10_000;
 const SWIPE_PX = 80;
 const FEEDBACK = "https://w3id.org/rtask-kg/ns#HumanFeedback";
@@ -9,14 +11,6 @@ const cards = deck ? [...deck.querySelectorAll("[data-attempt]")] : [];
 const waiting = []; // verdicts that can still be taken back, the oldest first
 let current = 0;
 let askingWhy = false;
-
-/** Make an element; children that are strings become text, never markup. */
-function element(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
 
 function button(words, key, act) {
   const made = element("button", { type: "button" }, words, " ", element("kbd", {}, key));

@@ -1,24 +1,24 @@
 // The SPARQL workbench. Without this file the form still works: the server draws the table.
 
-const MAX_ROWS = 1000;
+import { element } from "./dom.js";
+import "./editor.js";
+
 const ROWS_JSON = "application/sparql-results+json";
 const form = document.querySelector("[data-workbench]");
 const query = form.elements.query;
 const answer = document.getElementById("answer");
 const samples = form.querySelector("[data-samples]");
 const downloads = form.querySelector(".downloads");
+const editor = form.querySelector("sparql-editor");
+const stop = form.querySelector("[data-stop]");
+const { inferred, seconds, rows: limit } = form.elements;
 let running = null;
 
-/** Make an element; children that are strings become text, never markup. */
-function element(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
-
 function ask(text, accept, signal) {
-  return fetch("/sparql", {
+  const options = new URLSearchParams();
+  if (!inferred.checked) options.set("inferred", "0");
+  if (seconds.value) options.set("timeout", seconds.value);
+  return fetch(`/sparql?${options}`, {
     method: "POST",
     headers: { "Content-Type": "application/sparql-query", Accept: accept },
     body: text,
@@ -50,7 +50,7 @@ function cell(term, prefixes) {
 function table(result, text) {
   const names = result.head.vars;
   const prefixes = prefixesOf(text);
-  const rows = result.results.bindings.slice(0, MAX_ROWS).map((row) =>
+  const rows = result.results.bindings.slice(0, Number(limit.value)).map((row) =>
     element("tr", {}, ...names.map((name) => cell(row[name], prefixes))),
   );
   const head = element("tr", {}, ...names.map((name) => element("th", {}, name)));
@@ -62,7 +62,7 @@ function table(result, text) {
 }
 
 function caption(count, milliseconds) {
-  const shown = count > MAX_ROWS ? `, the first ${MAX_ROWS} shown` : "";
+  const shown = count > Number(limit.value) ? `, the first ${limit.value} shown` : "";
   const rows = `${count} row${count === 1 ? "" : "s"}`;
   return element("p", { class: "quiet" }, `${rows} in ${Math.round(milliseconds)} ms${shown}`);
 }
@@ -71,7 +71,8 @@ async function render(response, text, started) {
   const type = (response.headers.get("Content-Type") || "").split(";")[0];
   if (!response.ok) {
     const details = await response.json().catch(() => ({ detail: response.statusText }));
-    selectLine(details.line);
+    if (editor.shadowRoot) editor.mark(details.line ? details : null);
+    else selectLine(details.line);
     return [element("p", { class: "problem", role: "alert" }, details.detail)];
   }
   if (type !== ROWS_JSON) return [element("pre", {}, (await response.text()) || "no triples")];
@@ -94,23 +95,31 @@ async function run() {
   const mine = (running = new AbortController());
   const text = query.value;
   answer.setAttribute("aria-busy", "true");
+  stop.hidden = false;
   try {
     const started = performance.now();
     const response = await ask(text, `${ROWS_JSON}, text/turtle`, mine.signal);
     answer.replaceChildren(...(await render(response, text, started)));
     downloads.hidden = !response.ok;
   } catch (error) {
-    if (error.name === "AbortError") return;
+    if (error.name === "AbortError") {
+      if (running === mine) answer.replaceChildren(element("p", { class: "empty", role: "status" }, "Stopped."));
+      return;
+    }
     answer.replaceChildren(element("p", { class: "problem", role: "alert" }, `no answer: ${error.message}`));
   } finally {
-    if (running === mine) answer.removeAttribute("aria-busy");
+    if (running === mine) {
+      answer.removeAttribute("aria-busy");
+      stop.hidden = true;
+    }
   }
 }
 
 async function download(type) {
   const response = await ask(query.value, type);
+  if (!response.ok) return answer.replaceChildren(...(await render(response, query.value, 0)));
   const url = URL.createObjectURL(await response.blob());
-  const ending = type === "text/csv" ? "csv" : "json";
+  const ending = { "text/csv": "csv", "text/turtle": "ttl" }[type] ?? "json";
   element("a", { href: url, download: `result.${ending}` }).click();
   URL.revokeObjectURL(url);
 }
@@ -125,10 +134,12 @@ form.addEventListener("submit", (event) => {
 query.addEventListener("keydown", (event) => {
   if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) form.requestSubmit();
 });
+for (const part of form.querySelectorAll(".scripted-only")) part.hidden = false;
 samples.closest("label").hidden = false;
+stop.addEventListener("click", () => running?.abort());
 samples.addEventListener("change", () => {
   if (!samples.value) return;
-  query.value = samples.value;
+  editor.show(samples.value);
   form.requestSubmit();
 });
 for (const button of form.querySelectorAll("[data-download]")) {

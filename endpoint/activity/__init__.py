@@ -1,0 +1,1 @@
+"""Robots' current activity, in words: connections, calls, camera pictures, outcomes."""

@@ -1,0 +1,167 @@
+"""Datasets over HTTP.
+
+::
+
+    GET    /datasets                            those that the caller may read
+    PUT    /datasets/<ns>/<name>                create, or fork: {"fork_of": "a/B@3", "readers": []}
+    GET    /datasets/<ns>/<name>[@v]            a version with its files, or the head
+    GET    /datasets/<ns>/<name>/diff?from=&to= paths that differ
+    POST   /datasets/<ns>/<name>/snapshot       make the head a version
+    POST   /datasets/<ns>/<name>/merge          {"source": "a/B@3", "rules": {"": "ours"}}
+    GET    /datasets/<ns>/<name>[@v]/files/<path>   the bytes; the entity tag is their SHA-256
+    PUT, DELETE  .../files/<path>               write to the head; If-Match guards against others
+"""
+
+from __future__ import annotations
+
+import json
+import mimetypes
+from typing import Any
+from urllib.parse import unquote
+
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.api.operations import authorise, json_object
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Plan
+from rtask.errors import UnknownTermError, UsageError
+from rtask.services.datasets.store import Datasets
+
+ADDRESS = "/datasets"
+_ACTIONS = {"diff": ("GET", "HEAD"), "snapshot": ("POST",), "merge": ("POST",)}
+_FILES = ("GET", "HEAD", "PUT", "DELETE")
+_RULES = ("fail", "ours", "theirs")
+
+
+def is_dataset_address(address: str) -> bool:
+    """Tell whether an address belongs to datasets."""
+    return address == ADDRESS or address.startswith(f"{ADDRESS}/")
+
+
+def methods_of(address: str) -> tuple[str, ...]:
+    """Return the HTTP methods of an address.
+
+    Examples
+    --------
+    >>> methods_of("/datasets/robots/NAO/snapshot"), methods_of("/datasets/robots/NAO")
+    (('POST',), ('GET', 'HEAD', 'PUT'))
+    """
+    parts = address.removeprefix(ADDRESS).strip("/").split("/")
+    if len(parts) > 3 and parts[2] == "files":
+        return _FILES
+    if len(parts) == 3:
+        return _ACTIONS.get(parts[2], ("GET", "HEAD"))
+    return ("GET", "HEAD", "PUT") if len(parts) == 2 else ("GET", "HEAD")
+
+
+def plan_dataset(
+    datasets: Datasets, auth: Authenticator, request: Request, caller: Caller, address: str
+) -> Plan:
+    """Prepare the answer to a request about datasets.
+
+    Raises
+    ------
+    RefusedError
+        404, which a private dataset is to strangers as well; 405.
+    """
+    allowed = methods_of(address)
+    if request.method not in allowed:
+        raise RefusedError(
+            405, "method-not-allowed", f"{address} takes {' and '.join(allowed)}",
+            headers=(("Allow", ", ".join(allowed)),),
+        )  # fmt: skip
+    if request.method not in ("GET", "HEAD"):
+        authorise(auth, request, caller, "write", address)
+    parts = address.removeprefix(ADDRESS).strip("/").split("/", 3)
+    return Plan(lambda: _answer(datasets, request, caller, parts))
+
+
+def _answer(datasets: Datasets, request: Request, caller: Caller, parts: list[str]) -> Response:
+    """Do the work; what does not exist is a matter of HTTP here."""
+    name = "/".join(parts[:2])
+    try:
+        if parts == [""]:
+            return _json({"datasets": datasets.names(caller.access)})
+        if len(parts) == 2:
+            return _whole(datasets, request, caller, name)
+        if len(parts) == 4 and parts[2] == "files":
+            return _file(datasets, request, caller, name, unquote(parts[3]))
+        if len(parts) == 3 and parts[2] in _ACTIONS:
+            return _action(datasets, request, caller, name, parts[2])
+        raise UnknownTermError(f"there is nothing at {request.path}; see {ADDRESS}")
+    except UnknownTermError as error:
+        raise RefusedError(404, "not-found", str(error)) from None
+
+
+def _whole(datasets: Datasets, request: Request, caller: Caller, name: str) -> Response:
+    if request.method != "PUT":
+        found = datasets.find(name, caller.access)
+        return _json({**found.facts(), "versions": datasets.numbers(found.dataset)})
+    wanted = json_object(request) if request.body else {}
+    source, readers = wanted.pop("fork_of", None), wanted.pop("readers", None)
+    if wanted:
+        raise UsageError(f"unknown field {min(wanted)!r}; known: fork_of, readers")
+    if readers is not None and not _are_texts(readers):
+        raise UsageError("readers: expected a list of names", field="readers")
+    if source is not None:
+        if not isinstance(source, str) or readers is not None:
+            raise UsageError("fork_of: expected the name of a version; readers are those of it")
+        datasets.fork(name, source, caller.access)
+    else:
+        datasets.create(name, caller.access, readers)
+    return Response(201, headers=(("Location", f"{ADDRESS}/{name}"),))
+
+
+def _action(
+    datasets: Datasets, request: Request, caller: Caller, name: str, action: str
+) -> Response:
+    if action == "diff":
+        before, after = (_parameter(request, one) for one in ("from", "to"))
+        return _json(datasets.difference(f"{name}@{before}", f"{name}@{after}", caller.access))
+    wanted = json_object(request) if request.body else {}
+    message = wanted.get("message", "")
+    if not isinstance(message, str):
+        raise UsageError("message: expected a text", field="message")
+    if action == "snapshot":
+        return _json(datasets.snapshot(name, message, caller.access).facts())
+    source, rules = wanted.get("source"), wanted.get("rules", {})
+    if not isinstance(source, str):
+        raise UsageError("source: expected the name of a version", field="source")
+    if not isinstance(rules, dict) or not all(one in _RULES for one in rules.values()):
+        raise UsageError('rules: expected {"<path>": "ours" or "theirs"}', field="rules")
+    return _json(datasets.merge(name, source, rules, message, caller.access).facts())
+
+
+def _file(datasets: Datasets, request: Request, caller: Caller, name: str, path: str) -> Response:
+    if request.method in ("GET", "HEAD"):
+        entry, data = datasets.file(name, path, caller.access)
+        tag = f'"{entry.sha256}"'
+        if request.header("if-none-match") == tag:
+            return Response(304, headers=(("ETag", tag),))
+        kind = mimetypes.guess_type(path)[0] or "application/octet-stream"
+        # What somebody stored is shown by no browser as a page of this server.
+        guard = (("Content-Disposition", "attachment"), ("X-Content-Type-Options", "nosniff"))
+        return Response(200, data, kind, (("ETag", tag), *guard))
+    plain, _, wanted = name.partition("@")
+    if wanted not in ("", "head"):
+        raise RefusedError(405, "method-not-allowed", f"{name} never changes; write to the head")
+    if request.method == "DELETE":
+        datasets.remove(plain, [path], caller.access)
+    else:
+        match = request.headers.get("if-match")
+        datasets.put(plain, {path: request.body}, caller.access, match)
+    return Response(204)
+
+
+def _parameter(request: Request, name: str) -> str:
+    values = request.values(name)
+    if not values:
+        raise UsageError(f"?{name}= is missing: a version, or head", field=name)
+    return values[-1]
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(one, str) for one in value)
+
+
+def _json(value: Any) -> Response:
+    return Response(200, json.dumps(value).encode(), JSON_TYPE)

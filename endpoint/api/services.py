@@ -1,0 +1,225 @@
+"""Services over HTTP: lists and descriptions, calls, and jobs (Kehoe 2014, 5.6).
+
+::
+
+    GET  /services                               the services
+    GET  /services/<ns>/<name>[@version]         description with the schemas of its methods
+    POST /services/<ns>/<name>[@version]/<method>    call; with Prefer: respond-async, a job
+    GET  /jobs, /jobs/<id>[?wait=s][&after=n]    the caller's jobs; one with its answer, its events
+    DELETE /jobs/<id>                            cancel
+
+Data resources are named by ``?data=robot:robots/NAO`` or the member ``$data`` of the body.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from concurrent.futures import Future
+from typing import Any
+
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.api.operations import authorise, json_object
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Elsewhere, Plan
+from endpoint.http.problems import details_of
+from rtask.errors import UnknownTermError, UsageError
+from rtask.services import ServiceHost
+from rtask.services.host import MAX_JOB_S, MAX_TIMEOUT_S
+from rtask.services.jobs import Job
+from rtask.services.task import Task
+from rtask.wire.message import strict_json
+
+ADDRESS = "/services"
+JOBS = "/jobs"
+DATA = "$data"
+MAX_WAIT_S = 60.0
+_MAX_DIGITS = 15
+
+
+def is_service_address(address: str) -> bool:
+    """Tell whether an address belongs to services or jobs.
+
+    Examples
+    --------
+    >>> [is_service_address(one) for one in ("/services", "/services/a/B", "/servicesx", "/jobs/1")]
+    [True, True, False, True]
+    """
+    return address in (ADDRESS, JOBS) or address.startswith((f"{ADDRESS}/", f"{JOBS}/"))
+
+
+def methods_of(address: str) -> tuple[str, ...]:
+    """Return the HTTP methods of an address."""
+    if address.startswith(f"{JOBS}/"):
+        return ("GET", "HEAD", "DELETE")
+    if address.startswith(f"{ADDRESS}/") and address.count("/") >= 4:
+        return ("POST",)
+    return ("GET", "HEAD")
+
+
+def plan_service(
+    host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, address: str
+) -> Plan:
+    """Prepare the answer to a request about services or jobs.
+
+    Raises
+    ------
+    RefusedError
+        404 with the nearest name, 405, 415.
+    UsageError
+        The request does not fit the method.
+    QueueFullError
+        Too many calls wait.
+    """
+    allowed = methods_of(address)
+    if request.method not in allowed:
+        allow = (("Allow", ", ".join(allowed)),)
+        raise RefusedError(
+            405, "method-not-allowed", f"{address} takes {' and '.join(allowed)}", headers=allow
+        )
+    try:
+        if address == JOBS or address.startswith(f"{JOBS}/"):
+            return _plan_jobs(host, auth, request, caller, address.removeprefix(JOBS).strip("/"))
+        if address == ADDRESS:
+            return Plan(lambda: _json({"services": host.listing()}))
+        parts = address.removeprefix(f"{ADDRESS}/").split("/")
+        if len(parts) == 2:
+            found = host.registry.find("/".join(parts))
+            return Plan(lambda: _json(host.description(found.exact)))
+        if len(parts) != 3:
+            raise UnknownTermError(f"there is nothing at {address}; see {ADDRESS}")
+        return _plan_call(host, auth, request, caller, "/".join(parts[:2]), parts[2])
+    except UnknownTermError as error:
+        raise RefusedError(404, "not-found", str(error)) from None
+
+
+def _plan_call(
+    host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, name: str, method: str
+) -> Plan:
+    definition, found = host.find(name, method)
+    authorise(auth, request, caller, found.scope, f"{definition.name}/{method}")
+    args = json_object(request)
+    data = _data(request, args.pop(DATA, None))
+    is_job = "respond-async" in request.header("prefer")
+    timeout_s = _seconds(request, "timeout", MAX_JOB_S if is_job else MAX_TIMEOUT_S)
+    if is_job and timeout_s is None:
+        timeout_s = MAX_JOB_S
+    task = host.prepare(name, method, args, caller.access, data, timeout_s)
+    if is_job:
+        return Plan(lambda: _accepted(host.start_job(task, caller.key)), lane="loop")
+
+    def start() -> Future[Any]:
+        host.start(task)
+        return task.done
+
+    return Plan(
+        lambda: _answer(task),
+        timeout_s=task.call.timeout_s,
+        elsewhere=Elsewhere(start, task.call.late, task.cancel),
+    )
+
+
+def _answer(task: Task) -> Response:
+    """Return the response to a call that has ended."""
+    body = task.result().to_json()
+    timing = f"queue;dur={task.queued_ms:.3f}, run;dur={task.run_ms:.3f}"
+    headers = (
+        ("RTASK-Service", task.service),
+        ("RTASK-Call", task.call.id),
+        ("Server-Timing", timing),
+    )
+    return Response(200, body, JSON_TYPE, headers)
+
+
+def _accepted(job: Job) -> Response:
+    place = f"{JOBS}/{job.id}"
+    headers = (("Location", place), ("Preference-Applied", "respond-async"))
+    return Response(202, strict_json({**job.facts(), "href": place}), JSON_TYPE, headers)
+
+
+def _plan_jobs(
+    host: ServiceHost, auth: Authenticator, request: Request, caller: Caller, job_id: str
+) -> Plan:
+    if not job_id:
+        return Plan(lambda: _json({"jobs": [job.facts() for job in host.jobs.of(caller.key)]}))
+    job = host.jobs.find(job_id, caller.key)
+    if request.method == "DELETE":
+        auth.check_origin(request, caller)
+        return Plan(lambda: _cancelled(job))
+    wait_s = _seconds(request, "wait", MAX_WAIT_S)
+    after = _number(request, "after")
+    if not wait_s:
+        return Plan(lambda: _job(job, after))
+    return Plan(
+        lambda: _job(job, after),
+        timeout_s=wait_s,
+        elsewhere=Elsewhere(lambda: job.task.done, None, _nothing),
+    )
+
+
+def _nothing() -> None:
+    """Let a job go on when the caller that waits for it leaves."""
+
+
+def _cancelled(job: Job) -> Response:
+    job.cancel()
+    return _job(job)
+
+
+def _job(job: Job, after: int | None = None) -> Response:
+    """Return a job with its answer or its problem, and its events after a number."""
+    facts = job.facts()
+    if after is not None:
+        facts["events"] = [{"number": number, **said} for number, said in job.events(after)]
+    error = job.error
+    if error is not None:
+        facts["problem"] = details_of(error)
+    answer = job.answer()
+    if answer is not None:
+        facts["answer"] = answer
+    return _json(facts)
+
+
+def _data(request: Request, in_body: Any) -> dict[str, str]:
+    """Return the datasets that a call names.
+
+    Raises
+    ------
+    UsageError
+        ``?data`` or ``$data`` cannot be read.
+    """
+    if in_body is not None and not (
+        isinstance(in_body, dict) and all(isinstance(one, str) for one in in_body.values())
+    ):
+        raise UsageError(f'{DATA}: expected {{"resource": "<namespace>/<name>"}}', field=DATA)
+    found: dict[str, str] = dict(in_body or {})
+    for text in request.values("data"):
+        name, colon, dataset = text.partition(":")
+        if not (name and colon and dataset):
+            raise UsageError(f"data={text}: expected data=<resource>:<namespace>/<name>")
+        found[name] = dataset
+    return found
+
+
+def _seconds(request: Request, name: str, most: float) -> float | None:
+    texts = request.values(name)
+    if not texts:
+        return None
+    try:
+        seconds = float(texts[-1])
+    except ValueError:
+        seconds = math.nan
+    if not seconds >= 0:
+        raise UsageError(f"{name}={texts[-1]}: expected a number of seconds", field=name)
+    return min(seconds, most)
+
+
+def _number(request: Request, name: str) -> int | None:
+    texts = request.values(name)
+    if texts and not (texts[-1].isdecimal() and len(texts[-1]) <= _MAX_DIGITS):
+        raise UsageError(f"{name}={texts[-1][:40]}: expected a whole number", field=name)
+    return int(texts[-1]) if texts else None
+
+
+def _json(value: Any) -> Response:
+    return Response(200, json.dumps(value).encode(), JSON_TYPE)

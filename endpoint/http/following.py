@@ -1,0 +1,32 @@
+"""Interface between a server and what makes it a follower of another one."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from endpoint.http.messages import Request, Response
+
+__all__ = ["Following"]
+
+
+class Following(Protocol):
+    """The connection to the server that this one follows."""
+
+    @property
+    def url(self) -> str:
+        """Address of the other server."""
+
+    @property
+    def seconds_behind(self) -> float:
+        """How old the newest state is that is known to be here."""
+
+    @property
+    def commits_behind(self) -> int:
+        """Number of commits of the other server that are not here yet, as far as is known."""
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the other server has been heard of in the last seconds."""
+
+    def forward(self, request: Request) -> Response:
+        """Let the other server answer a request."""

@@ -1,0 +1,147 @@
+"""Clouds of objects for browsers: decoded, moved into the object's frame and thinned here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.http.messages import RefusedError
+from endpoint.pages.objects import known_object
+from endpoint.pages.render import blueprint, context, embedded_graph
+from rtask.engine.engine import Engine
+from rtask.engine.stored import stored_models
+from rtask.errors import UsageError
+from rtask.extras import naming_extras
+from rtask.rdf.namespaces import RDF, RT
+from rtask.rdf.terms import NamedNode, iri, python_value
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Points = tuple[NDArray[np.float32], NDArray[np.uint8]]
+
+MAX_POINTS = 200_000
+DEFAULT_POINTS = 50_000
+_GREY = 128
+
+
+@blueprint.route("/object/cloud.ply", methods=["GET"])
+def cloud() -> WerkzeugResponse:
+    """Return the cloud of an object's model, or of one of its views, as binary PLY."""
+    thing = iri(known_object("iri"))
+    asked = flask.request.args
+    view, most = asked.get("view", ""), asked.get("max", DEFAULT_POINTS, type=int)
+    if not 1 <= most <= MAX_POINTS:
+        raise UsageError(f"max={most}: expected 1 to {MAX_POINTS} points")
+    blob = _blob_of_view(thing, iri(view)) if view else _blob_of_model(thing)
+    etag = f"{blob.rpartition(':')[2][:32]}-{most}"
+    response = flask.Response(content_type="application/ply")
+    response.set_etag(etag)
+    response.headers["Cache-Control"] = "private, no-cache"
+    if flask.request.if_none_match.contains(etag):
+        response.status_code = 304
+        return response
+    with naming_extras("clouds"):
+        points, colours = _points_of_view(iri(view), blob) if view else _points_of_model(thing)
+        response.set_data(_ply(*_thinned(points, colours, most)))
+    return response
+
+
+def _blob_of_model(thing: NamedNode) -> str:
+    models = stored_models(embedded_graph(), thing)
+    if not models:
+        raise RefusedError(404, "not-found", f"there is no model of {thing.value}; name a view")
+    return models[0].blob
+
+
+def _blob_of_view(thing: NamedNode, view: NamedNode) -> str:
+    """Return the IRI of the bytes of a view's cloud.
+
+    Raises
+    ------
+    RefusedError
+        404 if it is not a view of the object, or has no cloud.
+    """
+    kb = embedded_graph()
+    if kb.match(thing, RT.hasView, view):
+        for content in kb.match(view, RT.viewContent):
+            node = content.object
+            if isinstance(node, NamedNode) and kb.match(node, RDF.type, RT.PointCloud):
+                for blob in kb.match(node, RT.hasBlob):
+                    assert isinstance(blob.object, NamedNode)
+                    return blob.object.value
+    raise RefusedError(404, "not-found", f"{view.value} is not a view with a cloud of the object")
+
+
+def _points_of_model(thing: NamedNode) -> Points:
+    engine = context().engine
+    assert isinstance(engine, Engine)  # another has no models
+    found = engine.context.models.of(thing)
+    if found is None:
+        raise RefusedError(404, "not-found", f"the model of {thing.value} cannot be read")
+    model = found[1]
+    return model.cloud[:, :3], model.colours
+
+
+def _points_of_view(view: NamedNode, blob: str) -> Points:
+    """Return the points of a view's cloud (n, 3), m, object frame, and their colours (n, 3)."""
+    import numpy as np
+
+    from features.codec import decode
+    from features.geometry import Frame
+    from grasp.spatial.frames import matrix_from_pose
+
+    kb = embedded_graph()
+    found = decode(kb.blobs.read(blob))
+    if isinstance(found, Frame):
+        mask = found.object_mask() & (found.depth_m > 0)
+        points = found.points()[mask]
+        colours = None if found.rgb is None else found.rgb[mask]
+    else:
+        points, colours = found.positions, found.colours
+    poses = [quad.object for quad in kb.match(view, RT.viewpoint)]
+    if not poses:
+        raise RefusedError(404, "not-found", f"nobody knows from where {view.value} was seen")
+    assert isinstance(poses[0], NamedNode)
+    at = _numbers(poses[0], "x", "y", "z", "qx", "qy", "qz", "qw")
+    object_from_camera = matrix_from_pose(np.array(at[:3]), np.array(at[3:]))
+    moved = points @ object_from_camera[:3, :3].T + object_from_camera[:3, 3]
+    if colours is None:
+        colours = np.full((len(points), 3), _GREY, np.uint8)
+    return moved.astype(np.float32), np.asarray(colours, np.uint8)
+
+
+def _numbers(node: NamedNode, *names: str) -> list[float]:
+    kb = embedded_graph()
+    return [float(str(python_value(kb.match(node, getattr(RT, name))[0].object))) for name in names]
+
+
+def _thinned(points: NDArray[np.float32], colours: NDArray[np.uint8], most: int) -> Points:
+    """Return at most so many points, evenly chosen; the same ones each time."""
+    import numpy as np
+
+    if len(points) > most:
+        chosen = np.sort(np.random.default_rng(0).choice(len(points), most, replace=False))
+        points, colours = points[chosen], colours[chosen]
+    return points, colours
+
+
+def _ply(points: NDArray[np.float32], colours: NDArray[np.uint8]) -> bytes:
+    """Return points and colours as binary little-endian PLY."""
+    import numpy as np
+
+    layout = [(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in ("r", "g", "b")]
+    table = np.empty(len(points), layout)
+    for column, axis in enumerate("xyz"):
+        table[axis] = points[:, column]
+    for column, name in enumerate("rgb"):
+        table[name] = colours[:, column]
+    head = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    return head.encode() + table.tobytes()

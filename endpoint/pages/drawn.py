@@ -1,0 +1,126 @@
+"""Drawings of objects on pages: grippers as lines in 3D, and belief in success as a curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from endpoint.pages.render import Model, embedded_graph
+from rtask.engine.stored import stored_models
+from rtask.rdf.namespaces import RT
+from rtask.rdf.terms import NamedNode
+
+__all__ = ["belief_over", "clouds_of", "curve", "gripper_lines", "has_viewer"]
+
+_FINGER_M, _STEM_M, _DEFAULT_OPENING_M = 0.04, 0.04, 0.05
+_VIEWER = Path(__file__).parent / "static" / "vendor" / "clouds.js"
+_CURVE_PX = (320, 100)
+
+
+def has_viewer() -> bool:
+    """Tell whether the library that draws clouds in 3D was bundled at set-up."""
+    return _VIEWER.exists()
+
+
+def clouds_of(thing: NamedNode, views: list[Model]) -> list[dict[str, str]]:
+    """Return the name and the IRI of each cloud of an object, its model first.
+
+    Parameters
+    ----------
+    views
+        Its views, as the page shows them.
+    """
+    kb = embedded_graph()
+    models = stored_models(kb, thing)
+    found = [{"name": "model of all views", "cloud": ""}] if models else []
+    for number, view in enumerate(views, 1):
+        if view["cloud"] and kb.match(NamedNode(str(view["view"])), RT.viewpoint):
+            found.append({"name": f"view {number}", "cloud": str(view["view"])})
+    return found
+
+
+def gripper_lines(grasp: Model) -> list[list[float]]:
+    """Return the lines (x, y, z, x, y, z), m, object frame, that draw a gripper at a grasp.
+
+    Parameters
+    ----------
+    grasp
+        With x, y, z, and theta or a quaternion; without them there is nothing to draw.
+
+    Examples
+    --------
+    >>> lines = gripper_lines({"x": 0.0, "y": 0.0, "z": 0.1, "theta": 0.0, "opening": 0.06})
+    >>> [round(value, 3) for value in lines[0]]
+    [0.03, 0.0, 0.14, 0.03, 0.0, 0.1]
+    """
+    import numpy as np
+
+    from grasp.spatial.frames import matrix_from_pose, pose_from_planar
+
+    at = [grasp.get(axis) for axis in "xyz"]
+    turned = [grasp.get(name) for name in ("qx", "qy", "qz", "qw")]
+    if None in at or (grasp.get("theta") is None and None in turned):
+        return []
+    if grasp.get("theta") is not None:
+        x, y, z = (float(grasp[axis]) for axis in "xyz")
+        object_from_gripper = pose_from_planar(x, y, z, float(grasp["theta"]))
+    else:
+        object_from_gripper = matrix_from_pose(
+            np.array(at, np.float64), np.array(turned, np.float64)
+        )
+    half = float(grasp.get("opening") or grasp.get("contact_width") or _DEFAULT_OPENING_M) / 2
+    ends: list[Any] = [
+        [(half, 0, -_FINGER_M), (half, 0, 0)],
+        [(-half, 0, -_FINGER_M), (-half, 0, 0)],
+        [(half, 0, -_FINGER_M), (-half, 0, -_FINGER_M)],
+        [(0, 0, -_FINGER_M), (0, 0, -_FINGER_M - _STEM_M)],
+    ]
+    moved = np.array(ends) @ object_from_gripper[:3, :3].T + object_from_gripper[:3, 3]
+    return [[round(float(value), 5) for value in line.ravel()] for line in moved]
+
+
+def belief_over(judged: Sequence[bool]) -> list[dict[str, float]]:
+    """Return the belief that an attempt succeeds after each attempt, with its 90 % interval.
+
+    Parameters
+    ----------
+    judged
+        Whether each attempt held, the oldest first; the belief begins even, Beta(1, 1).
+
+    Examples
+    --------
+    >>> [round(one["mean"], 2) for one in belief_over([True, True, False])]
+    [0.67, 0.75, 0.6]
+    """
+    from scipy.special import betaincinv
+
+    found, won = [], 0
+    for number, held in enumerate(judged, 1):
+        won += bool(held)
+        alpha, beta = 1 + won, 1 + number - won
+        low, high = (float(betaincinv(alpha, beta, share)) for share in (0.05, 0.95))
+        found.append({"mean": alpha / (alpha + beta), "low": low, "high": high})
+    return found
+
+
+def curve(belief: Sequence[dict[str, float]]) -> dict[str, Any]:
+    """Return the size and the points of SVG lines that show a belief.
+
+    Examples
+    --------
+    >>> curve(belief_over([True]))["mean"]
+    '160.0,33.3'
+    """
+    width, height = _CURVE_PX
+    step = width / (len(belief) + 1)
+
+    def points(name: str) -> list[str]:
+        return [
+            f"{step * number:.1f},{height * (1 - one[name]):.1f}"
+            for number, one in enumerate(belief, 1)
+        ]
+
+    band = [*points("high"), *reversed(points("low"))]
+    return {"width": width, "height": height, "mean": " ".join(points("mean")),
+            "band": " ".join(band), "dots": [p.split(",") for p in points("mean")]}  # fmt: skip

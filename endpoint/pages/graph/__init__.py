@@ -1,0 +1,1 @@
+"""Pages about the graph itself: queries, terms, classes, proofs."""

@@ -1,0 +1,181 @@
+"""Proof page: why the graph holds a statement, and how to withdraw what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlencode
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.access.auth import require_scope
+from endpoint.http.messages import RefusedError
+from endpoint.http.terms import read_term
+from endpoint.pages.graph.resource import expand
+from endpoint.pages.render import Model, blueprint, context, current_request, embedded_graph, page
+from endpoint.pages.signin import require_form
+from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
+from rtask.rdf.terms import NamedNode, TripleKey
+
+_ADDRESS = "/explain"
+MAX_COMMITS = 2_000
+RULES = "https://www.w3.org/TR/owl2-profiles/#Reasoning_in_OWL_2_RL_and_RDF_Graphs_using_Rules"
+# OWL 2 Profiles, 4.3.
+_TABLES = {
+    "eq": "Table 4, equality",
+    "prp": "Table 5, properties",
+    "cls": "Table 6, classes",
+    "cax": "Table 7, class axioms",
+    "dt": "Table 8, datatypes",
+    "scm": "Table 9, schema vocabulary",
+}
+
+
+def table_of(rule: str) -> str:
+    """Return the table of OWL 2 Profiles in which a rule stands; empty for rules of users.
+
+    Examples
+    --------
+    >>> table_of("cax-sco"), table_of("rule:heavy")
+    ('Table 7, class axioms', '')
+    """
+    return _TABLES.get(rule.partition("-")[0], "")
+
+
+@blueprint.app_template_filter("explain_url")
+def explain_url(terms: list[str]) -> str:
+    """Return the address of the proof of a statement.
+
+    Parameters
+    ----------
+    terms
+        Subject, predicate and object, as in N-Triples.
+    """
+    return f"{_ADDRESS}?{urlencode(dict(zip('spo', terms, strict=True)))}"
+
+
+@blueprint.app_template_filter("ntriples")
+def ntriples(term: dict[str, str]) -> str:
+    """Return a term of a page's model as in N-Triples."""
+    if term["kind"] == "iri":
+        return f"<{term['text']}>"
+    if term["kind"] != "literal":
+        return term["text"]
+    escaped = term["text"].translate(_ESCAPES)
+    if "language" in term:
+        return f'"{escaped}"@{term["language"]}'
+    return f'"{escaped}"^^<{term["datatype"]}>'
+
+
+@blueprint.app_template_test("anonymous")
+def has_blank_node(text: str) -> bool:
+    """Tell whether a statement has an anonymous part, which has no address."""
+    return "_:" in text
+
+
+_ESCAPES = str.maketrans({"\\": "\\\\", '"': '\\"', "\n": "\\n", "\r": "\\r", "\t": "\\t"})
+
+
+@page(_ADDRESS, "proof.html")
+def explain() -> Model:
+    """Return whether a statement holds, who states it, and its proof from stated ones."""
+    kb = embedded_graph()
+    triple = _statement()
+    terms = [str(term) for term in triple]
+    proof = kb.explain(*triple)
+    if proof is None:
+        return {"terms": terms, "holds": False, "asserted": [], "proof": None}
+    found = sorted(str(quad.graph_name) for quad in kb.match(*triple))
+    inferred = str(kb.graphs.inferred)
+    leaves = {leaf.triple: leaf for leaf in _leaves(proof)}
+    said = _who_said(set(leaves))
+    return {
+        "terms": terms,
+        "holds": True,
+        "asserted": [name.strip("<>") for name in found if name != inferred],
+        "proof": _step(proof, said, _access()),
+    }
+
+
+def _statement() -> TripleKey:
+    """Return the statement that the address names.
+
+    Raises
+    ------
+    RefusedError
+        A part is missing.
+    UsageError
+        A part is no term, or the subject or predicate is no IRI.
+    """
+    given = {name: flask.request.values.get(name, "").strip() for name in "spo"}
+    if not all(given.values()):
+        raise RefusedError(400, "usage", f"which statement? {_ADDRESS}?s=<IRI>&p=<IRI>&o=<term>")
+    subject, predicate, value = (read_term(expand(text), name) for name, text in given.items())
+    if not isinstance(subject, NamedNode) or not isinstance(predicate, NamedNode):
+        raise UsageError("s and p are IRIs")
+    return subject, predicate, value
+
+
+def _leaves(proof: Any) -> Iterator[Any]:
+    if proof.is_asserted:
+        yield proof
+    for premise in proof.premises:
+        yield from _leaves(premise)
+
+
+def _who_said(wanted: set[Any]) -> dict[Any, list[dict[str, str]]]:
+    """Return who added each of some statements, and when, as far as recent commits tell."""
+    feed = embedded_graph().feed
+    after = max(feed.last_seq - MAX_COMMITS, 0)
+    found: dict[Any, list[dict[str, str]]] = {}
+    for change in feed.changes(after, feed.last_seq):
+        for quad in change.added:
+            triple = (quad.subject, quad.predicate, quad.object)
+            if triple in wanted:
+                when = change.commit.time.isoformat()
+                found.setdefault(triple, []).append({"by": change.agent or "", "time": when})
+    return found
+
+
+def _step(proof: Any, said: dict[Any, list[dict[str, str]]], access: Access) -> Model:
+    """Return one step of a proof, with those that it rests on."""
+    kb = embedded_graph()
+    graphs = [name.strip("<>") for name in proof.graphs]
+    return {
+        "terms": [str(term) for term in proof.triple],
+        "gloss": proof.gloss,
+        "rule": proof.rule,
+        "table": table_of(proof.rule),
+        "graphs": graphs,
+        "said": said.get(proof.triple, []),
+        "may_withdraw": proof.is_asserted
+        and any(
+            access.may_write(NamedNode(name)) and not kb.catalogue.is_ontology(NamedNode(name))
+            for name in graphs
+        ),
+        "absent": list(proof.absent),
+        "schema": [[str(term) for term in triple] for triple in proof.schema],
+        "premises": [_step(premise, said, access) for premise in proof.premises],
+    }
+
+
+def _access() -> Access:
+    """Return the rights of the person on this graph."""
+    kb = embedded_graph()
+    access = context().auth.identify(current_request()).access
+    return access.bind(kb.graphs, kb.catalogue.is_ontology, kb.plain)
+
+
+@blueprint.route(f"{_ADDRESS}/withdraw", methods=["POST"])
+def withdraw() -> WerkzeugResponse:
+    """Withdraw a statement from the graphs that the person may write, and show the proof again."""
+    caller = context().auth.identify(current_request())
+    require_form()
+    require_scope(caller.access, "teach")
+    triple = _statement()
+    embedded_graph().retract(*triple, access=caller.access, reason="withdrawn on its proof")
+    context().audit.event("withdraw", statement=" ".join(map(str, triple)), by=caller.name)
+    there = {name: flask.request.form.get(f"of_{name}", "") for name in "spo"}
+    return flask.redirect(f"{_ADDRESS}?{urlencode(there)}", 303)

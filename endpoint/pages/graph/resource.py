@@ -1,0 +1,79 @@
+"""Page about one IRI: stated, derived and incoming statements."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flask
+
+import ontology
+from endpoint.http.messages import RefusedError
+from endpoint.pages.render import Model, embedded_graph, knowledge_base, page, solutions
+from rtask.rdf.terms import Literal, NamedNode, iri
+
+MAX_INCOMING = 50
+# Terms of standards are linked to from many pages, whether or not the graph describes them.
+_VOCABULARIES = tuple(
+    start for start in ontology.PREFIXES.values() if start not in (ontology.NS, ontology.BASE)
+)
+
+
+@page("/resource", "resource.html")
+def resource() -> Model:
+    """Return the statements about an IRI and those that refer to it; two queries."""
+    asked = flask.request.args.get("iri", "").strip()
+    if not asked:
+        raise RefusedError(400, "usage", "which one? /resource?iri=<IRI>, or a prefixed name")
+    name = expand(asked)
+    outgoing = solutions("resource_outgoing", resource=iri(name))
+    incoming = solutions("resource_incoming", resource=iri(name))
+    if not outgoing and not incoming and not name.startswith(_VOCABULARIES):
+        raise RefusedError(404, "not-found", f"the graph says nothing about {name}")
+    inferred = embedded_graph().graphs.inferred.value
+    statements = [
+        {"p": _term(row["p"]), "o": _term(row["o"]), "graph": _term(row["g"])["text"]}
+        for row in outgoing
+    ]
+    return {
+        "iri": name,
+        "elsewhere": _is_elsewhere(name),
+        "stated": [s for s in statements if s["graph"] != inferred],
+        "derived": [s for s in statements if s["graph"] == inferred],
+        "incoming": [
+            {"s": _term(row["s"]), "p": _term(row["p"]), "graph": _term(row["g"])["text"]}
+            for row in incoming[:MAX_INCOMING]
+        ],
+        "more_incoming": len(incoming) > MAX_INCOMING,
+    }
+
+
+def _is_elsewhere(name: str) -> bool:
+    """Tell whether an IRI is a link to another site; our own vocabulary's IRIs are not."""
+    house = (ontology.NS, ontology.BASE, ontology.ONTOLOGY, knowledge_base().base)
+    return name.startswith(("http://", "https://")) and not name.startswith(house)
+
+
+def expand(name: str) -> str:
+    """Return the IRI of a prefixed name; other text unchanged.
+
+    Examples
+    --------
+    >>> expand("rt:Mug") == ontology.NS + "Mug", expand("http://example.org/")
+    (True, 'http://example.org/')
+    """
+    prefix, colon, local = name.partition(":")
+    if colon and prefix in ontology.PREFIXES:
+        return ontology.PREFIXES[prefix] + local
+    return name
+
+
+def _term(term: Any) -> dict[str, str]:
+    """Return the kind and text of a term, and the language or datatype of a literal."""
+    if isinstance(term, NamedNode):
+        return {"kind": "iri", "text": term.value}
+    if isinstance(term, Literal):
+        shown = {"kind": "literal", "text": term.value}
+        if term.language:
+            return {**shown, "language": term.language}
+        return {**shown, "datatype": term.datatype.value}
+    return {"kind": "other", "text": str(term)}

@@ -1,0 +1,145 @@
+"""Pages of services: what is offered, and each method as a form with code that does the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import flask
+from werkzeug.datastructures import MultiDict
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.access.auth import require_scope
+from endpoint.api.services import ADDRESS, DATA
+from endpoint.http.messages import RefusedError
+from endpoint.http.problems import details_of
+from endpoint.pages.operations import read_request
+from endpoint.pages.render import application, blueprint, context, current_request, to_flask
+from endpoint.pages.signin import require_form
+from endpoint.pages.snippets import snippets
+from endpoint.sparql.negotiation import prefers_html
+from rtask.errors import RtaskError, UnknownTermError
+from rtask.services.definition import Definition, Method
+from rtask.services.description import ros_service, ros_type
+from rtask.wire.forms import controls_of
+
+_DATA = DATA + "."
+_METHOD = "$method"
+_OWN = ("secret", "more", _METHOD)
+
+
+@blueprint.route(ADDRESS, methods=["GET"])
+def services() -> str | WerkzeugResponse:
+    """Show the services that are offered; programs get the list as JSON."""
+    if not prefers_html(current_request().header("accept")):
+        return to_flask(application().handle(current_request()))
+    return flask.render_template("services.html", services=context().services.listing())
+
+
+@blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["GET"])
+def service(namespace: str, name: str) -> str | WerkzeugResponse:
+    """Show the forms of a service; programs get its description as JSON."""
+    if not prefers_html(current_request().header("accept")):
+        return to_flask(application().handle(current_request()))
+    definition = _found(f"{namespace}/{name}")
+    given = flask.request.args
+    chosen = given.get(_METHOD, "")
+    if chosen and chosen not in definition.methods:
+        raise RefusedError(404, "not-found", f"{definition.exact} has no method {chosen}")
+    return _shown(definition, chosen or next(iter(definition.methods)), given)
+
+
+@blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["POST"])
+def service_sent(namespace: str, name: str) -> str | tuple[str, int]:
+    """Call the method that a form names, and show the answer or what was wrong at its field."""
+    definition, form = _found(f"{namespace}/{name}"), flask.request.form
+    caller = context().auth.identify(current_request())
+    require_form()
+    method = definition.methods.get(form.get(_METHOD, ""))
+    if method is None:
+        raise RefusedError(404, "not-found", f"{definition.exact} has no such method")
+    if form.get("more"):
+        return _shown(definition, method.name, form, more=form["more"])
+    require_scope(caller.access, method.scope)
+    args: dict[str, Any] = {}
+    try:
+        args = read_request(method.request)
+        task = context().services.submit(
+            definition.exact, method.name, args, caller.access, _datasets(form)
+        )
+        answer = task.result()
+    except RtaskError as error:
+        details = details_of(error)
+        return _shown(definition, method.name, form, args=args, problem=details), details["status"]
+    if method.scope != "read":
+        context().audit.event(f"{definition.exact}/{method.name}", by=caller.name)
+    meta = {"service": task.service, "queued_ms": task.queued_ms, "run_ms": task.run_ms}
+    shown = {"value": answer.as_json(), "meta": meta}
+    return _shown(definition, method.name, form, args=args, answer=shown)
+
+
+def _found(name: str) -> Definition:
+    try:
+        return context().services.registry.find(name)
+    except UnknownTermError as error:
+        raise RefusedError(404, "not-found", f"{error}; see {ADDRESS}") from None
+
+
+def _datasets(form: Mapping[str, str]) -> dict[str, str]:
+    """Return the datasets that a form chooses for data resources."""
+    return {
+        key.removeprefix(_DATA): value.strip()
+        for key, value in form.items()
+        if key.startswith(_DATA) and value.strip()
+    }
+
+
+def _shown(
+    definition: Definition,
+    name: str,
+    given: MultiDict[str, str],
+    more: str = "",
+    args: dict[str, Any] | None = None,
+    answer: dict[str, Any] | None = None,
+    problem: dict[str, Any] | None = None,
+) -> str:
+    method = definition.methods[name]
+    values = {key: value for key, value in given.items() if key not in _OWN}
+    site = current_request().site
+    return flask.render_template(
+        "service.html",
+        service=definition,
+        method=method,
+        ros=(ros_service(definition, method), ros_type(definition, method)),
+        controls=controls_of(method.request, values, more),
+        resources={n: one for n, one in definition.resources.items() if one.type != "graph"},
+        given=values,
+        answer=None if answer is None else _pretty(answer["value"]),
+        meta=None if answer is None else answer["meta"],
+        problem=problem or {},
+        snippets=snippets(site, definition.exact, ros_service(definition, method),
+                          ros_type(definition, method), method.name,
+                          _sample(method, args), _datasets(values)),
+    )  # fmt: skip
+
+
+def _sample(method: Method, args: dict[str, Any] | None) -> dict[str, Any]:
+    """Return what the code beside the form sends: what was sent, else the required fields."""
+    if args:
+        numbers = {c.name for c in controls_of(method.request) if c.sort == "number"}
+        return {n: _number(v) if n in numbers else v for n, v in args.items()}
+    required = [n for n, one in method.request.model_fields.items() if one.is_required()]
+    return dict.fromkeys(required, "...")
+
+
+def _number(value: Any) -> Any:
+    """Return a number that was typed; other values unchanged."""
+    try:
+        return json.loads(value)
+    except (TypeError, ValueError):
+        return value
+
+
+def _pretty(value: Any) -> str:
+    return json.dumps(value, indent=2, ensure_ascii=False)

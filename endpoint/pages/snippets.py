@@ -1,0 +1,72 @@
+"""Code that calls a method of a service, in the languages that robots are programmed in."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shlex
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import urlsplit
+
+__all__ = ["snippets"]
+
+
+def snippets(
+    site: str,
+    service: str,
+    ros_service: str,
+    ros_type: str,
+    method: str,
+    args: Mapping[str, Any],
+    data: Mapping[str, str],
+) -> list[tuple[str, str]]:
+    """Return the name of each language and the code in it.
+
+    Parameters
+    ----------
+    site
+        Address of the server.
+    service
+        Name and version of the service.
+    args
+        The request.
+    data
+        Datasets by data resource.
+
+    Examples
+    --------
+    >>> code = snippets("http://h:1", "a/B@1.0.0", "/services/a/B/go", "a/BGo", "go", {"x": 1}, {})
+    >>> dict(code)["Python"].splitlines()[-1]
+    'print(service.go(x=1))'
+    """
+    sent = {name: _sendable(value) for name, value in args.items()}
+    body = {**sent, **({"$data": dict(data)} if data else {})}
+    text = json.dumps(body, ensure_ascii=False)
+    address = f"{site}/services/{service}/{method}"
+    named = ", ".join(f"{name}={value!r}" for name, value in sent.items())
+    wanted = f", data={dict(data)!r}" if data else ""
+    host = urlsplit(site)
+    return [
+        ("curl", f"curl -s {shlex.quote(address)} -H 'Content-Type: application/json' \\\n"
+                 f"  -d {shlex.quote(text)}"),
+        ("Python", "import rtask\n\n"
+                   f'service = rtask.connect("{site}").service("{service}"{wanted})\n'
+                   f"print(service.{method}({named}))"),
+        ("roslibpy", "import roslibpy\n\n"
+                     f'ros = roslibpy.Ros("{host.hostname}", {host.port or 80})\n'
+                     "ros.run()\n"
+                     f'service = roslibpy.Service(ros, "{ros_service}", "{ros_type}")\n'
+                     f"print(service.call(roslibpy.ServiceRequest({body!r})))\n"
+                     "ros.close()"),
+        ("JavaScript", f'const answer = await fetch("{address}", {{\n'
+                       '  method: "POST",\n'
+                       '  headers: { "Content-Type": "application/json" },\n'
+                       f"  body: JSON.stringify({text}),\n"
+                       "});\nconsole.log(await answer.json());"),
+    ]  # fmt: skip
+
+
+def _sendable(value: Any) -> Any:
+    """Return a value as JSON carries it."""
+    return base64.b64encode(value).decode() if isinstance(value, bytes) else value

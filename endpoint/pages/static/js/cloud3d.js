@@ -1,0 +1,128 @@
+// A cloud with grippers in 3D, by three.js. Draws only when something changes.
+
+const UP = [0, 0, 1];
+const PICK_PX = 24;
+
+/**
+ * @param {object} three the bundled library
+ * @param {HTMLElement} place where the canvas goes
+ * @param {(index: number) => void} onPick
+ */
+export function cloudIn3D(three, place, onPick) {
+  const renderer = new three.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  const scene = new three.Scene();
+  const camera = new three.PerspectiveCamera(40, 1, 0.005, 20);
+  camera.up.set(...UP);
+  const controls = new three.OrbitControls(camera, renderer.domElement);
+  const grippers = new three.Group();
+  let points = null;
+  let due = 0;
+  scene.add(grippers);
+  place.replaceChildren(renderer.domElement);
+  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+
+  function draw() {
+    due = 0;
+    scene.background = new three.Color(getComputedStyle(place).backgroundColor);
+    renderer.render(scene, camera);
+    place.dataset.drawn = String(Number(place.dataset.drawn ?? 0) + 1);
+  }
+  const redraw = () => (due ||= requestAnimationFrame(draw));
+
+  function resize() {
+    const { clientWidth: width, clientHeight: height } = place;
+    renderer.setSize(width, height, false);
+    camera.aspect = width / Math.max(height, 1);
+    camera.updateProjectionMatrix();
+    redraw();
+  }
+
+  function showCloud(cloud, colours) {
+    if (points) {
+      scene.remove(points);
+      points.geometry.dispose();
+    }
+    const geometry = new three.BufferGeometry();
+    geometry.setAttribute("position", new three.Float32BufferAttribute(cloud.positions, 3));
+    // The library mixes colours as light, pictures store them as perceived.
+    geometry.setAttribute("color", new three.Float32BufferAttribute(colours.map((value) => value ** 2.2), 3));
+    const size = Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis]));
+    points = new three.Points(geometry, new three.PointsMaterial({ size: size / 110, vertexColors: true }));
+    scene.add(points);
+    redraw();
+  }
+
+  function lookAt(cloud, camera_) {
+    const middle = cloud.high.map((value, axis) => (value + cloud.low[axis]) / 2);
+    const size = Math.hypot(...cloud.high.map((value, axis) => value - cloud.low[axis]));
+    controls.target.set(...middle);
+    if (camera_?.length === 3) camera.position.set(...camera_);
+    else camera.position.set(middle[0] + size, middle[1] - 1.3 * size, middle[2] + 1.1 * size);
+    controls.update();
+    redraw();
+  }
+
+  function showGrippers(grasps, selected) {
+    for (const old of [...grippers.children]) {
+      grippers.remove(old);
+      old.geometry.dispose();
+    }
+    grasps.forEach((grasp, index) => {
+      if (!grasp.lines.length) return;
+      const geometry = new three.BufferGeometry();
+      geometry.setAttribute("position", new three.Float32BufferAttribute(grasp.lines.flat(), 3));
+      const look = { color: index === selected ? grasp.marked : grasp.colour, transparent: true, opacity: selected < 0 || index === selected ? 1 : 0.35 };
+      const material = grasp.failed
+        ? new three.LineDashedMaterial({ ...look, dashSize: 0.006, gapSize: 0.004 })
+        : new three.LineBasicMaterial(look);
+      const lines = new three.LineSegments(geometry, material);
+      if (grasp.failed) lines.computeLineDistances();
+      lines.userData.index = index;
+      grippers.add(lines);
+    });
+    redraw();
+  }
+
+  /** The gripper whose middle is nearest to a place on the screen. */
+  function pick(event) {
+    const box = renderer.domElement.getBoundingClientRect();
+    let best = [PICK_PX, -1];
+    for (const lines of grippers.children) {
+      const places = lines.geometry.getAttribute("position");
+      for (let i = 0; i < places.count; i += 1) {
+        const at = new three.Vector3().fromBufferAttribute(places, i).project(camera);
+        const x = box.left + ((at.x + 1) / 2) * box.width;
+        const y = box.top + ((1 - at.y) / 2) * box.height;
+        const distance = Math.hypot(x - event.clientX, y - event.clientY);
+        if (distance < best[0]) best = [distance, lines.userData.index];
+      }
+    }
+    if (best[1] >= 0) onPick(best[1]);
+  }
+
+  let pressed = null;
+  renderer.domElement.addEventListener("pointerdown", (event) => (pressed = [event.clientX, event.clientY]));
+  renderer.domElement.addEventListener("pointerup", (event) => {
+    if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 5) pick(event);
+  });
+  controls.addEventListener("change", redraw);
+  new ResizeObserver(resize).observe(place);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  resize();
+
+  return {
+    showCloud,
+    showGrippers,
+    lookAt,
+    /** Turn about the vertical, rad. */
+    turn(angle) {
+      const offset = camera.position.clone().sub(controls.target);
+      offset.applyAxisAngle(new three.Vector3(...UP), angle);
+      camera.position.copy(controls.target).add(offset);
+      controls.update();
+      redraw();
+    },
+    camera: () => camera.position.toArray().map((value) => Number(value.toFixed(4))),
+    onTurned: (callback) => controls.addEventListener("end", callback),
+  };
+}

@@ -1,0 +1,42 @@
+// Draws a part of the page again when the graph changes: an element with `data-follow`, the address
+// of a stream of changes. Parts marked `data-keep` are replaced only if they differ.
+
+const SETTLE_MS = 250;
+
+function follow(part) {
+  let source = null;
+  let timer = 0;
+
+  async function redraw() {
+    const answer = await fetch(location.href, { headers: { Accept: "text/html" } }).catch(() => null);
+    if (!answer?.ok) return;
+    const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelector("[data-follow]");
+    if (!fresh) return;
+    [...part.children].forEach((old, index) => {
+      const now = fresh.children[index];
+      if (now && now.textContent !== old.textContent) old.replaceWith(document.adoptNode(now));
+    });
+    part.dispatchEvent(new Event("redrawn"));
+  }
+
+  function listen() {
+    source = new EventSource(part.dataset.follow);
+    source.addEventListener("hello", () => part.classList.remove("stale"));
+    source.addEventListener("change", () => {
+      clearTimeout(timer);
+      timer = setTimeout(redraw, SETTLE_MS);
+    });
+    source.onerror = () => part.classList.add("stale");
+  }
+
+  // A hidden tab holds no connection; it catches up when it is looked at.
+  document.addEventListener("visibilitychange", () => {
+    source?.close();
+    if (document.hidden) return;
+    listen();
+    redraw();
+  });
+  listen();
+}
+
+for (const part of document.querySelectorAll("[data-follow]")) follow(part);

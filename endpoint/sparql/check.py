@@ -1,0 +1,62 @@
+"""Check of the syntax of a query or an update, without carrying it out, at ``/sparql/check``."""
+
+from __future__ import annotations
+
+import json
+
+from endpoint.http.messages import JSON_TYPE, RefusedError, Request, Response
+from endpoint.http.plan import Plan
+from endpoint.sparql.request import QUERY_TYPE, UPDATE_TYPE
+from rtask.errors import DataError, UsageError
+from rtask.sparql.syntax import check_query, check_update
+from rtask.sparql.update_outline import read_update
+
+__all__ = ["ADDRESS", "plan_check"]
+
+ADDRESS = "/sparql/check"
+MAX_TEXT = 200_000
+
+
+def plan_check(request: Request) -> Plan:
+    """Plan the check of the text in the body; its media type says what it is.
+
+    The answer is 200 whether the text is right or not: ``ok``, and for a wrong one ``detail``,
+    ``line`` and ``column`` where they are known.
+
+    Raises
+    ------
+    RefusedError
+        405 or 415.
+    UsageError
+        The body is not UTF-8, or too long to be checked.
+    """
+    if request.method != "POST":
+        allow = (("Allow", "POST, OPTIONS"),)
+        raise RefusedError(405, "method-not-allowed", "send the text by POST", headers=allow)
+    media_type, _ = request.content_type
+    if media_type not in (QUERY_TYPE, UPDATE_TYPE):
+        raise RefusedError(
+            415,
+            "unsupported-media-type",
+            f"send the text as {QUERY_TYPE} or {UPDATE_TYPE}",
+            headers=(("Accept-Post", f"{QUERY_TYPE}, {UPDATE_TYPE}"),),
+        )
+    try:
+        text = request.body.decode()
+    except UnicodeDecodeError:
+        raise UsageError("the text is not UTF-8") from None
+    if len(text) > MAX_TEXT:
+        raise UsageError(f"{len(text)} characters; at most {MAX_TEXT} are checked")
+    return Plan(lambda: _answer(text, is_query=media_type == QUERY_TYPE))
+
+
+def _answer(text: str, *, is_query: bool) -> Response:
+    found: dict[str, object] = {"ok": True}
+    try:
+        if is_query:
+            check_query(text)
+        else:
+            check_update(read_update(text))
+    except DataError as error:
+        found = {"ok": False, "detail": str(error), **error.details}
+    return Response(200, json.dumps(found).encode(), JSON_TYPE)

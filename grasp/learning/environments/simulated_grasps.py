@@ -1,0 +1,63 @@
+"""The grasp problem on simulated objects, ready to run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from grasp.learning.env import Candidate, GraspEnv, Outcome, Problem
+from grasp.learning.simulated import WorldSettings, make_world
+
+__all__ = ["SimulatedGrasps"]
+
+
+@dataclass(frozen=True)
+class _Grasp:
+    theta: float
+    quality: float
+    chance: float
+
+
+class SimulatedGrasps(GraspEnv):
+    """Grasp polygons of :mod:`grasp.learning.simulated`; outcomes are drawn from simulated pushes.
+
+    Parameters
+    ----------
+    objects, families
+        How many.
+    world_seed
+        Of the objects, which are the same for the same seed.
+    quality
+        Perception by which the candidates of a quadrant are ordered; ``None``: at random, as the
+        candidates of Gatto 2016 carry no quality.
+    shuffled
+        As of :class:`~grasp.learning.env.GraspEnv`.
+    """
+
+    def __init__(
+        self,
+        objects: int = 12,
+        families: int = 4,
+        world_seed: int = 0,
+        quality: Literal["good", "poor"] | None = None,
+        shuffled: bool = True,
+    ) -> None:
+        if objects < 1 or families < 1:
+            raise ValueError(f"expected objects and families, got {objects} and {families}")
+        if quality not in (None, "good", "poor"):
+            raise ValueError(f"quality is {quality!r}, expected 'good', 'poor' or None")
+        world = make_world(WorldSettings(families=families, objects=objects, seed=world_seed))
+        rng = np.random.default_rng((world_seed, 29))
+        problems = []
+        for number, (thing, view) in enumerate(zip(world.things, world.views, strict=True)):
+            ratings = rng.random(len(thing)) if quality is None else getattr(thing, quality)
+            columns = (thing.directions.tolist(), ratings.tolist(), thing.chances.tolist())
+            grasps = [_Grasp(*row) for row in zip(*columns, strict=True)]
+            problems.append(Problem(str(number), view, grasps))
+        super().__init__(problems, self._push, shuffled=shuffled)
+
+    def _push(self, problem: Problem, candidate: Candidate) -> Outcome:
+        assert isinstance(candidate, _Grasp)
+        return Outcome(bool(self.np_random.random() < candidate.chance), "data")

@@ -1,0 +1,172 @@
+"""Grippers as data: from a short name, a file of their dimensions, or a robot's URDF."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grasp.spatial.gripper import ParallelGripper, nao_hand, panda_hand, parallel_jaw
+from grasp.spatial.gripper_urdf import gripper_from_urdf
+
+__all__ = ["gripper_from_data", "gripper_named", "gripper_to_data", "read_gripper"]
+
+_ENDINGS = (".json", ".toml", ".urdf")
+_MAX_BYTES = 1_000_000
+_PAIRS = {"approach": 2, "retreat": 2, "palm": 3, "wrist": 3}
+_TEXTS = ("name", "gripper_type")
+_OPTIONAL = ("palm", "wrist", "finger_thickness", "parent_from_gripper")
+
+
+def gripper_named(text: str) -> ParallelGripper:
+    """Return the gripper of a short text.
+
+    Parameters
+    ----------
+    text
+        ``nao``, ``panda``, ``jaw:STROKE`` (m), or a file that :func:`read_gripper` reads.
+
+    Raises
+    ------
+    ValueError
+        Naming what is possible.
+
+    Examples
+    --------
+    >>> gripper_named("jaw:0.06").max_opening
+    0.06
+    """
+    if Path(text).suffix.lower() in _ENDINGS:
+        return read_gripper(Path(text))
+    kind, _, stroke = text.partition(":")
+    if kind == "jaw" and stroke:
+        try:
+            return parallel_jaw(float(stroke))
+        except ValueError as error:
+            raise ValueError(f"gripper {text!r}: expected a stroke in m, as in jaw:0.08") from error
+    named = {"nao": nao_hand, "panda": panda_hand}
+    if text not in named:
+        raise ValueError(
+            f"unknown gripper {text!r}: nao, panda, jaw:STROKE with a stroke in m, or a file "
+            f"({', '.join(_ENDINGS)})"
+        )
+    return named[text]()
+
+
+def read_gripper(path: Path) -> ParallelGripper:
+    """Return the gripper that a file describes.
+
+    Parameters
+    ----------
+    path
+        JSON or TOML with the fields of :class:`~grasp.spatial.gripper.ParallelGripper` (``name``
+        and ``max_opening`` at least, lengths in m, forces in N), or a URDF with two fingers that
+        slide towards each other.
+
+    Raises
+    ------
+    ValueError
+        The file is none of these, or a field is unknown or of the wrong kind.
+    OSError
+        The file cannot be read.
+    """
+    ending = path.suffix.lower()
+    if ending == ".urdf":
+        return gripper_from_urdf(path)
+    if ending not in _ENDINGS:
+        raise ValueError(f"{path.name}: a gripper's file ends in {', '.join(_ENDINGS)}")
+    if path.stat().st_size > _MAX_BYTES:
+        raise ValueError(f"{path.name} is larger than {_MAX_BYTES // 1_000_000} MB")
+    text = path.read_text("utf-8")
+    try:
+        data = json.loads(text) if ending == ".json" else tomllib.loads(text)
+    except ValueError as error:  # both decoders' errors are
+        raise ValueError(f"{path.name} is no {ending[1:].upper()}: {error}") from error
+    if not isinstance(data, dict):
+        raise ValueError(f"{path.name}: expected an object with the fields of a gripper")
+    try:
+        return gripper_from_data(data)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+
+
+def gripper_from_data(data: Mapping[str, Any]) -> ParallelGripper:
+    """Return the gripper of the fields of a file.
+
+    Examples
+    --------
+    >>> gripper_from_data({"name": "wide", "max_opening": 0.14, "max_force": 60}).max_force
+    60.0
+    """
+    known = {one.name: one for one in fields(ParallelGripper)}
+    for name in data:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+            raise ValueError(f"unknown field {name!r} of a gripper{hint}")
+    given = {"gripper_type": data.get("name"), "min_opening": 0.0, **data}
+    for name, one in known.items():
+        needed = one.default is MISSING and one.default_factory is MISSING
+        if needed and given.get(name) is None:
+            raise ValueError(f"{name} is missing")
+    return ParallelGripper(**{name: _value(name, value) for name, value in given.items()})
+
+
+def gripper_to_data(gripper: ParallelGripper) -> dict[str, Any]:
+    """Return the fields of a gripper as JSON data, which :func:`gripper_from_data` reads.
+
+    >>> gripper_from_data(gripper_to_data(panda_hand())) == panda_hand()
+    True
+    """
+    data: dict[str, Any] = {}
+    for one in fields(ParallelGripper):
+        value = getattr(gripper, one.name)
+        if value is not None:
+            data[one.name] = np.asarray(value).tolist() if one.name in _NESTED else value
+    return data
+
+
+_NESTED = (*_PAIRS, "parent_from_gripper", "joints", "joint_table")
+
+
+def _value(name: str, value: Any) -> Any:
+    """Return the value of a field as the gripper takes it."""
+    if value is None and name in _OPTIONAL:
+        return None
+    if name in _TEXTS:
+        if not isinstance(value, str) or not value:
+            raise ValueError(f"{name}: expected a text, got {value!r}")
+        return value
+    if name == "symmetric":
+        if not isinstance(value, bool):
+            raise ValueError(f"symmetric: expected true or false, got {value!r}")
+        return value
+    if name == "joints":
+        if not (isinstance(value, list) and all(isinstance(one, str) for one in value)):
+            raise ValueError(f"joints: expected a list of names, got {value!r}")
+        return tuple(value)
+    shape: tuple[int, ...] = ()
+    if name in _PAIRS:
+        shape = (_PAIRS[name],)
+    elif name == "parent_from_gripper":
+        shape = (4, 4)
+    elif name == "joint_table":
+        shape = (len(value) if isinstance(value, list) else 0, 2)
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.full((), np.nan)
+    if isinstance(value, bool | str) or numbers.shape != shape or not np.isfinite(numbers).all():
+        wanted = "a number" if not shape else f"numbers of shape {shape}"
+        raise ValueError(f"{name}: expected {wanted}, got {value!r}")
+    if name == "parent_from_gripper":
+        return numbers
+    if name == "joint_table":
+        return tuple((float(a), float(b)) for a, b in numbers)
+    return tuple(float(v) for v in numbers) if shape else float(numbers)

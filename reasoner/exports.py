@@ -1,0 +1,124 @@
+"""Changes of the inferred graph; large ones stay columns of ids until somebody looks at them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+
+from reasoner.facts import arrays
+from reasoner.facts.arrays import NO_KEYS, Column, Keys
+from reasoner.facts.equality import Equality
+from reasoner.facts.layer import Asserted, Layer
+from reasoner.facts.relations import Facts
+from reasoner.reading import Reading
+from reasoner.terms.dictionary import Dictionary, Fact, Triple
+from reasoner.terms.vocabulary import SAME
+
+__all__ = ["Triples", "difference", "missing_and_surplus", "small_difference"]
+
+
+class Triples(Collection[Triple]):
+    """Triples kept as columns of ids; each pass over them makes the terms anew.
+
+    Parameters
+    ----------
+    columns : dict of int to (n,) uint64
+        Subjects and objects by property, ascending.
+    """
+
+    def __init__(self, columns: Mapping[int, Keys], terms: Dictionary) -> None:
+        self._columns = {p: Column(keys) for p, keys in columns.items() if len(keys)}
+        self._terms = terms
+
+    def __len__(self) -> int:
+        return sum(map(len, self._columns.values()))
+
+    def __iter__(self) -> Iterator[Triple]:
+        for p, column in self._columns.items():
+            yield from self._terms.decode_column(p, column)
+
+    def __contains__(self, triple: object) -> bool:
+        if not isinstance(triple, tuple) or len(triple) != 3:
+            return False
+        s, p, o = map(self._terms.find, triple)
+        if s is None or p is None or o is None or p not in self._columns:
+            return False
+        return self._columns[p].has(s, o)
+
+
+def difference(before: Reading, after: Reading) -> tuple[Triples, Triples]:
+    """Return the triples that enter and leave the inferred graph from one state to another."""
+    was, now = before.exported(), after.exported()
+    return Triples(_without(now, was), after.terms), Triples(_without(was, now), after.terms)
+
+
+def missing_and_surplus(reading: Reading, found: Iterable[Triple]) -> tuple[Triples, list[Triple]]:
+    """Compare the inferred graph with the one in a store.
+
+    Parameters
+    ----------
+    found : iterable of Triple
+        The content of the store's inferred graph; read once.
+
+    Returns
+    -------
+    missing : Triples
+        Inferred triples that the store lacks.
+    surplus : list of Triple
+        Triples in the store that are not inferred.
+    """
+    terms, exported = reading.terms, reading.exported()
+    known: list[Fact] = []
+    surplus: list[Triple] = []
+    for triple in found:
+        s, p, o = map(terms.find, triple)
+        if s is None or p is None or o is None:
+            surplus.append(triple)
+        else:
+            known.append((s, p, o))
+    held = Facts()
+    held.replace(known)
+    stored = {p: column.keys for p, column in held.columns().items()}
+    surplus += Triples(_without(stored, exported), terms)
+    return Triples(_without(exported, stored), terms), surplus
+
+
+def _without(columns: Mapping[int, Keys], others: Mapping[int, Keys]) -> dict[int, Keys]:
+    return {p: keys[~arrays.is_in(keys, others.get(p, NO_KEYS))] for p, keys in columns.items()}
+
+
+def small_difference(
+    before: Reading, after: Reading, changed: Asserted
+) -> tuple[set[Fact], set[Fact]]:
+    """Return the facts that enter and leave the inferred graph with a few others.
+
+    Parameters
+    ----------
+    before, after : Reading
+        The second is a layer over the facts of the first.
+    changed : Asserted
+        The staged changes of what is asserted.
+
+    Returns
+    -------
+    added, removed : set of Fact
+    """
+    layer = after.facts
+    assert isinstance(layer, Layer)
+    touched = (*changed.added, *changed.removed)
+    old = {*layer.removed, *map(before.equality.rewrite, touched)}
+    new = {*layer.added, *map(after.equality.rewrite, touched)}
+    merged = _changed_classes(before.equality, after.equality)
+    for term in merged:
+        old.update(before.facts.about(before.equality.find(term)))
+        new.update(after.facts.about(after.equality.find(term)))
+    ends = {x for s, p, o in touched if p == SAME for x in (s, o)}
+    was = {*before.inferred(old), *before.equalities(merged | ends)}
+    now = {*after.inferred(new), *after.equalities(merged | ends)}
+    return now - was, was - now
+
+
+def _changed_classes(before: Equality, after: Equality) -> set[int]:
+    if before == after:
+        return set()
+    members = {m for e in (before, after) for _, ms in e.classes() for m in ms}
+    return {m for m in members if before.members(m) != after.members(m)}

@@ -1,0 +1,182 @@
+"""``rtask dataset``: the datasets of a server, which services take as data."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rtask.cli.options import json_option, print_json
+from rtask.errors import UsageError
+
+if TYPE_CHECKING:
+    from rtask.client.datasets import DatasetClient
+
+__all__ = ["dataset"]
+
+_server = click.option(
+    "--server",
+    metavar="URL",
+    envvar="RTASK_SERVER",
+    show_envvar=True,
+    default="http://127.0.0.1:8765",
+    show_default=True,
+    help="Address of the server. Its token is read from RTASK_TOKEN.",
+)
+
+
+@click.group()
+def dataset() -> None:
+    """Keep the data of services: folders of files with versions, on a server."""
+
+
+def _connected(server: str) -> DatasetClient:
+    from rtask.client.datasets import DatasetClient
+
+    return DatasetClient(server, os.environ.get("RTASK_TOKEN"))
+
+
+def _tell(as_json: bool, facts: Any, words: str) -> None:
+    if as_json:
+        print_json(facts)
+    else:
+        click.echo(words)
+
+
+@dataset.command("list")
+@_server
+@json_option
+def list_datasets(server: str, as_json: bool) -> None:
+    """List the datasets that may be read."""
+    with _connected(server) as client:
+        names = client.names()
+    _tell(as_json, names, "\n".join(names))
+
+
+@dataset.command("create")
+@click.argument("name")
+@click.option("--fork", "source", metavar="NAME@VERSION", help="Go on from a version of another.")
+@click.option("--private", is_flag=True, help="Only its owner may read it.")
+@_server
+@json_option
+def create(name: str, source: str | None, private: bool, server: str, as_json: bool) -> None:
+    """Create a dataset NAME, <namespace>/<name>."""
+    if source and private:
+        raise UsageError("a fork has the readers of what it is a fork of: leave out --private")
+    with _connected(server) as client:
+        client.create(name, source, private)
+    _tell(as_json, {"name": name}, f"created {name}")
+
+
+@dataset.command("show")
+@click.argument("name")
+@_server
+@json_option
+def show(name: str, server: str, as_json: bool) -> None:
+    """List the files of a dataset: NAME, NAME@3 or NAME@head."""
+    with _connected(server) as client:
+        found = client.describe(name)
+    known = ", ".join(map(str, found["versions"])) or "none"
+    rows = [f"{found['name']}  versions: {known}  {found['message']}".rstrip()]
+    rows += [f"{size:12d}  /{path}" for path, (_, size) in found["files"].items()]
+    _tell(as_json, found, "\n".join(rows))
+
+
+@dataset.command("put")
+@click.argument("name")
+@click.argument("source", type=click.Path(exists=True, path_type=Path))
+@click.option("--as", "path", metavar="PATH", help="Its path in the dataset.  [default: its name]")
+@_server
+@json_option
+def put(name: str, source: Path, path: str | None, server: str, as_json: bool) -> None:
+    """Write SOURCE, a file or a folder, to the head of a dataset."""
+    if source.is_dir():
+        start = f"{path.strip('/')}/" if path else ""
+        files = sorted(one for one in source.rglob("*") if one.is_file())
+        named = {f"{start}{one.relative_to(source).as_posix()}": one for one in files}
+    else:
+        named = {path or source.name: source}
+    with _connected(server) as client:
+        for own, file in named.items():
+            client.put(name, own, file.read_bytes())
+    _tell(as_json, {"name": name, "files": list(named)}, f"wrote {len(named)} files to {name}")
+
+
+@dataset.command("get")
+@click.argument("name")
+@click.argument("path")
+@click.argument("target", type=click.Path(dir_okay=False, path_type=Path))
+@_server
+@json_option
+def get(name: str, path: str, target: Path, server: str, as_json: bool) -> None:
+    """Write the file PATH of a dataset to TARGET."""
+    with _connected(server) as client:
+        data = client.get(name, path)
+    target.write_bytes(data)
+    _tell(as_json, {"target": str(target), "bytes": len(data)}, f"wrote {target}")
+
+
+@dataset.command("remove")
+@click.argument("name")
+@click.argument("path")
+@_server
+@json_option
+def remove(name: str, path: str, server: str, as_json: bool) -> None:
+    """Remove a file or a folder from the head; the versions keep it."""
+    with _connected(server) as client:
+        client.remove(name, path)
+    _tell(as_json, {"name": name, "removed": path}, f"removed {path} from {name}")
+
+
+@dataset.command("snapshot")
+@click.argument("name")
+@click.option("--message", "-m", default="", help="Why.")
+@_server
+@json_option
+def snapshot(name: str, message: str, server: str, as_json: bool) -> None:
+    """Make the head of a dataset a version, which never changes."""
+    with _connected(server) as client:
+        made = client.snapshot(name, message)
+    _tell(as_json, made, made["name"])
+
+
+@dataset.command("diff")
+@click.argument("name")
+@click.argument("before")
+@click.argument("after", default="head")
+@_server
+@json_option
+def diff(name: str, before: str, after: str, server: str, as_json: bool) -> None:
+    """List the files that differ between two versions; AFTER is the head by default."""
+    with _connected(server) as client:
+        found = client.difference(name, before, after)
+    marks = {"added": "+", "removed": "-", "changed": "*"}
+    rows = [f"{marks[kind]} /{path}" for kind, paths in found.items() for path in paths]
+    _tell(as_json, found, "\n".join(rows) or "no difference")
+
+
+@dataset.command("merge")
+@click.argument("name")
+@click.argument("source")
+@click.option(
+    "--rule",
+    "rules",
+    multiple=True,
+    metavar="PATH=ours|theirs",
+    help="Decide conflicts below this path; =ours or =theirs decides all.",
+)
+@_server
+@json_option
+def merge(name: str, source: str, rules: tuple[str, ...], server: str, as_json: bool) -> None:
+    """Merge a version, SOURCE, into a dataset. Conflicts that no rule decides change nothing."""
+    decided = {}
+    for rule in rules:
+        path, equals, side = rule.partition("=")
+        if not equals or side not in ("ours", "theirs"):
+            raise UsageError(f"--rule {rule}: expected PATH=ours or PATH=theirs")
+        decided[path.removeprefix("/")] = side
+    with _connected(server) as client:
+        made = client.merge(name, source, decided)
+    _tell(as_json, made, made["name"])

@@ -1,0 +1,1 @@
+"""``rtask ros``: the graph in a robot's ROS."""

@@ -1,0 +1,192 @@
+"""``rtask service``: list, describe and call services."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.cli.options import json_option, print_json, server_option
+from rtask.errors import UsageError
+
+__all__ = ["service"]
+
+
+@dataclass(frozen=True)
+class _Services:
+    """The services of this installation or of a server."""
+
+    listing: Callable[[], list[dict[str, Any]]]
+    description: Callable[[str], dict[str, Any]]
+    call: Callable[..., dict[str, Any]]
+
+
+_load_option = click.option(
+    "--load",
+    "sources",
+    multiple=True,
+    metavar="MODULE|FILE.py",
+    help="Offer the services that this module or file defines, too.",
+)
+
+
+@click.group()
+def service() -> None:
+    """List, describe and call algorithms that are offered as services."""
+
+
+@service.command("list")
+@server_option
+@_load_option
+@json_option
+def list_services(server: str | None, sources: tuple[str, ...], as_json: bool) -> None:
+    """List the services of this installation, or of a server."""
+    with _offered(server, sources) as offered:
+        found = offered.listing()
+    if as_json:
+        print_json(found)
+        return
+    for one in found:
+        state = "" if one["state"] == "ready" else f"  [{one['state']}]"
+        click.echo(f"{one['name']}@{one['version']}{state}  {one['summary']}")
+        click.echo(f"    {', '.join(one['methods'])}")
+
+
+@service.command("show")
+@click.argument("name")
+@server_option
+@_load_option
+@json_option
+def show_service(name: str, server: str | None, sources: tuple[str, ...], as_json: bool) -> None:
+    """Describe a service: its methods with their parameters, its data, its versions.
+
+    NAME is <namespace>/<name>, perhaps with a version: @1.2.0, @1.2.*, @1.*.
+    """
+    with _offered(server, sources) as offered:
+        found = offered.description(name)
+    if as_json:
+        print_json(found)
+        return
+    click.echo(f"{found['name']}@{found['version']}: {found['summary']}")
+    if found["description"]:
+        click.echo(found["description"])
+    for own, need in found["resources"].items():
+        default = f", default {need['default']}" if need["default"] else ""
+        click.echo(f"data {own}: {need['type']}{default}  {need['summary']}")
+    for own, method in found["methods"].items():
+        click.echo(f"\n{own}: {method['summary']}")
+        required = method["request"].get("required", ())
+        for field, schema in method["request"].get("properties", {}).items():
+            absent = "" if field in required else f"  [{schema.get('x-absent', '')}]"
+            meaning = schema.get("description", "")
+            click.echo(f"    {field} : {schema['x-ros-type']}{absent}  {meaning}")
+        answer = ", ".join(method["answer"].get("properties", {}))
+        click.echo(f"    -> {answer or 'nothing'}")
+
+
+@service.command("call")
+@click.argument("name")
+@click.argument("method")
+@click.argument("arguments", nargs=-1)
+@click.option(
+    "--data",
+    "mapping",
+    multiple=True,
+    metavar="RESOURCE=NAMESPACE/NAME",
+    help="Dataset for a data resource of the service.",
+)
+@click.option("--timeout", type=float, help="Seconds to wait.  [default: as the service says]")
+@server_option
+@_load_option
+@json_option
+def call_service(
+    name: str,
+    method: str,
+    arguments: tuple[str, ...],
+    mapping: tuple[str, ...],
+    timeout: float | None,
+    server: str | None,
+    sources: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Call a method of a service and print its answer.
+
+    ARGUMENTS are FIELD=VALUE. A value is read as JSON, or else as text; @FILE stands for the
+    contents of a file.
+    """
+    data = dict(_pair(one, "--data") for one in mapping)
+    args = {field: _value(text) for field, text in (_pair(one, "") for one in arguments)}
+    with _offered(server, sources) as offered:
+        answer = offered.call(name, method, args, data, timeout)
+    if as_json:
+        print_json(answer)
+        return
+    for field, value in answer.items():
+        click.echo(f"{field}: {value if isinstance(value, str) else json.dumps(value)}")
+
+
+@service.command("run", context_settings={"ignore_unknown_options": True})
+@click.argument("script", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def run_script(script: Path, arguments: tuple[str, ...]) -> None:
+    """Run a Python script that imports brass, the library of Kehoe 2014, 5.7.
+
+    The server is that of RTASK_SERVER, by default http://127.0.0.1:8765.
+    """
+    import runpy
+    import sys
+
+    from rtask.services.brass import named_brass
+
+    sys.argv = [str(script), *arguments]
+    with named_brass("rtask.client.brass"):
+        runpy.run_path(str(script), run_name="__main__")
+
+
+def _pair(text: str, option: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise UsageError(f"{option} {text!r}: expected NAME=VALUE".strip())
+    return name, value
+
+
+def _value(text: str) -> Any:
+    """Return an argument of the command line as JSON carries it."""
+    if text.startswith("@"):
+        import base64
+
+        try:
+            return base64.b64encode(Path(text[1:]).read_bytes()).decode("ascii")
+        except OSError as error:
+            raise UsageError(f"{text[1:]}: {error.strerror}") from error
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+@contextmanager
+def _offered(server: str | None, sources: tuple[str, ...]) -> Iterator[_Services]:
+    """Yield the services of a server, or of this installation."""
+    if server:
+        import rtask
+
+        if sources:
+            raise UsageError("--load is for services of this machine; a server has its own")
+        with rtask.connect(server, token=os.environ.get("RTASK_TOKEN")) as client:
+            yield _Services(client.services, client.describe_service, client.call_service)
+        return
+    from rtask.services.offered import open_host
+
+    with open_host(sources=sources) as host:
+
+        def call(name: str, method: str, args: Any, data: Any, timeout_s: Any) -> dict[str, Any]:
+            return host.call(name, method, args, None, data, timeout_s).as_json()
+
+        yield _Services(host.listing, host.description, call)

@@ -1,0 +1,71 @@
+"""Datasets of a server, over HTTP."""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import quote
+
+from rtask.client.http import HttpClient
+
+__all__ = ["DatasetClient"]
+
+
+class DatasetClient(HttpClient):
+    """Reads and writes the datasets of a server."""
+
+    def names(self) -> list[str]:
+        """Return the names of the datasets that may be read."""
+        found: list[str] = self._send("GET", "/datasets").json()["datasets"]
+        return found
+
+    def create(self, name: str, fork_of: str | None = None, private: bool = False) -> None:
+        """Create a dataset, empty or as a fork of a version; a private one is its owner's alone."""
+        body: dict[str, Any] = {"readers": []} if private else {}
+        if fork_of:
+            body["fork_of"] = fork_of
+        self._send("PUT", _place(name), json=body)
+
+    def describe(self, name: str) -> dict[str, Any]:
+        """Return a version or the head with its files."""
+        found: dict[str, Any] = self._send("GET", _place(name)).json()
+        return found
+
+    def get(self, name: str, path: str) -> bytes:
+        """Return the bytes of a file."""
+        return bytes(self._send("GET", _file(name, path)).content)
+
+    def put(self, name: str, path: str, data: bytes) -> None:
+        """Write a file to the head."""
+        kind = {"Content-Type": "application/octet-stream"}
+        self._send("PUT", _file(name, path), content=data, headers=kind)
+
+    def remove(self, name: str, path: str) -> None:
+        """Remove a file or a folder from the head."""
+        self._send("DELETE", _file(name, path))
+
+    def snapshot(self, name: str, message: str = "") -> dict[str, Any]:
+        """Make the head a version and return it."""
+        place = f"{_place(name)}/snapshot"
+        found: dict[str, Any] = self._send("POST", place, json={"message": message}).json()
+        return found
+
+    def difference(self, name: str, before: str, after: str) -> dict[str, list[str]]:
+        """Return the paths that differ between two versions."""
+        place = f"{_place(name)}/diff"
+        given = {"from": before, "to": after}
+        found: dict[str, list[str]] = self._send("GET", place, params=given).json()
+        return found
+
+    def merge(self, name: str, source: str, rules: dict[str, str]) -> dict[str, Any]:
+        """Merge a version into the head and return the version that comes of it."""
+        body = {"source": source, "rules": rules}
+        found: dict[str, Any] = self._send("POST", f"{_place(name)}/merge", json=body).json()
+        return found
+
+
+def _place(name: str) -> str:
+    return f"/datasets/{quote(name, safe='/@')}"
+
+
+def _file(name: str, path: str) -> str:
+    return f"{_place(name)}/files/{quote(path.removeprefix('/'))}"

@@ -1,0 +1,203 @@
+"""Grasps of whatever stands on a table, things that touch and lie on each other too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from annotated_types import Ge, Le, MaxLen
+from pydantic import Field
+
+from rtask.engine.operations.grasps import GraspMessage
+from rtask.engine.operations.operation import operation
+from rtask.errors import UsageError
+from rtask.kb.commit.access import Access
+from rtask.wire.message import Answer, Message
+from rtask.wire.types import Cloud, Flag, Number, Pose, Probability, Text, Unit, Whole
+
+if TYPE_CHECKING:
+    from grasp.spatial.candidate import GraspCandidate
+    from grasp.spatial.gripper import ParallelGripper
+    from rtask.engine.context import Context
+    from rtask.engine.perception.clutter import ClutterView
+
+__all__ = ["PlanOnScene", "SceneGrasp", "SceneGrasps", "SceneSegment", "plan_on_scene"]
+
+
+class PlanOnScene(Message):
+    """A request to plan grasps of everything in one view of a table."""
+
+    data: Cloud
+    """base64 of the whole view: a frame with depth, compressed or as sensor_msgs/PointCloud2"""
+    gripper_id: Text | None = None
+    """name or IRI of the end effector; default: the robot's only one"""
+    sensor_pose: Pose
+    """pose of the camera, in whose frame the data is, in frame_id"""
+    frame_id: Text
+    """frame of the robot with z up, e.g. base_footprint"""
+    support_height: Annotated[Number, Unit("m")] | None = None
+    """height of the table in frame_id; default: the largest level plane"""
+    region: Annotated[list[Number], MaxLen(4)] = Field(default_factory=list)
+    """x from, x to, y from, y to in frame_id, m: what lies elsewhere is left out"""
+    min_confidence: Probability = 0.0
+    """c_G; grasps below it are not offered"""
+    complete: Flag = True
+    """complete the hidden sides of things"""
+    max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
+    """maximum number of grasps"""
+    samples: Annotated[Whole, Ge(1), Le(1000)] = 50
+    """number of perturbed poses of each grasp"""
+    seed: Annotated[Whole, Ge(0)] = 0
+    """seed of the random numbers"""
+
+
+class SceneSegment(Answer):
+    """One thing as the segmentation sees it."""
+
+    segment: int
+    """its number"""
+    points: int
+    """how many points belong to it"""
+    centre: list[float]
+    """middle of what is seen in frame_id, m"""
+    size: list[float]
+    """along the axes of frame_id, m"""
+
+
+class SceneGrasp(GraspMessage):
+    """A grasp of one thing, best first, as moveit_msgs/Grasp in frame_id."""
+
+    segment: int
+    """number of the thing"""
+    width: float
+    """between the contacts, m"""
+    opening: float
+    """between the jaws before they close, m"""
+    confidence: float
+    """s_G: share of pose errors under which the grasp closes and touches nothing before"""
+    lower_95: float
+    """lower bound on it"""
+    moves: float
+    """share of pose errors under which the open hand touches other things"""
+    antipodal: str
+    """full or half: whether the surface opposes both jaws, or one"""
+    completed: bool
+    """whether a side was completed rather than seen"""
+
+
+class SceneGrasps(Answer):
+    """The grasps of a scene, best first, or the reason why there are none."""
+
+    reason: str
+    advice: str
+    table_height: float
+    tried: dict[str, int]
+    segments: list[SceneSegment]
+    grasps: list[SceneGrasp]
+
+
+@operation("read", "plan grasps in clutter: of everything in one view of a table")
+def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> SceneGrasps:
+    """Plan grasps of the things in one view, each with its neighbours as obstacles.
+
+    Nothing is stored: what was picked is reported as an observation of its own.
+    """
+    from grasp.spatial.scene_plan import SceneOptions
+    from rtask.engine.perception.clutter import plan_in_view
+
+    hand = context.grippers.find(request.gripper_id, access.agent).gripper.modelled()
+    view = _view(request)
+    if view is None:
+        return SceneGrasps(
+            reason="no table is seen: no level plane is large enough", advice="",
+            table_height=0.0, tried={}, segments=[], grasps=[],
+        )  # fmt: skip
+    options = SceneOptions(samples=request.samples, complete=request.complete, seed=request.seed)
+    found = plan_in_view(view, hand, options)
+    sure = [c for c in found if c.scores["confidence"] >= request.min_confidence]
+    reason = found.reason
+    if found and not sure:
+        best = max(c.scores["confidence"] for c in found)
+        reason = f"the best confidence is {best:.2f} < {request.min_confidence:g}"
+    return SceneGrasps(
+        reason=reason,
+        advice=found.advice,
+        table_height=view.table_height,
+        tried=dict(found.counts),
+        segments=_segments(view),
+        grasps=_messages(sure[: request.max_grasps], hand, request.frame_id),
+    )
+
+
+def _view(request: PlanOnScene) -> ClutterView | None:
+    """Decode and segment the view of a request."""
+    from features.codec import decode
+    from features.geometry import Frame
+    from features.imaging.camera import frame_of_grid
+    from rtask.engine.perception.clutter import view_clutter
+
+    x_range, y_range = (-np.inf, np.inf), (-np.inf, np.inf)
+    if request.region:
+        if len(request.region) != 4:
+            raise UsageError(f"region has {len(request.region)} of its 4 numbers", field="region")
+        x0, x1, y0, y1 = request.region
+        if not (x0 < x1 and y0 < y1):
+            raise UsageError(
+                f"region {request.region}: x from < x to and y from < y to, in m", field="region"
+            )
+        x_range, y_range = (x0, x1), (y0, y1)
+    try:
+        decoded = decode(request.data)
+        frame = decoded if isinstance(decoded, Frame) else frame_of_grid(decoded)
+        if frame is not None:
+            points, colours = frame.points(), frame.rgb
+        else:
+            assert not isinstance(decoded, Frame)
+            points, colours = decoded.points(), decoded.colours
+    except ValueError as error:
+        raise UsageError(f"data: {error}", field="data") from error
+    pose = np.asarray(request.sensor_pose, dtype=np.float64)
+    try:
+        return view_clutter(points, colours, pose, x_range, y_range, request.support_height)
+    except ValueError as error:
+        raise UsageError(f"data: {error}", field="data") from error
+
+
+def _segments(view: ClutterView) -> list[SceneSegment]:
+    told = []
+    for number in view.segments:
+        points = view.of(number)
+        low, high = points.min(axis=0), points.max(axis=0)
+        told.append(
+            SceneSegment(
+                segment=number, points=len(points), centre=((low + high) / 2).tolist(),
+                size=(high - low).tolist(),
+            )
+        )  # fmt: skip
+    return told
+
+
+def _messages(
+    grasps: Sequence[GraspCandidate], hand: ParallelGripper, frame_id: str
+) -> list[SceneGrasp]:
+    from grasp.messages import spatial_grasp_message
+
+    return [
+        SceneGrasp(
+            **{
+                **spatial_grasp_message(one, hand, frame_id),
+                "id": f"scene-{number}",
+                "grasp_quality": one.scores["confidence"],
+            },
+            segment=one.segment or 0,
+            width=one.width,
+            opening=one.width if one.opening is None else one.opening,
+            confidence=one.scores["confidence"],
+            lower_95=one.scores["lower_95"],
+            moves=one.scores["moves"],
+            antipodal=one.antipodal,
+            completed=one.completed,
+        )
+        for number, one in enumerate(grasps, start=1)
+    ]

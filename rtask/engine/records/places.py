@@ -1,0 +1,284 @@
+"""Places of objects: the poses at which robots saw them, and the end effector that holds one.
+
+A pose holds in a frame of one robot, and is compared with poses in that frame alone: the same name
+of two robots' frames, such as ``base_link``, means two frames. An attempt that may have moved the
+object ends every earlier estimate of its pose (``prov:invalidatedAtTime``), so that nothing is said
+about its place until a robot sees it again.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.spatial.frames import matrix_from_pose
+from rtask.engine.memory.question import UNJUDGED
+from rtask.engine.observation import Observation
+from rtask.engine.perception.placement import Placement
+from rtask.engine.perception.poses import ObjectPose
+from rtask.engine.records.received import Outcome
+from rtask.engine.triples import Triples, stamp
+from rtask.rdf.namespaces import PROV, RT
+from rtask.rdf.terms import NamedNode, Value, iri, object_term, python_value
+
+if TYPE_CHECKING:
+    from rtask.engine.context import Context
+    from rtask.kb.core import GraphCore
+
+__all__ = [
+    "Located",
+    "Sighting",
+    "located",
+    "may_have_moved",
+    "state_frame_of",
+    "state_moved",
+    "state_seen",
+]
+
+MAX_ESTIMATES = 20
+MOVED_M = 0.02
+MOVED_RAD = float(np.deg2rad(15.0))
+
+_POSITION = (RT.x, RT.y, RT.z)
+_TURN = (RT.qx, RT.qy, RT.qz, RT.qw)
+_AT_ANY_TIME = ("timed_out", "stopped_by_human", "hardware")
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Pose of an object in a named frame.
+
+    Parameters
+    ----------
+    frame_from_object : (4, 4) float64, m
+        Pose of the object's own frame.
+    confidence
+        s_T of Kehoe 2014, 4.3, for an accepted pose. Where the sides of an upright object were
+        measured instead, the confidence in its identity.
+    is_round
+        A turn about the object's z axis is no motion.
+    """
+
+    frame_from_object: NDArray[np.float64]
+    frame_id: str
+    confidence: float
+    is_round: bool
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """An object seen somewhere.
+
+    Parameters
+    ----------
+    robot
+        Robot to which the frame belongs.
+    agent, graph
+        Author, and the graph that it writes to.
+    event
+        Stored observation from which the pose was derived, if any.
+    moved
+        When an attempt that followed may have moved the object.
+    """
+
+    thing: NamedNode
+    located: Located
+    robot: NamedNode
+    agent: NamedNode
+    graph: NamedNode
+    time: dt.datetime
+    event: NamedNode | None = None
+    moved: dt.datetime | None = None
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """A stored estimate; ``is_over`` once the object may have been moved."""
+
+    iri: NamedNode
+    pose: NamedNode
+    frame: NamedNode
+    time: dt.datetime
+    frame_from_object: NDArray[np.float64]
+    is_over: bool
+
+
+def located(
+    seen: Observation,
+    frame_id: str | None,
+    placement: Placement | None,
+    pose: ObjectPose | None,
+    identity: float,
+    is_round: bool,
+) -> Located | None:
+    """Return the pose of an observed object, or None if no pose or no frame is certain.
+
+    Parameters
+    ----------
+    frame_id
+        As the request names it.
+    identity
+        Confidence in the identity of the object, 0..1.
+    """
+    if not frame_id:
+        return None
+    if pose is not None and pose.accepted and (seen.is_posed or pose.source == "given"):
+        return Located(pose.frame_from_object, frame_id, float(pose.confidence), is_round)
+    if placement is None or not placement.is_verified or not seen.is_posed:
+        return None
+    return Located(placement.frame_from_object, frame_id, identity, placement.is_round)
+
+
+def may_have_moved(outcome: Outcome) -> bool:
+    """Tell whether an attempt with this outcome may have touched its object."""
+    return outcome.reason not in UNJUDGED or outcome.reason in _AT_ANY_TIME
+
+
+def state_frame_of(triples: Triples, robot: NamedNode, frame_id: str) -> NamedNode:
+    """Add a frame of a robot by its name in tf, and return its IRI."""
+    frame = NamedNode(f"{robot.value}/frame/{quote(frame_id, safe='')}")
+    return triples.node(frame, [RT.Frame], {RT.frameId: frame_id})
+
+
+def state_seen(
+    context: Context, triples: Triples, sighting: Sighting
+) -> list[tuple[NamedNode, NamedNode, Value]]:
+    """Add an estimate of the pose, unless the last one in this frame still holds.
+
+    It no longer holds if the object is more than 2 cm or 15 degrees away from it, or may have been
+    moved since. A robot keeps its last 20 estimates of an object.
+
+    Returns
+    -------
+    list
+        Statements to be withdrawn: the oldest estimates, and that the robot holds the object.
+    """
+    thing, found = sighting.thing, sighting.located
+    frame = state_frame_of(Triples(), sighting.robot, found.frame_id)
+    stored = _estimates(context.kb, thing, sighting.graph)
+    last = next((one for one in stored if one.frame == frame), None)
+    if last is not None and (
+        sighting.time <= last.time or not (last.is_over or _has_moved(last, found))
+    ):
+        return []
+    state_frame_of(triples, sighting.robot, found.frame_id)
+    estimate = context.names.unique("pose-estimate")
+    pose = iri(f"{estimate.value}/pose")
+    triples.node(
+        estimate,
+        [RT.PoseEstimate],
+        {
+            RT.poseOf: thing,
+            RT.estimatedPose: pose,
+            RT.poseConfidence: float(np.clip(found.confidence, 0.0, 1.0)),
+            PROV.wasAttributedTo: sighting.agent,
+            PROV.wasDerivedFrom: sighting.event,
+            PROV.invalidatedAtTime: None if sighting.moved is None else stamp(sighting.moved),
+        },
+    )
+    triples.pose(pose, frame, found.frame_from_object)
+    triples.add(pose, RT.atTime, stamp(sighting.time))
+    hands = {gripper.iri for gripper in context.grippers.all()}
+    withdrawn: list[tuple[NamedNode, NamedNode, Value]] = [
+        (thing, RT.locatedOn, hand) for hand in _supports(context.kb, thing, sighting.graph)
+        if hand in hands
+    ]  # fmt: skip
+    for one in stored[MAX_ESTIMATES - 1 :]:
+        withdrawn += _statements(context.kb, (one.iri, one.pose), sighting.graph)
+    return withdrawn
+
+
+def state_moved(
+    context: Context,
+    triples: Triples,
+    thing: NamedNode,
+    hand: NamedNode,
+    outcome: Outcome,
+    ended: dt.datetime,
+    graph: NamedNode,
+) -> list[tuple[NamedNode, NamedNode, Value]]:
+    """Add where an attempt left its object; return the statements to be withdrawn.
+
+    The object is located on the end effector if it was held and nothing is said of placing it. If
+    it was placed or lost, its place is unknown until it is seen again.
+    """
+    if not may_have_moved(outcome):
+        return []
+    for one in _estimates(context.kb, thing):
+        if not one.is_over and one.time <= ended:
+            triples.add(one.iri, PROV.invalidatedAtTime, stamp(ended))
+    is_in_hand = outcome.held and outcome.placed is None
+    if is_in_hand:
+        triples.add(thing, RT.locatedOn, hand)
+    return [
+        (thing, RT.locatedOn, support)
+        for support in _supports(context.kb, thing, graph)
+        if not (is_in_hand and support == hand)
+    ]
+
+
+def _has_moved(last: _Estimate, found: Located) -> bool:
+    before, now = last.frame_from_object, found.frame_from_object
+    if np.linalg.norm(now[:3, 3] - before[:3, 3]) > MOVED_M:
+        return True
+    if found.is_round:
+        cosine = before[:3, 2] @ now[:3, 2]
+    else:
+        cosine = (np.trace(before[:3, :3].T @ now[:3, :3]) - 1.0) / 2.0
+    return bool(np.arccos(np.clip(cosine, -1.0, 1.0)) > MOVED_RAD)
+
+
+def _estimates(kb: GraphCore, thing: NamedNode, graph: NamedNode | None = None) -> list[_Estimate]:
+    """Return the estimates of an object's pose in one graph or in all, latest first.
+
+    They are looked up by pattern, since a decision asks the graph only one query.
+    """
+    found = {}
+    for link in kb.match(None, RT.poseOf, thing, graph):
+        if isinstance(link.subject, NamedNode):
+            for target in kb.match(link.subject, RT.estimatedPose, None, graph):
+                one = _estimate(kb, link.subject, target.object)
+                if one is not None:
+                    found[one.iri] = one
+    return sorted(found.values(), key=lambda one: (one.time, one.iri.value), reverse=True)
+
+
+def _estimate(kb: GraphCore, estimate: NamedNode, pose: object) -> _Estimate | None:
+    """Return an estimate, or None if frame, time or a number is missing."""
+    if not isinstance(pose, NamedNode):
+        return None
+    told = {quad.predicate: quad.object for quad in kb.match(pose)}
+    frame = told.get(RT.inFrame)
+    if not isinstance(frame, NamedNode) or not {RT.atTime, *_POSITION, *_TURN} <= told.keys():
+        return None
+    position, turn = (
+        np.array([float(str(python_value(told[name]))) for name in names])
+        for names in (_POSITION, _TURN)
+    )
+    at = np.asarray(matrix_from_pose(position, turn), np.float64)
+    time = dt.datetime.fromisoformat(str(python_value(told[RT.atTime])))
+    time = time if time.tzinfo else time.replace(tzinfo=dt.UTC)
+    return _Estimate(
+        estimate, pose, frame, time, at, bool(kb.match(estimate, PROV.invalidatedAtTime))
+    )
+
+
+def _supports(kb: GraphCore, thing: NamedNode, graph: NamedNode) -> list[NamedNode]:
+    quads = kb.match(thing, RT.locatedOn, None, graph)
+    return [quad.object for quad in quads if isinstance(quad.object, NamedNode)]
+
+
+def _statements(
+    kb: GraphCore, subjects: Sequence[NamedNode], graph: NamedNode
+) -> list[tuple[NamedNode, NamedNode, Value]]:
+    return [
+        (subject, quad.predicate, object_term(quad.object))
+        for subject in subjects
+        for quad in kb.match(subject, None, None, graph)
+    ]

@@ -1,0 +1,1 @@
+"""RTASK in ROS: its types, where ROS is installed, and the node."""

@@ -1,0 +1,197 @@
+"""Clouds of a robot's camera with the pose of the camera, and views to clouds."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from features.codec import decode
+from features.codec.limits import Limits
+from features.codec.ros import pcd_from_point_cloud
+from features.geometry import Frame
+from features.imaging.camera import frame_of_grid
+from grasp.spatial.frames import matrix_from_pose
+from rtask.errors import DataError, RemoteUnavailableError, UsageError
+from rtask.interop.ros.convert import raw_mapping
+
+__all__ = ["CloudKeeper", "Transforms", "cloud_message", "frame_of"]
+
+_TF_S = 0.2
+_MAX_BYTES = 256 * 2**20
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
+
+
+class CloudKeeper:
+    """The newest message of a topic of clouds.
+
+    Parameters
+    ----------
+    topic
+        Name before remapping, ``~points``.
+    """
+
+    def __init__(self, topic: str) -> None:
+        import rospy
+        from sensor_msgs.msg import PointCloud2
+
+        self._newest: Any = None
+        self._came = threading.Condition()
+        self._topic = rospy.Subscriber(
+            topic, PointCloud2, self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
+        )
+
+    @property
+    def topic(self) -> str:
+        """Name after remapping."""
+        return str(self._topic.resolved_name)
+
+    def _take(self, message: Any) -> None:
+        with self._came:
+            self._newest = message
+            self._came.notify_all()
+
+    def forget(self) -> None:
+        """Forget the cloud, such as one from before the time jumped back."""
+        with self._came:
+            self._newest = None
+
+    def wait(self, wait_s: float, since: Any) -> Any:
+        """Return the newest cloud.
+
+        Parameters
+        ----------
+        since
+            Time of ROS; an older cloud is not taken.
+
+        Raises
+        ------
+        RemoteUnavailableError
+            None came within that time.
+        """
+        with self._came:
+            if not self._came.wait_for(lambda: self._is_fresh(since), wait_s):
+                peers = self._topic.get_num_connections()
+                why = "its publisher is silent" if peers else "nobody publishes it"
+                if self._newest is not None:
+                    why = f"the newest is of {self._newest.header.stamp.to_sec():.3f} s"
+                raise RemoteUnavailableError(
+                    f"no cloud since {since.to_sec():.3f} s came on {self.topic} within "
+                    f"{wait_s:g} s: {why}; remap ~points to the topic of your camera, "
+                    "~points:=/camera/depth_registered/points"
+                )
+            return self._newest
+
+    def _is_fresh(self, since: Any) -> bool:
+        return self._newest is not None and bool(self._newest.header.stamp >= since)
+
+
+class Transforms:
+    """Poses of cameras by TF, at the time of their clouds."""
+
+    def __init__(self) -> None:
+        import tf2_ros
+
+        self._buffer = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._buffer)
+
+    def clear(self) -> None:
+        """Forget everything, as after a jump back in time."""
+        self._buffer.clear()
+
+    def lookup(self, target: str, source: str, stamp: Any) -> NDArray[np.float64]:
+        """Return target_from_source (4, 4) at a time; never one of another time.
+
+        Raises
+        ------
+        UsageError
+            TF has no such transform at that time within 0.2 s of the wall clock.
+        """
+        import rospy
+        import tf2_ros
+
+        deadline = time.monotonic() + _TF_S
+        # tf2_ros waits by ROS time, which may stand still, and has no event for new transforms.
+        while True:
+            try:
+                found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(0))
+                break
+            except (
+                tf2_ros.LookupException,
+                tf2_ros.ConnectivityException,
+                tf2_ros.ExtrapolationException,
+                tf2_ros.InvalidArgumentException,
+            ) as error:
+                if time.monotonic() >= deadline:
+                    raise UsageError(
+                        f"no transform from {source} to {target} at {stamp.to_sec():.3f} s: "
+                        f"{str(error).strip()}; see `rosrun tf tf_echo {target} {source}`"
+                    ) from error
+            time.sleep(0.01)  # the wait of lookup_transform goes by /clock, which may stand still
+        move, turn = found.transform.translation, found.transform.rotation
+        return np.asarray(
+            matrix_from_pose(
+                np.array([move.x, move.y, move.z]), np.array([turn.x, turn.y, turn.z, turn.w])
+            ),
+            dtype=np.float64,
+        )
+
+
+def frame_of(cloud: Any) -> Frame:
+    """Return the view that an organised, coloured PointCloud2 shows.
+
+    Raises
+    ------
+    DataError
+        The message is malformed, or no picture can be made of it.
+    """
+    try:
+        data = pcd_from_point_cloud(raw_mapping(cloud), Limits(stored_bytes=_MAX_BYTES))
+        seen = decode(data, Limits(stored_bytes=_MAX_BYTES))
+        frame = seen if isinstance(seen, Frame) else frame_of_grid(seen)
+    except ValueError as error:
+        raise DataError(f"the cloud in {cloud.header.frame_id}: {error}") from error
+    if frame is None or frame.rgb is None:
+        raise DataError(
+            f"the cloud in {cloud.header.frame_id} ({cloud.height} x {cloud.width}) is not "
+            "organised or has no colours, which recognition needs; publish the registered cloud of "
+            "the camera (depth_registered/points)"
+        )
+    return frame
+
+
+def cloud_message(
+    points: NDArray[np.floating[Any]], rgb: NDArray[np.uint8] | None, header: Any
+) -> Any:
+    """Return a sensor_msgs/PointCloud2 of points (h, w, 3) or (n, 3), m; 16 bytes a point.
+
+    Parameters
+    ----------
+    points
+        NaN where missing.
+    rgb
+        Colours of the same leading shape.
+    header
+        A std_msgs/Header.
+    """
+    from sensor_msgs.msg import PointCloud2, PointField
+
+    grid = points if points.ndim == 3 else points[None]
+    table = np.zeros(grid.shape[:2], _POINT)
+    for k, axis in enumerate("xyz"):
+        table[axis] = grid[..., k]
+    if rgb is not None:
+        red, green, blue = (rgb.reshape(grid.shape)[..., k].astype(np.uint32) for k in range(3))
+        table["rgb"] = red << 16 | green << 8 | blue
+    fields = [PointField(a, 4 * k, PointField.FLOAT32, 1) for k, a in enumerate("xyz")]
+    if rgb is not None:
+        fields.append(PointField("rgb", 12, PointField.FLOAT32, 1))
+    height, width = grid.shape[:2]
+    # numpy 2 has no buffer that genpy takes; bytes it does.
+    return PointCloud2(
+        header, height, width, fields, False, _POINT.itemsize, _POINT.itemsize * width,
+        table.tobytes(), bool(np.isfinite(grid).all()),
+    )  # fmt: skip

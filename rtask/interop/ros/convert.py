@@ -1,0 +1,224 @@
+"""Messages of ``rtask_msgs`` to the JSON of requests, and the JSON of answers to messages.
+
+Works on the classes that genpy generates, by the schema they were generated from. A field that was
+left out in a message is left out in the request, at every depth.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rtask.errors import UsageError
+from rtask.interop.ros.schema import PACKAGE, Arity, Code, Field, Record, Schema
+
+__all__ = ["Converter", "JsonObject", "Make", "fill", "mapping_of"]
+
+JsonObject = dict[str, Any]
+Make = Callable[[str], Any]
+"""Return a new message of a ROS type, such as ``geometry_msgs/Pose``."""
+
+
+class Converter:
+    """Converts the requests and answers of one schema.
+
+    Parameters
+    ----------
+    schema
+        Of the operations.
+    make
+        Makes empty messages.
+    """
+
+    def __init__(self, schema: Schema, make: Make) -> None:
+        self._schema = schema
+        self._make = make
+
+    def request(self, operation: str, message: Any) -> JsonObject:
+        """Return the request that a service's message carries.
+
+        Raises
+        ------
+        UsageError
+            A field for at most one value holds more, or one value came in two forms.
+        """
+        return self._told(self._schema.services[operation].request, message, "")
+
+    def answer(self, operation: str, data: Mapping[str, Any], message: Any) -> Any:
+        """Fill in the message of an answer and return it.
+
+        Raises
+        ------
+        UsageError
+            The answer does not fit the declaration of this release.
+        """
+        return self._filled(self._schema.services[operation].answer, data, message, "")
+
+    # Requests
+
+    def _told(self, record: Record, message: Any, where: str) -> JsonObject:
+        told: JsonObject = {}
+        forms: dict[str, str] = {}
+        for one in record.fields:
+            path = f"{where}{one.name}"
+            values = self._given(one, getattr(message, one.name), path)
+            for name, value in values.items():
+                if name in told:
+                    raise UsageError(
+                        f"{path}: {forms[name]} is given as well; expected one of both"
+                    )
+                told[name], forms[name] = value, path
+        return told
+
+    def _given(self, one: Field, value: Any, path: str) -> JsonObject:
+        """Return what a field says, by the name in JSON; empty if it was left out."""
+        if one.code is Code.HEADER:
+            return _header(value)
+        if one.code is Code.IS_EMPTY:
+            return {one.wire: []} if value else {}
+        if one.arity is Arity.AT_MOST_ONE:
+            if len(value) > 1:
+                raise UsageError(f"{path}: {len(value)} values; expected one, or none to leave out")
+            return {one.wire: self._value(one, value[0], path)} if len(value) else {}
+        if one.arity is Arity.MANY and one.code is not Code.BYTES:
+            listed = [self._value(one, v, f"{path}[{k}]") for k, v in enumerate(value)]
+            return {one.wire: listed} if listed or not one.is_optional else {}
+        if one.is_optional and (one.type == "string" or one.code is Code.BYTES) and not value:
+            return {}
+        return {one.wire: self._value(one, value, path)}
+
+    def _value(self, one: Field, value: Any, path: str) -> Any:
+        if one.code is Code.RECORD:
+            return self._told(self._schema.records[one.type], value, f"{path}.")
+        if one.code is Code.BYTES:
+            return base64.b64encode(bytes(value)).decode("ascii")
+        if one.code is Code.POINTS:
+            return [value.x, value.y, value.z]
+        if one.type == "sensor_msgs/PointCloud2":
+            return base64.b64encode(_packed_cloud(value, path)).decode("ascii")
+        if one.code is Code.MESSAGE:
+            return mapping_of(value)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise UsageError(
+                f"{path}: {value} is no number; leave the field empty if there is none"
+            )
+        return value
+
+    # Answers
+
+    def _filled(self, record: Record, data: Mapping[str, Any], message: Any, where: str) -> Any:
+        for one in record.fields:
+            value = data.get(one.wire, one.default)
+            path = f"{where}{one.name}"
+            try:
+                setattr(message, one.name, self._coded(one, value, path))
+            except (TypeError, ValueError, KeyError, AttributeError) as error:
+                raise UsageError(
+                    f"the server's answer does not fit {PACKAGE}/{record.name}, {path}: {error!r}; "
+                    "are server and node of one release?"
+                ) from error
+        return message
+
+    def _coded(self, one: Field, value: Any, path: str) -> Any:
+        if one.code is Code.JSON:
+            return json.dumps(value)
+        if one.arity is Arity.AT_MOST_ONE:
+            return [] if value is None else [self._made(one, value, path)]
+        if one.arity is Arity.MANY:
+            return [self._made(one, v, f"{path}[{k}]") for k, v in enumerate(value or ())]
+        return self._made(one, value, path)
+
+    def _made(self, one: Field, value: Any, path: str) -> Any:
+        if one.code is Code.RECORD:
+            made = self._make(f"{PACKAGE}/{one.type}")
+            return self._filled(self._schema.records[one.type], value, made, f"{path}.")
+        if one.code is Code.MESSAGE:
+            return fill(self._make(one.type), value, self._make)
+        if one.type == "float64":
+            return math.nan if value is None else float(value)
+        if one.type == "int64":
+            return int(value)
+        if one.type == "bool":
+            return bool(value)
+        if not isinstance(value, str):
+            raise TypeError(f"expected a text, got {value!r:.40}")
+        return value
+
+
+def mapping_of(message: Any) -> Any:
+    """Return a message of any package as nested mappings; times as ``secs`` and ``nsecs``."""
+    if hasattr(message, "secs") and hasattr(message, "nsecs"):
+        return {"secs": message.secs, "nsecs": message.nsecs}
+    if hasattr(message, "_slot_types"):
+        return {
+            name: base64.b64encode(bytes(getattr(message, name))).decode("ascii")
+            if type_ in ("uint8[]", "char[]")
+            else mapping_of(getattr(message, name))
+            for name, type_ in zip(message.__slots__, message._slot_types, strict=True)
+        }
+    if isinstance(message, list | tuple):
+        return [mapping_of(one) for one in message]
+    return message
+
+
+def fill(message: Any, data: Mapping[str, Any], make: Make) -> Any:
+    """Fill in a message of any package from nested mappings and return it.
+
+    Members that the type does not have, such as the times of ROS 2 beside those of ROS 1, are
+    ignored; those that are missing stay zero.
+
+    Parameters
+    ----------
+    make
+        Makes the messages that a list holds.
+    """
+    for name, type_ in zip(message.__slots__, message._slot_types, strict=True):
+        if name not in data:
+            continue
+        value, old = data[name], getattr(message, name)
+        base, is_list, _ = type_.partition("[")
+        if is_list and "/" in base:
+            setattr(message, name, [fill(make(base), one, make) for one in value])
+        elif is_list:
+            setattr(message, name, list(value))
+        elif base in ("time", "duration"):
+            setattr(message, name, type(old)(int(value["secs"]), int(value["nsecs"])))
+        elif "/" in base:
+            fill(old, value, make)
+        else:
+            setattr(message, name, type(old)(value))
+    return message
+
+
+def _header(header: Any) -> JsonObject:
+    told: JsonObject = {}
+    if header.stamp.secs or header.stamp.nsecs:
+        told["stamp"] = {"secs": header.stamp.secs, "nsecs": header.stamp.nsecs}
+    if header.frame_id:
+        told["frame_id"] = header.frame_id
+    return told
+
+
+def _packed_cloud(cloud: Any, path: str) -> bytes:
+    """Return a PointCloud2 as the compressed cloud that the server reads."""
+    from features.codec.ros import pcd_from_point_cloud
+
+    try:
+        import zstandard
+
+        return zstandard.compress(pcd_from_point_cloud(raw_mapping(cloud)))
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from error
+
+
+def raw_mapping(message: Any) -> JsonObject:
+    """Return a message's own fields with its bytes as they are, as :mod:`features.codec` reads."""
+    told = {name: getattr(message, name) for name in message.__slots__}
+    if "header" in told:
+        told["header"] = {"frame_id": message.header.frame_id}
+    if "fields" in told:
+        told["fields"] = [mapping_of(one) for one in message.fields]
+    return told

@@ -1,0 +1,317 @@
+"""The graph store in this process, on disk or in memory.
+
+pyoxigraph closes a store only when its last reference is dropped, and a traceback may keep a
+reference for long. Other code therefore refers to :class:`EmbeddedStore`, which drops its reference
+on ``close()``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterable, Iterator, Sized
+from pathlib import Path
+from typing import Any
+
+from pyoxigraph import BlankNode, DefaultGraph, NamedNode, Quad, QuerySolutions, Store
+
+from rtask.errors import ClosedError, StorageFullError, StoreFormatError, UnsupportedError
+from rtask.kb.store.graph_store import GraphStore
+from rtask.kb.store.graphs import Graphs
+from rtask.kb.store.quads import QuadChain
+from rtask.kb.store.writes import Writes, as_update
+from rtask.rdf.terms import GraphName, Subject, Term, stored, triple_key
+from rtask.sparql.lexer import names_dataset
+
+__all__ = ["LARGE", "EmbeddedStore", "embedded_store"]
+
+_ATTEMPTS = 20
+_PAUSE_S = 0.05
+_BULK = 100_000
+LARGE = 10_000
+"""A change with more additions than this is journalled durably, then stored in two steps."""
+
+
+class EmbeddedStore(GraphStore):
+    """Quad store of pyoxigraph.
+
+    Parameters
+    ----------
+    store
+        The store; the caller must keep no other reference to it.
+    """
+
+    __slots__ = ("_path", "_store")
+
+    def __init__(self, store: Store, path: str | None = None) -> None:
+        super().__init__()
+        self._store: Store | None = store
+        self._path = path
+
+    @property
+    def raw(self) -> Store:
+        """The underlying store; do not keep a reference.
+
+        Raises
+        ------
+        ClosedError
+            After :meth:`close`.
+        """
+        if self._store is None:
+            raise ClosedError("the knowledge base is closed")
+        return self._store
+
+    @property
+    def path(self) -> str | None:
+        """Where the files are; ``None`` in memory."""
+        return self._path
+
+    def move(self, path: Path) -> None:
+        """Go on with the store at another place."""
+        self._store = None
+        self._store, self._path = Store(str(path)), str(path)
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder of the knowledge base; ``None`` in memory."""
+        return None if self._path is None else Path(self._path).parent
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the store is open."""
+        return self._store is not None
+
+    def reopen(self) -> None:
+        """Reopen the store, which refuses every write after the disk was full.
+
+        Raises
+        ------
+        StorageFullError
+            The disk is still full, or the store is still being read.
+        """
+        if self._path is None:
+            return
+        self._store = None
+        for attempt in range(_ATTEMPTS):
+            try:
+                self._store = Store(self._path)
+                self.is_stuck = False
+                return
+            except OSError as error:
+                if attempt + 1 == _ATTEMPTS or "lock" not in str(error).lower():
+                    self._store = Store.read_only(self._path)
+                    raise StorageFullError(f"the store cannot be written: {error}") from error
+                time.sleep(_PAUSE_S)  # nothing tells when the lock of the closed store is free
+
+    def close(self) -> None:
+        """Release the files."""
+        self._store = None
+
+    def __contains__(self, quad: Quad) -> bool:
+        try:
+            with self.complete(quad.graph_name):
+                return quad in self.raw
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def __len__(self) -> int:
+        try:
+            with self.complete():
+                return len(self.raw)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: RuntimeError) -> Exception:
+        """Return the error for a failure of the store, distinguishing damaged files."""
+        if "orruption" not in str(error):
+            return error
+        folder = Path(self._path).parent if self._path else Path()
+        return StoreFormatError(
+            f"the store in {folder} is damaged: {error}; restore a backup, or rebuild the store "
+            f"from the journal: rtask rebuild store -d {folder}",
+            damaged="store",
+        )
+
+    def quads_for_pattern(
+        self,
+        subject: Subject | None,
+        predicate: NamedNode | None,
+        value: Term | None,
+        graph: GraphName | None = None,
+    ) -> Iterator[Quad]:
+        """Yield the quads that match; consume them in this thread.
+
+        An exhausted iterator drops its reference to the store.
+        """
+        if self.is_view and isinstance(graph, DefaultGraph):
+            yield from self._view(subject, predicate, value)
+            return
+        try:
+            with self.complete(graph):
+                found = self.raw.quads_for_pattern(subject, predicate, value, graph)
+            if _is_named(value) and _is_named(subject) and not isinstance(graph, BlankNode):
+                yield from found
+            else:
+                yield from _fitting(found, subject, value, graph)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def _view(
+        self, subject: Subject | None, predicate: NamedNode | None, value: Term | None
+    ) -> Iterator[Quad]:
+        seen: set[Quad] = set()
+        for quad in self.quads_for_pattern(subject, predicate, value, None):
+            one = Quad(quad.subject, quad.predicate, quad.object)
+            if one not in seen and not Graphs.is_quarantine(quad.graph_name):
+                seen.add(one)
+                yield one
+
+    def count(self, graph: GraphName) -> int:
+        """Return the number of triples in a named graph."""
+        if not isinstance(graph, NamedNode):
+            return sum(1 for _ in self.quads_for_pattern(None, None, None, graph))
+        text = f"SELECT (COUNT(*) AS ?n) {{ GRAPH {graph} {{ ?s ?p ?o }} }}"
+        with self.complete(graph):
+            rows = self.raw.query(text)
+        assert isinstance(rows, QuerySolutions)
+        [row] = rows
+        return int(row["n"].value)
+
+    def named_graphs(self) -> Iterator[GraphName]:
+        """Yield the names of the named graphs, empty ones included."""
+        with self.complete():
+            return self.raw.named_graphs()
+
+    def contains_named_graph(self, graph: GraphName) -> bool:
+        """Whether a named graph exists."""
+        with self.complete(graph):
+            return self.raw.contains_named_graph(graph)
+
+    def query(self, text: str, *, timeout_s: float | None = None, **options: Any) -> Any:
+        """Evaluate a query; consume the answer in this thread."""
+        if self.is_view and "default_graph" not in options and not names_dataset(text):
+            options["use_default_graph_as_union"] = True
+        try:
+            with self.complete():
+                return self.raw.query(text, **options)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def update(self, text: str, **options: Any) -> None:
+        """Run an update atomically."""
+        try:
+            self.raw.update(text, **options)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def extend(self, quads: Iterable[Quad]) -> None:
+        """Add quads, all or none."""
+        try:
+            self.raw.extend(quads)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def bulk_extend(self, quads: Iterable[Quad]) -> None:
+        """Add many quads fast, but not atomically: a process killed meanwhile leaves some.
+
+        The store keeps in memory all that it is given at once, and is slower for it.
+        """
+        rest = iter(quads)
+        count = len(quads) if isinstance(quads, Sized) else 0
+        parts = max(1, round(count / _BULK))
+        try:
+            for _ in range(parts - 1):
+                self.raw.bulk_extend(itertools.islice(rest, count // parts))
+            self.raw.bulk_extend(rest)
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+    def apply(self, writes: Writes) -> None:
+        """Change the store in one atomic step; a large change is added in bulk first."""
+        if len(writes.added) > LARGE:
+            self._apply_large(writes)
+        elif writes.only_adds():
+            self.extend(writes.added)
+        else:
+            operations, functions = as_update(writes)
+            if operations:
+                self.update(" ;\n".join(operations), custom_functions=functions)
+
+    def _apply_large(self, writes: Writes) -> None:
+        """Add first; undo the additions if removing fails."""
+        operations, functions = as_update(
+            Writes(writes.removed, created=writes.created, dropped=writes.dropped)
+        )
+        added = writes.added
+        try:
+            for part in added.parts if isinstance(added, QuadChain) else (added,):
+                self.bulk_extend(part)
+            if operations:
+                self.update(" ;\n".join(operations), custom_functions=functions)
+        except BaseException:
+            self._take_back(writes)
+            raise
+
+    def _take_back(self, writes: Writes) -> None:
+        """Remove what was added, from the union only what no named graph holds."""
+        shared = []
+        for quad in writes.added:
+            if writes.has_union and isinstance(quad.graph_name, DefaultGraph):
+                shared.append(quad)
+            else:
+                self.raw.remove(quad)
+        for quad in shared:
+            holders = self.quads_for_pattern(*triple_key(quad), None)
+            if not any(Graphs.is_joined(holder.graph_name) for holder in holders):
+                self.raw.remove(quad)
+
+    def flush(self) -> None:
+        """Force everything to disk."""
+        if self.gate is not None:
+            self.gate.flush()
+        try:
+            self.raw.flush()
+        except RuntimeError as error:
+            raise self._failed(error) from error
+
+
+def _is_named(term: Subject | Term | None) -> bool:
+    return term is None or isinstance(term, NamedNode)
+
+
+def _fitting(
+    found: Iterable[Quad], subject: Subject | None, value: Term | None, graph: GraphName | None
+) -> Iterator[Quad]:
+    """Yield only the quads that really match.
+
+    On disk, pyoxigraph reads past a term whose encoding ends in byte 255: a pattern with the number
+    255 also yields 256 to 510. The same holds for dates, short strings and short blank node labels.
+    Terms stored by their hash, and SPARQL, are not affected.
+    """
+    wanted = None if value is None else stored(value)
+    for quad in found:
+        if wanted is not None and quad.object != wanted:
+            continue
+        if subject is not None and quad.subject != subject:
+            continue
+        if graph is not None and quad.graph_name != graph:
+            continue
+        yield quad
+
+
+def embedded_store(store: GraphStore, what: str) -> EmbeddedStore:
+    """Return a store as the one in this process.
+
+    Parameters
+    ----------
+    what
+        Beginning of the error, before "needs the embedded store".
+
+    Raises
+    ------
+    UnsupportedError
+        The statements are on a SPARQL server.
+    """
+    if isinstance(store, EmbeddedStore):
+        return store
+    raise UnsupportedError(f"{what} needs the embedded store: open a folder instead of an address")

@@ -1,0 +1,100 @@
+"""Changes of one commit, and the SPARQL update that makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pyoxigraph import DefaultGraph, NamedNode, Quad
+
+from rtask.rdf.terms import GraphName, is_ground, written
+
+__all__ = ["Functions", "Writes", "as_update"]
+
+Functions = dict[NamedNode, Callable[..., Any]]
+_PARTS = (("s", "subject"), ("p", "predicate"), ("o", "object"), ("g", "graph_name"))
+
+
+@dataclass(frozen=True)
+class Writes:
+    """All changes that one commit makes to the store.
+
+    Parameters
+    ----------
+    is_replacement
+        Whether the store was emptied and filled again instead; copies of it are to be made anew.
+    has_union
+        Whether what is added to the default graph belongs to the union of the named graphs, so
+        that it may be there already.
+    """
+
+    removed: Collection[Quad] = ()
+    added: Collection[Quad] = ()
+    created: Collection[GraphName] = ()
+    dropped: Collection[GraphName] = ()
+    is_replacement: bool = False
+    has_union: bool = False
+
+    def only_adds(self) -> bool:
+        """Whether ``extend`` suffices, which also creates the graphs of its quads."""
+        if self.removed or self.dropped:
+            return False
+        return not self.created or {*self.created} <= {quad.graph_name for quad in self.added}
+
+
+def as_update(writes: Writes) -> tuple[list[str], Functions]:
+    """Return the change as update operations, with the custom functions that they call.
+
+    Statements with blank nodes are passed through custom functions that return the terms, because
+    INSERT DATA would rename blank nodes and DELETE DATA cannot contain them.
+    """
+    operations: list[str] = []
+    functions: Functions = {}
+    for verb, quads in (("DELETE", writes.removed), ("INSERT", writes.added)):
+        ground, blank = _split(quads)
+        if ground:
+            operations.append(f"{verb} DATA {{ {_data(ground)} }}")
+        for in_default in (False, True):
+            chosen = [q for q in blank if isinstance(q.graph_name, DefaultGraph) == in_default]
+            if chosen:
+                prefix = f"urn:rtask-apply:{verb}:{in_default}:"
+                operations.append(_by_functions(verb, chosen, in_default, prefix, functions))
+    operations += [f"CREATE SILENT GRAPH {graph}" for graph in writes.created]
+    operations += [f"DROP SILENT GRAPH {graph}" for graph in writes.dropped]
+    return operations, functions
+
+
+def _split(quads: Iterable[Quad]) -> tuple[list[Quad], list[Quad]]:
+    ground: list[Quad] = []
+    blank: list[Quad] = []
+    for quad in quads:
+        named = is_ground(quad.subject) and is_ground(quad.object) and is_ground(quad.graph_name)
+        (ground if named else blank).append(quad)
+    return ground, blank
+
+
+def _data(quads: Iterable[Quad]) -> str:
+    by_graph: dict[GraphName, list[str]] = {}
+    for quad in quads:
+        text = f"{written(quad.subject)} {quad.predicate} {written(quad.object)}"
+        by_graph.setdefault(quad.graph_name, []).append(text)
+    blocks = []
+    for graph, lines in by_graph.items():
+        body = " .\n".join(lines)
+        named = not isinstance(graph, DefaultGraph)
+        blocks.append(f"GRAPH {graph} {{ {body} }}" if named else f"{body} .")
+    return "\n".join(blocks)
+
+
+def _by_functions(
+    verb: str, quads: list[Quad], in_default: bool, prefix: str, functions: Functions
+) -> str:
+    pattern = "?s ?p ?o" if in_default else "GRAPH ?g { ?s ?p ?o }"
+    binds = []
+    for name, attribute in _PARTS[: 3 if in_default else 4]:
+        terms = [getattr(quad, attribute) for quad in quads]
+        functions[NamedNode(prefix + name)] = lambda i, terms=terms: terms[int(i.value)]
+        binds.append(f"BIND(<{prefix}{name}>(?i) AS ?{name})")
+    numbers = " ".join(map(str, range(len(quads))))
+    return f"{verb} {{ {pattern} }} WHERE {{ VALUES ?i {{ {numbers} }} {' '.join(binds)} }}"

@@ -1,0 +1,276 @@
+"""The head of a knowledge base on a SPARQL server, and the request that replaces it.
+
+The graph ``<base>graph/store`` holds the settings of the knowledge base, its head and the record of
+each commit. It is not in the catalogue and not part of the union.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pyoxigraph import Literal, NamedNode, Quad
+
+from rtask.errors import (
+    CallFailedError,
+    QuerySyntaxError,
+    QueryTimeout,
+    RemoteUnavailableError,
+    RtaskError,
+    StoreFormatError,
+    VersionConflictError,
+)
+from rtask.kb.store.writes import Writes
+from rtask.remote.dialect import Dialect
+from rtask.remote.endpoints import Endpoints
+
+__all__ = ["Head", "HeadGraph"]
+
+_log = logging.getLogger(__name__)
+_HEAD = "<urn:rtask:store:head>"
+_STAGED = "<urn:rtask:store:staged>"
+_RECORD = "<urn:rtask:store:record>"
+_TOKEN = "<urn:rtask:store:token>"
+_PAUSE_S = 0.1
+_PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
+_MAX_RECORD = 1 << 18
+_RECORDS = 500
+_STALE_S = 3_600.0
+
+
+@dataclass(frozen=True)
+class Head:
+    """The last commit: its number, and a token that tells who stored it."""
+
+    seq: int
+    token: str
+
+    @classmethod
+    def of(cls, term: Any) -> Head:
+        """Read a head as it is stored."""
+        number, _, token = str(getattr(term, "value", "")).partition(":")
+        if not number.isdigit():
+            raise StoreFormatError(f"the head of the store is damaged: {term}")
+        return cls(int(number), token)
+
+    def next(self, token: str, is_commit: bool = True) -> Head:
+        """Return the head after a commit, or after a change without a number."""
+        return Head(self.seq + is_commit, token)
+
+    def __str__(self) -> str:
+        return f'"{self.seq}:{self.token}"'
+
+
+class HeadGraph:
+    """The graph ``<base>graph/store`` of one knowledge base."""
+
+    def __init__(self, endpoints: Endpoints, dialect: Dialect) -> None:
+        self._endpoints = endpoints
+        self._dialect = dialect
+        self._name = f"<{dialect.base}graph/store>"
+
+    def pattern(self, value: str) -> str:
+        """Return the pattern that matches the head."""
+        return f"GRAPH {self._name} {{ {self._name} {_HEAD} {value} }}"
+
+    def read(self) -> Head:
+        """Return the head.
+
+        Raises
+        ------
+        StoreFormatError
+            There is none, or more than one.
+        """
+        for pause in _PAUSES_S:
+            rows = self._endpoints.rows(f"SELECT ?h {{ {self.pattern('?h')} }}")
+            if len(rows) == 1 and rows[0][0] is not None:
+                break
+            time.sleep(pause)  # some servers show a commit of others while it is being stored
+        else:
+            raise StoreFormatError(
+                f"{self._endpoints} holds {len(rows)} heads in {self._name}, one is expected; "
+                "was the store emptied or restored while it was in use, or does the server carry "
+                "out updates side by side (Virtuoso without DefaultIsolation = 8)?"
+            )
+        return Head.of(rows[0][0])
+
+    # Records
+
+    def records(self, after: int, upto: int) -> Iterator[tuple[int, str]]:
+        """Yield the numbers and records of the commits after one, in order.
+
+        The records of very large commits are not kept.
+        """
+        for start in range(after + 1, upto + 1, _RECORDS):
+            numbers = range(start, min(start + _RECORDS, upto + 1))
+            values = " ".join(map(self._commit, numbers))
+            rows = self._endpoints.rows(
+                f"SELECT ?n ?r {{ VALUES ?n {{ {values} }} "
+                f"GRAPH {self._name} {{ ?n {_RECORD} ?r }} }}"
+            )
+            yield from sorted(
+                (int(name.value.rpartition("/")[2]), text.value) for name, text in rows
+            )
+
+    def _commit(self, seq: int) -> str:
+        return f"<{self._dialect.base}activity/{seq}>"
+
+    # Commits
+
+    def replace(self, old: Head, new: Head, writes: Writes, record: str | None) -> None:
+        """Store changes and replace the head, if it is still the old one.
+
+        Raises
+        ------
+        VersionConflictError
+            It is another one; nothing was stored.
+        RemoteUnavailableError
+            The server does not answer; see :meth:`rtask.remote.store.RemoteStore.apply`.
+        """
+        size = self._dialect.abilities.statements
+        if len(writes.removed) + len(writes.added) <= size:
+            self._send(self._whole(old, new, writes, record), old, new)
+            return
+        staged = _Staged(self._endpoints, self._dialect, self._name, new.token)
+        is_known = True
+        try:
+            staged.store(writes)
+            self._send(self._moving(old, new, record, staged), old, new)
+        except RemoteUnavailableError:
+            is_known = False  # the server may still be moving them; a later opening removes them
+            raise
+        finally:
+            if is_known:
+                staged.remove()
+
+    def _whole(self, old: Head, new: Head, writes: Writes, record: str | None) -> str:
+        block = self._dialect.block
+        return (
+            f"DELETE {{ {self.pattern(str(old))} {block(writes.removed)} }}\n"
+            f"INSERT {{ {self._new(new, record)} {block(writes.added)} }}\n"
+            f"WHERE {{ {self.pattern(str(old))} }}"
+        )
+
+    def _new(self, new: Head, record: str | None) -> str:
+        commit = self._commit(new.seq)
+        text = self.pattern(str(new))
+        said = f'{commit} {_TOKEN} "{new.token}" .'
+        if record is not None and len(record) <= _MAX_RECORD:
+            said += f" {commit} {_RECORD} {Literal(record)} ."
+        return f"{text} GRAPH {self._name} {{ {said} }}"
+
+    def _moving(self, old: Head, new: Head, record: str | None, staged: _Staged) -> str:
+        deleted, inserted, branches = staged.parts()
+        return (
+            f"DELETE {{ {self.pattern(str(old))} {deleted} }}\n"
+            f"INSERT {{ {self._new(new, record)} {inserted} }}\n"
+            f"WHERE {{ {self.pattern(str(old))} {{ {branches} }} }}"
+        )
+
+    def _send(self, text: str, old: Head, new: Head) -> None:
+        end = time.monotonic() + self._endpoints.connection.timeout_s
+        while True:
+            failure: RtaskError | None = None
+            try:
+                self._endpoints.update(text)
+            except (RemoteUnavailableError, QueryTimeout, CallFailedError) as error:
+                failure = error
+            except QuerySyntaxError as error:
+                # Some servers answer 400 to whatever goes wrong.
+                failure = CallFailedError(f"the server refused a commit: {error}", status=400)
+            try:
+                found, token = self._after(new)
+            except (RemoteUnavailableError, QueryTimeout) as error:
+                failure = failure or error
+            else:
+                if token == new.token:
+                    return
+                if found != old:
+                    raise VersionConflictError(
+                        f"somebody else committed: expected version {old.seq}, found {found.seq}; "
+                        "read again and retry",
+                        expected=old.seq,
+                        found=found.seq,
+                    )
+                if isinstance(failure, CallFailedError):
+                    raise failure
+            if time.monotonic() >= end:
+                raise RemoteUnavailableError(
+                    f"{self._endpoints} does not answer; whether commit {new.seq} is stored shows "
+                    "when it does again"
+                ) from failure
+            _log.debug("commit %d is sent again: %s", new.seq, failure)
+            time.sleep(_PAUSE_S)  # a server that restarts announces nothing
+
+    def _after(self, new: Head) -> tuple[Head, str | None]:
+        """Return the head, and the token of the commit with a number."""
+        token = f"GRAPH {self._name} {{ {self._commit(new.seq)} {_TOKEN} ?t }}"
+        rows = self._endpoints.rows(
+            f"SELECT ?h ?t {{ {{ {self.pattern('?h')} }} UNION {{ {token} }} }}"
+        )
+        heads = [Head.of(h) for h, _ in rows if h is not None]
+        tokens = [t.value for _, t in rows if t is not None]
+        head = heads[0] if len(heads) == 1 else self.read()
+        return head, new.token if new.token in tokens else None
+
+
+class _Staged:
+    """Statements of a large commit, stored in graphs of their own before the commit moves them."""
+
+    def __init__(self, endpoints: Endpoints, dialect: Dialect, name: str, token: str) -> None:
+        self._endpoints = endpoints
+        self._dialect = dialect
+        self._name = name
+        self._start = f"{dialect.base}graph/staged/{token}/"
+        self._targets: list[tuple[bool, str, str]] = []
+
+    def store(self, writes: Writes) -> None:
+        """Send the statements in pieces."""
+        for adds, quads in ((False, writes.removed), (True, writes.added)):
+            by_graph: dict[Any, list[Quad]] = {}
+            for quad in quads:
+                by_graph.setdefault(quad.graph_name, []).append(quad)
+            for graph, group in by_graph.items():
+                stage = NamedNode(f"{self._start}{len(self._targets)}")
+                self._targets.append((adds, self._dialect.graph(graph), str(stage)))
+                noted = f'GRAPH {self._name} {{ {stage} {_STAGED} "{int(time.time())}" }}'
+                self._endpoints.update(f"INSERT DATA {{ {noted} }}")
+                size = self._dialect.abilities.statements
+                for at in range(0, len(group), size):
+                    piece = group[at : at + size]
+                    moved = (Quad(q.subject, q.predicate, q.object, stage) for q in piece)
+                    self._endpoints.update(f"INSERT DATA {{ {self._dialect.block(moved)} }}")
+
+    def parts(self) -> tuple[str, str, str]:
+        """Return what to delete and to insert, and the branches that bind their variables."""
+        texts: tuple[list[str], list[str]] = ([], [])
+        branches = []
+        for number, (adds, target, stage) in enumerate(self._targets):
+            triple = f"?s{number} ?p{number} ?o{number}"
+            texts[adds].append(f"GRAPH {target} {{ {triple} }}" if target else f"{triple} .")
+            branches.append(f"{{ GRAPH {stage} {{ {triple} }} }}")
+        return " ".join(texts[False]), " ".join(texts[True]), " UNION ".join(branches)
+
+    def remove(self) -> None:
+        """Remove the graphs again."""
+        remove_staged(self._endpoints, self._name, (stage for _, _, stage in self._targets))
+
+
+def remove_staged(endpoints: Endpoints, name: str, stages: Iterable[str]) -> None:
+    """Remove graphs of commits that have ended."""
+    for stage in stages:
+        try:
+            endpoints.update(f"DROP SILENT GRAPH {stage}")
+            endpoints.update(f"DELETE WHERE {{ GRAPH {name} {{ {stage} {_STAGED} ?when }} }}")
+        except RtaskError as error:
+            _log.warning("%s is left behind until the next opening: %s", stage, error)
+
+
+def remove_left_behind(endpoints: Endpoints, name: str) -> None:
+    """Remove the graphs of large commits that never ended."""
+    rows = endpoints.rows(f"SELECT ?g ?when {{ GRAPH {name} {{ ?g {_STAGED} ?when }} }}")
+    old = [str(g) for g, when in rows if int(when.value) < time.time() - _STALE_S]
+    remove_staged(endpoints, name, old)

@@ -1,0 +1,11 @@
+"""Services that come with the product, beside those of other packages."""
+
+from __future__ import annotations
+
+from rtask.services.builtin.grasping import Grasping
+from rtask.services.builtin.pipeline import Pipeline
+from rtask.services.builtin.segmentation import Segmentation
+
+__all__ = ["BUILTIN", "Grasping", "Pipeline", "Segmentation"]
+
+BUILTIN = (Segmentation, Grasping, Pipeline)

@@ -1,0 +1,164 @@
+"""One call of a service, as its method sees it: who asks, until when, and whether still."""
+
+from __future__ import annotations
+
+import itertools
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from rtask.errors import CancelledError, DeadlineError, UnsupportedError
+from rtask.kb.commit.access import Access
+
+__all__ = ["Call"]
+
+_RUN = secrets.token_hex(4)
+_numbers = itertools.count(1)
+
+Listener = Callable[[float, str], None]
+
+
+class Others(Protocol):
+    """The part of a host that calls use to reach other services."""
+
+    def connect_within(self, parent: Call, name: str, data: dict[str, str] | None) -> Any:
+        """Return a proxy of a service, whose calls are made within another call."""
+
+    def submit(
+        self,
+        service: str,
+        method: str,
+        args: dict[str, Any],
+        access: Access,
+        data: dict[str, str] | None,
+        *,
+        parent: Call,
+    ) -> Any:
+        """Queue a call."""
+
+    def find(self, service: str, method: str) -> tuple[Any, Any]:
+        """Return the definitions of a service and of one of its methods."""
+
+
+class Call:
+    """The call as its method sees it: a parameter annotated with this class receives it.
+
+    Parameters
+    ----------
+    caller
+        Rights of the caller.
+    timeout_s
+        From now until the answer is no longer of use.
+    chain
+        Services through which the call came, the first one first.
+    others
+        The way to other services; None = there is none.
+
+    Attributes
+    ----------
+    id
+        Unique on all machines.
+    deadline
+        When the answer is no longer of use, in s of :func:`time.monotonic`.
+    fraction, text
+        Progress reported last.
+    """
+
+    def __init__(
+        self,
+        caller: Access | None = None,
+        timeout_s: float = 60.0,
+        chain: tuple[str, ...] = (),
+        others: Others | None = None,
+    ) -> None:
+        self.id = f"{_RUN}{next(_numbers):08x}"
+        self.caller = caller or Access()
+        self.timeout_s = timeout_s
+        self.deadline = time.monotonic() + timeout_s
+        self.chain = chain
+        self.fraction, self.text = 0.0, ""
+        self._others = others
+        self._cancelled = threading.Event()
+        self._listeners: list[Listener] = []
+        self._stops: list[Callable[[], None]] = []
+
+    @property
+    def left_s(self) -> float:
+        """Time until the deadline, s; negative afterwards."""
+        return self.deadline - time.monotonic()
+
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether the caller no longer wants the answer."""
+        return self._cancelled.is_set()
+
+    def progress(self, fraction: float, text: str = "") -> None:
+        """Tell the caller how far the work is, from 0 to 1; it never decreases.
+
+        Raises
+        ------
+        CancelledError, DeadlineError
+            Nobody waits for the answer any more.
+        """
+        self.report(fraction, text)
+        self.check_cancelled()
+
+    def report(self, fraction: float, text: str = "") -> None:
+        """Tell the caller how far the work is, whether or not somebody still waits for it."""
+        self.fraction = max(self.fraction, min(float(fraction), 1.0))
+        self.text = text
+        for listener in self._listeners:
+            listener(self.fraction, text)
+
+    def check_cancelled(self) -> None:
+        """End the method early if nobody waits for its answer any more.
+
+        Raises
+        ------
+        CancelledError, DeadlineError
+        """
+        if self.is_cancelled:
+            raise CancelledError("the call was cancelled")
+        if self.left_s <= 0:
+            raise self.late()
+
+    def late(self) -> DeadlineError:
+        """Return the error of a call whose time is up."""
+        return DeadlineError(f"no answer within {self.timeout_s:g} s", timeout_s=self.timeout_s)
+
+    def connect(self, name: str, data: dict[str, str] | None = None) -> Any:
+        """Return a proxy of another service; its calls end with this one at the latest."""
+        return self._reach().connect_within(self, name, data)
+
+    def submit(
+        self, name: str, method: str, args: dict[str, Any], data: dict[str, str] | None = None
+    ) -> Any:
+        """Queue a call of another service, and return its :class:`~rtask.services.task.Task`."""
+        return self._reach().submit(name, method, args, self.caller, data, parent=self)
+
+    def find(self, name: str, method: str) -> Any:
+        """Return the :class:`~rtask.services.definition.Method` of another service."""
+        return self._reach().find(name, method)[1]
+
+    def _reach(self) -> Others:
+        if self._others is None:
+            raise UnsupportedError("a worker in a process of its own cannot call other services")
+        return self._others
+
+    def on_progress(self, listener: Listener) -> None:
+        """Call back with each report of progress, from the thread of the method."""
+        self._listeners.append(listener)
+
+    def on_cancel(self, stop: Callable[[], None]) -> None:
+        """Call back when the call is cancelled; at once if it was."""
+        self._stops.append(stop)
+        if self.is_cancelled:
+            stop()
+
+    def cancel(self) -> None:
+        """Ask the method to stop."""
+        self._cancelled.set()
+        for stop in self._stops:
+            stop()

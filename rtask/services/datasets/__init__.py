@@ -1,0 +1,1 @@
+"""Datasets: folders of files with versions, which services take as data resources."""

@@ -1,0 +1,117 @@
+"""The description of a service as JSON: for programs, forms, clients and agents."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from rtask.services.definition import Definition, Method
+from rtask.wire.fields import wire_name
+from rtask.wire.openapi import components
+from rtask.wire.ros import ros_types
+
+__all__ = ["described", "listed", "request_schema", "ros_service", "ros_type", "schemas"]
+
+JsonObject = dict[str, Any]
+_REF = "#/components/schemas/"
+
+
+def listed(definition: Definition, versions: list[str], state: str) -> JsonObject:
+    """Return the entry of a service in lists."""
+    return {
+        "name": definition.name,
+        "version": definition.version,
+        "versions": versions,
+        "state": state,
+        "summary": definition.summary,
+        "methods": list(definition.methods),
+        "href": f"/services/{definition.exact}",
+    }
+
+
+def described(definition: Definition, versions: list[str], state: str) -> JsonObject:
+    """Return the description of one version of a service.
+
+    ``methods`` holds by name: summary, description, scope, ``only_reads`` where a call certainly
+    changes nothing, the JSON Schemas ``request`` and ``answer``, each complete in itself, and
+    ``output``, the field of an answer that is one value.
+    """
+    return {
+        **listed(definition, versions, state),
+        "description": definition.description,
+        "executor": definition.executor,
+        "timeout_s": definition.timeout_s,
+        "resources": {
+            name: {
+                "type": need.type,
+                "writable": need.writable,
+                "default": need.default,
+                "summary": need.summary,
+            }
+            for name, need in definition.resources.items()
+        },
+        "methods": {name: _method(definition, one) for name, one in definition.methods.items()},
+    }
+
+
+def _method(definition: Definition, method: Method) -> JsonObject:
+    found = schemas(method)
+    return {
+        "summary": method.summary,
+        "description": method.description,
+        "scope": method.scope,
+        "only_reads": definition.only_reads(method),
+        "output": method.output or None,
+        "output_type": _output_type(method),
+        "request": _whole(found, method.request.__name__),
+        "answer": _whole(found, method.answer.__name__),
+        "href": f"/services/{definition.exact}/{method.name}",
+        "ros_service": ros_service(definition, method),
+        "ros_type": ros_type(definition, method),
+    }
+
+
+def request_schema(method: Method) -> JsonObject:
+    """Return the JSON Schema of a request, complete in itself."""
+    return _whole(schemas(method), method.request.__name__)
+
+
+def schemas(method: Method) -> JsonObject:
+    """Return the schemas of request and answer with all their parts, as OpenAPI components."""
+    return components({one.__name__: one for one in (method.request, method.answer)})
+
+
+def ros_service(definition: Definition, method: Method) -> str:
+    """Return the name of a method as a service of rosbridge."""
+    return f"/services/{definition.name}/{method.name}"
+
+
+def ros_type(definition: Definition, method: Method) -> str:
+    """Return the ROS type of a method as a service of rosbridge: ``example/KinematicsForward``."""
+    package, _, name = definition.name.partition("/")
+    words = "".join(part[:1].upper() + part[1:] for part in method.name.split("_"))
+    return f"{package}/{name}{words}"
+
+
+def _output_type(method: Method) -> str | None:
+    """Return the ROS type of the answer's only value, which tells clients how to read it."""
+    if not method.output:
+        return None
+    sent = wire_name(method.output, method.answer.model_fields[method.output])
+    members = ros_types("answer", method.answer)["answer"]
+    return next(str(member) for member in members if member.name == sent)
+
+
+def _whole(found: JsonObject, name: str) -> JsonObject:
+    """Return one schema with the parts that it refers to."""
+    text = json.dumps(found).replace(_REF, "#/$defs/")
+    every = json.loads(text)
+    whole: JsonObject = every.pop(name)
+    needed, todo = {}, [whole]
+    while todo:
+        words = json.dumps(todo.pop())
+        for part, schema in every.items():
+            if f'"#/$defs/{part}"' in words and part not in needed:
+                needed[part] = schema
+                todo.append(schema)
+    return {**whole, "$defs": needed} if needed else whole

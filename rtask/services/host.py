@@ -1,0 +1,385 @@
+"""The host of services: finds them, binds their data, queues their calls, and keeps their jobs."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from rtask.engine.context import SCOPES
+from rtask.errors import (
+    ClosedError,
+    ForbiddenError,
+    MissingDataError,
+    RtaskError,
+    UnknownTermError,
+    UsageError,
+    nearest,
+)
+from rtask.kb.commit.access import Access
+from rtask.services.call import Call
+from rtask.services.datasets.store import Datasets
+from rtask.services.definition import Definition, Method, define
+from rtask.services.description import described, listed
+from rtask.services.in_process import InProcess, Written
+from rtask.services.jobs import Job, Jobs
+from rtask.services.pool import Pool, Runner, Sizes
+from rtask.services.processes import ChildProcess
+from rtask.services.proxy import Proxy, offer_of
+from rtask.services.registry import Registry
+from rtask.services.resources import Files, GraphResource, Resource, WritableFiles
+from rtask.services.service import Service
+from rtask.services.task import Mapped, Task
+from rtask.wire.message import Answer, read
+
+if TYPE_CHECKING:
+    from rtask.kb.core import GraphCore
+
+__all__ = ["ServiceHost"]
+
+MAX_TIMEOUT_S = 600.0
+MAX_JOB_S = 3600.0
+MAX_POOLS = 32
+
+
+class ServiceHost:
+    """Carries out calls of services.
+
+    Parameters
+    ----------
+    services
+        Classes or definitions to offer.
+    kb
+        The knowledge graph for services that need it; None = there is none.
+    datasets
+        The datasets for data resources; None = there are none.
+    check_every
+        How many calls there are to one whose effect on the state is checked; 1 = all. Default: the
+        environment variable RTASK_CHECK_STATE, else 100.
+
+    Attributes
+    ----------
+    registry
+        What is offered.
+    jobs
+        Calls that callers come back to.
+    datasets
+        Its datasets.
+    """
+
+    def __init__(
+        self,
+        services: Iterable[type[Service] | Definition] = (),
+        kb: GraphCore | None = None,
+        datasets: Datasets | None = None,
+        check_every: int | None = None,
+    ) -> None:
+        self.registry = Registry()
+        self.jobs = Jobs()
+        self._kb = kb
+        self.datasets = datasets or Datasets(None)
+        self._check_every = check_every or int(os.environ.get("RTASK_CHECK_STATE", "100"))
+        self._lock = threading.Lock()
+        self._pools: dict[tuple[str, Mapped], Pool] = {}
+        self._closing: list[threading.Thread] = []
+        self._closed = False
+        for one in services:
+            self.registry.add(one if isinstance(one, Definition) else define(one))
+
+    def call(
+        self,
+        service: str,
+        method: str,
+        args: Mapping[str, Any] | None = None,
+        access: Access | None = None,
+        data: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+    ) -> Answer:
+        """Call a method and wait for its answer.
+
+        Parameters
+        ----------
+        service
+            ``example/Kinematics``, or with a version: ``@1.2.0``, ``@1.2.*``, ``@1.*``.
+        args
+            The request.
+        access
+            Rights of the caller; None = those of the owner.
+        data
+            Names of datasets by the names of the data resources.
+        timeout_s
+            Time for the answer; None = as the service says.
+
+        Raises
+        ------
+        UnknownTermError
+            No such service or method.
+        UsageError
+            The request does not fit.
+        ServiceError
+            One of its kinds says what went wrong in the service.
+        """
+        return self.submit(service, method, args, access, data, timeout_s).result()
+
+    def submit(
+        self,
+        service: str,
+        method: str,
+        args: Mapping[str, Any] | None = None,
+        access: Access | None = None,
+        data: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+        parent: Call | None = None,
+    ) -> Task:
+        """Queue a call and return at once; parameters and errors as :meth:`call`.
+
+        Parameters
+        ----------
+        parent
+            The call on whose behalf this one is made.
+        """
+        task = self.prepare(service, method, args, access, data, timeout_s, parent)
+        self.start(task)
+        return task
+
+    def prepare(
+        self,
+        service: str,
+        method: str,
+        args: Mapping[str, Any] | None = None,
+        access: Access | None = None,
+        data: Mapping[str, str] | None = None,
+        timeout_s: float | None = None,
+        parent: Call | None = None,
+    ) -> Task:
+        """Check a call and return it, to be started later; parameters as :meth:`submit`."""
+        definition, found = self.find(service, method)
+        access = access or Access()
+        if found.scope not in SCOPES[access.role]:
+            raise ForbiddenError(f"needs scope {found.scope}; the role {access.role} lacks it")
+        request = read(found.request, dict(args or {}))
+        mapped = self._mapped(definition, data or {}, access)
+        seconds = definition.timeout_s if timeout_s is None else min(timeout_s, MAX_JOB_S)
+        chain = (*parent.chain, definition.name) if parent else (definition.name,)
+        if parent is not None:
+            seconds = min(seconds, parent.left_s)
+            if definition.name in parent.chain:
+                raise UsageError(f"a circle of calls: {' -> '.join(chain)}")
+        call = Call(access, seconds, chain, self)
+        if parent is not None:
+            parent.on_cancel(call.cancel)
+        return Task(found, request, call, definition.exact, mapped)
+
+    def start(self, task: Task) -> None:
+        """Queue a call that was prepared."""
+        definition = self.registry.find(task.service)
+        try:
+            self._pool(definition, task.data).submit(task)
+        except ClosedError:
+            if self._closed:
+                raise
+            self._pool(definition, task.data).submit(task)  # the queue was just retired
+
+    def start_job(self, task: Task, owner: str) -> Job:
+        """Queue a call that was prepared, and keep it for its caller to come back to.
+
+        Parameters
+        ----------
+        owner
+            Key of the caller.
+        """
+        job = self.jobs.add(task, owner)
+        try:
+            self.start(task)
+        except RtaskError:
+            self.jobs.forget(job)
+            raise
+        return job
+
+    def find(self, service: str, method: str) -> tuple[Definition, Method]:
+        """Return the definitions of a service and of one of its methods.
+
+        Raises
+        ------
+        UnknownTermError
+            Either does not exist; the nearest name is named.
+        """
+        definition = self.registry.find(service)
+        found = definition.methods.get(method)
+        if found is None:
+            hint = nearest(method, list(definition.methods))
+            raise UnknownTermError(f"{definition.exact} has no method {method!r}{hint}")
+        return definition, found
+
+    def connect(
+        self,
+        service: str,
+        data: Mapping[str, str] | None = None,
+        access: Access | None = None,
+    ) -> Proxy:
+        """Return an object with the methods of a service."""
+        definition = self.registry.find(service)
+        return self._proxy(definition, data, access)
+
+    def listing(self) -> list[dict[str, Any]]:
+        """Return the services that are offered, as JSON."""
+        versions = self.registry.versions
+        return [listed(one, versions(one.name), self.state(one)) for one in self.registry]
+
+    def description(self, service: str) -> dict[str, Any]:
+        """Return the description of a service, as JSON.
+
+        Raises
+        ------
+        UnknownTermError
+            No such service.
+        """
+        found = self.registry.find(service)
+        return described(found, self.registry.versions(found.name), self.state(found))
+
+    def state(self, definition: Definition) -> str:
+        """Return ``ready``, or ``failed`` where a service could not be made ready."""
+        with self._lock:
+            pools = [p for (exact, _), p in self._pools.items() if exact == definition.exact]
+        return "failed" if any(pool.state == "failed" for pool in pools) else "ready"
+
+    def close(self) -> None:
+        """Wait for running calls to end, then shut all services down at the same time."""
+        self.jobs.close()
+        with self._lock:
+            self._closed = True
+            pools, self._pools = list(self._pools.values()), {}
+            closing = [*self._closing, *_closed_apart(pools)]
+        for thread in closing:
+            thread.join()
+        self.datasets.close()
+
+    def __enter__(self) -> ServiceHost:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def connect_within(
+        self, parent: Call, service: str, data: Mapping[str, str] | None = None
+    ) -> Proxy:
+        """Return an object with the methods of a service, called on behalf of another call."""
+        return self._proxy(self.registry.find(service), data, parent.caller, parent)
+
+    def _proxy(
+        self,
+        definition: Definition,
+        data: Mapping[str, str] | None,
+        access: Access | None,
+        parent: Call | None = None,
+    ) -> Proxy:
+        def carry_out(method: str, args: dict[str, Any]) -> Answer:
+            exact = definition.exact
+            return self.submit(exact, method, args, access, data, parent=parent).result()
+
+        offers = [offer_of(one) for one in definition.methods.values()]
+        return Proxy(definition.exact, offers, carry_out)
+
+    def _mapped(self, definition: Definition, data: Mapping[str, str], access: Access) -> Mapped:
+        """Return the exact version of the dataset for each data resource that takes one.
+
+        Raises
+        ------
+        UsageError
+            A data resource that the service does not have.
+        MissingDataError
+            One without a dataset.
+        """
+        if not isinstance(data, Mapping) or not all(isinstance(d, str) for d in data.values()):
+            raise UsageError("data resources: expected names of datasets by names of resources")
+        wanted = {n: one for n, one in definition.resources.items() if one.type != "graph"}
+        for name in data:
+            if name not in wanted:
+                hint = nearest(name, list(wanted)) or f"; it has {', '.join(wanted) or 'none'}"
+                raise UsageError(f"{definition.exact} has no data resource {name!r}{hint}")
+        for name, need in wanted.items():
+            if name not in data and need.default is None:
+                raise MissingDataError(
+                    f"{definition.exact} needs a dataset for {name!r}: "
+                    f"data={{{name!r}: '<namespace>/<name>'}}",
+                    resource=name,
+                )
+        bound = []
+        for name, need in sorted(wanted.items()):
+            try:
+                found = self.datasets.find(data.get(name) or str(need.default), access)
+            except UnknownTermError as error:
+                raise MissingDataError(f"{name}: {error}", resource=name) from None
+            if need.writable:
+                bound.append((name, f"{found.dataset}@head", ""))
+            else:
+                # The head has no number of its own; its contents tell one state from another.
+                bound.append((name, found.name, found.digest))
+        if self._kb is None and len(wanted) < len(definition.resources):
+            raise MissingDataError(f"{definition.exact} needs a graph, and there is none here")
+        return tuple(bound)
+
+    def _resources(self, definition: Definition, mapped: Mapped) -> dict[str, Resource]:
+        bound: dict[str, Resource] = {}
+        for name, dataset, _ in mapped:
+            kind = WritableFiles if definition.resources[name].writable else Files
+            bound[name] = kind(dataset, self.datasets.view(self.datasets.find(dataset)))
+        for name, need in definition.resources.items():
+            if need.type == "graph" and self._kb is not None:
+                bound[name] = GraphResource(self._kb, need.writable)
+        return bound
+
+    def _retire(self) -> None:
+        """Close the queues without work when there are many: each state of a head has its own."""
+        if len(self._pools) < MAX_POOLS:
+            return
+        with self._lock:
+            idle = [key for key, pool in self._pools.items() if pool.is_idle]
+            retired = [self._pools.pop(key) for key in idle]
+            still = [thread for thread in self._closing if thread.is_alive()]
+            # Shut-down methods take their time, and the caller may be the server's event loop.
+            self._closing = [*still, *_closed_apart(retired)]
+
+    def _pool(self, definition: Definition, mapped: Mapped) -> Pool:
+        key = (definition.exact, mapped)
+        self._retire()
+        with self._lock:
+            if self._closed:
+                raise ClosedError("the services are being shut down")
+            pool = self._pools.get(key)
+            if pool is None:
+                names = {name: dataset.partition("@")[0] for name, dataset, _ in mapped}
+
+                def commit(written: Written, access: Access) -> None:
+                    for name, files in written.items():
+                        if files:
+                            self.datasets.put(names[name], files, access)
+
+                def heads() -> list[str]:
+                    written_to = [dataset for _, dataset, digest in mapped if not digest]
+                    return [self.datasets.find(one).digest for one in written_to]
+
+                def start() -> Runner:
+                    bound = heads()  # before they are bound, so that no write is overlooked
+                    resources = self._resources(definition, mapped)
+                    kind = ChildProcess if definition.executor == "processes" else InProcess
+                    every = self._check_every
+                    return kind(definition, resources, every, commit, lambda: heads() != bound)
+
+                workers = definition.max_workers or os.cpu_count() or 1
+                sizes = Sizes(
+                    1 if definition.is_writing else workers,
+                    definition.max_waiting,
+                    may_repeat=not definition.is_writing,
+                )
+                pool = self._pools[key] = Pool(definition.exact, start, sizes)
+        return pool
+
+
+def _closed_apart(pools: Iterable[Pool]) -> list[threading.Thread]:
+    """Close each queue in a thread of its own, and return the threads."""
+    threads = [threading.Thread(target=pool.close, daemon=True) for pool in pools]
+    for thread in threads:
+        thread.start()
+    return threads

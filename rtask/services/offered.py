@@ -1,0 +1,73 @@
+"""The services that a product offers: built in, installed, and named by its operator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from rtask.services.builtin import BUILTIN
+from rtask.services.builtin.engine import engine_service
+from rtask.services.datasets.store import Datasets
+from rtask.services.host import ServiceHost
+from rtask.services.registry import imported, installed, services_of
+
+if TYPE_CHECKING:
+    from rtask.engine.engine import Engine
+
+__all__ = ["open_host"]
+
+
+def open_host(
+    engine: Engine | None = None,
+    sources: Iterable[str] = (),
+    datasets: Path | None = None,
+) -> ServiceHost:
+    """Return a host with all services.
+
+    Parameters
+    ----------
+    engine
+        Whose operations are the service ``rtask/Engine``, and whose graph services may ask.
+    sources
+        Modules and files of further services, which take the place of others of their names.
+    datasets
+        Folder of the datasets; default: ``datasets`` in the folder of the knowledge base, or a
+        temporary one.
+
+    Raises
+    ------
+    UsageError
+        A module or file cannot be loaded, or a name with its version is taken.
+
+    Examples
+    --------
+    >>> with open_host() as host:
+    ...     host.registry.find("rtask/Segmentation").exact
+    'rtask/Segmentation@1.0.0'
+    """
+    kb = None if engine is None else engine.kb
+    if datasets is None and kb is not None and kb.folder is not None:
+        datasets = kb.folder / "datasets"
+    host = ServiceHost(BUILTIN, kb, Datasets(datasets))
+    if engine is not None:
+        host.registry.add(engine_service(engine))
+    for module in installed():
+        _offer(host, module)
+    named = [imported(source) for source in sources]
+    for module in named:
+        # The operator's own takes the place of what happens to be installed under its name.
+        for definition in services_of(module):
+            host.registry.forget(definition.name)
+    for module in named:
+        _offer(host, module)
+    return host
+
+
+def _offer(host: ServiceHost, module: ModuleType) -> None:
+    """Add the services of a module, and the datasets that come with them."""
+    for definition in services_of(module):
+        host.registry.add(definition)
+    for name, contents in getattr(module, "DATASETS", {}).items():
+        host.datasets.offer(name, contents)

@@ -1,0 +1,301 @@
+"""The queue of one service with one choice of data, and the workers that share it.
+
+Each worker carries out one call at a time on an instance of its own (Kehoe 2014, 5.6). Workers are
+started when more calls wait than workers are idle, and leave when they had nothing to do for a
+while.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from rtask.errors import (
+    CancelledError,
+    ClosedError,
+    QueueFullError,
+    RtaskError,
+    ServiceFailedError,
+    StartupFailedError,
+    StateChangedError,
+    WorkerDiedError,
+)
+from rtask.services.task import Task
+from rtask.wire.message import Answer
+
+__all__ = ["Pool", "Runner", "Sizes"]
+
+_log = logging.getLogger(__name__)
+_CLOSE_S, _GRACE_S = 10.0, 4.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 60.0
+
+
+class Runner(Protocol):
+    """One instance of a service, wherever it lives; used by one thread."""
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the next call needs a new instance, because the data have changed."""
+
+    def carry_out(self, task: Task) -> Answer:
+        """Carry out a call.
+
+        Raises
+        ------
+        WorkerDiedError, StateChangedError
+            The runner cannot be used any more.
+        """
+
+    def close(self) -> None:
+        """Shut the instance down."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Limits of a queue.
+
+    Parameters
+    ----------
+    workers
+        Largest number of workers.
+    waiting
+        Largest number of calls that wait for one.
+    idle_s
+        Time after which a worker without work leaves.
+    may_repeat
+        Whether a call whose worker died is given to another worker, once.
+    """
+
+    workers: int
+    waiting: int = 100
+    idle_s: float = 300.0
+    may_repeat: bool = True
+
+
+class Pool:
+    """A queue of calls and its workers.
+
+    Parameters
+    ----------
+    name
+        For threads and errors.
+    start
+        Makes a runner ready; called in the thread of its worker.
+    sizes
+        Limits.
+    """
+
+    def __init__(self, name: str, start: Callable[[], Runner], sizes: Sizes) -> None:
+        self.name = name
+        self.sizes = sizes
+        self._start = start
+        self._changed = threading.Condition()
+        self._waiting: deque[Task] = deque()
+        self._threads: set[threading.Thread] = set()
+        self._idle = self._starting = 0
+        self._running: set[Task] = set()
+        self._closed = False
+        self._failures = 0
+        self._problem: StartupFailedError | None = None
+        self._try_again_s = 0.0
+
+    def submit(self, task: Task) -> None:
+        """Queue a call.
+
+        Raises
+        ------
+        QueueFullError
+            As many calls wait as may.
+        StartupFailedError
+            The service could not be made ready a moment ago.
+        ClosedError
+            The pool is closed.
+        """
+        with self._changed:
+            if self._closed:
+                raise ClosedError(f"{self.name} is being shut down")
+            pause_s = self._try_again_s - time.monotonic()
+            if self._problem is not None and not self._threads and pause_s > 0:
+                raise StartupFailedError(str(self._problem), retry_after_s=round(pause_s, 1))
+            if len(self._waiting) - self._idle >= self.sizes.waiting:
+                raise QueueFullError(
+                    f"{self.name}: {len(self._waiting)} calls are waiting; try again later",
+                    retry_after_s=1,
+                )
+            self._waiting.append(task)
+            self._add_worker()
+            self._changed.notify()
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no call waits or runs."""
+        with self._changed:
+            return not self._waiting and len(self._threads) == self._idle
+
+    @property
+    def state(self) -> str:
+        """``ready``, or ``failed`` where the last start of a worker failed and none is left."""
+        return "failed" if self._problem is not None and not self._threads else "ready"
+
+    def close(self) -> None:
+        """Drop the waiting calls, and give the running ones some seconds to end.
+
+        A thread that goes on is left to the end of the process.
+        """
+        with self._changed:
+            self._closed = True
+            running = list(self._running)
+            dropped = list(self._waiting)
+            self._waiting.clear()
+            threads = list(self._threads)
+            self._changed.notify_all()
+        for task in dropped:
+            _fail(task, ClosedError(f"{self.name} is being shut down"))
+        until = time.monotonic() + _CLOSE_S
+        for thread in threads:
+            thread.join(max(until - time.monotonic() - _GRACE_S, 0.0))
+        for task in running:
+            task.call.cancel()
+        for thread in threads:
+            thread.join(max(until - time.monotonic(), 0.0))
+
+    def _add_worker(self) -> None:
+        """Start a worker if more calls wait than workers are free or on their way."""
+        if len(self._waiting) <= self._idle + self._starting:
+            return
+        if self._closed or len(self._threads) >= self.sizes.workers:
+            return
+        thread = threading.Thread(target=self._work, name=self.name, daemon=True)
+        self._threads.add(thread)
+        self._starting += 1
+        thread.start()
+
+    def _work(self) -> None:
+        """Make an instance ready and carry out calls until there are none for long."""
+        try:
+            runner = self._start()
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - the author's; callers hear of it
+            self._start_failed(error)
+            return
+        with self._changed:
+            self._starting -= 1
+            self._failures, self._problem = 0, None
+        try:
+            while (task := self._next(runner)) is not None:
+                if not self._carry_out(runner, task):
+                    break
+        finally:
+            try:
+                runner.close()
+            except Exception:  # noqa: BLE001 - the author's code; nobody waits for it any more
+                _log.warning("%s could not be shut down", self.name, exc_info=True)
+            self._leave()
+
+    def _next(self, runner: Runner) -> Task | None:
+        """Wait for a call and return it; none when the worker is to leave."""
+        with self._changed:
+            while True:
+                while self._waiting:
+                    if runner.is_spent:  # another worker, with a new instance, takes the call
+                        return None
+                    task = self._waiting.popleft()
+                    if task.done.set_running_or_notify_cancel():
+                        return task
+                if self._closed:
+                    return None
+                self._idle += 1
+                told = self._changed.wait(self.sizes.idle_s)
+                self._idle -= 1
+                if not told and not self._waiting:
+                    return None
+
+    def _carry_out(self, runner: Runner, task: Task) -> bool:
+        """Answer a call; tell whether the runner can go on."""
+        task.started_s = time.monotonic()
+        can_go_on = True
+        self._running.add(task)
+        try:
+            task.call.check_cancelled()
+            answer = runner.carry_out(task)
+        except WorkerDiedError as error:
+            can_go_on = False
+            if not self._repeat(task):
+                _fail(task, error)
+        except RtaskError as error:
+            can_go_on = not isinstance(error, StateChangedError)
+            _fail(task, error)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - the author's; callers hear of it
+            _log.warning("%s: %s failed", self.name, task.method.name, exc_info=error)
+            _fail(task, _failed(task, error))
+        else:
+            task.ended_s = time.monotonic()
+            task.done.set_result(answer)
+        finally:
+            self._running.discard(task)
+        return can_go_on
+
+    def _repeat(self, task: Task) -> bool:
+        """Give a call to another worker, once, if carrying it out twice does no harm."""
+        with self._changed:
+            is_over = self._closed or task.call.is_cancelled or task.call.left_s <= 0
+            if not self.sizes.may_repeat or task.tries or is_over:
+                return False
+            again = replace(task, done=Future(), tries=1)
+            again.done.add_done_callback(lambda done: _pass_on(done, task, again))
+            self._waiting.appendleft(again)
+            self._changed.notify()
+        return True
+
+    def _start_failed(self, error: BaseException) -> None:
+        """Refuse what waits, unless other workers are there, and pause before the next try."""
+        words = str(error) if isinstance(error, RtaskError) else f"{type(error).__name__}: {error}"
+        if not isinstance(error, RtaskError):
+            _log.warning("%s could not be made ready", self.name, exc_info=error)
+        problem = StartupFailedError(f"{self.name} could not be made ready: {words}")
+        with self._changed:
+            self._starting -= 1
+            self._threads.discard(threading.current_thread())
+            pause_s = min(_FIRST_PAUSE_S * 2**self._failures, _LONGEST_PAUSE_S)
+            self._failures += 1
+            self._problem, self._try_again_s = problem, time.monotonic() + pause_s
+            refused = [] if self._threads else list(self._waiting)
+            if refused:
+                self._waiting.clear()
+        for task in refused:
+            _fail(task, problem)
+
+    def _leave(self) -> None:
+        with self._changed:
+            self._threads.discard(threading.current_thread())
+            self._add_worker()
+
+
+def _failed(task: Task, error: BaseException) -> ServiceFailedError:
+    """Return the error that callers see: class and words, never a traceback (5.4, 1.4)."""
+    words = f"{type(error).__name__}: {error}"[:500]
+    return ServiceFailedError(f"{task.service} {task.method.name} failed: {words}")
+
+
+def _fail(task: Task, error: Exception) -> None:
+    task.ended_s = time.monotonic()
+    if task.done.running() or task.done.set_running_or_notify_cancel():
+        task.done.set_exception(error)
+
+
+def _pass_on(done: object, task: Task, again: Task) -> None:
+    """Answer a call with what its repetition brought."""
+    task.started_s, task.ended_s = again.started_s, again.ended_s or time.monotonic()
+    if again.done.cancelled():
+        task.done.set_exception(CancelledError("the call was cancelled"))
+        return
+    error = again.done.exception()
+    if error is not None:
+        task.done.set_exception(error)
+    else:
+        task.done.set_result(again.done.result())

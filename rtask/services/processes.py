@@ -1,0 +1,254 @@
+"""Workers that are processes: for services that may hang or crash (Kehoe 2014, 5.6).
+
+A process is spawned, not forked, because the threads of the store do not survive a fork, and it
+ends with its parent, however that ends. It is killed when its call is cancelled or late.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
+from typing import Any
+
+from pydantic import BaseModel
+
+from rtask.errors import (
+    RtaskError,
+    ServiceFailedError,
+    StateChangedError,
+    UsageError,
+    WorkerDiedError,
+)
+from rtask.services.call import Call
+from rtask.services.definition import Definition
+from rtask.services.in_process import Commit, InProcess
+from rtask.services.registry import load
+from rtask.services.resources import Resource
+from rtask.services.task import Task
+from rtask.wire.message import Answer, read
+
+__all__ = ["ChildProcess"]
+
+_GRACE_S = 2.0
+_START_S = 120.0
+_LOOK_S = 0.05
+"""How often a wait for an answer, which comes at once, looks whether the call was cancelled."""
+
+
+class ChildProcess:
+    """One instance in a process of its own.
+
+    Parameters
+    ----------
+    definition
+        Of the service; its ``source`` tells the process where to find the class.
+    resources
+        Data of the instance.
+    check_every
+        How many calls there are to one whose effect on the state is checked.
+    commit
+        Stores what a call wrote to its data resources.
+    is_outdated
+        Tells whether its data resources have changed since the instance was made ready.
+
+    Raises
+    ------
+    WorkerDiedError
+        The process ended before it was ready.
+    """
+
+    def __init__(
+        self,
+        definition: Definition,
+        resources: Mapping[str, Resource],
+        check_every: int,
+        commit: Commit,
+        is_outdated: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._commit, self._is_outdated = commit, is_outdated
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        arguments = (theirs, definition.source, definition.exact, dict(resources), check_every)
+        self._process = context.Process(target=_work, args=arguments, daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            self._receive(definition.exact, time.monotonic() + _START_S, None)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the next call needs a new instance, because the data have changed."""
+        return self._is_outdated()
+
+    def carry_out(self, task: Task) -> Answer:
+        """Carry out a call.
+
+        Raises
+        ------
+        WorkerDiedError
+            The process ended, by itself or because the call was cancelled or late.
+        """
+        call = task.call
+        # Classes made from annotations exist in this process only; their values travel.
+        given = (task.method.name, _values(task.request), call.caller, max(call.left_s, 0.0))
+        try:
+            self._pipe.send(given)
+        except (OSError, ValueError) as error:
+            raise WorkerDiedError(f"{task.service}: its process is gone: {error}") from error
+        values, written = self._receive(task.service, call.deadline, call)
+        answer = task.method.answer.model_validate(values)
+        self._commit(written, call.caller)
+        return answer
+
+    def _receive(self, service: str, deadline: float, call: Call | None) -> Any:
+        """Wait for an answer, passing progress on; kill the process when nobody waits for it."""
+        told = False
+        while True:
+            try:
+                come = self._pipe.poll(_LOOK_S)
+                message: tuple[str, Any] = self._pipe.recv() if come else ("", None)
+            except (EOFError, OSError):
+                self._process.join(_GRACE_S)
+                code = self._process.exitcode
+                raise WorkerDiedError(
+                    f"{service}: its process ended with exit code {code}", exit_code=code
+                ) from None
+            kind, value = message
+            if kind == "done":
+                return value
+            if isinstance(value, RtaskError):
+                raise value
+            if value is not None and call is not None:
+                call.report(*value)
+            gone = call is not None and call.is_cancelled
+            if gone and not told:
+                with contextlib.suppress(OSError):  # it ended; the next look at the pipe tells how
+                    self._pipe.send("cancel")
+                told, deadline = True, min(deadline, time.monotonic() + _GRACE_S)
+            if time.monotonic() > deadline + (0 if told else _GRACE_S):
+                self._process.kill()
+
+    def close(self) -> None:
+        """Have the process run its shut-down methods and end; kill it if it does not."""
+        self._pipe.close()
+        self._process.join(_GRACE_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+
+def _work(
+    pipe: Connection,
+    source: str,
+    exact: str,
+    resources: dict[str, Resource],
+    check_every: int,
+) -> None:
+    """Carry out calls until the parent closes the pipe or is gone."""
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    try:
+        definition = _found(source, exact)
+        runner = InProcess(definition, resources, check_every, commit=None)
+    except Exception as error:  # noqa: BLE001 - the author's code; the parent hears of it
+        pipe.send(("error", _sendable(error)))
+        return
+    sending = threading.Lock()
+
+    def send(kind: str, value: Any) -> None:
+        with sending:
+            pipe.send((kind, value))
+
+    send("done", None)
+    calls: list[Any] = []
+    arrived = threading.Condition()
+    current: list[Call] = []
+
+    def receive() -> None:
+        """Read calls and cancellations, so that one reaches a method that runs."""
+        while True:
+            try:
+                message = pipe.recv()
+            except (EOFError, OSError):
+                message = None
+            if message == "cancel":
+                for call in current:
+                    call.cancel()
+                continue
+            with arrived:
+                calls.append(message)
+                arrived.notify()
+            if message is None:
+                return
+
+    threading.Thread(target=receive, daemon=True).start()
+    while True:
+        with arrived:
+            while not calls:
+                arrived.wait()
+            given = calls.pop(0)
+        if given is None:
+            runner.close()
+            return
+        name, values, caller, left_s = given
+        call = Call(caller, left_s, (definition.name,))
+        call.on_progress(lambda *progress: send("progress", progress))
+        current[:] = [call]
+        method = definition.methods[name]
+        task = Task(method, read(method.request, values), call, exact)
+        _carry_out(runner, task, send)
+        current.clear()
+
+
+def _carry_out(runner: InProcess, task: Task, send: Callable[[str, Any], None]) -> None:
+    try:
+        answer = runner.carry_out(task)
+    except Exception as error:  # noqa: BLE001 - the author's code; the caller hears of it
+        send("error", _sendable(error))
+        if isinstance(error, StateChangedError):
+            os._exit(0)
+        return
+    try:
+        send("done", (_values(answer), runner.take_written()))
+    except (OSError, ValueError, TypeError) as error:
+        send("error", ServiceFailedError(f"the answer cannot be sent: {error}"))
+
+
+def _values(message: BaseModel) -> dict[str, Any]:
+    """Return the fields of a message that are set, by their own names."""
+    return {name: getattr(message, name) for name in message.model_fields_set}
+
+
+def _sendable(error: Exception) -> RtaskError:
+    """Return an error that a pipe carries, in the words that callers see."""
+    if isinstance(error, RtaskError):
+        return error
+    return ServiceFailedError(f"{type(error).__name__}: {error}"[:500])
+
+
+def _found(source: str, exact: str) -> Definition:
+    """Return the definition of a service in the module or file that it came from."""
+    module, _, _ = source.rpartition(":")
+    found = next((one for one in load(module) if one.exact == exact), None)
+    if found is None:
+        raise UsageError(f"{module} no longer defines {exact}: restart the server")
+    return found
+
+
+def _leave_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,147 @@
+"""Objects whose methods are those of a service, wherever it runs (Kehoe 2014, 5.6)."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rtask.errors import UnknownTermError, nearest
+from rtask.services.definition import Method
+from rtask.wire.message import Answer
+
+__all__ = ["Offer", "Proxy", "offer_of", "offer_read"]
+
+_POSE = "geometry_msgs/Pose"
+_ARRAYS = ("float64[]", "geometry_msgs/Point[]")
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One method of a proxy.
+
+    Parameters
+    ----------
+    name, doc
+        Of the method.
+    signature
+        Its parameters.
+    result
+        Takes an answer and returns what the method returns.
+    """
+
+    name: str
+    doc: str
+    signature: inspect.Signature
+    result: Callable[[Any], Any]
+
+
+class Proxy:
+    """The methods of a service, with their signatures and documentation.
+
+    A method whose answer is one value returns that value; others return the answer. Numpy arrays
+    and (4, 4) poses are taken and returned as such.
+
+    Parameters
+    ----------
+    name
+        Exact name of the service.
+    offers
+        Its methods.
+    caller
+        Carries out a method with its arguments.
+    """
+
+    def __init__(
+        self, name: str, offers: list[Offer], caller: Callable[[str, dict[str, Any]], Any]
+    ) -> None:
+        self.service = name
+        self._names = [one.name for one in offers]
+        for one in offers:
+            setattr(self, one.name, _bound(one, caller))
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        raise UnknownTermError(f"{self.service} has no method {name!r}{nearest(name, self._names)}")
+
+    def __repr__(self) -> str:
+        return f"<{self.service}: {', '.join(self._names)}>"
+
+
+def _bound(offer: Offer, caller: Callable[[str, dict[str, Any]], Any]) -> Callable[..., Any]:
+    def carry_out(*args: Any, **kwargs: Any) -> Any:
+        given = dict(offer.signature.bind(*args, **kwargs).arguments)
+        return offer.result(caller(offer.name, given))
+
+    carry_out.__name__ = carry_out.__qualname__ = offer.name
+    carry_out.__doc__ = offer.doc
+    carry_out.__dict__["__signature__"] = offer.signature
+    return carry_out
+
+
+def offer_of(method: Method) -> Offer:
+    """Return a method of a service of this process as a proxy offers it."""
+    fields = method.request.model_fields.items()
+    parameters = [
+        (name, field.is_required(), field.default, field.annotation) for name, field in fields
+    ]
+
+    def result(answer: Answer) -> Any:
+        return getattr(answer, method.output) if method.output else answer
+
+    return Offer(
+        method.name,
+        _doc(method.summary, method.description),
+        _signature(parameters),
+        result,
+    )
+
+
+def offer_read(name: str, described: Mapping[str, Any]) -> Offer:
+    """Return a method as a proxy offers it, from its description in JSON."""
+    request = described["request"]
+    required = request.get("required", ())
+    parameters = [
+        (own, own in required, schema.get("default"), schema.get("x-ros-type", Any))
+        for own, schema in request.get("properties", {}).items()
+    ]
+    output, kind = described["output"], described["output_type"]
+
+    def result(answer: Mapping[str, Any]) -> Any:
+        return _value(answer[output], kind) if output else answer
+
+    doc = _doc(described["summary"], described["description"])
+    return Offer(name, doc, _signature(parameters), result)
+
+
+def _doc(summary: str, description: str) -> str:
+    return f"{summary}.\n\n{description}".strip()
+
+
+def _signature(parameters: list[tuple[str, bool, Any, Any]]) -> inspect.Signature:
+    # Python wants what may be left out at the end.
+    ordered = sorted(parameters, key=lambda one: not one[1])
+    return inspect.Signature(
+        [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.POSITIONAL_OR_KEYWORD,
+                default=inspect.Parameter.empty if is_required else default,
+                annotation=annotation,
+            )
+            for name, is_required, default, annotation in ordered
+        ]
+    )
+
+
+def _value(sent: Any, kind: str) -> Any:
+    """Return a value of JSON as the service returned it, by its ROS type."""
+    if kind == _POSE:
+        from grasp.messages import matrix_from_message
+
+        return matrix_from_message(sent)
+    return np.asarray(sent, dtype=np.float64) if kind in _ARRAYS else sent

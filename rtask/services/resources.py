@@ -1,0 +1,113 @@
+"""Data resources as services see them: folders of files, and the knowledge graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rtask.errors import ForbiddenError, MissingDataError
+from rtask.kb.commit.access import Access
+
+if TYPE_CHECKING:
+    from rtask.kb.commit.commit import Commit
+    from rtask.kb.core import GraphCore
+
+__all__ = ["Files", "GraphResource", "Resource", "WritableFiles"]
+
+
+class Files:
+    """The files of a dataset, as a folder that may be read.
+
+    Parameters
+    ----------
+    name
+        Of the dataset, with its version: ``robots/NAO@3``.
+    folder
+        Where the files are.
+    """
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self.name = name
+        self.folder = folder
+
+    def path(self, name: str) -> Path:
+        """Return the path of a file by its name in the dataset, ``/model``.
+
+        Raises
+        ------
+        MissingDataError
+            The dataset has no such file.
+        """
+        found = (self.folder / name.lstrip("/")).resolve()
+        if not found.is_relative_to(self.folder.resolve()) or not found.exists():
+            raise MissingDataError(f"{self.name} has no file {name}; it has {self._names()}")
+        return found
+
+    def read(self, name: str) -> bytes:
+        """Return the contents of a file."""
+        return self.path(name).read_bytes()
+
+    def _names(self) -> str:
+        files = [one for one in self.folder.rglob("*") if one.is_file()]
+        names = sorted(f"/{one.relative_to(self.folder)}" for one in files)
+        return ", ".join(names[:10]) or "none"
+
+
+class WritableFiles(Files):
+    """The files of the head of a dataset, to which a call may write.
+
+    What a call writes is stored when it returns, all of it or, if it fails, nothing.
+    """
+
+    def __init__(self, name: str, folder: Path) -> None:
+        super().__init__(name, folder)
+        self._written: dict[str, bytes] = {}
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file by its name in the dataset."""
+        self._written[name.lstrip("/")] = bytes(data)
+
+    def read(self, name: str) -> bytes:
+        """Return the contents of a file, also of one that this call wrote."""
+        written = self._written.get(name.lstrip("/"))
+        return super().read(name) if written is None else written
+
+    def take(self) -> dict[str, bytes]:
+        """Return what was written, and forget it."""
+        written, self._written = self._written, {}
+        return written
+
+
+class GraphResource:
+    """The knowledge graph, read and written with the rights of the caller.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    writable
+        Whether the service declared that it writes.
+    """
+
+    def __init__(self, graph: GraphCore, writable: bool) -> None:
+        self._graph = graph
+        self._writable = writable
+
+    def query(self, text: str, **options: Any) -> Any:
+        """Answer a SPARQL query; see :meth:`rtask.KnowledgeBase.query`."""
+        return self._graph.query(text, **options)
+
+    def update(self, text: str, access: Access) -> Commit | None:
+        """Carry out a SPARQL update under the name of a caller, ``call.caller``.
+
+        Raises
+        ------
+        ForbiddenError
+            The service did not declare the resource as writable, or the caller may not write.
+        """
+        if not self._writable:
+            raise ForbiddenError("the service declares its graph as read only")
+        return self._graph.update(text, access=access)
+
+
+Resource = Files | GraphResource

@@ -1,0 +1,251 @@
+"""Fleets of two robots replayed from a table of attempts.
+
+The first robot meets products that nobody knows. The second meets the same ones with what the first
+one reported, and again with nothing. Both choose by the engine's own weights and learner. Controls:
+look-alikes (the memory is that of another product of the family, with another secret) and a memory
+shuffled among the products.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from grasp.learning.bandit import Arm, BetaThompson, Trial
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper_files import gripper_named
+from rtask.engine.memory.experience import Weights, gather
+from rtask.engine.policy import Policy
+from rtask.engine.remembered import Remembered, Tally
+from rtask.errors import UsageError
+from simulate.study.intervals import bootstrap
+from simulate.world.seeds import stream
+
+__all__ = ["COLUMNS", "CONDITIONS", "replay", "replay_rows"]
+
+CONDITIONS = ("shared", "look-alikes", "shuffled")
+COLUMNS = (
+    "memory of", "robot 1", "robot 2", "robot 2 alone", "effect", "first tries", "headroom won",
+)  # fmt: skip
+
+_REPLAY = 70
+_RECOGNISED, _TURNED = 0.9, 0.03
+_NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """An attempt that a robot reported: the number of the grasp, and whether it held."""
+
+    arm: int
+    held: bool
+
+
+def replay(
+    table: Mapping[str, Any], fleets: int, on_table: int, cap: int, seed: int,
+    policy: Policy | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the effect of sharing over many fleets, with controls, as JSON data.
+
+    Parameters
+    ----------
+    table
+        Of :func:`simulate.study.attempt_table.read_attempts`.
+    on_table
+        Products of a fleet.
+    cap
+        Attempts at one product; one never held counts one more.
+
+    Raises
+    ------
+    UsageError
+        The table holds too few products for a fleet.
+    """
+    things = [thing for thing in table["products"] if thing["arms"]]
+    if on_table > len(things):
+        raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
+    player = _Player(policy or Policy(), gripper_named(str(table["settings"]["hand"])), cap)
+    rows: dict[str, list[list[int]]] = {name: [] for name in CONDITIONS}
+    oracle = [_oracle(thing) for thing in things]
+    for fleet in range(fleets):
+        rng = stream(seed, _REPLAY, fleet)
+        drawn = [int(i) for i in rng.choice(len(things), on_table, replace=False)]
+        first = {i: player.play(things[i], [], things[i], rng) for i in drawn}
+        alone = {i: player.play(things[i], [], things[i], rng) for i in drawn}
+        for name in CONDITIONS:
+            sources = _sources(name, drawn, things, rng)
+            for i, source in zip(drawn, sources, strict=True):
+                told = first[source] if source in first else player.play(
+                    things[source], [], things[source], rng
+                )  # fmt: skip
+                known = told if rng.random() < _RECOGNISED else []
+                second = player.play(things[i], known, things[source], rng)
+                counts = [player.count(done) for done in (first[i], second, alone[i])]
+                rows[name].append([i, *counts])
+    return {
+        "fleets": fleets,
+        "products": len(things),
+        "oracle_first_try": round(float(np.mean(oracle)), 4),
+        "conditions": {
+            name: _summary(np.array(found), np.array(oracle)) for name, found in rows.items()
+        },
+    }
+
+
+def _sources(
+    condition: str, drawn: Sequence[int], things: Sequence[Mapping[str, Any]],
+    rng: np.random.Generator,
+) -> list[int]:  # fmt: skip
+    """Return for each product the product whose attempts are remembered for it."""
+    if condition == "shuffled":
+        return [int(i) for i in np.roll(drawn, 1)]
+    if condition == "look-alikes":
+        found = []
+        for i in drawn:
+            alike = [
+                k for k, one in enumerate(things) if k != i and one["kind"] == things[i]["kind"]
+            ]
+            found.append(int(rng.choice(alike)) if alike else i)
+        return found
+    return list(drawn)
+
+
+class _Player:
+    """Plays a robot at one product after another."""
+
+    def __init__(self, policy: Policy, hand: ParallelGripper, cap: int) -> None:
+        self.policy, self.hand, self.cap = policy, hand, cap
+
+    def count(self, done: Sequence[_Told]) -> int:
+        """Return the attempts to success, the cap and one more if none held."""
+        return len(done) if done and done[-1].held else self.cap + 1
+
+    def play(
+        self, thing: Mapping[str, Any], told: Sequence[_Told], source: Mapping[str, Any],
+        rng: np.random.Generator,
+    ) -> list[_Told]:  # fmt: skip
+        """Return the attempts of a robot at a product.
+
+        Parameters
+        ----------
+        told
+            Attempts that the graph remembers.
+        source
+            Product on which they were made.
+        """
+        arms = self._arms(thing, told, source, turned=bool(rng.random() < _TURNED))
+        learner = BetaThompson(self.policy.bandit, max(thing["size"]))
+        done: list[_Told] = []
+        while len(done) < self.cap:
+            tries = [Trial(arms[one.arm].position, arms[one.arm].theta, one.held) for one in done]
+            order = learner.rank(arms, tries, int(rng.integers(2**31)))
+            if not order:
+                break
+            chosen = order[0].index
+            held = bool(rng.choice(thing["arms"][chosen]["held"]))
+            done.append(_Told(chosen, held))
+            if held:
+                break
+        return done
+
+    def _arms(
+        self, thing: Mapping[str, Any], told: Sequence[_Told], source: Mapping[str, Any],
+        turned: bool,
+    ) -> list[Arm]:  # fmt: skip
+        at = np.array([[a["x"], a["y"], a["z"]] for a in thing["arms"]])
+        thetas = np.array([a["theta"] for a in thing["arms"]])
+        length, width, height = (float(s) for s in thing["size"])
+        size = (length, width, height)
+        weights = Weights(self.policy, {"it": 1.0}, self.hand, size, _NOW)
+        memory = [self._remembered(one, k, source, turned) for k, one in enumerate(told)]
+        evidence = gather(at, thetas, memory, weights, self.policy.bandit.bandwidth)
+        return [
+            Arm(
+                (a["x"], a["y"], a["z"]), a["theta"], a["quality"],
+                float(evidence.successes[i]), float(evidence.failures[i]),
+            )
+            for i, a in enumerate(thing["arms"])
+        ]  # fmt: skip
+
+    def _remembered(
+        self, one: _Told, number: int, source: Mapping[str, Any], turned: bool
+    ) -> Remembered:
+        arm = source["arms"][one.arm]
+        sign = -1.0 if turned else 1.0  # half a turn leaves the closing direction as it is
+        return Remembered(
+            f"grasp:{number}", "it", False, sign * arm["x"], sign * arm["y"], arm["z"],
+            arm["theta"], self.hand.max_opening, arm["quality"], self.hand.gripper_type,
+            None, (Tally(one.held, 1),),
+        )  # fmt: skip
+
+
+def _oracle(thing: Mapping[str, Any]) -> float:
+    """Return the outcome of the grasp that did best on all tries but the last, on the last."""
+    held = np.array([arm["held"] for arm in thing["arms"]], dtype=np.float64)
+    best = held[:, :-1].mean(axis=1)
+    return float(held[best == best.max(), -1].mean())
+
+
+def _summary(rows: NDArray[np.int64], oracle: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the figures of one condition, with 95 % intervals over products."""
+    products, first, second, alone = rows.T
+    known = np.unique(products)
+    sums = np.array(
+        [
+            [
+                len(mine := rows[products == i]), mine[:, 1].sum(), mine[:, 2].sum(),
+                mine[:, 3].sum(), (mine[:, 1] == 1).sum(), (mine[:, 2] == 1).sum(),
+                len(mine) * oracle[i],
+            ]
+            for i in known
+        ],
+        dtype=np.float64,
+    )  # fmt: skip
+
+    def effect(i: NDArray[np.intp]) -> float:
+        return float((sums[i, 2] - sums[i, 3]).sum() / sums[i, 0].sum())
+
+    def won(i: NDArray[np.intp]) -> float:
+        # A resample may hold no product with headroom.
+        room = max((sums[i, 6] - sums[i, 4]).sum(), 1e-9)
+        return float((sums[i, 5] - sums[i, 4]).sum() / room)
+
+    everything = np.arange(len(known))
+    has_room = bool((sums[:, 6] - sums[:, 4]).sum() > 0)
+    return {
+        "n": len(rows),
+        "robot_1": round(float(first.mean()), 4),
+        "robot_2": round(float(second.mean()), 4),
+        "robot_2_alone": round(float(alone.mean()), 4),
+        "first_try": [round(float((found == 1).mean()), 4) for found in (first, second)],
+        "effect": round(effect(everything), 4),
+        "effect_interval95": [round(v, 4) for v in bootstrap(effect, len(known))],
+        "headroom_won": round(won(everything), 4) if has_room else None,
+        "headroom_interval95": [round(v, 4) for v in bootstrap(won, len(known))]
+        if has_room
+        else None,
+    }
+
+
+def replay_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the table of :data:`COLUMNS`."""
+    names = {"shared": "the product", "look-alikes": "a look-alike", "shuffled": "another product"}
+    rows: list[tuple[str, ...]] = []
+    for name, found in summary["conditions"].items():
+        low, high = found["effect_interval95"]
+        rows.append(
+            (
+                names[name],
+                f"{found['robot_1']:.2f}", f"{found['robot_2']:.2f}",
+                f"{found['robot_2_alone']:.2f}",
+                f"{found['effect']:+.2f} [{low:+.2f}, {high:+.2f}]",
+                "{:.2f} -> {:.2f}".format(*found["first_try"]),
+                "-" if found["headroom_won"] is None else f"{found['headroom_won']:.2f}",
+            )
+        )  # fmt: skip
+    return rows

@@ -1,0 +1,159 @@
+"""``rtask simulate ros`` and ``ros-reach``: a simulated robot in ROS 1, and a driver's client."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import click
+
+from rtask.cli.options import print_json
+from rtask.cli.ros.node import end_on_signals
+from rtask.cli.ros.schema import engine_schema
+from rtask.errors import RemoteUnavailableError, RobotError
+from simulate import options
+
+__all__ = ["ros", "ros_reach"]
+
+
+@click.command()
+@click.argument("remaps", nargs=-1, metavar="[REMAPS]...")
+@options.robot
+@click.option("--objects", default=4, show_default=True, help="Objects put on the table.")
+@options.seed()
+@options.preset
+@click.option("--look", default="right", show_default=True, help="Side to which the head turns.")
+@click.option("--clock", is_flag=True, help="Publish simulated time on /clock, and stamp with it.")
+@click.option("--unpaced", is_flag=True, help="Run as fast as it goes, not at the wall's time.")
+@click.option("--prefix", default="", help="Before the names of its frames, such as nao1/.")
+@click.option("--joints-hz", default=20.0, show_default=True, help="Joints and TF per second.")
+@click.option("--frames-hz", default=5.0, show_default=True, help="Clouds and images per second.")
+@click.option("--name", default="body", show_default=True, help="Name of the node.")
+@click.option(
+    "--wait", "wait_s", default=10.0, show_default=True, help="Longest wait for the ROS master, s."
+)
+def ros(
+    remaps: tuple[str, ...],
+    robot: str,
+    objects: int,
+    seed: int,
+    preset: str,
+    look: str,
+    clock: bool,
+    unpaced: bool,
+    prefix: str,
+    joints_hz: float,
+    frames_hz: float,
+    name: str,
+    wait_s: float,
+) -> None:
+    """Show a simulated robot in ROS 1, as the drivers of a real one do, until Ctrl-C.
+
+    Publishes camera/depth_registered/points, camera/rgb/image_raw/compressed and its camera_info,
+    /joint_states, /tf and /tf_static. Offers the actions <arm>_controller/follow_joint_trajectory
+    and the service act. REMAPS are arguments of ROS, __ns:=/nao1 for one.
+    """
+    from rtask.interop.ros.find import use_ros
+    from rtask.interop.ros.package import load_messages
+
+    load_messages(engine_schema(), use_ros())
+    from rtask.interop.ros.node import NodeOptions, RosNode
+    from simulate.act.commands import lay_objects
+    from simulate.act.service import ActService
+    from simulate.grasping.executor import Workcell
+    from simulate.ros.body import RosBody
+    from simulate.ros.sensors import Rates
+
+    node = RosNode(NodeOptions(name, remaps, wait_s, publishes_clock=clock), ["act"])
+    try:
+        end_on_signals(node)
+        with (
+            Workcell(robot, preset) as cell,
+            tempfile.TemporaryDirectory(prefix="rtask-assets-") as folder,
+        ):
+            standing = lay_objects(cell, objects, seed, Path(folder))
+            cell.robot.look(look)
+            rates = Rates(joints_hz, frames_hz)
+            if min(joints_hz, frames_hz) <= 0:
+                raise RobotError("--joints-hz, --frames-hz: expected rates above 0")
+            body = RosBody(ActService(cell, seed=seed), rates, clock, prefix, not unpaced)
+            click.echo(f"ready {node.name}: {robot}, {len(standing)} objects")
+            body.run(node.ended.is_set)
+    finally:
+        node.end()
+    if node.reason:
+        raise RemoteUnavailableError(f"ROS ended the node {node.name}: {node.reason}")
+
+
+@click.command("ros-reach")
+@click.argument("x", type=float)
+@click.argument("y", type=float)
+@click.argument("z", type=float)
+@click.argument("remaps", nargs=-1, metavar="[REMAPS]...")
+@options.robot
+@options.seed("the plan")
+@click.option("--theta", default=0.0, show_default=True, help="Closing direction about +z, rad.")
+@click.option("--back", is_flag=True, help="Return home the same way.")
+@click.option("--name", default="reach", show_default=True, help="Name of the node.")
+@click.option(
+    "--wait", "wait_s", default=10.0, show_default=True, help="Longest wait for master and driver."
+)
+@options.json_flag("result")
+def ros_reach(
+    x: float,
+    y: float,
+    z: float,
+    remaps: tuple[str, ...],
+    robot: str,
+    seed: int,
+    theta: float,
+    back: bool,
+    name: str,
+    wait_s: float,
+    as_json: bool,
+) -> None:
+    """Plan to reach X Y Z (m, base frame) and move a robot's own driver in ROS 1 there.
+
+    Plans from the arm's home posture over an empty table, and sends the trajectory to the action
+    <arm>_controller/follow_joint_trajectory. Refuses to move an arm that is not at home; cancels on
+    every error and on Ctrl-C. Give -- before negative numbers. Tried on simulated arms only: on a
+    real one, keep the emergency stop at hand.
+    """
+    import numpy as np
+
+    from rtask.interop.ros.find import use_ros
+    from rtask.interop.ros.package import load_messages
+
+    load_messages(engine_schema(), use_ros())
+    from rtask.interop.ros.node import NodeOptions, RosNode
+    from simulate.act.request import ActRequest
+    from simulate.act.service import plan_goal
+    from simulate.grasping.executor import Workcell
+    from simulate.motion.trajectory import join, reverse
+    from simulate.ros.driver import ArmDriver
+
+    turn = {"x": 0.0, "y": 0.0, "z": float(np.sin(theta / 2)), "w": float(np.cos(theta / 2))}
+    goal = {"position": {"x": x, "y": y, "z": z}, "orientation": turn}
+    with Workcell(robot, "fast") as cell:
+        request = ActRequest.read({"goal_pose": goal}, cell.description)
+        plan = plan_goal(cell, request, seed)
+        if isinstance(plan, str):
+            raise RobotError(f"({x:g}, {y:g}, {z:g}) cannot be reached: {plan}")
+        if plan.stance not in ("", cell.robot.stance):
+            raise RobotError(f"({x:g}, {y:g}, {z:g}) needs the stance {plan.stance}")
+        joints = cell.description.arm(plan.arm).joints
+    way = join([plan.free, plan.approach])
+    node = RosNode(NodeOptions(name, remaps, wait_s))
+    try:
+        driver = ArmDriver(f"{plan.arm}_controller/follow_joint_trajectory", joints, wait_s)
+        driver.follow(way)
+        if not as_json:
+            click.echo(f"{plan.arm} is at ({x:g}, {y:g}, {z:g})")
+        if back:
+            driver.follow(reverse(way))
+            if not as_json:
+                click.echo(f"{plan.arm} is at home")
+        if as_json:
+            print_json({"arm": plan.arm, "seconds": way.duration, "is_home": back})
+    finally:
+        node.end()

@@ -1,0 +1,198 @@
+"""Action servers for the arms of a simulated robot: control_msgs/FollowJointTrajectory.
+
+The action thread only posts a goal; the physics, in its own thread, follows it.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtask.errors import UsageError
+from rtask.interop.ros.package import make_message
+from simulate.motion.trajectory import Trajectory
+from simulate.world.robot_body import RobotBody
+
+__all__ = ["ArmAction", "read_trajectory"]
+
+_TOLERANCE_RAD = 0.05
+_STEP_S = 0.01
+_SETTLE_S = 0.3
+_FEEDBACK_S = 0.1
+_FIRST_POINT_RAD = 0.3
+_INVALID_GOAL, _INVALID_JOINTS, _GOAL_TOLERANCE = -1, -2, -5
+
+
+@dataclass
+class Goal:
+    """A goal on its way from the action thread to the physics.
+
+    Parameters
+    ----------
+    outcome
+        Code and words at the end; a joint state before it.
+    """
+
+    message: Any
+    cancelled: threading.Event = field(default_factory=threading.Event)
+    outcome: queue.Queue[Any] = field(default_factory=queue.Queue)
+
+
+class InvalidJointsError(UsageError):
+    """A trajectory names other joints than those of the arm."""
+
+
+def read_trajectory(message: Any, joints: tuple[str, ...], now: NDArray[np.float64]) -> Trajectory:
+    """Return a trajectory_msgs/JointTrajectory with the arm's joints in the arm's order.
+
+    Parameters
+    ----------
+    joints
+        Of the arm.
+    now : (dof,) float, rad
+        Measured values, from which it starts.
+
+    Raises
+    ------
+    InvalidJointsError
+        Its joints are not those of the arm.
+    UsageError
+        It has no points, times that do not rise, numbers that are not finite, or starts elsewhere.
+    """
+    if sorted(message.joint_names) != sorted(joints):
+        raise InvalidJointsError(
+            f"joints {', '.join(message.joint_names) or 'none'}: expected {', '.join(joints)}"
+        )
+    order = [list(message.joint_names).index(name) for name in joints]
+    times = np.array([point.time_from_start.to_sec() for point in message.points])
+    if not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
+        raise UsageError("time_from_start: expected at least one point, and rising times")
+    rows = [list(point.positions) for point in message.points]
+    if any(len(row) != len(joints) for row in rows) or not np.isfinite(rows).all():
+        raise UsageError(f"positions: expected {len(joints)} finite numbers in each point")
+    positions = np.array(rows)[:, order]
+    if times[0] == 0:
+        off = float(np.abs(positions[0] - now).max())
+        if off > _FIRST_POINT_RAD:
+            raise UsageError(f"the first point, at time 0, is {off:.2f} rad from the measured pose")
+        times, positions = times[1:], positions[1:]
+    times, positions = np.r_[0.0, times], np.vstack([now, positions])
+    velocities = np.zeros_like(positions)
+    if len(times) > 1:
+        velocities[:-1] = np.diff(positions, axis=0) / np.diff(times)[:, None]
+    return Trajectory(positions, velocities, np.zeros_like(positions), times)
+
+
+class ArmAction:
+    """Action server ``<arm>_controller/follow_joint_trajectory``.
+
+    Parameters
+    ----------
+    post
+        Hands work to the thread of the physics.
+    is_free
+        Tells whether the arm may be moved now.
+    """
+
+    def __init__(
+        self,
+        robot: RobotBody,
+        arm: str,
+        post: Callable[[Callable[[], None]], None],
+        is_free: Callable[[], bool],
+    ) -> None:
+        import actionlib
+
+        self._robot, self._arm, self._post, self._is_free = robot, arm, post, is_free
+        self._joints = robot.arm(arm).joints
+        self._goal: Goal | None = None
+        kind = type(make_message("control_msgs/FollowJointTrajectoryAction"))
+        self.name = f"{arm}_controller/follow_joint_trajectory"
+        self._server = actionlib.SimpleActionServer(self.name, kind, self._execute, False)
+        self._server.register_preempt_callback(self._cancel)
+        self._server.start()
+
+    def _cancel(self) -> None:
+        goal = self._goal
+        if goal is not None:
+            goal.cancelled.set()
+
+    def _execute(self, message: Any) -> None:
+        """Wait for the end of one goal, in the action's thread."""
+        goal = self._goal = Goal(message)
+        if self._server.is_preempt_requested():
+            goal.cancelled.set()
+        self._post(lambda: self._run(goal))
+        while True:
+            told = goal.outcome.get()
+            if isinstance(told, tuple):
+                break
+            self._server.publish_feedback(told)
+        result = make_message("control_msgs/FollowJointTrajectoryResult")
+        result.error_code, result.error_string = told
+        if goal.cancelled.is_set():
+            self._server.set_preempted(result, "cancelled")
+        elif result.error_code:
+            self._server.set_aborted(result, result.error_string)
+        else:
+            self._server.set_succeeded(result)
+
+    def _run(self, goal: Goal) -> None:
+        """Follow a goal, in the thread of the physics."""
+        code, words = _INVALID_GOAL, "the simulation ended"
+        try:
+            code, words = self._follow(goal)
+        except InvalidJointsError as error:
+            code, words = _INVALID_JOINTS, str(error)
+        except UsageError as error:
+            code, words = _INVALID_GOAL, str(error)
+        finally:
+            goal.outcome.put((code, words))
+
+    def _follow(self, goal: Goal) -> tuple[int, str]:
+        if not self._is_free():
+            raise UsageError("the act service has the arm; call it with action_type home first")
+        way = read_trajectory(
+            goal.message.trajectory, self._joints, self._robot.arm_joints(self._arm)
+        )
+        for state in self._states(way, goal):
+            goal.outcome.put(state)
+        now = self._robot.arm_joints(self._arm)
+        if goal.cancelled.is_set():
+            self._robot.command_arm(self._arm, now)
+            return 0, "cancelled"
+        allowed = {
+            one.name: one.position for one in goal.message.goal_tolerance if one.position > 0
+        }
+        for name, off in zip(self._joints, np.abs(now - way.positions[-1]), strict=True):
+            if off > allowed.get(name, _TOLERANCE_RAD):
+                return _GOAL_TOLERANCE, f"{name} ended {off:.3f} rad from its goal"
+        return 0, ""
+
+    def _states(self, way: Trajectory, goal: Goal) -> Iterator[Any]:
+        """Move along a trajectory until its end or a cancel, and yield the feedback that is due."""
+        time, due = 0.0, 0.0
+        while time < way.duration + _SETTLE_S and not goal.cancelled.is_set():
+            position, velocity = way.at(time)
+            self._robot.command_arm(self._arm, position, velocity)
+            self._robot.world.step(_STEP_S)
+            time += _STEP_S
+            if time >= due:
+                due += _FEEDBACK_S
+                yield self._feedback(position)
+
+    def _feedback(self, wanted: NDArray[np.float64]) -> Any:
+        import rospy
+
+        told = make_message("control_msgs/FollowJointTrajectoryFeedback")
+        now = self._robot.arm_joints(self._arm)
+        told.header.stamp, told.joint_names = rospy.Time.now(), list(self._joints)
+        told.desired.positions, told.actual.positions = wanted.tolist(), now.tolist()
+        told.error.positions = (wanted - now).tolist()
+        return told

@@ -1,0 +1,1 @@
+"""Piles and cluttered tables: first picks, and tables cleared."""

@@ -1,0 +1,69 @@
+"""The command ``rtask simulate piles``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from simulate import options
+
+__all__ = ["piles"]
+
+
+@click.command()
+@options.trials(50, "Number of piles or tables.")
+@click.option("--objects", default=None, type=click.IntRange(1, 20),
+              help="Things in each; 6 in a pile, 10 on a table to clear.")  # fmt: skip
+@click.option("--clear", is_flag=True, help="Clear the table instead of picking once.")
+@click.option("--pictures", is_flag=True, help="Draw each pile with its best grasps (PNG).")
+@options.seed("things, piles, light, noise and choices")
+@options.runs_trials("rtask-piles")
+def piles(
+    trials: int,
+    objects: int | None,
+    clear: bool,
+    pictures: bool,
+    seed: int,
+    workers: int,
+    preset: str,
+    out: Path,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Measure how a Panda picks from piles of things that touch and lie on each other.
+
+    Generated things are dropped and pushed together; the robot sees them through its noisy camera,
+    plans on one cloud and grasps in full poses. With --clear it goes on until the table is empty,
+    pushing what it cannot grasp; what arrives in a box is taken away.
+    """
+    from simulate.study.clutter.report import (
+        COLUMNS,
+        clear_study,
+        clutter_rows,
+        pile_study,
+        summarise_piles,
+        summarise_tables,
+        write_clutter_report,
+    )
+    from simulate.study.commands import print_table
+    from simulate.study.runner import run
+
+    study = (
+        clear_study(trials, objects or 10, seed, preset)
+        if clear
+        else pile_study(trials, objects or 6, seed, preset, str(out / "piles") if pictures else "")
+    )
+    results = run(study, out, workers, resume)
+    summary = summarise_tables(results) if clear else summarise_piles(results)
+    summary = write_clutter_report(out, summary, results, seed)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    title = "Cluttered tables cleared" if clear else "First picks from piles"
+    print_table(title, COLUMNS, clutter_rows(summary))
+    for name, part in summary.items():
+        if name != "shares":
+            click.echo(f"{name}: {json.dumps(part)}")
+    click.echo(f"report  {out / 'report.json'}")

@@ -1,0 +1,210 @@
+"""One pile or one cluttered table: laid out, picked from by the arm, judged by the truth."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.scoring.holding import assumed_mass
+from rtask.engine.perception.clutter import plan_in_view
+from simulate.grasping.clearing import clear_clutter
+from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
+from simulate.grasping.executor import Workcell
+from simulate.grasping.floating import spawn_parts
+from simulate.study.clutter.picture import draw_grasps
+from simulate.study.quality.objects import GraspObject, fits, generated
+from simulate.world.camera import Lighting
+from simulate.world.eyes import Eyes
+from simulate.world.noise import SensorNoise
+from simulate.world.objects import Friction
+from simulate.world.piles import drop, touching_pairs
+from simulate.world.seeds import mix_seed, stream
+
+__all__ = ["ARM", "Table", "clear_trial", "laid_table", "pile_trial"]
+
+ARM = "panda_arm"
+"""Of the Panda; the NAO's arm takes no full poses."""
+
+_THINGS, _PLACE, _LIGHT, _NOISE, _CHOICE, _COLOUR = range(60, 66)
+_MIDDLE, _HALF_M, _OF = (0.46, 0.0), 0.07, 6
+_NUMBERS = 100_000
+_FRICTION = (0.35, 0.8)
+_HEAVIEST_KG = 0.5
+_LIFTED_M, _IN_BOX_M = 0.02, 0.03
+_MOVES_EACH = 3
+
+
+@dataclass(eq=False)
+class Table:
+    """A Panda at a table with things on it.
+
+    Parameters
+    ----------
+    cell
+        World, robot, executor.
+    things
+        By body.
+    touching
+        Pairs of things that touch.
+    lifted
+        Bodies that the hand held at the end of the latest pick's hold, with their heights before.
+    """
+
+    cell: Workcell
+    things: dict[int, GraspObject]
+    touching: int
+    lifted: set[int] = field(default_factory=set)
+    _before: dict[int, float] = field(default_factory=dict)
+
+    def watch(self, phase: str) -> None:
+        """Note at the ends of a pick's phases what is lifted."""
+        world = self.cell.world
+        if phase == "pregrasp":
+            self.lifted = set()
+            self._before = {body: world.object_pose(body).z for body in self.things}
+        if phase == "hold":
+            self.lifted = {
+                body
+                for body, before in self._before.items()
+                if world.object_pose(body).z - before > _LIFTED_M
+                and self.cell.robot.touch(ARM, body).links >= 2
+            }
+
+    def empty_boxes(self) -> int:
+        """Take everything out of the boxes and the world; return how many things it was."""
+        world, gone = self.cell.world, []
+        for body in self.things:
+            pose = world.object_pose(body)
+            for box in world.place_boxes.values():
+                (x0, x1), (y0, y1) = box.x_range, box.y_range
+                inside = x0 - _IN_BOX_M < pose.x < x1 + _IN_BOX_M
+                if inside and y0 - _IN_BOX_M < pose.y < y1 + _IN_BOX_M:
+                    gone.append(body)
+                    break
+        for body in gone:
+            world.remove(body)
+            del self.things[body]
+        return len(gone)
+
+
+@contextmanager
+def laid_table(settings: Mapping[str, Any], number: int) -> Iterator[Table]:
+    """Lay out the things of one trial in front of the robot."""
+    seed, count = int(settings["seed"]), int(settings["objects"])
+    with (
+        tempfile.TemporaryDirectory(prefix="rtask-pile-") as folder,
+        Workcell("panda", str(settings["preset"])) as cell,
+    ):
+        cell.executor.eyes = Eyes(
+            cell.robot, Lighting.sample(stream(seed, _LIGHT, number)), SensorNoise(),
+            (seed, _NOISE, number),
+        )  # fmt: skip
+        hand = hand_of(cell.robot.arm(ARM))
+        rng, shade = stream(seed, _PLACE, number), stream(seed, _COLOUR, number)
+        things = {}
+        for k, thing in enumerate(_things(seed, number, count, hand)):
+            place = Path(folder) / str(k)
+            place.mkdir()
+            friction = Friction(lateral=float(rng.uniform(*_FRICTION)), rolling=0.0004)
+            colour = (*shade.uniform(0.2, 0.9, 3).tolist(), 1.0)
+            body = spawn_parts(
+                cell.world, thing.write(place), thing.mass, friction=friction,
+                seen=(thing.write_whole(place), colour),
+            )  # fmt: skip
+            things[body] = thing
+        drop(cell.world, list(things), rng, _MIDDLE, _HALF_M * float(np.sqrt(count / _OF)))
+        yield Table(cell, things, touching_pairs(cell.world, list(things)))
+
+
+def _things(seed: int, number: int, count: int, hand: ParallelGripper) -> list[GraspObject]:
+    """Return generated objects that the hand may hold, as heavy as wood, at most 500 g."""
+    rng, found = stream(seed, _THINGS, number), list[GraspObject]()
+    while len(found) < count:
+        thing = generated(seed, int(rng.integers(_NUMBERS)), hand)
+        thing = replace(thing, mass=min(assumed_mass(thing.mesh()), _HEAVIEST_KG))
+        if fits(thing, hand):
+            found.append(thing)
+    return found
+
+
+def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Pick once from a pile; return what happened as JSON data."""
+    choice = mix_seed(int(settings["seed"]), _CHOICE, number)
+    with laid_table(settings, number) as table:
+        result: dict[str, Any] = {"objects": len(table.things), "touching": table.touching}
+        cell = table.cell
+        view = look_at_clutter(cell.executor)
+        hand = hand_of(cell.robot.arm(ARM))
+        found = None if view is None else plan_in_view(view, hand)
+        pick = None
+        if view is not None and found is not None:
+            result |= {"segments": len(view.segments), "candidates": len(found)}
+            pick = pick_from(view, found, cell.executor, ARM, choice)
+            if settings.get("pictures"):
+                frame, base_from_camera = cell.executor.eyes.look("ahead")
+                chosen = None if pick is None else pick.candidate
+                path = Path(str(settings["pictures"])) / f"pile-{number:03d}.png"
+                draw_grasps(path, frame, base_from_camera, found.candidates, hand, chosen)
+        if pick is None:
+            reason = "no_table" if found is None else found.reason or "out_of_reach"
+            return {**result, "reason": reason, "lifted": False, "placed": False, "moved": 0,
+                    "says": reason}  # fmt: skip
+        before = {body: cell.world.object_pose(body).position for body in table.things}
+        run = cell.executor.begin(pick.plan, table.watch)
+        reason = run.grasp()
+        lifted = set(table.lifted)
+        if reason == "ok":
+            run.place_in_box()
+        moved = sum(
+            float(np.linalg.norm(cell.world.object_pose(body).position - place)) > 0.01
+            for body, place in before.items()
+            if body not in lifted
+        )
+        placed = table.empty_boxes() > 0
+    one = pick.candidate
+    return {
+        **result, "reason": reason, "lifted": bool(lifted), "several": len(lifted) > 1,
+        "placed": placed, "moved": moved, "rank": pick.rank, "refused": list(pick.refused),
+        "kind": one.antipodal, "tilt_deg": round(float(np.degrees(pick.plan.tilt)), 1),
+        "scores": {k: round(float(v), 4) for k, v in one.scores.items()},
+        "says": f"{reason}, {'lifted' if lifted else 'not lifted'}",
+    }  # fmt: skip
+
+
+def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Clear one cluttered table; return what happened as JSON data."""
+    choice = mix_seed(int(settings["seed"]), _CHOICE, number)
+    with laid_table(settings, number) as table:
+        count = len(table.things)
+        result: dict[str, Any] = {"objects": count, "touching": table.touching}
+        moves, cleared = [], 0
+        for move in clear_clutter(
+            table.cell.executor, ARM, choice, _MOVES_EACH * count, on_phase=table.watch
+        ):
+            lifted = bool(table.lifted) if move.kind == "pick" else False
+            cleared += table.empty_boxes()
+            moves.append({
+                "kind": move.kind, "reason": move.reason, "lifted": lifted,
+                "placed": move.placed, "segments": move.segments,
+            })  # fmt: skip
+            if not table.things:
+                break
+        left = [thing.name for thing in table.things.values()]
+        off = sum(
+            table.cell.world.object_pose(body).z < table.cell.world.table_height - 0.05
+            for body in table.things
+        )
+    picks = sum(move["kind"] == "pick" for move in moves)
+    pushes = sum(move["kind"] == "push" for move in moves)
+    return {
+        **result, "cleared": cleared, "left": left, "off_table": off, "moves": moves,
+        "picks": picks, "pushes": pushes,
+        "says": f"{cleared} of {count} cleared, {picks} picks, {pushes} pushes",
+    }  # fmt: skip

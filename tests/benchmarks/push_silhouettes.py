@@ -1,0 +1,84 @@
+"""How many perturbations find a good grasp of silhouettes of real objects."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from grasp.push import PushTest, Tolerance, analyse, as_part, sample_grasps
+from grasp.push.analysis import Analysis, Racing
+from grasp.push.inputs.sources import Outline, rings_from_image, without_details
+from grasp.push.polygon import Part
+from grasp.spatial.meshes.mesh_files import read_mesh
+
+_SIZE_PX, _TRUTH = 400, 4000
+_SAMPLES = (25, 50, 100, 200, 400)
+_SEEN = {"top": (0, 1), "side": (0, 2)}
+
+
+def silhouettes() -> None:
+    """Share of the best quality that a plan's first grasp has, by its number of perturbations."""
+    folder = Path(os.environ.get("RTASK_SHARED_DATA", "../shared/data")) / "ycb"
+    kept: dict[str, list[float]] = {}
+    asked: dict[str, list[int]] = {}
+    refused = 0
+    for _name, part in _parts(folder):
+        if part is None:
+            refused += 1
+            continue
+        grasps = sample_grasps(part, density=3.0, angles=9)
+        if not len(grasps.contacts):
+            continue
+        test, tolerance = PushTest(0.25 * part.diameter, friction=0.7), Tolerance.default(part)
+        truth = analyse(part, grasps, test, tolerance, samples=_TRUTH, seed=1).quality
+        if truth.max() < 0.05:
+            continue
+        for count in _SAMPLES:
+            found = analyse(part, grasps, test, tolerance, samples=count)
+            _note(f"{count}", found, truth, kept, asked)
+        for count in _SAMPLES[2:]:
+            found = analyse(part, grasps, test, tolerance, elimination=Racing(count))
+            _note(f"racing {count}", found, truth, kept, asked)
+    print(f"silhouettes {len(next(iter(kept.values()), []))}, refused {refused}")
+    print("samples       keep .90   mean   least   evaluations")
+    for key, shares in kept.items():
+        values = np.array(shares)
+        print(f"{key:12s}  {np.mean(values >= 0.9):8.3f}  {values.mean():.3f}  {values.min():.3f}"
+              f"  {np.mean(asked[key]):12.0f}")  # fmt: skip
+
+
+def _note(
+    key: str, found: Analysis, truth: np.ndarray, kept: dict[str, list[float]],
+    asked: dict[str, list[int]],
+) -> None:  # fmt: skip
+    kept.setdefault(key, []).append(float(truth[found.best] / truth.max()))
+    asked.setdefault(key, []).append(found.evaluations)
+
+
+def _parts(folder: Path) -> Iterator[tuple[str, Part | None]]:
+    """Yield the silhouettes of each model from above and from the side; None = refused."""
+    for urdf in sorted(folder.glob("*.urdf")):
+        pieces = [read_mesh(path) for path in sorted((folder / urdf.stem).glob("*coacd*.stl"))]
+        if not pieces:
+            continue
+        for side, axes in _SEEN.items():
+            flat = [piece.vertices[:, axes] for piece in pieces]
+            low = np.vstack(flat).min(axis=0)
+            scale = _SIZE_PX / float(np.ptp(np.vstack(flat), axis=0).max())
+            picture = np.full((_SIZE_PX + 40, _SIZE_PX + 40), 255, np.uint8)
+            for points in flat:
+                hull = cv2.convexHull(np.rint((points - low) * scale + 20).astype(np.int32))
+                cv2.fillPoly(picture, [hull], 0)
+            try:
+                ring = rings_from_image(picture)[0]
+                outline = without_details(Outline(ring, read=len(ring)))
+                yield f"{urdf.stem} {side}", as_part(outline.polygon, outline.com)
+            except ValueError:
+                yield f"{urdf.stem} {side}", None
+
+
+__all__ = ["silhouettes"]

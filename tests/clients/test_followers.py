@@ -1,0 +1,219 @@
+"""Followers: servers that copy another one's journal, answer reads and pass writes on."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+import rtask
+from rtask.loader import load
+from tests.servers import RunningServer, bearer, running_server
+from tests.sparql_servers import free_port
+
+pytestmark = pytest.mark.slow
+
+_ROWS = {"Accept": "application/sparql-results+json"}
+
+
+def _rtask(*arguments: str) -> str:
+    command = [sys.executable, "-m", "rtask", *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    with rtask.open(tmp_path / "writer", ontologies=False) as kb:
+        kb.update("INSERT DATA { <urn:old> <urn:p> 1 }", "nao-1")
+    return tmp_path / "writer"
+
+
+@pytest.fixture
+def token_file(folder: Path, tmp_path: Path) -> Path:
+    secret = _rtask(
+        "token", "create", "-d", str(folder), "--role", "reader", "--right", "replicate"
+    )
+    file = tmp_path / "token"
+    file.write_text(secret, "utf-8")
+    return file
+
+
+@pytest.fixture
+def writer(folder: Path, token_file: Path) -> Iterator[RunningServer]:
+    with running_server(folder) as running:
+        yield running
+
+
+Start = Callable[..., Any]
+
+
+@pytest.fixture
+def follow(token_file: Path, tmp_path: Path) -> Start:
+    def start(url: str, name: str = "follower", *options: str) -> Any:
+        where = ("--follow", url, "--token-file", str(token_file))
+        return running_server(tmp_path / name, *where, *options)
+
+    return start
+
+
+def _wait(condition: Callable[[], bool], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come about"
+        time.sleep(0.02)
+
+
+def _values(server: RunningServer, subject: str, headers: dict[str, str]) -> list[str]:
+    params = {"query": f"SELECT ?o {{ <{subject}> ?p ?o }} ORDER BY ?o"}
+    answer = httpx.get(server.url + "/sparql", params=params, headers={**_ROWS, **headers})
+    assert answer.status_code == 200, answer.text
+    return [row["o"]["value"] for row in answer.json()["results"]["bindings"]]
+
+
+def _digest(folder: Path) -> set[str]:
+    with rtask.open(folder, ontologies=False, reason=False) as kb:
+        return set(map(str, kb.store.quads_for_pattern(None, None, None)))
+
+
+def test_a_follower_answers_reads_passes_writes_on_and_shows_ones_own(
+    writer: RunningServer, folder: Path, follow: Start
+) -> None:
+    robot = bearer(_rtask("token", "create", "-d", str(folder), "--robot", "nao-2"))
+    with follow(writer.url) as follower:
+        assert _values(follower, "urn:old", robot) == ["1"]
+        for number in range(5):
+            text = f"INSERT DATA {{ <urn:new> <urn:p> {number} }}"
+            done = httpx.post(follower.url + "/update", data={"update": text}, headers=robot)
+            assert done.status_code in (200, 204), done.text
+            own = {"RTASK-Min-Version": done.headers["RTASK-Version"], **robot}
+            assert len(_values(follower, "urn:new", own)) == number + 1
+        answer = httpx.get(follower.url + "/sparql", params={"query": "ASK {}"}, headers=robot)
+        assert float(answer.headers["RTASK-Staleness"]) < 10.0
+        assert "RTASK-Stale" not in answer.headers
+        stranger = httpx.post(follower.url + "/update", data={"update": "CLEAR ALL"})
+        assert stranger.status_code in (401, 403)
+        theirs = "INSERT DATA { GRAPH <%s> { <urn:x> <urn:p> 1 } }"
+        with rtask.open(folder, mode="r") as kb:
+            other = kb.graphs.agent("nao-1").value
+        refused = httpx.post(
+            follower.url + "/update", data={"update": theirs % other}, headers=robot
+        )
+        assert refused.status_code == 403
+        body = gzip.compress(b"update=INSERT DATA { <urn:packed> <urn:p> 1 }".replace(b" ", b"+"))
+        form = {"Content-Type": "application/x-www-form-urlencoded", "Content-Encoding": "gzip"}
+        packed = httpx.post(follower.url + "/update", content=body, headers={**form, **robot})
+        assert packed.status_code in (200, 204), packed.text
+        writer_epoch, _, seq = done.headers["RTASK-Version"].partition(":")
+        future = {"RTASK-Min-Version": f"{writer_epoch}:{int(seq) + 1000}", **robot}
+        behind = httpx.get(follower.url + "/sparql", params={"query": "ASK {}"}, headers=future)
+        assert (behind.status_code, behind.json()["type"]) == (503, "/errors/behind")
+    assert follower.process.returncode == 0
+    assert writer.stop() == 0
+    assert _digest(folder) == _digest(follower.data)
+
+
+def test_a_token_that_the_writer_revokes_is_void_on_followers(
+    writer: RunningServer, folder: Path, follow: Start
+) -> None:
+    secret = _rtask("token", "create", "-d", str(folder), "--robot", "nao-2")
+    with follow(writer.url) as follower:
+        assert _values(follower, "urn:old", bearer(secret)) == ["1"]
+        tokens = json.loads(_rtask("token", "list", "-d", str(folder), "--json"))
+        [mine] = [token for token in tokens if token["agent"]]
+        _rtask("token", "revoke", mine["id"], "-d", str(folder))
+
+        def is_void() -> bool:
+            params = {"query": "ASK {}"}
+            answer = httpx.get(follower.url + "/sparql", params=params, headers=bearer(secret))
+            return answer.status_code == 401
+
+        _wait(is_void)
+
+
+def test_copying_needs_the_right_to_it(writer: RunningServer, folder: Path) -> None:
+    reader = bearer(_rtask("token", "create", "-d", str(folder), "--role", "reader"))
+    for address in ("/replicate/records?since=x:0", "/replicate/snapshot"):
+        refused = httpx.get(writer.url + address, headers=reader)
+        assert refused.status_code == 403, refused.text
+        assert "replicate" in refused.json()["detail"]
+
+
+def test_a_follower_goes_on_without_its_writer_and_takes_its_place_when_promoted(
+    writer: RunningServer, folder: Path, follow: Start, tmp_path: Path
+) -> None:
+    robot = bearer(_rtask("token", "create", "-d", str(folder), "--robot", "nao-2"))
+    with follow(writer.url) as follower:
+        writer.stop(signal.SIGKILL)
+
+        def is_stale() -> bool:
+            answer = httpx.get(follower.url + "/sparql", params={"query": "ASK {}"}, headers=robot)
+            assert answer.status_code == 200
+            return "RTASK-Stale" in answer.headers
+
+        _wait(is_stale)
+        text = {"update": "INSERT DATA { <urn:new> <urn:p> 1 }"}
+        refused = httpx.post(follower.url + "/update", data=text, headers=robot)
+        assert (refused.status_code, refused.json()["type"]) == (503, "/errors/writer-unreachable")
+        _wait(lambda: httpx.get(follower.url + "/health/ready").status_code == 503)
+        assert "behind" in httpx.get(follower.url + "/health/ready").json()["failing"]
+    assert follower.data is not None
+    serve = [sys.executable, "-m", "rtask", "serve", "-d", str(follower.data), "-p", "0"]
+    done = subprocess.run(serve, check=False, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "rtask promote" in done.stderr
+    _rtask("promote", str(follower.data))
+    with running_server(follower.data) as promoted:
+        stored = httpx.post(promoted.url + "/update", data=text, headers=robot, timeout=60)
+        assert stored.status_code in (200, 204), stored.text
+        assert _values(promoted, "urn:new", robot) == ["1"]
+
+
+def test_a_bulk_load_makes_a_follower_start_over(
+    folder: Path, token_file: Path, follow: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The journal does not hold what a bulk load adds."""
+    port = ("-p", str(free_port()))
+    reader = bearer(token_file.read_text("utf-8"))
+    with (
+        running_server(folder, *port) as writer,
+        follow(writer.url, "copy", "-p", str(free_port())) as copy,
+    ):
+        assert _values(copy, "urn:old", reader) == ["1"]
+        assert writer.stop() == 0
+        monkeypatch.setattr(load, "MAX_QUADS", 100)
+        lines = "".join(f"<urn:bulk{n}> <urn:p> {n} .\n" for n in range(200))
+        with rtask.open(folder, ontologies=False) as kb:
+            kb.load(lines.encode(), format="turtle", graph="urn:bulk")
+        with running_server(folder, *port):
+            _wait(lambda: _has(copy, "urn:bulk199", reader), seconds=90.0)
+
+
+def _has(server: RunningServer, subject: str, headers: dict[str, str]) -> bool:
+    try:
+        return bool(_values(server, subject, headers))
+    except (httpx.TransportError, AssertionError):  # it is starting again
+        return False
+
+
+def test_byte_strings_come_when_they_are_asked_for(
+    folder: Path, token_file: Path, follow: Start
+) -> None:
+    with rtask.open(folder, ontologies=False) as kb, kb.transaction("nao-1") as tx:
+        name = tx.blob(b"a picture", "image/png")
+    with running_server(folder) as writer, follow(writer.url) as follower:
+        reader = bearer(token_file.read_text())
+        digest = name.value.rpartition(":")[2]
+        assert (
+            httpx.get(f"{follower.url}/api/blobs/{digest}", headers=reader).content == b"a picture"
+        )
+        missing = httpx.get(f"{follower.url}/api/blobs/{'0' * 64}", headers=reader)
+        assert missing.status_code == 404

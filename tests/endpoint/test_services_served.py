@@ -1,0 +1,295 @@
+"""Services of a running server: HTTP, jobs, rosbridge, client, command line, description."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from jsonschema import Draft202012Validator
+from openapi_spec_validator import validate
+from websockets.sync.client import connect
+
+import rtask
+from rtask.cli import cli
+from rtask.errors import CallFailedError
+from tests.servers import RunningServer, running_server
+
+pytestmark = pytest.mark.slow  # starts a server
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[RunningServer]:
+    with running_server(None, "--service", "tests.rtask.services.lab") as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def http(server: RunningServer) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=server.url, timeout=60) as client:
+        yield client
+
+
+def test_the_list_and_the_descriptions_fit_their_calls(http):
+    listed = {one["name"]: one for one in http.get("/services").json()["services"]}
+    assert listed["lab/Arm"]["versions"] == ["1.2.0", "1.1.9"]
+    assert {"rtask/Engine", "rtask/Segmentation", "example/Grasping"} <= listed.keys()
+    described = http.get("/services/lab/Arm").json()
+    forward = described["methods"]["forward"]
+    Draft202012Validator.check_schema(forward["request"])
+    request = {"joints": [0, 0], "scale": 2}
+    Draft202012Validator(forward["request"]).validate(request)
+    answer = http.post(forward["href"], json=request)
+    Draft202012Validator(forward["answer"]).validate(answer.json())
+    assert answer.json()["pose"]["position"]["x"] == 4.0
+    assert answer.headers["RTASK-Service"] == "lab/Arm@1.2.0"
+    assert answer.headers["Server-Timing"].startswith("queue;dur=")
+    assert http.get("/services/lab/Arm@1.1.9").json()["version"] == "1.1.9"
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status", "slug", "words"),
+    [
+        ("/services/lab/Arn/forward", {}, 404, "not-found", "did you mean lab/Arm?"),
+        ("/services/lab/Arm/foward", {}, 404, "not-found", "did you mean 'forward'"),
+        ("/services/lab/Arm@9.*/forward", {}, 404, "not-found", "has no version 9.*"),
+        ("/services/lab/Arm/forward", {"joints": "x"}, 400, "usage", "joints: expected a list"),
+        ("/services/lab/Arm/fail", {"kind": "refuse"}, 422, "service", "out of reach"),
+        ("/services/lab/Arm/fail", {"kind": "crash"}, 500, "service-failed", "ZeroDivisionError"),
+        ("/services/lab/Broken/use", {}, 503, "startup-failed", "no such device"),
+        ("/services/lab/Reader/read", {}, 422, "missing-data", "needs a dataset for 'model'"),
+        ("/services/lab/Reader/read?data=model", {}, 400, "usage", "data=<resource>:<names"),
+        ("/services/lab/Arm/forward", [1], 400, "usage", "one JSON object"),
+    ],
+)
+def test_problems_say_what_was_wrong(http, path, body, status, slug, words):
+    answer = http.post(path, json=body)
+    problem = answer.json()
+    assert (answer.status_code, problem["type"]) == (status, f"/errors/{slug}")
+    assert words in problem["detail"]
+    assert "Traceback" not in answer.text
+
+
+def test_a_failed_start_says_when_to_come_back(http):
+    http.post("/services/lab/Broken/use", json={})
+    assert int(http.post("/services/lab/Broken/use", json={}).headers["Retry-After"]) >= 1
+
+
+def test_other_methods_are_refused(http):
+    answer = http.get("/services/lab/Arm/forward")
+    assert (answer.status_code, answer.headers["Allow"]) == (405, "POST")
+    assert http.post("/services").status_code == 405
+    assert http.post("/services/lab/Arm/forward", content=b"x").status_code == 415
+    assert http.options("/services/lab/Arm/forward").headers["Allow"] == "POST, OPTIONS"
+
+
+def test_a_deadline_is_kept_while_the_server_answers_others(http):
+    slow = {"steps": 500, "pause_s": 0.01}
+    answer = http.post("/services/lab/Arm/count?timeout=0.1", json=slow)
+    assert (answer.status_code, answer.json()["type"]) == (504, "/errors/deadline")
+
+
+def test_a_job_is_accepted_followed_and_cancelled(http):
+    body = {"steps": 400, "pause_s": 0.01}
+    made = http.post("/services/lab/Arm/count", json=body, headers={"Prefer": "respond-async"})
+    assert made.status_code == 202
+    place = made.headers["Location"]
+    assert place == f"/jobs/{made.json()['id']}"
+    assert made.json()["id"] in [one["id"] for one in http.get("/jobs").json()["jobs"]]
+    waited = http.get(f"{place}?wait=0.1").json()
+    assert waited["state"] == "running"
+    assert waited["message"].startswith("step")
+    events = http.get(f"{place}?after=1").json()["events"]
+    assert events[0] == {"number": 2, "state": "running", "progress": 0.0025, "message": "step 1"}
+    for wrong in ("x", "9" * 5000):
+        assert http.get(f"{place}?after={wrong}").status_code == 400
+    assert http.delete(place).json()["state"] == "cancelled"
+    assert http.get(place).json()["problem"]["type"] == "/errors/cancelled"
+    short = {"steps": 2, "pause_s": 0.0}
+    made = http.post("/services/lab/Arm/count", json=short, headers={"Prefer": "respond-async"})
+    done = http.get(f"{made.headers['Location']}?wait=30").json()
+    assert (done["state"], done["answer"]) == ("succeeded", {"result": 2})
+    assert http.get("/jobs/none").status_code == 404
+
+
+def test_rosbridge_offers_methods_as_services_with_types_and_as_actions(server):
+    def call(service: str, /, **args: Any) -> Any:
+        socket.send(json.dumps({"op": "call_service", "service": service, "args": args}))
+        return json.loads(socket.recv(60))
+
+    with connect(server.websocket) as socket:
+        assert "/services/lab/Arm/forward" in call("/rosapi/services")["values"]["services"]
+        type_ = call("/rosapi/service_type", service="/services/lab/Arm/forward")["values"]["type"]
+        assert type_ == "lab/ArmForward"
+        text = call("/rosapi/service_request_text", type=type_)["values"]["text"]
+        assert text == "float64[] joints\nfloat64[] scale"
+        # A typed client sends every field: an empty list is a field left out.
+        moved = call("/services/lab/Arm/forward", joints=[0.0], scale=[])
+        assert moved["values"]["pose"]["position"]["x"] == 1.0
+        refused = call("/services/lab/Arm/forward", joints=[0.0], scale=[11])
+        assert (refused["result"], refused["status"]) == (False, 400)
+        goal = {"op": "send_action_goal", "id": "g", "action": "/services/lab/Arm/count"}
+        goal |= {"action_type": "lab/ArmCount", "feedback": True}
+        socket.send(json.dumps({**goal, "args": {"steps": 3, "pause_s": 0.01}}))
+        said = [json.loads(socket.recv(60))]
+        while said[-1]["op"] != "action_result":
+            said.append(json.loads(socket.recv(60)))
+        assert said[0]["op"] == "action_feedback"
+        assert said[-1]["values"] == {"result": 3}
+        socket.send(json.dumps({**goal, "args": {"steps": 1000, "pause_s": 0.01}}))
+        json.loads(socket.recv(60))
+        socket.send(json.dumps({**goal, "op": "cancel_action_goal"}))
+        while (last := json.loads(socket.recv(60)))["op"] != "action_result":
+            pass
+        assert last["status"] == 5
+
+
+def test_the_client_calls_by_proxy_with_arrays_and_bytes(server):
+    with rtask.connect(server.url) as client:
+        arm = client.service("lab/Arm@1.*")
+        assert arm.forward(np.zeros(2))[0, 3] == 2.0
+        assert arm.weigh(b"abc") == 3
+        assert arm.stretch([1.0])["distance"] == 1.0
+        with pytest.raises(CallFailedError, match="scale: 11 is above 10"):
+            arm.forward([0], scale=11)
+        with pytest.raises(CallFailedError, match="did you mean lab/Arm"):
+            client.service("lab/Arn")
+
+
+def test_the_command_line_calls_a_server(server):
+    run = CliRunner().invoke
+    shown = run(cli, ["service", "show", "lab/Arm", "--server", server.url])
+    assert "joints : float64[]  Angles from the base to the hand (rad)" in shown.output
+    called = run(
+        cli,
+        [
+            "service",
+            "call",
+            "lab/Arm",
+            "stretch",
+            "joints=[1, 2]",
+            "--server",
+            server.url,
+            "--json",
+        ],
+    )
+    assert json.loads(called.output) == {"distance": 2.0, "joints": [1.0, 2.0]}
+    listed = run(cli, ["service", "list", "--server", server.url])
+    assert "lab/Arm@1.2.0  A planar arm" in listed.output
+
+
+def test_the_description_covers_services(http):
+    described = http.get("/openapi.json").json()
+    validate(described)
+    call = described["paths"]["/services/lab/Arm/forward"]["post"]
+    assert call["operationId"] == "lab_Arm_forward"
+    schema = call["requestBody"]["content"]["application/json"]["schema"]["$ref"]
+    wanted = described["components"]["schemas"][schema.rpartition("/")[2]]
+    assert wanted["properties"]["joints"]["x-unit"] == "rad"
+
+
+def test_the_operations_of_the_engine_are_a_service_too(http):
+    answer = http.post("/services/rtask/Engine/recall_grasps", json={"object": "urn:none"})
+    same = http.post("/engine/recall_grasps", json={"object": "urn:none"})
+    assert (answer.status_code, answer.json()["detail"]) == (
+        same.status_code,
+        same.json()["detail"],
+    )
+
+
+def test_grasps_are_planned_by_the_built_in_service(http):
+    outline = [[0, 0], [0.1, 0], [0.1, 0.05], [0, 0.05]]
+    body = {"polygon": outline, "grasps": 3, "samples": 20, "rotation_std": 0.1}
+    found = http.post("/services/example/Grasping/plan", json=body).json()
+    chances = [one["probability"] for one in found["grasps"]]
+    assert len(chances) == 3
+    assert chances == sorted(chances, reverse=True)
+    assert chances[0] > 0.5
+    contact, end = (np.array(found["grasps"][0][name]) for name in ("contact", "whisker_end"))
+    radius = np.hypot(0.05, 0.025)
+    assert np.linalg.norm(end - contact) == pytest.approx(0.6 * radius)  # the best is the longest
+    assert found["vertex_std"] == pytest.approx(0.045 * radius)
+    crossed = {**body, "polygon": [[0, 0], [1, 1], [1, 0], [0, 1]]}
+    refused = http.post("/services/example/Grasping/plan", json=crossed)
+    assert (refused.status_code, refused.json()["type"]) == (422, "/errors/service")
+
+
+def test_datasets_are_made_written_versioned_forked_and_merged(http):
+    base = "/datasets/lab/Parts"
+    assert http.put(base).status_code == 201
+    assert http.put(base).json()["type"] == "/errors/conflict"
+    assert http.put(f"{base}/files/a/cup.stl", content=b"cup").status_code == 204
+    read = http.get(f"{base}/files/a/cup.stl")
+    assert (read.content, read.headers["Content-Disposition"]) == (b"cup", "attachment")
+    tag = read.headers["ETag"]
+    again = http.get(f"{base}/files/a/cup.stl", headers={"If-None-Match": tag})
+    assert again.status_code == 304
+    assert http.post(f"{base}/snapshot", json={"message": "first"}).json()["version"] == 1
+    guarded = {"If-Match": tag}
+    url = f"{base}/files/a/cup.stl"
+    assert http.put(url, content=b"new cup", headers=guarded).status_code == 204
+    assert http.put(url, content=b"late cup", headers=guarded).status_code == 412
+    assert http.get(f"{base}@1/files/a/cup.stl").content == b"cup"
+    assert http.put(f"{base}@1/files/a/cup.stl", content=b"x").status_code == 405
+    assert http.get(f"{base}/diff?from=1&to=head").json()["changed"] == ["a/cup.stl"]
+    assert http.put("/datasets/lab/Fork", json={"fork_of": "lab/Parts@1"}).status_code == 201
+    http.put("/datasets/lab/Fork/files/a/cup.stl", content=b"other cup")
+    http.post("/datasets/lab/Fork/snapshot")
+    wanted = {"source": "lab/Fork@1"}
+    refused = http.post(f"{base}/merge", json=wanted)
+    assert refused.status_code == 409
+    assert refused.json()["conflicts"] == [{"path": "a/cup.stl", "kind": "both_changed"}]
+    merged = http.post(f"{base}/merge", json={**wanted, "rules": {"a/": "theirs"}}).json()
+    assert merged["parents"] == ["lab/Parts@2", "lab/Fork@1"]
+    assert http.get(f"{base}/files/a/cup.stl").content == b"other cup"
+    assert http.delete(f"{base}/files/a").status_code == 204
+    assert http.get(f"{base}@head").json()["files"] == {}
+
+
+@pytest.mark.parametrize("path", ["..%2f..%2fsecret", "a//b", "%2e%2e/%2e%2e/tokens.sqlite"])
+def test_a_path_that_leads_out_of_a_dataset_is_refused(http, path):
+    http.put("/datasets/lab/Safe")
+    assert http.put(f"/datasets/lab/Safe/files/{path}", content=b"x").status_code in (400, 404, 405)
+    assert http.get(f"/datasets/lab/Safe/files/{path}").status_code in (400, 404)
+
+
+def test_a_service_reads_the_dataset_that_its_caller_names(http):
+    http.put("/datasets/lab/Models")
+    http.put("/datasets/lab/Models/files/model", content=b"seven joints")
+    http.post("/datasets/lab/Models/snapshot")
+    by_address = http.post("/services/lab/Reader/read?data=model:lab/Models@1", json={})
+    in_body = http.post("/services/lab/Reader/read", json={"$data": {"model": "lab/Models"}})
+    assert by_address.json() == in_body.json() == {"text": "seven joints"}
+
+
+def test_an_agent_lists_tools_calls_one_and_reads_what_was_wrong(http):
+    def ask(method: str, **params: Any) -> Any:
+        message = {"jsonrpc": "2.0", "id": 7, "method": method, "params": params}
+        answer = http.post("/mcp", json=message).json()
+        assert (answer["jsonrpc"], answer["id"]) == ("2.0", 7)
+        return answer
+
+    greeted = ask("initialize", protocolVersion="2025-06-18", capabilities={}, clientInfo={})
+    assert greeted["result"]["protocolVersion"] == "2025-06-18"
+    note = {"jsonrpc": "2.0", "method": "notifications/initialized"}
+    assert http.post("/mcp", json=note).status_code == 202
+    assert http.get("/mcp").status_code == 405
+    tools = {one["name"]: one for one in ask("tools/list")["result"]["tools"]}
+    Draft202012Validator.check_schema(tools["lab_Arm_forward"]["inputSchema"])
+    assert tools["lab_Arm_forward"]["inputSchema"]["required"] == ["joints"]
+    assert "rtask_Engine_recall_grasps" in tools
+    hints = {name: one["annotations"]["readOnlyHint"] for name, one in tools.items()}
+    assert hints["lab_Arm_forward"]
+    assert not hints["lab_Arm_store"]
+    assert not hints["rtask_Pipeline_run"], "its steps may write"
+    moved = ask("tools/call", name="lab_Arm_forward", arguments={"joints": [0]})["result"]
+    assert moved["structuredContent"]["pose"]["position"]["x"] == 1.0
+    wrong = ask("tools/call", name="lab_Arm_forward", arguments={"joints": [0], "scale": 11})
+    assert wrong["result"]["isError"]
+    assert wrong["result"]["content"][0]["text"] == "scale: 11 is above 10"
+    assert ask("tools/call", name="lab_Arm_fly")["error"]["code"] == -32602
+    assert ask("resources/list")["error"]["code"] == -32601

@@ -1,0 +1,101 @@
+"""Tools of agents: calls hold no thread of the server, and every refusal is a result to read."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from endpoint.access.auth import Authenticator, Caller
+from endpoint.access.tokens import TokenStore
+from endpoint.api.tools import plan_tools
+from endpoint.http.messages import Request
+from endpoint.http.plan import Plan
+from endpoint.settings import Config
+from rtask.kb.commit.access import Access
+from rtask.services import Service, ServiceHost, method
+
+MAY_END = threading.Event()
+
+
+class Waiting(Service):
+    """A service that answers when it may."""
+
+    name = "lab/Waiting"
+
+    @method
+    def answer(self) -> str:
+        """Answer."""
+        MAY_END.wait(20)
+        return "done"
+
+
+class Late(Waiting):
+    """The same, too late."""
+
+    name = "lab/Late"
+    timeout_s = 0.05
+
+
+class Full(Waiting):
+    """The same, with too many callers."""
+
+    name = "lab/Full"
+    max_waiting = 0
+
+
+@pytest.fixture
+def host() -> Iterator[ServiceHost]:
+    MAY_END.clear()
+    with ServiceHost([Waiting, Late, Full]) as opened:
+        yield opened
+        MAY_END.set()
+
+
+def planned(host: ServiceHost, tool: str) -> Plan:
+    """Return the plan of one call of a tool by a robot."""
+    message = {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": tool}}
+    headers = {"host": "localhost", "content-type": "application/json"}
+    request = Request("POST", "/mcp", "", headers, json.dumps(message).encode())
+    auth = Authenticator(TokenStore(None), Config())
+    return plan_tools(host, auth, request, Caller(Access("nao-1", "robot")))
+
+
+def result(plan: Plan) -> dict[str, Any]:
+    answer = json.loads(plan.run().body)
+    assert answer["id"] == 7
+    found: dict[str, Any] = answer["result"]
+    return found
+
+
+def test_a_call_runs_in_the_threads_of_the_services(host):
+    plan = planned(host, "lab_Waiting_answer")
+    assert plan.elsewhere is not None
+    work = plan.elsewhere.start()
+    assert not work.done()
+    MAY_END.set()
+    work.result(20)
+    assert result(plan)["structuredContent"] == {"result": "done"}
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [("lab_Late_answer", "no answer within 0.05 s"), ("lab_Full_answer", "try again later")],
+)
+def test_an_agent_reads_why_there_is_no_answer(host, tool, words):
+    plan = planned(host, tool)
+    assert plan.elsewhere is not None
+    plan.elsewhere.start()
+    refused = result(plan)
+    assert refused["isError"]
+    assert words in refused["content"][0]["text"]
+
+
+def test_a_call_that_was_given_up_in_the_queue_is_late(host):
+    plan = planned(host, "lab_Late_answer")
+    assert plan.elsewhere is not None
+    plan.elsewhere.stop()
+    assert "no answer within 0.05 s" in result(plan)["content"][0]["text"]

@@ -1,0 +1,166 @@
+"""The node with a real master, a real server and a robot's node, each in its own process."""
+
+from __future__ import annotations
+
+import pytest
+
+from features.codec import encode_frame
+from features.perception import perceive
+from rtask.engine.operations.table import OPERATIONS
+from tests.rtask.interop.ros.scene import BASE_FROM_CAMERA, view
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+HAND = {"name": "hand", "gripper_type": "nao_hand", "max_opening": 0.09, "max_payload": 0.5}
+SUCCEEDED, ABORTED, PREEMPTED = 3, 4, 2
+
+
+def test_every_operation_is_a_service_that_answers_or_says_why(robot):
+    said = {name: robot.call(f"/rtask/{name}") for name in OPERATIONS}
+    assert all(isinstance(one, str) for one in said.values())
+    assert "name: expected a text" in said["register_robot"]
+    assert "objects" in said["insert_object"]
+    # All defaults: nothing is stored by a call that says nothing.
+    assert "success" in said["report_outcome"] or "gripper_id" in said["report_outcome"]
+
+
+@pytest.fixture(scope="module")
+def registered(robot):
+    answer = robot.call("/rtask/register_robot", name="nao-1", model="nao", end_effectors=[HAND])
+    assert answer["robot"].endswith("/nao-1")
+    return answer["robot"]
+
+
+@pytest.fixture(scope="module")
+def gripper(registered):
+    return f"{registered}/hand"
+
+
+@pytest.fixture(scope="module")
+def taught(robot, gripper):
+    """Objects of the view by name, stored over ROS with what came of grasping them."""
+    names = ("soap", "tea")
+    seen = perceive(view(), BASE_FROM_CAMERA).objects
+    assert len(seen) == len(names)
+    for name, one in zip(names, seen, strict=True):
+        entry = {"data": encode_frame(one.crop).hex(), "name": name, "gripper_id": gripper,
+                 "class_description": "box", "task_id": f"task-{name}"}  # fmt: skip
+        answer = robot.call("/rtask/insert_object", objects=[entry])
+        assert answer["stored"] == 1, answer
+    return answer["objects"][0]["object"]
+
+
+def test_a_pose_without_rotation_is_an_error_and_not_identity(robot, taught, gripper):
+    answer = robot.call(
+        "/rtask/search_object", data=encode_frame(view()).hex(), sensor_pose=[{}]
+    )  # fmt: skip
+    assert "sensor_pose" in answer
+    assert "quaternion" in answer
+
+
+@pytest.fixture(scope="module")
+def seen(robot, taught, gripper):
+    """How a goal ended that looks at both objects."""
+    robot("listen", topic="/rtask/objects", type="visualization_msgs/MarkerArray")
+    robot("show", stamp=100.0, tf_stamp=100.0)
+    return robot("see", goal={"gripper_id": gripper, "propose": True}, since=100.0)
+
+
+def test_see_recognises_what_was_taught_with_feedback_and_latched_grasps(robot, seen):
+    assert seen["state"] == SUCCEEDED, seen["text"]
+    # The last feedback and the result come on two connections: either may be first.
+    assert seen["feedback"] in ([1], [1, 2])
+    found = seen["result"]["objects"]
+    assert sorted(one["name"] for one in found) == ["soap", "tea"]
+    assert all(one["header"]["stamp"]["secs"] == 100 for one in found)
+    by_name = {one["name"]: one for one in found}
+    position = by_name["soap"]["pose"]["position"]
+    assert position["y"] > 0 > by_name["tea"]["pose"]["position"]["y"] or position["y"] < 0
+    assert abs(position["z"] - 0.30) < 0.02  # half of a height of 6 or 8 cm over the table
+    # Latched: a subscriber that comes late hears it.
+    robot("listen", topic="/rtask/grasps", type="moveit_msgs/Grasp")
+    grasp = robot("hear", topic="/rtask/grasps")
+    assert grasp["grasp_pose"]["header"]["frame_id"] == "base_footprint"
+    markers = robot("hear", topic="/rtask/objects")["markers"]
+    assert len(markers) == 1 + 2 * len(found)
+    assert {m["text"].partition(" ")[0] for m in markers if m["text"]} == {"soap", "tea"}
+
+
+def test_a_forgotten_success_stores_nothing(robot, seen, gripper):
+    one = seen["result"]["objects"][0]
+    told = {"task_id": one["task_id"], "object": one["object"], "grasp": one["grasps"][0]["id"]}
+    told["gripper_id"] = gripper
+    before = robot.call("/rtask/recall_grasps", object=one["object"])["grasps"]
+    assert "success" in robot.call("/rtask/report_outcome", **told)
+    assert "outcome.success is missing" in robot.call("/rtask/report_outcome", **told, outcome=[{}])
+    assert robot.call("/rtask/recall_grasps", object=one["object"])["grasps"] == before == []
+    stored = robot.call("/rtask/report_outcome", **told, success=[False])
+    assert not isinstance(stored, str), stored
+    counted = stored["statistics"]
+    assert (stored["stored"], counted["attempts"], counted["successes"]) == (1, 1, 0)
+    assert robot.call("/rtask/report_outcome", **told, success=[True])["stored"] == 0
+    grasps = robot.call("/rtask/recall_grasps", object=one["object"])["grasps"]
+    assert len(grasps) == 1
+    assert set(grasps[0]["grasp_posture"]) == {"header", "joint_names", "points"}
+    assert grasps[0]["statistics"]["attempts"] == 1
+
+
+def test_a_cancelled_goal_ends_at_its_first_feedback(robot, taught, gripper):
+    robot("show", stamp=101.0, tf_stamp=101.0)
+    seen = robot("see", goal={"gripper_id": gripper}, since=101.0, cancel=True)
+    assert (seen["state"], seen["feedback"]) == (PREEMPTED, [1])
+    assert robot("see", goal={"gripper_id": gripper})["state"] == SUCCEEDED
+
+
+def test_an_error_of_the_server_is_told_with_the_object(robot, registered):
+    robot("show", stamp=102.0, tf_stamp=102.0)
+    seen = robot("see", goal={"gripper_id": "no-such-hand"}, since=102.0)
+    assert seen["state"] == SUCCEEDED
+    assert {one["task_response"] for one in seen["result"]["objects"]} == {"error"}
+    assert "no-such-hand" in seen["result"]["objects"][0]["error"]
+
+
+def test_the_camera_is_never_taken_from_another_time(robot, gripper):
+    robot("show", stamp=200.0)
+    seen = robot("see", goal={"gripper_id": gripper}, since=200.0)
+    assert seen["state"] == ABORTED
+    assert "no transform from camera_optical to base_footprint at 200.000 s" in seen["text"]
+
+
+def test_a_cloud_without_colours_is_refused_with_what_to_publish(robot, gripper):
+    robot("show", stamp=201.0, tf_stamp=201.0, colour=False)
+    seen = robot("see", goal={"gripper_id": gripper}, since=201.0)
+    assert seen["state"] == ABORTED
+    assert "has no colours" in seen["text"]
+
+
+def test_a_cloud_that_does_not_come_is_an_error_that_names_the_topic(robot, gripper):
+    seen = robot("see", goal={"gripper_id": gripper}, since=900.0)
+    assert seen["state"] == ABORTED
+    assert "no cloud since 900.000 s came on /camera/points within 5 s" in seen["text"]
+
+
+def test_the_segmentation_service_cuts_a_cloud(robot):
+    found = robot("segment", stamp=300.0, tf_stamp=300.0)
+    assert (found["status"], found["frame"], len(found["points"])) == ("ok", "base_footprint", 2)
+    assert abs(found["table"] - 0.27) < 0.005
+    assert min(found["points"]) > 500
+
+
+def test_changes_of_the_graph_are_a_topic(robot, node):
+    robot("listen", topic="/rtask/changes", type="rtask_msgs/Change")
+    robot("connect", topic="/rtask/changes")
+    # The node starts to follow with the first subscriber, on a connection of its own.
+    for number in range(20):
+        robot.call("/rtask/register_robot", name=f"r-{number}", model="nao", end_effectors=[HAND])
+        change = robot("hear", topic="/rtask/changes", wait_s=1.0)
+        if change is not None:
+            break
+    assert change is not None
+    assert change["added"] > 0
+    assert change["graphs"][0].rpartition("/")[2].startswith("r-")
+
+
+def test_a_cloud_message_is_searched_for_as_it_is(robot, taught):
+    answer = robot("search", stamp=1.0)
+    assert "similar_objects" in answer, answer

@@ -1,0 +1,82 @@
+"""Fleets replayed from a table of attempts: an ideal memory wins, a shuffled one does not."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from rtask.errors import UsageError
+from simulate.fleet.commands import sharing
+from simulate.fleet.replay import COLUMNS, replay, replay_rows
+from simulate.study.attempt_table import read_attempts
+
+
+def _thing(number: int, secret: int | None, slides: int = 7) -> dict[str, Any]:
+    """Return a product that one of several places holds (None = all); the middle looks best."""
+    middle = slides // 2
+    arms = [
+        {
+            "x": 0.015 * (k - middle), "y": 0.0, "z": 0.02, "theta": 1.57,
+            "quality": 0.95 - 0.03 * abs(k - middle), "held": [secret in (k, None)] * 3,
+        }
+        for k in range(slides)
+    ]  # fmt: skip
+    return {
+        "product": f"bar-{number}", "kind": "bar", "size": [0.12, 0.03, 0.03], "arms": arms
+    }  # fmt: skip
+
+
+def _table(secrets: list[int | None]) -> dict[str, Any]:
+    things = [_thing(k, secret) for k, secret in enumerate(secrets)]
+    return {"format": 1, "settings": {"hand": "panda"}, "products": things}
+
+
+def test_an_ideal_memory_wins_most_of_the_headroom_and_a_shuffled_one_nothing() -> None:
+    summary = replay(_table([0, 1, 5, 6, 0, 1, 5, 6]), 12, 4, 6, seed=1)
+    assert summary["oracle_first_try"] == 1.0
+    shared, shuffled = (summary["conditions"][name] for name in ("shared", "shuffled"))
+    assert shared["headroom_won"] >= 0.6
+    assert shared["effect_interval95"][1] < 0
+    assert shared["robot_2"] < shared["robot_1"]
+    assert shuffled["headroom_won"] < 0.3
+    assert shuffled["effect"] > shared["effect"] + 1
+    rows = replay_rows(summary)
+    assert [len(row) for row in rows] == [len(COLUMNS)] * 3
+
+
+def test_sharing_changes_nothing_where_any_grasp_holds() -> None:
+    found = replay(_table([None] * 4), 20, 4, 6, seed=1)["conditions"]["shared"]
+    assert (found["robot_1"], found["robot_2"], found["effect"]) == (1.0, 1.0, 0.0)
+
+
+def test_the_seed_decides_the_replay() -> None:
+    table = _table([0, 5, 6, 1])
+    assert replay(table, 3, 2, 6, seed=4) == replay(table, 3, 2, 6, seed=4)
+    assert replay(table, 3, 2, 6, seed=4) != replay(table, 3, 2, 6, seed=5)
+
+
+def test_a_table_that_is_too_small_is_refused() -> None:
+    with pytest.raises(UsageError, match="a fleet takes 8 products, and the table has 2"):
+        replay(_table([0, 1]), 1, 8, 6, seed=0)
+
+
+@pytest.mark.parametrize("settings", [{}, {"hand": "claw"}, {"hand": "none.json"}])
+def test_a_table_of_an_unknown_hand_is_refused(tmp_path, settings) -> None:
+    path = tmp_path / "attempts.json"
+    path.write_text(json.dumps({**_table([0, 1]), "settings": settings}))
+    with pytest.raises(UsageError, match="holds no table of attempts"):
+        read_attempts(path)
+
+
+def test_the_command_replays_a_table(tmp_path) -> None:
+    path = tmp_path / "attempts.json"
+    path.write_text(json.dumps(_table([0, 1, 5, 6])))
+    args = ["--fleets", "5", "--from-attempts", str(path), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(sharing, [*args, "--json"], catch_exceptions=False)
+    assert json.loads(done.output)["fleets"] == 5
+    assert (tmp_path / "out" / "replay.json").exists()
+    shown = CliRunner().invoke(sharing, args, catch_exceptions=False)
+    assert "a look-alike" in shown.output

@@ -1,0 +1,107 @@
+"""Piles touch, the arm picks from them, and the report counts what was true."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from grasp.spatial.candidate import Proposals
+from rtask.engine.perception.clutter import ClutterView
+from simulate.grasping import clearing
+from simulate.grasping.clutter import look_at_clutter
+from simulate.grasping.pushing import plan_push
+from simulate.study.clutter.report import clutter_rows, summarise_piles, summarise_tables
+from simulate.study.clutter.trial import ARM, clear_trial, laid_table, pile_trial
+
+PILE = {"seed": 3, "objects": 4, "preset": "fast"}
+
+
+@pytest.mark.slow
+def test_a_pile_touches_and_lies_on_the_table():
+    with laid_table(PILE, 0) as table:
+        world = table.cell.world
+        assert table.touching >= 2
+        for body in table.things:
+            pose = world.object_pose(body)
+            assert pose.z > world.table_height
+            assert abs(pose.x - 0.46) < 0.2
+            assert abs(pose.y) < 0.2
+        view = look_at_clutter(table.cell.executor)
+        assert len(view.segments) >= 2
+        assert view.table_height == pytest.approx(world.table_height, abs=0.004)
+
+
+@pytest.mark.slow
+def test_a_pick_lifts_one_thing_and_is_the_same_every_time():
+    first = pile_trial(PILE, 0)
+    assert first["lifted"]
+    assert first["reason"] == "ok"
+    assert pile_trial(PILE, 0) == first
+
+
+@pytest.mark.slow
+def test_a_table_is_cleared_and_truth_agrees():
+    result = clear_trial({"seed": 3, "objects": 2, "preset": "fast"}, 1)
+    assert result["cleared"] == 2
+    assert result["left"] == []
+    assert sum(move["lifted"] for move in result["moves"]) >= 2
+
+
+@pytest.mark.slow
+def test_a_push_moves_the_thing():
+    with laid_table({"seed": 3, "objects": 1, "preset": "fast"}, 2) as table:
+        executor, (body,) = table.cell.executor, table.things
+        view = look_at_clutter(executor)
+        before = table.cell.world.object_pose(body).position
+        plan = plan_push(view, int(view.labels.max()), executor, ARM)
+        run = executor.begin(plan)
+        assert run.pretend() == "ok"
+        run.put_back()
+        moved = table.cell.world.object_pose(body).position - before
+        assert np.linalg.norm(moved[:2]) > 0.02
+
+
+def test_a_push_that_did_not_arrive_says_why(monkeypatch):
+    points = np.zeros((50, 3))
+    view = ClutterView(points, np.ones(50, np.int32), np.ones(3), np.array([0, 0, 1.0, 0]), 0.0)
+    nothing = Proposals(reason="no hand closes on a single object")
+    for name, value in (
+        ("hand_of", None), ("look_at_clutter", view), ("plan_in_view", nothing),
+        ("pick_from", None), ("plan_push", "a plan"),
+    ):  # fmt: skip
+        monkeypatch.setattr(clearing, name, lambda *args, value=value: value)
+    run = SimpleNamespace(pretend=lambda: "tracking")
+    executor = SimpleNamespace(robot=SimpleNamespace(arm=str), begin=lambda plan: run)
+    moves = list(clearing.clear_clutter(executor, "arm"))
+    assert [(move.kind, move.reason) for move in moves] == [
+        *[("push", "tracking")] * 4, ("none", nothing.reason)
+    ]  # fmt: skip
+
+
+def a_pile(lifted, reason, **more):
+    return {"touching": 3, "lifted": lifted, "reason": reason, "placed": lifted, "moved": 0,
+            "refused": [], **more}  # fmt: skip
+
+
+def test_a_pile_without_a_pick_counts_as_missed():
+    summary = summarise_piles([a_pile(True, "ok"), a_pile(False, "out_of_reach")])
+    first = summary["shares"]["first pick lifts"]
+    assert (first["hits"], first["n"]) == (1, 2)
+    assert summary["reasons"] == {"ok": 1, "out_of_reach": 1}
+    assert clutter_rows(summary)[0][:3] == ("first pick lifts", "0.500", "1 of 2")
+
+
+def test_tables_are_resampled_whole():
+    pick = {"kind": "pick", "reason": "ok", "lifted": True}
+    tables = [
+        {"objects": 10, "cleared": c, "touching": 1, "moves": [pick], "off_table": 0, "pushes": 1}
+        for c in (10, 10, 4)
+    ]
+    shares = summarise_tables(tables)["shares"]
+    assert shares["things cleared"]["share"] == pytest.approx(0.8)
+    low, high = shares["things cleared"]["interval95"]
+    assert low == pytest.approx(0.4)
+    assert high == 1.0
+    assert shares["tables wholly cleared"]["hits"] == 2

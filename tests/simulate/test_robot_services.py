@@ -1,0 +1,106 @@
+"""Kinematics and planning as services, on every model that comes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import simulate.services
+from rtask.errors import ServiceError
+from rtask.services import ServiceHost
+from simulate.motion.kinematics import Chain
+from simulate.robots import describe
+
+ROBOTS = ("NAO", "Panda", "PlanarArm", "Point")
+
+
+@pytest.fixture(scope="module")
+def host() -> Iterator[ServiceHost]:
+    with ServiceHost(simulate.services.SERVICES, check_every=1) as opened:
+        for name, contents in simulate.services.DATASETS.items():
+            opened.datasets.offer(name, contents)
+        yield opened
+
+
+def test_forward_kinematics_are_those_of_the_robot(host):
+    robot = describe("nao")
+    arm = robot.arm("left_arm")
+    chain = Chain.of(robot, "left_arm")
+    joints = np.array(arm.home)
+    service = host.connect("example/Kinematics", {"robot": "robots/NAO"})
+    root_from_wrist = service.forwardKinematics("left_arm", joints)
+    _, position = chain.tool_poses(joints[None])
+    # The robot's own chain ends in its hand and starts on the floor below the root.
+    wrist_from_tool = np.eye(4)
+    wrist_from_tool[:3, 3] = arm.tcp
+    found = robot.base_from_root.matrix @ root_from_wrist @ wrist_from_tool
+    # URDF text keeps nine digits.
+    np.testing.assert_allclose(found[:3, 3], position[0], atol=1e-8)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_inverse_kinematics_bring_a_reachable_pose_back(host, robot):
+    service = host.connect("example/Kinematics", {"robot": f"robots/{robot}"})
+    rng = np.random.default_rng(3)
+    for arm in service.describe().manipulators:
+        share = rng.random((5, len(arm.joints)))
+        for joints in arm.lower + share * (arm.upper - arm.lower):
+            wanted = service.forwardKinematics(arm.name, joints)
+            answer = service.inverseKinematics(arm.name, wanted)
+            assert len(answer.solutions) >= 1
+            for found in answer.solutions:
+                reached = service.forwardKinematics(arm.name, found)
+                # The tolerances of the service: 1 mm and 0.01 rad.
+                assert np.linalg.norm(reached[:3, 3] - wanted[:3, 3]) <= 1e-3
+                assert np.abs(reached[:3, :3] - wanted[:3, :3]).max() <= 1e-2
+
+
+def test_a_pose_out_of_reach_has_no_solution_and_says_how_far_it_is(host):
+    pose = np.eye(4)
+    pose[0, 3] = 2.0
+    answer = host.connect("example/Kinematics", {"robot": "robots/PlanarArm"}).inverseKinematics(
+        "arm", pose
+    )
+    assert answer.solutions == []
+    # The arm is 1.1 m long; the best posture found weighs distance against orientation.
+    assert 0.9 - 1e-6 <= answer.position_error <= 1.2
+
+
+def test_a_wrong_arm_and_a_wrong_number_of_joints_are_named(host):
+    service = host.connect("example/Kinematics", {"robot": "robots/NAO"})
+    with pytest.raises(ServiceError, match="no arm 'lef_arm'; did you mean 'left_arm'"):
+        service.forwardKinematics("lef_arm", [0.0])
+    with pytest.raises(ServiceError, match=r"the arm has 5 \(LShoulderPitch"):
+        service.linkPoses("left_arm", [0.0])
+
+
+@pytest.mark.parametrize(
+    ("robot", "start", "goal", "obstacle"),
+    [
+        ("PlanarArm", [-2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.7, 0.0, 0.0, 0.1]),
+        ("Point", [-1.0, 0.0], [1.0, 0.0], [0.0, 0.0, 0.0, 0.3]),
+    ],
+)
+def test_a_path_leads_around_what_is_in_the_way(host, robot, start, goal, obstacle):
+    service = host.connect("example/Trajopt", {"robot": f"robots/{robot}"})
+    straight = service.check("arm", [start, goal], [obstacle])
+    assert (straight.free, straight.first_blocked) == (False, 0)
+    planned = service.plan("arm", start, goal, obstacles=[obstacle])
+    assert service.check("arm", planned.path, [obstacle]).free
+    np.testing.assert_array_equal(planned.path[0], start)
+    np.testing.assert_array_equal(planned.path[-1], goal)
+    again = service.plan("arm", start, goal, obstacles=[obstacle])
+    np.testing.assert_array_equal(np.array(again.path), np.array(planned.path))
+    smoothed = service.smooth("arm", planned.path, [obstacle], tries=200)
+    assert smoothed.length <= planned.length
+    assert service.check("arm", smoothed.path, [obstacle]).free
+
+
+def test_a_goal_inside_an_obstacle_is_refused(host):
+    service = host.connect("example/Trajopt", {"robot": "robots/Point"})
+    with pytest.raises(ServiceError, match="goal: the robot touches"):
+        service.plan("arm", [-1, 0], [1, 0], obstacles=[[1, 0, 0, 0.1]])
+    with pytest.raises(ServiceError, match="goal: beyond the limits"):
+        service.plan("arm", [-1, 0], [9, 0])
