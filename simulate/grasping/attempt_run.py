@@ -42,8 +42,8 @@ _SETTLE_S = 0.08
 _CLOSE_S, _OPEN_S, _HOLD_S, _REST_S = 0.8, 0.6, 2.0, 1.0
 _TRACKING_RAD = 0.05
 _CONTACT_CHECK_S = 0.05
-# Shares of the opening: a finger that moves less than this when it closes is stuck; one that is
-# further than that from its commanded position did not open.
+# Shares of the opening: a finger is stuck that moves less than this when it closes, and less than a
+# quarter of its way to the object; one that is further than that from its command did not open.
 _MOVED_OPENING, _OFF_OPENING = 0.05, 0.25
 _HIGHEST_M = 0.20
 _BESIDE_M = 0.05
@@ -154,8 +154,9 @@ class AttemptRun:
         before = self.robot.finger_opening(self.arm)
         self._fingers(0.0, self._hand.close_effort, _CLOSE_S)
         closed = self._end("close").opening
-        if closed <= CLOSED_ON_SOMETHING or before - closed < _MOVED_OPENING:
-            self.reason = "hardware" if before - closed < _MOVED_OPENING else "missed"
+        stuck = self._is_stuck(before, closed)
+        if closed <= CLOSED_ON_SOMETHING or stuck:
+            self.reason = "hardware" if stuck else "missed"
             self.held = Judgement("no", f"opening {before:.2f} -> {closed:.2f} after closing")
             self.back_off()
             self._look_after()
@@ -169,6 +170,11 @@ class AttemptRun:
             self.put_back()
             self._look_after()
         return self.reason
+
+    def _is_stuck(self, before: float, closed: float) -> bool:
+        """Tell whether the fingers moved less than even a wide object would let them."""
+        way = before - self.plan.request.width / self._hand.mouth
+        return before - closed < min(_MOVED_OPENING, way / 4)
 
     def _judge_grasp(self) -> str:
         """Judge by fingers and tool whether an object is held; return the reason code."""

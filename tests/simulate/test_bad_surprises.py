@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,6 +101,16 @@ def test_a_hand_that_does_not_close_is_hardware(cell, can, monkeypatch):
 
     monkeypatch.setattr(cell.robot, "move_fingers", jammed)
     assert cell.executor.execute(plan_of(cell)).reason == "hardware"
+
+
+@pytest.mark.slow
+def test_an_object_nearly_as_wide_as_the_open_hand_is_held(cell, can):
+    mouth = cell.robot.arm("panda_arm").mouth
+    opening = (CAN.dims[0] + 0.003) / mouth
+    plan = replace(plan_of(cell), opening=opening)
+    record = cell.executor.execute(plan)
+    assert opening - record.jaw_gap_m / mouth < 0.05  # what a stuck hand moves at most
+    assert (record.reason, record.held) == ("ok", True)
 
 
 @pytest.mark.slow

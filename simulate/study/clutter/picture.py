@@ -15,7 +15,8 @@ from simulate.robots.description import Floats
 
 __all__ = ["draw_grasps"]
 
-_SIZE_PX = (440, 440)
+_SIZE_PX = 420
+"""Side of the square at the bottom of the view: above it is the robot itself."""
 _FIRST, _OTHERS = (0, 0, 230), (40, 160, 40)
 _SHOWN = 5
 
@@ -65,6 +66,6 @@ def draw_grasps(
         cv2.polylines(image, list(lines[2:]), isClosed=False, color=colour, thickness=1,
                       lineType=cv2.LINE_AA)  # fmt: skip
     height, width = image.shape[:2]
-    top, left = (height - _SIZE_PX[1]) // 2, (width - _SIZE_PX[0]) // 2
+    left = (width - _SIZE_PX) // 2
     path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), image[top : top + _SIZE_PX[1], left : left + _SIZE_PX[0]])
+    cv2.imwrite(str(path), image[height - _SIZE_PX :, left : left + _SIZE_PX])
