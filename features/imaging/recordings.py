@@ -16,20 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.codec.limits import CloudFormatError, Limits
-from features.codec.ros import image_bytes, pcd_from_point_cloud, pixels_of_image
+from features.codec.ros import image_bytes, pcd_from_point_cloud
 from features.codec.sniff import decode
 from features.codec.types import Cloud
 from features.geometry import Frame
-from features.imaging.camera import Lens, align_colour, lens_from_message, undistorted
+from features.imaging.camera import Lens, lens_from_message
 from features.imaging.photo import Photo, read_photo
+from features.imaging.pictures import PAIRED_S, depth_of_message, view_of_images
 
 __all__ = ["first_view", "message_mapping", "views_of"]
 
-_PAIRED_S = 0.1
 _TYPES = tuple(
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2")
 )
-_DEPTH = ("16UC1", "32FC1", "mono16")
 
 
 def first_view(path: Path, at_s: float = 0.0) -> Frame | Cloud | Photo:
@@ -129,11 +128,11 @@ class _Pairing:
         if kind.endswith("PointCloud2"):
             seen = decode(pcd_from_point_cloud(message), Limits(stored_bytes=256 * 2**20))
             return replace(seen, stamp_s=time_s) if isinstance(seen, Cloud) else seen
-        depth = _depth_of(topic, kind, message)
+        depth = depth_of_message(message, "depth" in topic.lower())
         if depth is not None:
             before = self.finish()
             self._depth = (time_s, topic, depth, str(message["header"]["frame_id"]))
-            is_near = self._colour is not None and time_s - self._colour[0] < _PAIRED_S / 4
+            is_near = self._colour is not None and time_s - self._colour[0] < PAIRED_S / 4
             return before if before is not None or not is_near else self.finish()
         photo = read_photo(image_bytes(message))
         seen_before, waiting = self._colour, self._depth
@@ -154,24 +153,16 @@ class _Pairing:
         lens = self._lenses.get(_space(topic))
         if lens is None or depth.shape != (lens.intrinsics.height, lens.intrinsics.width):
             raise CloudFormatError(f"{topic}: no CameraInfo of {depth.shape[::-1]} px beside it")
-        _, straight = undistorted(lens, None, depth)
-        assert straight is not None
-        frame = Frame(straight, lens.intrinsics, frame_id=frame_id, stamp_s=time_s)
         colour = colour or self._colour
-        if colour is None or abs(colour[0] - time_s) > _PAIRED_S:
-            return frame
-        rgb, seen_by = colour[2].rgb, self._lenses.get(_space(colour[1]), lens)
-        size = (seen_by.intrinsics.height, seen_by.intrinsics.width)
-        try:
-            if rgb.shape[:2] != size:
-                aligned = align_colour(straight, lens.intrinsics, rgb)
-            else:
-                flat, _ = undistorted(seen_by, rgb)
-                assert flat is not None
-                aligned = align_colour(straight, lens.intrinsics, flat, seen_by.intrinsics)
-        except ValueError as error:
-            raise CloudFormatError(f"{colour[1]}: {error}") from error
-        return replace(aligned, frame_id=frame_id, stamp_s=time_s)
+        if colour is None or abs(colour[0] - time_s) > PAIRED_S:
+            seen = view_of_images(depth, lens, None)
+        else:
+            seen_by = self._lenses.get(_space(colour[1]), lens)
+            try:
+                seen = view_of_images(depth, lens, colour[2].rgb, seen_by)
+            except ValueError as error:
+                raise CloudFormatError(f"{colour[1]}: {error}") from error
+        return replace(seen, frame_id=frame_id, stamp_s=time_s)
 
 
 def _space(topic: str) -> str:
@@ -184,23 +175,3 @@ def _space(topic: str) -> str:
     if parts[-1] in ("compressed", "compressedDepth"):
         parts = parts[:-1]
     return "/".join(parts[:-1])
-
-
-def _depth_of(topic: str, kind: str, message: Mapping[str, Any]) -> NDArray[np.float32] | None:
-    """Return the depth (h, w), m, that an image message carries; None if it is a colour image."""
-    if kind.endswith("CompressedImage"):
-        if "depth" not in topic.lower() and "compressedDepth" not in str(message["format"]):
-            return None
-        import cv2
-
-        stored = np.frombuffer(image_bytes(message), np.uint8)
-        pixels = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED)
-        if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
-            return None
-        return np.asarray(pixels * 0.001, dtype=np.float32)
-    if message["encoding"] not in _DEPTH:
-        return None
-    values = pixels_of_image(message)
-    if values.dtype == np.float32:
-        return np.asarray(np.nan_to_num(values), dtype=np.float32)
-    return np.asarray(values * 0.001, dtype=np.float32)

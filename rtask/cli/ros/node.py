@@ -75,9 +75,10 @@ def node(
     """Offer the operations of a server in ROS 1, until Ctrl-C.
 
     Services rtask/<operation> and rtask/segment; topics rtask/grasps, rtask/objects and
-    rtask/changes; the action rtask/see, which looks at the clouds on ~points. REMAPS are arguments
-    of ROS: ~points:=/camera/depth_registered/points, __ns:=/robot, _table_height:=0.7. Private
-    parameters: ~url, ~frame, ~gripper_id, ~table_height, ~min_confidence.
+    rtask/changes; the action rtask/see, which looks at the clouds on ~points, or at the depth on
+    ~depth with ~image and ~camera_info. REMAPS are arguments of ROS:
+    ~points:=/camera/depth_registered/points, __ns:=/robot, _table_height:=0.7. Private parameters:
+    ~url, ~frame, ~gripper_id, ~table_height, ~min_confidence.
     """
     import rtask
     from rtask.interop.ros.find import use_ros
@@ -120,7 +121,7 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
     OperationServices(schema, client, best.heard)
     eyes = Eyes(options.frame)
     SegmentService(eyes)
-    SeeAction(eyes, client, options, best.heard)
+    action = SeeAction(eyes, client, options, best.heard)
     ChangeTopic(client.follow)
 
     last = [rospy.Time.now()]
@@ -128,9 +129,10 @@ def _serve(ros_node: RosNode, schema: Schema, client: Client, options: SeeOption
     def each_second() -> None:
         now = rospy.Time.now()
         if now < last[0]:
-            rospy.logwarn("the time jumped back by %.1f s", (last[0] - now).to_sec())
             eyes.transforms.clear()
-            eyes.keeper.forget()
+            eyes.camera.forget()
+            action.forget()
+            rospy.logwarn("the time jumped back by %.1f s", (last[0] - now).to_sec())
         last[0] = now
         if client.waiting:
             try:

@@ -1,8 +1,7 @@
-"""Clouds of a robot's camera with the pose of the camera, and views to clouds."""
+"""Clouds of a camera as views, and views as clouds; the pose of the camera by TF."""
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Any
 
@@ -15,78 +14,14 @@ from features.codec.ros import pcd_from_point_cloud
 from features.geometry import Frame
 from features.imaging.camera import frame_of_grid
 from grasp.spatial.frames import matrix_from_pose
-from rtask.errors import DataError, RemoteUnavailableError, UsageError
+from rtask.errors import DataError, UsageError
 from rtask.interop.ros.convert import raw_mapping
 
-__all__ = ["CloudKeeper", "Transforms", "cloud_message", "frame_of"]
+__all__ = ["Transforms", "cloud_message", "frame_of"]
 
 _TF_S = 0.2
 _MAX_BYTES = 256 * 2**20
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
-
-
-class CloudKeeper:
-    """The newest message of a topic of clouds.
-
-    Parameters
-    ----------
-    topic
-        Name before remapping, ``~points``.
-    """
-
-    def __init__(self, topic: str) -> None:
-        import rospy
-        from sensor_msgs.msg import PointCloud2
-
-        self._newest: Any = None
-        self._came = threading.Condition()
-        self._topic = rospy.Subscriber(
-            topic, PointCloud2, self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
-        )
-
-    @property
-    def topic(self) -> str:
-        """Name after remapping."""
-        return str(self._topic.resolved_name)
-
-    def _take(self, message: Any) -> None:
-        with self._came:
-            self._newest = message
-            self._came.notify_all()
-
-    def forget(self) -> None:
-        """Forget the cloud, such as one from before the time jumped back."""
-        with self._came:
-            self._newest = None
-
-    def wait(self, wait_s: float, since: Any) -> Any:
-        """Return the newest cloud.
-
-        Parameters
-        ----------
-        since
-            Time of ROS; an older cloud is not taken.
-
-        Raises
-        ------
-        RemoteUnavailableError
-            None came within that time.
-        """
-        with self._came:
-            if not self._came.wait_for(lambda: self._is_fresh(since), wait_s):
-                peers = self._topic.get_num_connections()
-                why = "its publisher is silent" if peers else "nobody publishes it"
-                if self._newest is not None:
-                    why = f"the newest is of {self._newest.header.stamp.to_sec():.3f} s"
-                raise RemoteUnavailableError(
-                    f"no cloud since {since.to_sec():.3f} s came on {self.topic} within "
-                    f"{wait_s:g} s: {why}; remap ~points to the topic of your camera, "
-                    "~points:=/camera/depth_registered/points"
-                )
-            return self._newest
-
-    def _is_fresh(self, since: Any) -> bool:
-        return self._newest is not None and bool(self._newest.header.stamp >= since)
 
 
 class Transforms:

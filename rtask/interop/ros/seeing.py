@@ -1,4 +1,4 @@
-"""The action ``rtask/see``: cut the newest cloud into objects and ask the graph about each.
+"""The action ``rtask/see``: cut the newest view into objects and ask the graph about each.
 
 Also the service ``rtask/segment``, and the markers that show rviz what was seen.
 """
@@ -19,7 +19,8 @@ from features.codec import encode_frame
 from features.perception import Perceived, Seen, neighbour_points, perceive
 from grasp.messages import pose_message
 from rtask.errors import DataError, RtaskError
-from rtask.interop.ros.clouds import CloudKeeper, Transforms, cloud_message, frame_of
+from rtask.interop.ros.camera import CameraTopics, Sight
+from rtask.interop.ros.clouds import Transforms, cloud_message, frame_of
 from rtask.interop.ros.convert import JsonObject, fill
 from rtask.interop.ros.node import Caller
 from rtask.interop.ros.package import make_message
@@ -29,7 +30,7 @@ __all__ = ["Eyes", "SeeAction", "SeeOptions", "SegmentService"]
 
 log = logging.getLogger(__name__)
 
-_CLOUD_S = 5.0
+_VIEW_S = 5.0
 _COLOURS = {
     "grasp": (0.1, 0.8, 0.2), "candidate": (0.2, 0.5, 1.0), "no_grasp": (1.0, 0.7, 0.1),
 }  # fmt: skip
@@ -60,46 +61,46 @@ class SeeOptions:
 
 @dataclass(frozen=True)
 class View:
-    """A cloud and what stands in it."""
+    """What stands in a view, and when it was seen."""
 
-    cloud: Any
+    stamp: Any
     base_from_camera: Any
     perceived: Perceived
 
     def header(self, frame: str) -> Any:
-        """Return the time of the cloud with another frame."""
+        """Return the time of the view with another frame."""
         header = make_message("std_msgs/Header")
-        header.stamp, header.frame_id = self.cloud.header.stamp, frame
+        header.stamp, header.frame_id = self.stamp, frame
         return header
 
 
 class Eyes:
-    """Views of the robot's camera: the newest cloud, posed by TF, cut into objects."""
+    """Views of the robot's camera: the newest one, posed by TF, cut into objects."""
 
     def __init__(self, frame: str) -> None:
         self.frame = frame
-        self.keeper = CloudKeeper("~points")
+        self.camera = CameraTopics()
         self.transforms = Transforms()
 
     def look(self, since: Any) -> View:
-        """Return a view of the newest cloud that is not older than a time.
+        """Return what the camera sees that is not older than a time.
 
         Raises
         ------
         RemoteUnavailableError, UsageError, DataError
-            No cloud came, TF does not say where the camera was, or the cloud shows no picture.
+            Nothing came, TF does not say where the camera was, or it shows no picture.
         """
-        return self.view(self.keeper.wait(_CLOUD_S, since))
+        return self.view(self.camera.wait(_VIEW_S, since))
 
-    def view(self, cloud: Any) -> View:
-        """Return a view of a cloud; raises as :meth:`look` does."""
-        stamp, camera = cloud.header.stamp, cloud.header.frame_id
+    def view(self, sight: Sight) -> View:
+        """Return what a view shows; raises as :meth:`look` does."""
+        stamp, camera = sight.header.stamp, sight.header.frame_id
         base_from_camera = self.transforms.lookup(self.frame, camera, stamp)
-        frame = frame_of(cloud)
+        frame = sight.read()
         try:
-            return View(cloud, base_from_camera, perceive(frame, base_from_camera))
+            return View(stamp, base_from_camera, perceive(frame, base_from_camera))
         except ValueError as error:
-            raise DataError(f"the cloud in {camera}: {error}; are its points in m?") from error
+            raise DataError(f"the view in {camera}: {error}; is its depth in m?") from error
 
 
 def box_of(seen: Seen) -> tuple[Any, Any]:
@@ -131,7 +132,8 @@ class SegmentService:
         import rospy
 
         try:
-            view = self._eyes.view(request.cloud)
+            cloud = request.cloud
+            view = self._eyes.view(Sight(cloud.header, lambda: frame_of(cloud)))
         except RtaskError as error:
             raise rospy.ServiceException(refusal(error)) from error
         answer = self._answer()
@@ -170,6 +172,20 @@ class SeeAction:
         self._server = actionlib.SimpleActionServer("rtask/see", kind, self._execute, False)
         self._server.register_preempt_callback(lambda: self._cancel())
         self._server.start()
+
+    def forget(self) -> None:
+        """Forget former goals after a jump back in time.
+
+        actionlib recalls every goal that is older than its last one.
+        """
+        import actionlib
+        import rospy
+
+        server = self._server
+        with server.lock:
+            if not server.is_active():
+                server.current_goal = server.next_goal = actionlib.ServerGoalHandle()
+            server.action_server.last_cancel = rospy.Time()
 
     def _execute(self, goal: Any) -> None:
         """Answer one goal: the calls run in a thread, so that cancelling does not wait for them."""
@@ -241,7 +257,7 @@ class SeeAction:
         return one
 
     def _request(self, goal: Any, view: View, seen: Seen) -> JsonObject:
-        options, stamp = self._options, view.cloud.header.stamp
+        options, stamp = self._options, view.stamp
         table = options.table_height
         asked: JsonObject = {
             "gripper_id": goal.gripper_id or options.gripper_id,

@@ -13,7 +13,9 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rtask.engine.operations.table import OPERATIONS
 from rtask.interop.ros.convert import fill, mapping_of
@@ -31,7 +33,7 @@ import rospy  # noqa: E402
 import tf2_msgs.msg  # noqa: E402
 from geometry_msgs.msg import TransformStamped  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import PointCloud2  # noqa: E402
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2  # noqa: E402
 
 from rtask.interop.ros.clouds import cloud_message  # noqa: E402
 
@@ -48,7 +50,7 @@ class Robot:
         self.heard: dict[str, list[Any]] = {}
         self.came = threading.Condition()
         self.topics: dict[str, Any] = {}
-        self.see_client: Any = None
+        self.see_clients: dict[str, Any] = {}
         self.clouds = rospy.Publisher("/camera/points", PointCloud2, queue_size=1, latch=True)
         self.tf = rospy.Publisher("/tf", tf2_msgs.msg.TFMessage, queue_size=10, latch=True)
 
@@ -114,6 +116,34 @@ class Robot:
         self.clouds.publish(cloud_message(frame.points(), rgb, header))
         return None
 
+    def photograph(
+        self, depth_stamp: float, image_stamp: float, tf_stamp: float, compressed: bool = False
+    ) -> Any:
+        """Publish the view as depth, in mm, with a colour image and the camera beside it."""
+        self.tf.publish(tf2_msgs.msg.TFMessage([transform(tf_stamp)]))
+        rospy.rostime.wallsleep(0.5)  # nothing tells when the node has it
+        frame = view()
+        assert frame.rgb is not None
+        depth = np.rint(frame.depth_m * 1000).astype("<u2")
+        lens = frame.intrinsics
+        info = CameraInfo(width=lens.width, height=lens.height)
+        info.K = [lens.fx, 0.0, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0]
+        images: list[Any] = [image_of(depth, "16UC1"), image_of(frame.rgb, "rgb8")]
+        if compressed:
+            picture = cv2.imencode(".png", np.ascontiguousarray(frame.rgb[..., ::-1]))[1]
+            images[1] = CompressedImage(format="png", data=picture.tobytes())
+        for one, topic, stamp in zip(
+            (info, *images),
+            ("/camera/info", "/camera/depth", "/camera/packed" if compressed else "/camera/image"),
+            (depth_stamp, depth_stamp, image_stamp),
+            strict=True,
+        ):
+            one.header.stamp, one.header.frame_id = rospy.Time.from_sec(stamp), frame.frame_id
+            if topic not in self.topics:
+                self.topics[topic] = rospy.Publisher(topic, type(one), queue_size=1, latch=True)
+            self.topics[topic].publish(one)
+        return None
+
     def segment(self, stamp: float, tf_stamp: float) -> Any:
         """Call the service that cuts the view; return its answer without the points."""
         self.tf.publish(tf2_msgs.msg.TFMessage([transform(tf_stamp)]))
@@ -139,30 +169,34 @@ class Robot:
         request.data_cloud = [cloud_message(frame.points(), frame.rgb, header)]
         return plain(rospy.ServiceProxy("/rtask/search_object", kind)(request))
 
-    def see(self, goal: dict[str, Any], since: float = 0.0, cancel: bool = False) -> Any:
-        """Send a goal for a cloud since a time; perhaps cancel it at its first feedback."""
-        if self.see_client is None:
-            self.see_client = actionlib.SimpleActionClient(
-                "rtask/see", class_of("rtask_msgs/SeeAction")
+    def see(
+        self, goal: dict[str, Any], since: float = 0.0, cancel: bool = False, node: str = ""
+    ) -> Any:
+        """Send a goal for a view since a time; perhaps cancel it at its first feedback."""
+        if node not in self.see_clients:
+            made = actionlib.SimpleActionClient(
+                f"{node}/rtask/see", class_of("rtask_msgs/SeeAction")
             )
-            assert self.see_client.wait_for_server(rospy.Duration(WAIT_S))
+            assert made.wait_for_server(rospy.Duration(WAIT_S))
+            self.see_clients[node] = made
+        client = self.see_clients[node]
         told: list[Any] = []
 
         def feedback(one: Any) -> None:
             told.append(one.number)
             if cancel:
-                self.see_client.cancel_goal()
+                client.cancel_goal()
 
         message = filled(make_message("rtask_msgs/SeeGoal"), goal)
         message.header.stamp = rospy.Time.from_sec(since)
-        self.see_client.send_goal(message, feedback_cb=feedback)
-        done = self.see_client.wait_for_result(rospy.Duration(60))
-        result = self.see_client.get_result()
+        client.send_goal(message, feedback_cb=feedback)
+        done = client.wait_for_result(rospy.Duration(60))
+        result = client.get_result()
         return {
             "done": done,
-            "state": self.see_client.get_state(),
+            "state": client.get_state(),
             "feedback": told,
-            "text": self.see_client.get_goal_status_text(),
+            "text": client.get_goal_status_text(),
             "result": plain(result),
         }
 
@@ -238,6 +272,13 @@ class Robot:
     def parameter(self, name: str, value: Any) -> Any:
         rospy.set_param(name, value)
         return None
+
+
+def image_of(pixels: NDArray[Any], encoding: str) -> Any:
+    """Return a sensor_msgs/Image."""
+    height, width = pixels.shape[:2]
+    step = pixels[0].nbytes
+    return Image(height=height, width=width, encoding=encoding, step=step, data=pixels.tobytes())
 
 
 def filled(message: Any, fields: dict[str, Any]) -> Any:

@@ -9,6 +9,7 @@ import pytest
 from rtask.interop.ros.find import use_ros
 from rtask.interop.ros.master import Master
 from tests.rtask.interop.ros.conftest import Robot, RosMaster, free_port, running
+from tests.rtask.interop.ros.test_node import ABORTED, SUCCEEDED
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -101,6 +102,29 @@ def test_a_clock_that_nobody_publishes_is_named(own_master, start_node):
     with running(child):
         child.expect("rtask: /use_sim_time is set and nobody published /clock within 1 s")
         assert child.finish() == 1
+
+
+def test_what_was_seen_before_time_jumped_back_is_forgotten(own_master, start_node, ros_server):
+    Master(own_master.uri).ask("setParam", "/use_sim_time", True)
+    robot = Robot(own_master)
+    with running(robot.child):
+        robot("tick", seconds=100.0)
+        child = start_node("ros", "node", "--server", ros_server.url, "--gripper", "none",
+                           "~points:=/camera/points", **own_master.environment)  # fmt: skip
+        with running(child):
+            child.expect("ready /rtask_node")
+            robot("show", stamp=100.0, tf_stamp=100.0)
+            assert robot("see", goal={}, since=100.0)["state"] == SUCCEEDED
+            robot("tick", seconds=50.0)
+            child.expect("[WARN]")
+            assert "the time jumped back by 50.0 s" in child.said[-1]
+            seen = robot("see", goal={})
+            assert seen["state"] == ABORTED, seen["text"]
+            assert "no cloud since" in seen["text"]
+            # TF keeps ten seconds: the pose of second 50 would be refused beside that of 100.
+            robot("show", stamp=50.0, tf_stamp=50.0)
+            seen = robot("see", goal={}, since=50.0)
+            assert seen["state"] == SUCCEEDED, seen["text"]
 
 
 def test_a_node_whose_name_another_takes_ends_and_says_why(own_master, start_node, ros_server):
