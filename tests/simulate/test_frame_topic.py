@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Iterator
 
@@ -52,10 +53,17 @@ def test_a_still_scene_is_sent_once_and_who_comes_late_sees_the_last_one(
     patient = SceneChangeParams(max_age_s=3600)  # however slow the machine is
     with FramePublisher(server.url, "nao-9", params=patient) as robot:
         reasons = [robot.offer(_table(noise=k)).reason for k in range(8)]
+        early = FrameKeeper()
+        listener = threading.Thread(target=_subscribe, args=(server, robot.topic, early, 2))
+        listener.start()
+        while early.received < 1:  # the first one is kept for it
+            assert listener.is_alive()
+            time.sleep(0.01)
         reasons += [robot.offer(_table(30, noise=k)).reason for k in range(8, 12)]
         assert reasons == ["first", *["unchanged"] * 7, "depth", *["unchanged"] * 3]
         assert (robot.offered, robot.sent) == (12, 2)
-        time.sleep(0.2)  # the second message must have arrived before somebody subscribes
+        listener.join(60)
+        assert early.received == 2  # so the server has it, before somebody else subscribes
         late = FrameKeeper()
         _subscribe(server, robot.topic, late, 1)
     assert late.frame is not None
