@@ -432,6 +432,9 @@ class SceneSegment(TypedDict):
     points: int
     centre: list[float]
     size: list[float]
+    object: str
+    label: str
+    confidence: float
 
 
 class SceneGrasp(TypedDict):
@@ -448,6 +451,13 @@ class SceneGrasp(TypedDict):
     max_contact_force: float
     allowed_touch_objects: list[str]
     segment: int
+    object: str
+    kind: str
+    tool_pose: dict[str, Any]
+    x: float
+    y: float
+    z: float
+    theta: float
     width: float
     opening: float
     confidence: float
@@ -818,6 +828,7 @@ class Calls(ABC):
         region: list[float] | None = None,
         min_confidence: float | None = None,
         complete: bool | None = None,
+        recognise: bool | None = None,
         max_grasps: int | None = None,
         samples: int | None = None,
         seed: int | None = None,
@@ -842,6 +853,8 @@ class Calls(ABC):
             c_G; grasps below it are not offered; default: 0.0
         complete
             complete the hidden sides of things; default: True
+        recognise
+            look each thing up in the graph; needs colours; default: False
         max_grasps
             maximum number of grasps; default: 10
         samples

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Frame
 from features.perception import Ignored, Perceived, Seen, neighbour_points, perceive
+from simulate.agent.crowd import Crowd
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.messages import (
     distinct,
@@ -76,6 +77,10 @@ class Body(Protocol):
         """Kind of physics that it is in: faithful, fast or real."""
 
     @property
+    def takes_poses(self) -> bool:
+        """Whether its arms bring the tool to any pose, with six joints or more."""
+
+    @property
     def ignored(self) -> tuple[Ignored, ...]:
         """Regions of the table whose contents are ignored, such as the robot's boxes."""
 
@@ -95,6 +100,8 @@ class Server(Protocol):
     """Operations of the engine that the agent calls; clients of :func:`rtask.connect` have them."""
 
     def recognise_for_grasp(self, **request: Any) -> dict[str, Any]: ...
+
+    def plan_on_scene(self, **request: Any) -> Mapping[str, Any]: ...
 
     def insert_object(self, **request: Any) -> dict[str, Any]: ...
 
@@ -157,6 +164,7 @@ class Agent:
         self._on_sight = on_sight
         self._on_frame = on_frame
         self._tracker = Tracker()
+        self._crowd = Crowd(server)
         self._runs = 0
 
     def clear_table(self) -> list[Encounter]:
@@ -168,7 +176,7 @@ class Agent:
     def _clear_side(self, side: str) -> None:
         handled: TrackedObject | None = None
         sign = -1 if side == "right" else 1
-        for _ in range(self.config.max_looks):
+        for number in range(self.config.max_looks):
             started = time.perf_counter()
             frame, base_from_camera = self.body.look(side)
             view = perceive(frame, base_from_camera, self.body.ignored)
@@ -180,9 +188,17 @@ class Agent:
             todo = [thing for thing in things if not thing.finished]
             if not todo:
                 return
-            # The outermost first: the hand comes from outside, and each success clears its path.
-            # What was out of reach behind others waits until they are gone.
-            handled = max(todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign))
+            if self.body.takes_poses:
+                request = {"gripper_id": self.body.gripper_ids[side],
+                           "frame_id": self.body.base_frame,
+                           "seed": mix_seed(self.config.seed, number)}  # fmt: skip
+                self._crowd.look(frame, base_from_camera, view, todo, request)
+            # What touches others by the best grasp of all, then the outermost: the hand comes from
+            # outside, and each success clears its path. What was out of reach behind others waits
+            # until they are gone.
+            handled = self._crowd.first(todo) or max(
+                todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign)
+            )
             may_wait = any(not t.waiting for t in todo if t is not handled)
             self._attempt(handled, side, view, base_from_camera, looked_s, may_wait)
 
@@ -224,6 +240,8 @@ class Agent:
         if not encounter.is_seen:
             encounter = self._first_sight(encounter, thing, answer)
             number = encounter.tries + 1
+        grasps = self._crowd.merged(thing, answer["grasps"], self.config.max_plans)
+        answer = {**answer, "grasps": grasps}
         planned = self._plan(thing, view, answer, seconds)
         if planned.plan is None or planned.grasp is None:
             if may_wait and not thing.waiting:
@@ -244,6 +262,8 @@ class Agent:
         started = time.perf_counter()
         record, pictures = self.body.execute(planned.plan)
         seconds["move"] = time.perf_counter() - started
+        if not record.held:
+            self._crowd.fail(thing, grasp)
         outcome = outcome_message(record, number, answer, grasp, seconds, pictures)
         if record.reason != "not_judged":  # else the physics diverged: no fault of the grasp
             self._report(encounter, thing, observation, answer, grasp, outcome, record.end_effector)
@@ -320,6 +340,8 @@ class Agent:
         best: _Planning | None = None
         reason = "no_grasp"
         for stances, (rank, grasp) in product(_STANCES, grasps):
+            if stances == "other" and "tool_pose" in grasp:
+                continue
             request = grasp_request(thing, grasp, view.table_height, stances)
             planned = self.body.plan(request, obstacles, seed=mix_seed(self.config.seed, rank))
             ranked = {**grasp, "rank": rank + 1}
@@ -371,11 +393,11 @@ class Agent:
         outcome: dict[str, Any],
         gripper_id: str,
     ) -> None:
-        """Report the outcome, together with the view unless the graph knows the object well."""
+        """Report the outcome, together with the view unless the graph knows object and grasp."""
         started = time.perf_counter()
         common = {"gripper_id": gripper_id, "task": "pick"}
         well_known = encounter.recognised and encounter.confidence >= _CONFIDENT
-        if thing.object_iri and well_known:
+        if thing.object_iri and well_known and "tool_pose" not in grasp:
             self.server.report_outcome(
                 task_id=answer["task_id"],
                 object=thing.object_iri,

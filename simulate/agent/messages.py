@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from features.codec import encode_frame, to_wire
 from features.perception import Perceived, Seen
+from grasp.messages import matrix_from_message
 from simulate.agent.tracking import TrackedObject
 from simulate.grasping.executor import GraspRecord, GraspRequest
 
@@ -27,6 +28,11 @@ __all__ = [
 def grasp_request(
     thing: TrackedObject, grasp: dict[str, Any], table: float, stances: Literal["own", "other"]
 ) -> GraspRequest:
+    """Return the request to the planner for a grasp of an answer; one in space keeps its pose."""
+    if "tool_pose" in grasp:
+        pose = np.asarray(matrix_from_message(grasp["tool_pose"]["pose"]), dtype=np.float64)
+        points = thing.seen.points.astype(np.float64)
+        return GraspRequest.at_pose(pose, grasp["width"], grasp["opening"], points, table)
     shape = thing.seen.shape
     return GraspRequest(
         x=float(grasp["x"]),
@@ -54,13 +60,13 @@ def grasp_request(
 def distinct(grasps: Sequence[dict[str, Any]]) -> list[tuple[int, dict[str, Any]]]:
     """Return grasps with their ranks, without those that differ in height or opening only.
 
-    The planner tries other heights and openings by itself.
+    The planner tries other heights and openings by itself, except for poses in space.
     """
     kept: list[tuple[int, dict[str, Any]]] = []
     seen: set[tuple[float, ...]] = set()
     for rank, grasp in enumerate(grasps):
         aim = tuple(round(float(grasp[name]), 4) for name in ("x", "y", "theta"))
-        if aim not in seen:
+        if aim not in seen or "tool_pose" in grasp:
             seen.add(aim)
             kept.append((rank, grasp))
     return kept

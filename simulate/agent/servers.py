@@ -72,6 +72,10 @@ class RetryingServer:
         """Ask which object this is and which grasps to try."""
         return self._repeat("recognise_for_grasp", request)
 
+    def plan_on_scene(self, **request: Any) -> dict[str, Any]:
+        """Ask for grasps of everything in a view."""
+        return self._repeat("plan_on_scene", request)
+
     def insert_object(self, **request: Any) -> dict[str, Any]:
         """Report what was seen and the outcome of grasping it."""
         return self._repeat("insert_object", request)
@@ -132,6 +136,10 @@ class OutboxServer:
         """
         return self._asked("recognise_for_grasp", request)
 
+    def plan_on_scene(self, **request: Any) -> dict[str, Any]:
+        """Ask for grasps of everything in a view; see :meth:`recognise_for_grasp`."""
+        return self._asked("plan_on_scene", request)
+
     def _asked(self, operation: str, request: dict[str, Any]) -> dict[str, Any]:
         deadline = time.monotonic() + self._patience_s
         while True:
@@ -190,6 +198,10 @@ class BlindServer:
         shape = answer["shape"]
         blind = [] if shape is None else [self._blind(shape, k) for k in range(_BLIND_GRASPS)]
         return {**answer, "grasps": [*held, *blind]}
+
+    def plan_on_scene(self, **request: Any) -> dict[str, Any]:
+        """Plan nothing: a robot without geometry has no grasps of a view."""
+        return {"segments": [], "grasps": []}
 
     def insert_object(self, **request: Any) -> dict[str, Any]:
         """Report to the graph."""

@@ -20,8 +20,9 @@ from simulate.world.robot_body import RobotBody
 from simulate.world.scene import PlacedObject, Placement, lay
 from simulate.world.world import World
 
-__all__ = ["Conditions", "SimulatedBody"]
+__all__ = ["Conditions", "RobotAtTable", "SimulatedBody"]
 
+_FREE_JOINTS = 6
 _PICTURE_SIZE = (320, 240)
 _PICTURES = {"pregrasp": "pre_grasp", "close": "closed", "hold": "held", "place": "placed"}
 
@@ -57,39 +58,31 @@ class Conditions:
     pictures: Path | None = None
 
 
-class SimulatedBody:
-    """A robot in a physics world at a table with products.
+class RobotAtTable:
+    """A robot at a table in a physics world.
 
     Parameters
     ----------
-    placements
-        The products on the table.
-    assets
-        Folder for meshes and prints.
-    conditions
-        Physics, light and noise.
+    executor
+        Of the robot, with its eyes.
+    pictures
+        Folder for a PNG of each phase of each grasp; None = no pictures are taken.
     """
 
-    def __init__(
-        self, placements: Sequence[Placement], assets: Path, conditions: Conditions
-    ) -> None:
-        description = describe(conditions.robot)
-        self.world = World(conditions.preset, conditions.gui, description.workplace)
-        self.robot = RobotBody(self.world, description)
-        self.base_frame, self.preset = self.robot.base_frame, conditions.preset
+    def __init__(self, executor: Executor, pictures: Path | None = None) -> None:
+        self.executor, self.eyes = executor, executor.eyes
+        self.world, self.robot = executor.world, executor.robot
+        self.base_frame, self.preset = self.robot.base_frame, self.world.preset.name
         self.gripper_ids = {side: self.robot.arm(side).end_effector for side in ("right", "left")}
-        self.world.add_table()
-        boxes = [self.world.add_place_box(side) for side in ("right", "left")]
+        joints = [len(chain.names) for chain in self.robot.chains.values()]
+        self.takes_poses = min(joints) >= _FREE_JOINTS
         # The contents of its boxes are ignored, and anything in front of the table is the robot.
         behind = Ignored((-np.inf, self.world.workplace.table_near - 0.02), (-np.inf, np.inf))
+        boxes = self.world.place_boxes.values()
         self.ignored = (behind, *(Ignored(box.x_range, box.y_range) for box in boxes))
-        self.laid: list[PlacedObject] = lay(self.world, placements, assets)
-        self.lighting = conditions.lighting or Lighting()
-        self.eyes = Eyes(self.robot, self.lighting, conditions.noise, conditions.noise_seed)
-        self.executor = Executor(self.world, self.robot, self.eyes)
         self.watch: Callable[[PlannedGrasp], Callable[[str], None]] = lambda plan: _unwatched
         """Hook for scoring: called with each plan, it returns a function called at each phase."""
-        self._pictures = conditions.pictures
+        self._pictures = pictures
         self._taken = 0
 
     def look(self, side: str) -> tuple[Frame, Floats]:
@@ -125,8 +118,36 @@ class SimulatedBody:
         side = "left" if plan.request.y > 0 else "right"
         place = self.world.workplace
         return self.eyes.camera.snapshot(
-            self.lighting, _PICTURE_SIZE, side, place.eye, place.target
+            self.eyes.lighting, _PICTURE_SIZE, side, place.eye, place.target
         )
+
+
+class SimulatedBody(RobotAtTable):
+    """A robot in a physics world of its own, at a table with products.
+
+    Parameters
+    ----------
+    placements
+        The products on the table.
+    assets
+        Folder for meshes and prints.
+    conditions
+        Physics, light and noise.
+    """
+
+    def __init__(
+        self, placements: Sequence[Placement], assets: Path, conditions: Conditions
+    ) -> None:
+        description = describe(conditions.robot)
+        world = World(conditions.preset, conditions.gui, description.workplace)
+        robot = RobotBody(world, description)
+        world.add_table()
+        for side in ("right", "left"):
+            world.add_place_box(side)
+        self.laid: list[PlacedObject] = lay(world, placements, assets)
+        self.lighting = conditions.lighting or Lighting()
+        eyes = Eyes(robot, self.lighting, conditions.noise, conditions.noise_seed)
+        super().__init__(Executor(world, robot, eyes), conditions.pictures)
 
     def close(self) -> None:
         """End the physics."""

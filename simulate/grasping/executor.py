@@ -69,7 +69,7 @@ class Executor:
             The requested grasp.
         obstacles
             Other objects: boxes, fields of points, or point clouds (n, 3), m, base frame, of one
-            object each, which become upright prisms down to the table.
+            object each: upright prisms down to the table, or for a pose in space fields of points.
         seed
             Of every random choice of the planner.
 
@@ -83,6 +83,8 @@ class Executor:
         for thing in obstacles:
             if isinstance(thing, Obstacle | PointField):
                 boxes.append(thing)
+            elif len(thing) and request.pose is not None:
+                boxes.append(PointField.of("neighbour", thing, request.table_height))
             elif len(thing):
                 boxes.append(Obstacle.around("neighbour", thing, request.table_height))
         planned: PlannedGrasp | str = "ik"

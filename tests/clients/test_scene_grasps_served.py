@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,14 @@ import pytest
 import rtask
 from features.codec import encode_frame, to_wire
 from features.geometry import look_at
+from features.perception import perceive
 from grasp.messages import matrix_from_message, pose_message
 from grasp.spatial.gripper import panda_hand
 from rtask.errors import RtaskError
 from simulate.grasping.floating import execute, settle
 from simulate.world.camera import Camera
 from simulate.world.objects import product
+from simulate.world.scene import Placement, lay
 from simulate.world.world import World
 from tests.servers import RunningServer
 
@@ -64,6 +67,9 @@ def test_a_grasp_from_one_view_of_several_things_holds(server: RunningServer) ->
         pose = pose @ hand.parent_from_gripper
         assert execute(world, target, hand, pose, best["opening"], world.object_pose(target)).held
 
+        assert best["object"] == ""
+        assert all(one["object"] == "" for one in told["segments"])
+
         none = client.plan_on_scene(**mine, region=[0.8, 0.9, -0.1, 0.1])
         assert none["grasps"] == []
         assert none["reason"] == "nothing is seen on the table, or within the region"
@@ -73,3 +79,42 @@ def test_a_grasp_from_one_view_of_several_things_holds(server: RunningServer) ->
         assert all(grasp["confidence"] >= 0.9 for grasp in strict)
         with pytest.raises(RtaskError, match="x from < x to"):
             client.plan_on_scene(**mine, region=[0.9, 0.8, -0.1, 0.1])
+
+
+@pytest.mark.slow
+def test_what_is_known_is_named_and_its_grasp_is_taken_back_as_it_was_sent(
+    server: RunningServer, tmp_path: Path
+) -> None:
+    with World() as world, rtask.connect(server.url, timeout_s=120) as client:
+        world.add_table(0.0)
+        can = Placement(product("can", 1), 0.34, -0.02, 0.0)
+        lay(world, [can, Placement(product("box", 2), 0.34, 0.045, 0.0)], tmp_path)
+        client.register_robot(name="panda-9", model="panda", end_effectors=[HAND])
+        mine = {**view_of(world), "gripper_id": "panda_hand"}
+        pose = look_at(np.array([0.62, 0.0, 0.36]), np.array([0.34, 0.0, 0.02]))
+        frame, _ = Camera(world.client).capture(pose)
+        stored = view = ""
+        for seen in perceive(
+            frame, pose
+        ).objects:  # with a rival, as one object alone proves little
+            data = to_wire(encode_frame(seen.crop))
+            item = {**mine, "data": data, "support_height": 0.0, "merge": False}
+            told = client.insert_object(objects=[item])["objects"][0]["object"]
+            if seen.position[1] < 0.01:
+                stored, view = told, data
+
+        told = client.plan_on_scene(**mine, recognise=True, max_grasps=50)
+        number = next(one["segment"] for one in told["segments"] if one["object"] == stored)
+        grasp = next(one for one in told["grasps"] if one["segment"] == number)
+        assert grasp["object"] == stored
+        outcome = {"success": True, "reason": "ok"}
+        client.insert_object(
+            objects=[{**mine, "data": view, "object": stored, "grasp": grasp, "outcome": outcome}]
+        )
+        (known,) = client.recall_grasps(object=stored, gripper_id="panda_hand")["grasps"]
+        assert known["kind"] == "spatial"
+        assert known["statistics"]["successes"] == 1
+        # The can stands at (.34, -.02): there is its frame's origin, to within the seen footprint.
+        place = np.array([known[name] for name in "xyz"]) - [grasp[name] for name in "xyz"]
+        assert np.linalg.norm(place[2]) < 0.005
+        assert np.linalg.norm(place[:2]) == pytest.approx(np.hypot(0.34, 0.02), abs=0.05)

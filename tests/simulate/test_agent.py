@@ -14,7 +14,7 @@ from features.perception import Perceived
 from simulate.agent import second_look
 from simulate.agent.agent import Agent, AgentConfig
 from simulate.agent.encounter import Attempt, Encounter
-from simulate.agent.messages import outcome_message
+from simulate.agent.messages import outcome_message, pose_message
 from simulate.grasping.judgement import Judgement
 from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
 
@@ -34,6 +34,7 @@ class _Body:
     base_frame = "base_footprint"
     ignored = ()
     preset = "faithful"
+    takes_poses = False
 
     @property
     def gripper_ids(self) -> dict[str, str]:
@@ -152,6 +153,38 @@ def test_a_well_known_object_is_only_reported_on(run) -> None:
     assert server.reported[0]["object"] == "o:7"
     assert server.reported[0]["task_id"] == "t:1"
     assert (met.recognised, met.attempts[0].source) == ("o:7", "memory")
+
+
+def test_a_grasp_planned_on_the_view_is_reported_with_the_view(run) -> None:
+    table = [(0.15, -0.16), (0.16, -0.16)]
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = *table[1], 0.3
+
+    class Planning(_Server):
+        def plan_on_scene(self, **request):
+            segments = [{"segment": 4, "centre": [*table[1], 0.3]}]
+            grasp = {
+                "id": "candidate:scene-1", "kind": "spatial", "segment": 4, "confidence": 0.95,
+                "tool_pose": {"pose": pose_message(pose)}, "width": 0.03, "opening": 0.05,
+                "x": table[1][0], "y": table[1][1], "theta": 0.0,
+            }  # fmt: skip
+            return {"segments": segments, "grasps": [grasp]}
+
+    class Posing(_Body):
+        takes_poses = True
+
+        def plan(self, request, obstacles, seed):
+            assert request.pose is None or len(obstacles) == len(self.table) - 1
+            return super().plan(request, obstacles, seed)
+
+    body, server = Posing(list(table)), Planning(knows=0.95)
+    run(body, server, [table[1], table[0]])
+    first, second = body.executed
+    assert np.array_equal(first.pose, pose)
+    assert second.pose is None  # it stood alone by then
+    (stored,) = server.inserted
+    assert (stored["object"], stored["grasp"]["source"]) == ("o:7", "scene")
+    assert [report["grasp"]["source"] for report in server.reported] == ["memory"]
 
 
 def test_an_object_known_but_not_well_gives_one_more_view(run) -> None:

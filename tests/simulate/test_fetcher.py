@@ -31,6 +31,7 @@ class _Body:
     base_frame = "base_footprint"
     ignored = ()
     preset = "faithful"
+    takes_poses = False
     gripper_ids = {"right": "right_hand", "left": "left_hand"}  # noqa: RUF012 - of the protocol
 
     def look(self, side: str) -> tuple[Frame, np.ndarray]:

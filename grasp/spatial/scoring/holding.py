@@ -21,7 +21,7 @@ from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.meshes.mesh import Mesh, enclosed_volume
 from grasp.spatial.scoring.confidence import PoseNoise
-from grasp.spatial.scoring.pads import PadContacts, pad_contacts
+from grasp.spatial.scoring.pads import ACROSS, ALONG, PadContacts, pad_contacts
 
 __all__ = [
     "CARRY_G",
@@ -45,7 +45,7 @@ _GRAVITY = 9.81
 _SOFT_M = 0.002
 _SLOPE = 4
 _MASS_KG, _DENSITY = (0.03, 1.0), 700.0
-_UNSURE = 0.65
+_UNSURE, _STEEPEST = 0.65, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +114,10 @@ def with_holding(
     samples: int = 100,
     seed: int = 0,
 ) -> list[GraspCandidate]:
-    """Return the candidates with ``lift``, ``carry`` and ``lever`` among their scores.
+    """Return the candidates with ``lift``, ``carry``, ``lever``, ``patch`` and ``taper`` as scores.
 
-    Both order grasps; ``lift_chance`` and ``carry_chance`` are what :data:`FACTORY` makes of them.
+    These order grasps; ``lift_chance`` and ``carry_chance`` are what :data:`FACTORY` makes of the
+    first two.
 
     Parameters
     ----------
@@ -130,7 +131,9 @@ def with_holding(
 
     Notes
     -----
-    ``lever`` is the distance (m) from the centre of mass to the middle of the contacts.
+    ``lever`` is the distance (m) from the centre of mass to the middle of the contacts, ``patch``
+    the share of its lines with which the pad that holds less meets the object, ``taper`` how much
+    of the friction the pads use up by leaning against each other; both are means over the errors.
     """
     if not candidates:
         return []
@@ -144,6 +147,8 @@ def with_holding(
     demand = demands(contacts, gripper, mass)
     shares = {"lift": LIFT_G, "carry": CARRY_G}
     means = {name: hold_shares(contacts, demand, g).mean(axis=1) for name, g in shares.items()}
+    patch = contacts.rays.min(axis=-1).mean(axis=1) / (ACROSS * ALONG)
+    taper = np.minimum(demand.taper, _STEEPEST).mean(axis=1)
     found = []
     for i, one in enumerate(candidates):
         sure = _UNSURE + (1 - _UNSURE) * one.scores.get("confidence", 1.0)
@@ -151,5 +156,6 @@ def with_holding(
         scores = {name: float(mean[i]) * sure for name, mean in means.items()}
         scores |= {f"{name}_chance": FACTORY[name].chance(v) for name, v in scores.items()}
         lever = float(np.linalg.norm(middle - mesh.com))
-        found.append(replace(one, scores={**one.scores, **scores, "lever": lever}))
+        scores |= {"lever": lever, "patch": float(patch[i]), "taper": float(taper[i])}
+        found.append(replace(one, scores={**one.scores, **scores}))
     return found

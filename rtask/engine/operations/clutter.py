@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from annotated_types import Ge, Le, MaxLen
 from pydantic import Field
 
+from grasp.spatial.frames import closing_yaw
+from rtask.engine.memory.question import question_for
+from rtask.engine.memory.recall import recall
 from rtask.engine.operations.grasps import GraspMessage
 from rtask.engine.operations.operation import operation
+from rtask.engine.records.received import CANDIDATE
 from rtask.errors import UsageError
 from rtask.kb.commit.access import Access
 from rtask.wire.message import Answer, Message
-from rtask.wire.types import Cloud, Flag, Number, Pose, Probability, Text, Unit, Whole
+from rtask.wire.types import Cloud, Flag, Number, Pose, PoseStamped, Probability, Text, Unit, Whole
 
 if TYPE_CHECKING:
+    from features.geometry import Frame
     from grasp.spatial.candidate import GraspCandidate
     from grasp.spatial.gripper import ParallelGripper
     from rtask.engine.context import Context
+    from rtask.engine.grippers import KnownGripper
     from rtask.engine.perception.clutter import ClutterView
 
 __all__ = ["PlanOnScene", "SceneGrasp", "SceneGrasps", "SceneSegment", "plan_on_scene"]
+
+
+_MAX_MATCHES = 10
 
 
 class PlanOnScene(Message):
@@ -44,6 +54,8 @@ class PlanOnScene(Message):
     """c_G; grasps below it are not offered"""
     complete: Flag = True
     """complete the hidden sides of things"""
+    recognise: Flag = False
+    """look each thing up in the graph; needs colours"""
     max_grasps: Annotated[Whole, Ge(1), Le(50)] = 10
     """maximum number of grasps"""
     samples: Annotated[Whole, Ge(1), Le(1000)] = 50
@@ -63,6 +75,12 @@ class SceneSegment(Answer):
     """middle of what is seen in frame_id, m"""
     size: list[float]
     """along the axes of frame_id, m"""
+    object: str
+    """IRI of the known object that it was recognised as; empty if none, or not asked"""
+    label: str
+    """its label"""
+    confidence: float
+    """in that identity, or of the best match that was not accepted"""
 
 
 class SceneGrasp(GraspMessage):
@@ -70,6 +88,18 @@ class SceneGrasp(GraspMessage):
 
     segment: int
     """number of the thing"""
+    object: str
+    """IRI of the known object that it was recognised as; empty if none, or not asked"""
+    kind: str
+    """spatial"""
+    tool_pose: PoseStamped
+    """of the tool centre point; grasp_pose is that of the end effector's parent link"""
+    x: float
+    y: float
+    z: float
+    """of the tool centre point, m"""
+    theta: float
+    """closing direction about z, rad"""
     width: float
     """between the contacts, m"""
     opening: float
@@ -101,13 +131,15 @@ class SceneGrasps(Answer):
 def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> SceneGrasps:
     """Plan grasps of the things in one view, each with its neighbours as obstacles.
 
-    Nothing is stored: what was picked is reported as an observation of its own.
+    Nothing is stored: what was picked is reported as an observation of its own, with its grasp as
+    received.
     """
     from grasp.spatial.scene_plan import SceneOptions
     from rtask.engine.perception.clutter import plan_in_view
 
-    hand = context.grippers.find(request.gripper_id, access.agent).gripper.modelled()
-    view = _view(request)
+    gripper = context.grippers.find(request.gripper_id, access.agent)
+    hand = gripper.gripper.modelled()
+    frame, view = _view(request)
     if view is None:
         return SceneGrasps(
             reason="no table is seen: no level plane is large enough", advice="",
@@ -120,18 +152,74 @@ def plan_on_scene(context: Context, request: PlanOnScene, access: Access) -> Sce
     if found and not sure:
         best = max(c.scores["confidence"] for c in found)
         reason = f"the best confidence is {best:.2f} < {request.min_confidence:g}"
+    known = {}
+    if request.recognise:
+        if frame is None or frame.rgb is None:
+            raise UsageError("recognise needs an image with colours, not a bare cloud",
+                             field="recognise")  # fmt: skip
+        known = {k: _recognised(context, request, frame, view, k, gripper) for k in view.segments}
     return SceneGrasps(
         reason=reason,
         advice=found.advice,
         table_height=view.table_height,
         tried=dict(found.counts),
-        segments=_segments(view),
-        grasps=_messages(sure[: request.max_grasps], hand, request.frame_id),
+        segments=_segments(view, known),
+        grasps=_messages(sure[: request.max_grasps], hand, request.frame_id, known),
     )
 
 
-def _view(request: PlanOnScene) -> ClutterView | None:
-    """Decode and segment the view of a request."""
+@dataclass(frozen=True)
+class _Known:
+    """What a thing was recognised as."""
+
+    object: str = ""
+    label: str = ""
+    confidence: float = 0.0
+
+
+_STRANGE = _Known()
+
+
+def _recognised(
+    context: Context,
+    request: PlanOnScene,
+    frame: Frame,
+    view: ClutterView,
+    segment: int,
+    gripper: KnownGripper,
+) -> _Known:
+    """Look a segment up in the graph."""
+    from features.codec import encode_frame
+    from rtask.engine.perception.identity import recognise, settle
+    from rtask.engine.perception.observation import OptionalLook, observe
+
+    mask = np.zeros(frame.depth_m.shape, dtype=bool)
+    mask.ravel()[view.pixels[view.labels == segment]] = True
+    crop = frame.crop(mask)
+    if not (crop.depth_m > 0).any():
+        return _STRANGE
+    look = OptionalLook.model_construct(
+        data=encode_frame(crop), sensor_pose=request.sensor_pose, frame_id=request.frame_id,
+        support_height=view.table_height,
+    )  # fmt: skip
+    seen = observe(look)
+    found = recognise(
+        context.views.recogniser, seen, context.policy, _MAX_MATCHES, None,
+        context.views.embeddings,
+    )  # fmt: skip
+    memory = recall(context.kb, question_for(context.policy, seen, found, None, gripper))
+    found = settle(found, memory, seen, context.policy)
+    if not found.matches:
+        return _STRANGE
+    best = found.matches[0]
+    confidence = float(best.confidence)
+    if not found.accepted:
+        return _Known(confidence=confidence)
+    return _Known(best.object_iri, memory.objects[best.object_iri].label, confidence)
+
+
+def _view(request: PlanOnScene) -> tuple[Frame | None, ClutterView | None]:
+    """Decode and segment the view of a request; a cloud that is no image has no frame."""
     from features.codec import decode
     from features.geometry import Frame
     from features.imaging.camera import frame_of_grid
@@ -159,12 +247,13 @@ def _view(request: PlanOnScene) -> ClutterView | None:
         raise UsageError(f"data: {error}", field="data") from error
     pose = np.asarray(request.sensor_pose, dtype=np.float64)
     try:
-        return view_clutter(points, colours, pose, x_range, y_range, request.support_height)
+        view = view_clutter(points, colours, pose, x_range, y_range, request.support_height)
     except ValueError as error:
         raise UsageError(f"data: {error}", field="data") from error
+    return frame, view
 
 
-def _segments(view: ClutterView) -> list[SceneSegment]:
+def _segments(view: ClutterView, known: Mapping[int, _Known]) -> list[SceneSegment]:
     told = []
     for number in view.segments:
         points = view.of(number)
@@ -172,25 +261,35 @@ def _segments(view: ClutterView) -> list[SceneSegment]:
         told.append(
             SceneSegment(
                 segment=number, points=len(points), centre=((low + high) / 2).tolist(),
-                size=(high - low).tolist(),
+                size=(high - low).tolist(), **asdict(known.get(number, _STRANGE)),
             )
         )  # fmt: skip
     return told
 
 
 def _messages(
-    grasps: Sequence[GraspCandidate], hand: ParallelGripper, frame_id: str
+    grasps: Sequence[GraspCandidate],
+    hand: ParallelGripper,
+    frame_id: str,
+    known: Mapping[int, _Known],
 ) -> list[SceneGrasp]:
-    from grasp.messages import spatial_grasp_message
+    from grasp.messages import header, pose_message, spatial_grasp_message
 
     return [
         SceneGrasp(
             **{
                 **spatial_grasp_message(one, hand, frame_id),
-                "id": f"scene-{number}",
+                "id": f"{CANDIDATE}scene-{number}",
                 "grasp_quality": one.scores["confidence"],
             },
             segment=one.segment or 0,
+            object=known.get(one.segment or 0, _STRANGE).object,
+            kind="spatial",
+            tool_pose={"header": header(frame_id), "pose": pose_message(one.frame_from_gripper)},
+            x=float(one.centre[0]),
+            y=float(one.centre[1]),
+            z=float(one.centre[2]),
+            theta=closing_yaw(one.frame_from_gripper),
             width=one.width,
             opening=one.width if one.opening is None else one.opening,
             confidence=one.scores["confidence"],

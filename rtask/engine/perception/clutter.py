@@ -36,6 +36,8 @@ class ClutterView:
         Over the table and within the region.
     labels : (n,) int
         Segment of each point, 0 = none.
+    pixels : (n,) int
+        Place of each point in the view, counted row by row.
     viewpoint : (3,) float, m
         Of the camera.
     table : (4,) float
@@ -46,6 +48,7 @@ class ClutterView:
 
     points: Floats
     labels: NDArray[np.int32]
+    pixels: NDArray[np.int64]
     viewpoint: Floats
     table: Floats
     table_height: float
@@ -103,6 +106,7 @@ def view_clutter(
     return ClutterView(
         placed[inside],
         scene.labels.ravel()[seen][inside],
+        np.flatnonzero(seen)[inside],
         frame_from_camera[:3, 3].copy(),
         np.array([*normal, -float(normal @ on_plane)]),
         float(on_plane[2]),

@@ -301,13 +301,17 @@ def _bare_pose(pose: Any, path: str) -> tuple[float, float, float, float]:
 
 
 def _pose_in_space(value: Mapping[str, Any], path: str) -> NDArray[np.float64] | None:
-    """Return the pose (4, 4) of a grasp that is declared as one in space, or None."""
-    if value.get("kind") != "spatial" or "grasp_pose" not in value:
+    """Return the pose (4, 4) of a grasp that is declared as one in space, or None.
+
+    A ``tool_pose`` goes before ``grasp_pose``, which may be that of the end effector's parent link.
+    """
+    name = "tool_pose" if value.get("tool_pose") is not None else "grasp_pose"
+    if value.get("kind") != "spatial" or name not in value:
         return None
     try:
-        return np.asarray(matrix_from_message(value["grasp_pose"]["pose"]), dtype=np.float64)
+        return np.asarray(matrix_from_message(value[name]["pose"]), dtype=np.float64)
     except (ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"{path}.grasp_pose: {error}", field=f"{path}.grasp_pose") from error
+        raise UsageError(f"{path}.{name}: {error}", field=f"{path}.{name}") from error
 
 
 def _orientation(at: _InObject, path: str) -> Quaternion | None:

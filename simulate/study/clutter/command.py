@@ -17,6 +17,8 @@ __all__ = ["piles"]
 @click.option("--objects", default=None, type=click.IntRange(1, 20),
               help="Things in each; 6 in a pile, 10 on a table to clear.")  # fmt: skip
 @click.option("--clear", is_flag=True, help="Clear the table instead of picking once.")
+@click.option("--agent", is_flag=True,
+              help="Clear by the robot's agent, which asks a graph that starts empty.")  # fmt: skip
 @click.option("--pictures", is_flag=True, help="Draw each pile with its best grasps (PNG).")
 @options.seed("things, piles, light, noise and choices")
 @options.runs_trials("rtask-piles")
@@ -24,6 +26,7 @@ def piles(
     trials: int,
     objects: int | None,
     clear: bool,
+    agent: bool,
     pictures: bool,
     seed: int,
     workers: int,
@@ -36,8 +39,11 @@ def piles(
 
     Generated things are dropped and pushed together; the robot sees them through its noisy camera,
     plans on one cloud and grasps in full poses. With --clear it goes on until the table is empty,
-    pushing what it cannot grasp; what arrives in a box is taken away.
+    pushing what it cannot grasp; what arrives in a box is taken away. With --agent the robot's
+    agent clears the table, as in the demo: it recognises, grasps, reports and does not push.
     """
+    if agent and not clear:
+        raise click.UsageError("--agent clears tables: give --clear as well")
     from simulate.study.clutter.report import (
         COLUMNS,
         clear_study,
@@ -51,7 +57,7 @@ def piles(
     from simulate.study.runner import run
 
     study = (
-        clear_study(trials, objects or 10, seed, preset)
+        clear_study(trials, objects or 10, seed, preset, agent)
         if clear
         else pile_study(trials, objects or 6, seed, preset, str(out / "piles") if pictures else "")
     )

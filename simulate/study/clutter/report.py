@@ -37,9 +37,11 @@ def pile_study(trials: int, objects: int, seed: int, preset: str, pictures: str 
                  trials)  # fmt: skip
 
 
-def clear_study(trials: int, objects: int, seed: int, preset: str) -> Study:
-    """Return the study of cluttered tables that are cleared."""
-    settings = {"seed": seed, "objects": objects, "preset": preset}
+def clear_study(trials: int, objects: int, seed: int, preset: str, agent: bool = False) -> Study:
+    """Return the study of cluttered tables that are cleared, by the robot's ``agent`` if asked."""
+    settings: dict[str, Any] = {"seed": seed, "objects": objects, "preset": preset}
+    if agent:
+        settings["agent"] = True
     return Study("cluttered tables cleared", "simulate.study.clutter.trial:clear_trial", settings,
                  trials)  # fmt: skip
 
@@ -90,7 +92,10 @@ def summarise_tables(results: Results) -> dict[str, Any]:
         },
         "pushes": int(sum(r["pushes"] for r in results)),
         "reasons": dict(Counter(move["reason"] for move in picks).most_common()),
-        "ends": dict(Counter(r["moves"][-1]["reason"] for r in results).most_common()),
+        "ends": dict(
+            Counter(r["moves"][-1]["reason"] if r["moves"] else "nothing" for r in results)
+            .most_common()
+        ),
     }  # fmt: skip
 
 

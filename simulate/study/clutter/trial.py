@@ -7,13 +7,16 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+import rtask
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.scoring.holding import assumed_mass
 from rtask.engine.perception.clutter import plan_in_view
+from simulate.agent.agent import Agent, AgentConfig, Server
+from simulate.agent.simulated_body import RobotAtTable
 from simulate.grasping.clearing import clear_clutter
 from simulate.grasping.clutter import hand_of, look_at_clutter, pick_from
 from simulate.grasping.executor import Workcell
@@ -179,23 +182,13 @@ def pile_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """Clear one cluttered table; return what happened as JSON data."""
+    """Clear one cluttered table, by the robot's agent if asked; return what happened as JSON."""
     choice = mix_seed(int(settings["seed"]), _CHOICE, number)
     with laid_table(settings, number) as table:
         count = len(table.things)
         result: dict[str, Any] = {"objects": count, "touching": table.touching}
-        moves, cleared = [], 0
-        for move in clear_clutter(
-            table.cell.executor, ARM, choice, _MOVES_EACH * count, on_phase=table.watch
-        ):
-            lifted = bool(table.lifted) if move.kind == "pick" else False
-            cleared += table.empty_boxes()
-            moves.append({
-                "kind": move.kind, "reason": move.reason, "lifted": lifted,
-                "placed": move.placed, "segments": move.segments,
-            })  # fmt: skip
-            if not table.things:
-                break
+        run = _by_agent if settings.get("agent") else _by_rules
+        moves, cleared = run(table, choice, count)
         left = [thing.name for thing in table.things.values()]
         off = sum(
             table.cell.world.object_pose(body).z < table.cell.world.table_height - 0.05
@@ -208,3 +201,45 @@ def clear_trial(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
         "picks": picks, "pushes": pushes,
         "says": f"{cleared} of {count} cleared, {picks} picks, {pushes} pushes",
     }  # fmt: skip
+
+
+def _by_rules(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any]], int]:
+    """Clear the table by looking, picking and pushing; return the moves and how much is cleared."""
+    moves, cleared = [], 0
+    for move in clear_clutter(
+        table.cell.executor, ARM, choice, _MOVES_EACH * count, on_phase=table.watch
+    ):
+        lifted = bool(table.lifted) if move.kind == "pick" else False
+        cleared += table.empty_boxes()
+        moves.append({
+            "kind": move.kind, "reason": move.reason, "lifted": lifted,
+            "placed": move.placed, "segments": move.segments,
+        })  # fmt: skip
+        if not table.things:
+            break
+    return moves, cleared
+
+
+def _by_agent(table: Table, choice: int, count: int) -> tuple[list[dict[str, Any]], int]:
+    """Let the robot's agent clear the table with an empty graph; return the same."""
+    body = RobotAtTable(table.cell.executor)
+    body.watch = lambda plan: table.watch
+    moves: list[dict[str, Any]] = []
+    cleared = 0
+
+    def on_event(name: str, data: dict[str, Any]) -> None:
+        nonlocal cleared
+        if name != "attempt":
+            return
+        cleared += table.empty_boxes()
+        moves.append({
+            "kind": "pick" if data["physical"] else "none", "reason": data["reason"],
+            "lifted": bool(table.lifted) and data["physical"], "placed": data["placed"],
+            "source": data["source"],
+        })  # fmt: skip
+
+    config = AgentConfig(max_looks=_MOVES_EACH * count, seed=choice)
+    with rtask.open(":memory:", reason=False) as kb, rtask.connect(kb, agent="robot") as client:
+        client.call("register_robot", **body.robot.describe("robot"))
+        Agent(body, cast(Server, client), config, on_event).clear_table()
+    return moves, cleared

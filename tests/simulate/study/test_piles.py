@@ -65,7 +65,9 @@ def test_a_push_moves_the_thing():
 
 def test_a_push_that_did_not_arrive_says_why(monkeypatch):
     points = np.zeros((50, 3))
-    view = ClutterView(points, np.ones(50, np.int32), np.ones(3), np.array([0, 0, 1.0, 0]), 0.0)
+    view = ClutterView(
+        points, np.ones(50, np.int32), np.arange(50), np.ones(3), np.array([0, 0, 1.0, 0]), 0.0
+    )
     nothing = Proposals(reason="no hand closes on a single object")
     for name, value in (
         ("hand_of", None), ("look_at_clutter", view), ("plan_in_view", nothing),

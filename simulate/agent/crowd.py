@@ -1,0 +1,172 @@
+"""Grasps of things that touch, planned on a whole view instead of on one thing at a time.
+
+A segment's neighbours are then obstacles as they are seen, and what lies on top comes first (Gatto
+2016, chapter 5). What the graph knows of a recognised object still goes before: a grasp that held
+more often than a planned one is likely to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from features.codec import encode_frame, to_wire
+from features.geometry import FloatArray, Frame
+from features.perception import Perceived, Seen
+from grasp.messages import matrix_from_message
+from simulate.agent.messages import pose_message
+from simulate.agent.tracking import TrackedObject
+from simulate.robots.description import Floats
+
+__all__ = ["Crowd", "is_crowded", "tool_pose"]
+
+_TOUCHING_M = 0.012
+_SAME_M = 0.03
+_AROUND_M = 0.02
+_REPEATED_M, _REPEATED_COS = 0.015, float(np.cos(np.deg2rad(25)))
+_MOST = 50
+
+
+class Planner(Protocol):
+    """The operation of the engine that plans on a view."""
+
+    def plan_on_scene(self, **request: Any) -> Mapping[str, Any]: ...
+
+
+class Crowd:
+    """Grasps of the things in the latest view of a table, if some of them touch.
+
+    Parameters
+    ----------
+    planner
+        The shared graph.
+    """
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        self._order: list[int] = []
+        self._grasps: dict[int, list[dict[str, Any]]] = {}
+        self._failed: dict[int, list[Floats]] = {}
+
+    def look(
+        self,
+        frame: Frame,
+        base_from_camera: NDArray[np.float64],
+        view: Perceived,
+        things: Sequence[TrackedObject],
+        request: Mapping[str, Any],
+    ) -> None:
+        """Plan on a view if things touch in it, else forget the last one.
+
+        Parameters
+        ----------
+        things
+            Whose grasps are wanted, as the view shows them.
+        request
+            Further fields: the gripper, the frame's name, the seed.
+        """
+        self._order, self._grasps = [], {}
+        if not things or not is_crowded(view.objects):
+            return
+        answer = self._planner.plan_on_scene(
+            data=to_wire(encode_frame(frame)),
+            sensor_pose=pose_message(base_from_camera),
+            support_height=view.table_height,
+            region=_region(view.objects),
+            max_grasps=_MOST,
+            **request,
+        )
+        owner = _owners(answer["segments"], view.objects, things)
+        for grasp in answer["grasps"]:
+            number = owner.get(grasp["segment"])
+            if number is None or self._has_failed(number, grasp):
+                continue
+            if number not in self._grasps:
+                self._order.append(number)
+            self._grasps.setdefault(number, []).append(dict(grasp))
+
+    def first(self, things: Iterable[TrackedObject]) -> TrackedObject | None:
+        """Return the thing with the best grasp, or None where nothing was planned on."""
+        rank = {number: k for k, number in enumerate(self._order)}
+        able = [thing for thing in things if thing.number in rank and not thing.waiting]
+        return min(able, key=lambda thing: rank[thing.number], default=None)
+
+    def merged(
+        self, thing: TrackedObject, grasps: Sequence[dict[str, Any]], most: int
+    ) -> list[dict[str, Any]]:
+        """Return the graph's grasps of a thing with at most ``most`` of its planned ones.
+
+        Those that the graph knows to hold more often than the best planned one is likely to come
+        first, the others last.
+        """
+        planned = [
+            {**grasp, "source": "scene", "mean": grasp["confidence"]}
+            for grasp in self._grasps.get(thing.number, ())[:most]
+        ]
+        if not planned:
+            return list(grasps)
+        sure = [
+            grasp for grasp in grasps
+            if grasp["source"] == "memory" and grasp["mean"] >= planned[0]["mean"]
+        ]  # fmt: skip
+        return [*sure, *planned, *(grasp for grasp in grasps if grasp not in sure)]
+
+    def fail(self, thing: TrackedObject, grasp: Mapping[str, Any]) -> None:
+        """Remember a planned grasp that did not hold, so that it is not tried again."""
+        if grasp.get("source") == "scene":
+            self._failed.setdefault(thing.number, []).append(tool_pose(grasp))
+
+    def _has_failed(self, number: int, grasp: Mapping[str, Any]) -> bool:
+        pose = tool_pose(grasp)
+        return any(
+            np.linalg.norm(pose[:3, 3] - other[:3, 3]) < _REPEATED_M
+            and abs(float(pose[:3, 0] @ other[:3, 0])) > _REPEATED_COS
+            for other in self._failed.get(number, ())
+        )
+
+
+def is_crowded(objects: Sequence[Seen]) -> bool:
+    """Tell whether any two things are closer to each other than a finger is thick."""
+    return any(_touch(a.points, b.points) for a, b in combinations(objects, 2))
+
+
+def tool_pose(grasp: Mapping[str, Any]) -> Floats:
+    """Return the pose (4, 4) of the tool centre point of a planned grasp."""
+    return np.asarray(matrix_from_message(grasp["tool_pose"]["pose"]), dtype=np.float64)
+
+
+def _touch(a: FloatArray, b: FloatArray) -> bool:
+    apart = np.maximum(a.min(axis=0) - b.max(axis=0), b.min(axis=0) - a.max(axis=0))
+    if float(apart.max()) > _TOUCHING_M:
+        return False
+    away, _ = cKDTree(a).query(b, distance_upper_bound=_TOUCHING_M)
+    return bool(np.isfinite(away).any())
+
+
+def _region(objects: Sequence[Seen]) -> list[float]:
+    """Return x from, x to, y from, y to, m, of all things with a margin."""
+    low = np.min([seen.points.min(axis=0) for seen in objects], axis=0) - _AROUND_M
+    high = np.max([seen.points.max(axis=0) for seen in objects], axis=0) + _AROUND_M
+    return [float(low[0]), float(high[0]), float(low[1]), float(high[1])]
+
+
+def _owners(
+    segments: Iterable[Mapping[str, Any]],
+    objects: Sequence[Seen],
+    things: Sequence[TrackedObject],
+) -> dict[int, int]:
+    """Return the number of the thing that each segment shows, where there is one."""
+    middles = np.array([(o.points.min(axis=0) + o.points.max(axis=0)) / 2 for o in objects])
+    found = {}
+    for segment in segments:
+        away = np.linalg.norm(middles - segment["centre"], axis=1)
+        nearest = int(away.argmin())
+        thing = next((t for t in things if t.seen is objects[nearest]), None)
+        if thing is not None and away[nearest] < _SAME_M:
+            found[int(segment["segment"])] = thing.number
+    return found
