@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -154,6 +155,19 @@ class Recogniser:
             outcome, accepted, tuple(matches), family,
             ask_again=not accepted and first >= constants.undecided_from,
         )  # fmt: skip
+
+    def prepare(self, view_iris: Collection[str]) -> None:
+        """Compare new views with those that are stored now, rather than in the next query.
+
+        Parameters
+        ----------
+        view_iris
+            Views that were added to the index; others are passed over.
+        """
+        snapshot = self.index.snapshot()
+        alive = np.flatnonzero(snapshot.alive).tolist()
+        wanted = set(view_iris)
+        self._facts.prepare(snapshot, [k for k in alive if snapshot.view_iris[k] in wanted])
 
     def _family(
         self,

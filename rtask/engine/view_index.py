@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,6 +93,16 @@ class ViewIndex:
             self.generation += 1
         except (OSError, ValueError):
             log.exception("view %s is stored but not indexed yet", view.value)
+
+    def prepare(self, views: Collection[NamedNode]) -> None:
+        """Compare new views with the stored ones now, so that the next caller need not wait.
+
+        If this fails, the next query makes the comparison.
+        """
+        try:
+            self.recogniser.prepare([view.value for view in views])
+        except (OSError, ValueError):
+            log.exception("%d new views will be compared in the next query", len(views))
 
     def sync(self) -> int:
         """Synchronise the index with the graph; return the number of added views."""

@@ -186,6 +186,9 @@ def main() -> None:
                 f"{time.process_time() - cpu:.2f} s CPU"
             )
         ask_ours(index, asked, args.peer_queries)
+        index.close()
+        with RecognitionIndex(path) as growing:
+            ask_while_growing(growing, asked)
         ask_peers(index, stored, asked[: args.peer_queries], peers, Path(folder))
 
 
@@ -212,6 +215,32 @@ def ask_ours(index: RecognitionIndex, asked: Stored, few: int) -> None:
     answers = [timed(lambda v=view: cascade(v)) for _, view in asked]
     report("cascade hashing", answers, truth)
     report(f"  the first {few}", answers[:few], truth[:few])
+
+
+def ask_while_growing(index: RecognitionIndex, asked: Stored) -> None:
+    """Print what an insertion costs itself, and the queries of others after it.
+
+    The first half is asked over and over; of the second half one view is stored in between.
+    """
+    queries, arriving = asked[: len(asked) // 2], asked[len(asked) // 2 :]
+    recogniser, took = Recogniser(index), []
+
+    def ask(view: ViewFeatures) -> float:
+        return timed(lambda: len(recogniser.recognise(view).matches))[2]
+
+    for _, view in queries:
+        ask(view)
+    for k, (name, view) in enumerate(arriving):
+        query = queries[k % len(queries)][1]
+        before = ask(query)
+        index.add(f"new:{k}", name, "class:x", view)
+        compared = timed(lambda k=k: recogniser.prepare([f"new:{k}"]) or 0)[2]
+        took.append((before, compared, ask(query)))
+    middle, high = np.percentile(took, [50, 95], axis=0)
+    for name, m, h in zip(
+        ("asked again", "new view compared", "asked after it"), middle, high, strict=True
+    ):
+        print(f"{name:18s} CPU median {m:7.1f} ms, 95 % {h:7.1f} ms")
 
 
 def ask_peers(

@@ -85,6 +85,8 @@ class RecognitionIndex:
         self._manifest: Manifest | None = None
         self._seen: tuple[Any, ...] = ()
         self._hasher = Hasher.seeded()
+        self._serial: dict[str, int] = {}
+        self._last_serial = 0
         self._folder = None if path is None else IndexFolder(Path(path), self._writable)
         try:
             self._start([])
@@ -242,6 +244,7 @@ class RecognitionIndex:
             self._commit(folder, [])
             return
         self._hasher = folder.read_header()
+        self._serial.clear()  # another process may have replaced a view under its IRI
         try:
             entries = self._manifest.segments
             self._start([Piece.of_entry(e, load_block(folder.path / e.name)) for e in entries])
@@ -304,6 +307,10 @@ class RecognitionIndex:
         alive = np.concatenate([np.empty(0, bool), *(piece.alive for piece in pieces)])
         self._folders = tuple(piece.folder for piece in pieces)
         self._number = {names[v].view_iri: v for v in np.flatnonzero(alive).tolist()}
+        serials = [
+            self._serial_of(name.view_iri) if is_alive else 0
+            for name, is_alive in zip(names, alive, strict=True)
+        ]
         self._snapshot = Snapshot(
             parts=tuple(parts),
             object_of_view=np.array([self._object(n.object_iri) for n in names], np.int32),
@@ -313,6 +320,7 @@ class RecognitionIndex:
             object_iris=list(self._objects),
             class_iris=list(self._classes),
             hasher=self._hasher,
+            serials=np.array(serials, np.int64),
         )
 
     def _pieces(self) -> list[Piece]:
@@ -337,12 +345,14 @@ class RecognitionIndex:
         if growing:
             alive = np.concatenate([growing[0].alive, alive])
         self._number[name.view_iri] = len(old.alive)
+        self._serial.pop(name.view_iri, None)
         self._publish(
             parts=(*sealed, Part(self._delta.block(), first, alive)),
             object_of_view=np.append(old.object_of_view, self._object(name.object_iri)),
             class_of_view=np.append(old.class_of_view, self._class(name.class_iri)),
             alive=np.append(old.alive, True),
             view_iris=[*old.view_iris, name.view_iri],
+            serials=np.append(old.serials, self._serial_of(name.view_iri)),
         )
 
     def _apply_remove(self, view_iri: str) -> Part:
@@ -377,6 +387,13 @@ class RecognitionIndex:
 
     def _class(self, iri: str) -> np.int32:
         return np.int32(self._classes.setdefault(iri, len(self._classes)))
+
+    def _serial_of(self, view_iri: str) -> int:
+        """Return the serial number of a view, the next one for a view that has none."""
+        if view_iri not in self._serial:
+            self._last_serial += 1
+            self._serial[view_iri] = self._last_serial
+        return self._serial[view_iri]
 
     def _delta_rows(self) -> int:
         growing = self._snapshot.parts[len(self._folders) :]

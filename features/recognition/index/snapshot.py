@@ -154,6 +154,9 @@ class Snapshot:
         Lists that only ever grow.
     hasher
         Of all codes in the blocks.
+    serials : (V,) int64
+        Of the views as the index received them: a view keeps its number here when the index is
+        sealed, and one that is replaced under its IRI gets another. 0 for removed ones.
     """
 
     parts: tuple[Part, ...]
@@ -164,6 +167,7 @@ class Snapshot:
     object_iris: Sequence[str]
     class_iris: Sequence[str]
     hasher: Hasher
+    serials: NDArray[np.int64]
 
     def match(self, descriptors: UInt8Array, labels: NDArray[np.int32] | None = None) -> Matches:
         """Match descriptors (n, 128) against everything that is stored.

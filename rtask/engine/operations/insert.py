@@ -121,6 +121,8 @@ def insert_object(context: Context, request: InsertObject, access: Access) -> In
                 context.views.embeddings.learn(view.value, thing.value, class_iri, vector)
         for blob, model in writer.models:
             context.models.keep(blob, model)
+    if writer.views:
+        context.views.prepare([view for view, *_ in writer.views])
     objects = [InsertedObject(**entry, commit=commit) for entry in entries]
     return Inserted(stored=writer.stored, commit=commit, objects=objects)
 

@@ -142,8 +142,8 @@ def test_a_third_hidden_is_never_taken_for_another(see, print_image) -> None:
         assert not answer.accepted or answer.matches[0].object_iri == f"card {k}"
 
 
-def facts_by_iri(index: RecognitionIndex) -> dict[str, tuple]:
-    snapshot, facts = index.snapshot(), StoreFacts(65536)
+def facts_by_iri(index: RecognitionIndex, facts: StoreFacts | None = None) -> dict[str, tuple]:
+    snapshot, facts = index.snapshot(), facts or StoreFacts(65536)
     found = {}
     for view in np.flatnonzero(snapshot.alive).tolist():
         of = facts.of(snapshot, view)
@@ -160,15 +160,43 @@ def test_facts_are_those_of_a_fresh_store_whatever_happened_before(see, print_im
     assert expected["apple/view:0"][3] == 2
     assert sum(expected["apple/view:0"][1]) > 0  # print that the sibling carries too
 
-    changed = store(see, {"pear": sides(pear, 2), "gone": sides(print_image(3), 1)})
-    for k in (2, 0, 1):
+    facts = StoreFacts(65536)
+    changed = store(see, {"pear": sides(pear, 1), "gone": sides(print_image(3), 1)})
+    facts_by_iri(changed, facts)
+    early = changed.snapshot()
+    for k in (2, 0):
         changed.add(f"apple/view:{k}", "wrong", "class:carton", see(apple, k))
-    facts_by_iri(changed)
+        facts_by_iri(changed, facts)
     changed.save()
+    changed.add("apple/view:1", "wrong", "class:carton", see(print_image(5), 1))
+    changed.add("pear/view:1", "pear", "class:carton", see(pear, 1))
+    facts_by_iri(changed, facts)
+    changed.add("apple/view:1", "wrong", "class:carton", see(apple, 1))  # replaced
     changed.remove("gone/view:0")
+    facts.of(early, 0)  # a query that began before all this
+    facts_by_iri(changed, facts)
     for k in range(3):
         changed.relabel(f"apple/view:{k}", "apple")
+    assert facts_by_iri(changed, facts) == expected
     assert facts_by_iri(changed) == expected
+
+
+@pytest.mark.slow
+def test_nothing_is_left_to_compare_after_new_views_were_prepared(
+    see, print_image, monkeypatch
+) -> None:
+    apple, pear = print_image(0), other_quarter(print_image(0), print_image(1))
+    index = store(see, {"apple": sides(apple, 3), "pear": sides(pear, 1)})
+    recogniser = Recogniser(index)
+    recogniser.prepare([name.view_iri for name in index.views()])
+    index.add("pear/view:1", "pear", "class:carton", see(pear, 2))
+    recogniser.prepare(["pear/view:1", "not stored"])
+    compared = []
+    monkeypatch.setattr(StoreFacts, "_compared", lambda *at: compared.append(at))
+    assert recogniser.recognise(see(pear, 4)).matches[0].object_iri == "pear"
+    assert not compared
+    Recogniser(index).recognise(see(pear, 4))  # which has prepared nothing
+    assert compared
 
 
 def test_light_is_no_contradiction_and_another_colour_is(see, print_image) -> None:
