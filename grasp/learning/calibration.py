@@ -15,7 +15,7 @@ import numpy as np
 
 from grasp.arrays import FloatArray
 
-__all__ = ["IDENTITY", "ScoreMap", "fit_map"]
+__all__ = ["IDENTITY", "ScoreMap", "band_margin", "fit_map"]
 
 _EDGE = 0.02
 _OFFSET_STD, _SLOPE_STD = 0.5, 0.2
@@ -98,6 +98,35 @@ def fit_map(outcomes: Iterable[tuple[float, bool]], prior: ScoreMap = IDENTITY) 
         float(best[0]), float(best[1]), (float(covariance[0, 0]), float(covariance[1, 1])),
         float(covariance[0, 1]), prior.outcomes + len(told),
     )  # fmt: skip
+
+
+def band_margin(chances: FloatArray, shares: FloatArray, coverage: float = 0.9) -> float:
+    """Return by how much to lower chances so that most shares are at least what is promised.
+
+    Split conformal prediction (Lei et al. 2018): of new objects that are drawn like these, at least
+    ``coverage`` hold in at least the share ``chance - margin`` of their trials, whatever is wrong
+    with the chances.
+
+    Parameters
+    ----------
+    chances, shares : (n,)
+        Of one grasp of each object: the chance promised, and the share of its trials that held.
+
+    Raises
+    ------
+    ValueError
+        There are too few objects for that coverage: 9 for .9, 19 for .95.
+
+    Examples
+    --------
+    >>> band_margin(np.full(19, 0.8), np.linspace(0.1, 1.0, 19))  # second worst: 0.15
+    0.65
+    """
+    over = np.sort(np.asarray(chances, dtype=np.float64) - np.asarray(shares, dtype=np.float64))
+    rank = int(np.ceil((len(over) + 1) * coverage - 1e-9))
+    if not 1 <= rank <= len(over):
+        raise ValueError(f"{len(over)} objects are too few for a coverage of {coverage:g}")
+    return round(float(over[rank - 1]), 12)
 
 
 def _newton(

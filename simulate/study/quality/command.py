@@ -66,7 +66,8 @@ def grasp_quality(
                 f"{name}: score {found['promised']:.3f}, held {found['held']:.3f}; calibration "
                 f"error of the score {found['error']:.3f}, by the factory's map "
                 f"{found['error_by_factory']:.3f}, after 50 own outcomes "
-                f"{found.get('error_after_50', float('nan')):.3f}; n {found['n']}"
+                f"{found.get('error_after_50', float('nan')):.3f}; at least what is promised at "
+                f"90 %: {found['covered']:.3f} of the objects; n {found['n']}"
             )
     click.echo(f"no grasp found: {json.dumps(summary['none'])}")
     click.echo(f"gate: {json.dumps(summary['gate'])}")

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from features.recognition.metrics import expected_calibration_error
 from grasp.arrays import FloatArray, IntArray
-from grasp.learning.calibration import fit_map
-from grasp.spatial.scoring.holding import FACTORY
+from grasp.learning.calibration import band_margin, fit_map
+from grasp.spatial.scoring.holding import FACTORY, MARGIN
 from simulate.study.intervals import mean_interval
 from simulate.study.quality.trial import HANDS, RULES
 from simulate.study.runner import Study
@@ -25,6 +25,7 @@ OUTCOMES = {"held": "lift", "carried": "carry"}
 """Outcomes of a trial, and the score that promises each."""
 
 _OWN, _DRAWS = 50, 20
+_HALVES, _FEWEST = 200, 9
 
 Results = Sequence[Mapping[str, Any]]
 
@@ -99,6 +100,11 @@ def _promises(group: Sequence[tuple[Mapping[str, Any], str]]) -> dict[str, Any]:
     score = OUTCOMES[group[0][1]]
     learnt = _after_own_outcomes(score, np.array(promised), np.array(held), np.array(objects))
     mapped = np.array([FACTORY[score].chance(one) for one in promised])
+    starts = np.flatnonzero(np.diff(objects, prepend=-1))
+    shares = np.add.reduceat(np.array(held, dtype=np.float64), starts) / np.diff(
+        starts, append=len(held)
+    )
+    learnt |= _covered(mapped[starts], shares, MARGIN[score])
     return {
         "n": len(held),
         "error_by_factory": round(expected_calibration_error(mapped, np.array(held)), 4),
@@ -140,6 +146,27 @@ def _after_own_outcomes(
         "error_after_50": round(float(np.mean(errors)), 4),
         "gap_after_50": round(float(np.mean(gaps)), 4),
     }
+
+
+def _covered(
+    chances: FloatArray, shares: FloatArray, margin: float, seed: int = 0
+) -> dict[str, float]:
+    """Return of how many objects at least the promised share held, nine of ten being aimed at.
+
+    By the factory's margin, and by one from half of the objects over the other half: the mean over
+    200 draws.
+    """
+    least = np.maximum(chances - margin, 0.0)
+    found = {"covered": round(float((shares >= least - 1e-9).mean()), 4)}
+    rng, halves = np.random.default_rng(seed), []
+    for _ in range(_HALVES if len(shares) // 2 >= _FEWEST else 0):
+        order = rng.permutation(len(shares))
+        known, new = order[: len(order) // 2], order[len(order) // 2 :]
+        least = np.maximum(chances[new] - band_margin(chances[known], shares[known]), 0.0)
+        halves.append(float((shares[new] >= least - 1e-9).mean()))
+    if halves:
+        found["covered_by_halves"] = round(float(np.mean(halves)), 4)
+    return found
 
 
 def _gate(cases: Mapping[str, Any]) -> dict[str, bool]:

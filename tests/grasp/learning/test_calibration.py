@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from grasp.learning.calibration import IDENTITY, ScoreMap, fit_map
+from grasp.learning.calibration import IDENTITY, ScoreMap, band_margin, fit_map
 
 
 def _outcomes(n: int, offset: float, slope: float, seed: int = 0) -> list[tuple[float, bool]]:
@@ -62,3 +62,22 @@ def test_a_prior_is_where_it_starts() -> None:
     factory = ScoreMap(-0.5, 0.8, (0.25, 0.04))
     assert fit_map([], factory) is factory
     assert fit_map([(0.5, True), (0.5, False)], factory).offset == pytest.approx(-0.5, abs=0.15)
+
+
+def test_nine_of_ten_new_objects_hold_at_least_what_the_band_says() -> None:
+    rng = np.random.default_rng(4)
+    covered = []
+    for _ in range(200):
+        chances = rng.uniform(0.5, 1.0, 200)
+        # Promises that are wrong in a way that no map mends: shares scatter around something else.
+        shares = np.clip(rng.normal(0.9 * chances - 0.1, 0.15), 0, 1)
+        margin = band_margin(chances[:100], shares[:100])
+        covered.append(float((shares[100:] >= chances[100:] - margin).mean()))
+    # The mean of 200 coverages of 100 objects each has a standard deviation of about .003.
+    assert np.mean(covered) == pytest.approx(0.9, abs=0.015)
+
+
+def test_a_band_from_too_few_objects_is_refused() -> None:
+    assert band_margin(np.full(9, 0.5), np.linspace(0.1, 0.9, 9)) == pytest.approx(0.4)
+    with pytest.raises(ValueError, match="8 objects are too few"):
+        band_margin(np.full(8, 0.5), np.full(8, 0.5))

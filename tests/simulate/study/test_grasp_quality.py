@@ -138,6 +138,7 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     promise = summary["calibration"]["nao, carry"]
     assert promise["error"] == pytest.approx(0.25)
     assert promise["error_after_50"] < 0.08
+    assert promise["covered"] == promise["covered_by_halves"] == 1.0
     assert len(quality_rows(summary)) == 5
 
     same = summarise_quality([_result(n, 0.75, 0.75, 0.75) for n in range(60)])
@@ -149,6 +150,9 @@ def test_the_gate_wants_a_pick_that_is_never_below_and_proven_better() -> None:
     assert not worse["gate"]["nowhere below the sampler"]
     assert worse["gate"]["better than the former order"]
     assert not worse["gate"]["passed"]
+    # Half of what is promised in one hand holds: less than the margin of carrying forgives.
+    assert worse["calibration"]["nao, lift"]["covered"] == 1.0
+    assert worse["calibration"]["panda, lift"]["covered"] == 0.0
 
 
 def test_objects_without_a_grasp_are_counted_and_leave_the_pairs() -> None:
