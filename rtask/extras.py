@@ -30,6 +30,8 @@ EXTRA_OF = {
     "pybullet_data": "simulate",
     "pybullet_utils": "simulate",
     "rich": "simulate",
+    "tomlkit": "simulate",
+    "collada": "simulate",
     "rosbags": "recordings",
     "zenoh": "zenoh",
     "sklearn": "classifier",

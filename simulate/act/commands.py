@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import signal
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +15,7 @@ import click
 from rtask.cli.options import option
 from rtask.errors import RobotError, UsageError
 from simulate import options
+from simulate.world.quiet import banner_on_stderr
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -51,26 +49,8 @@ def _cell(robot: str, gui: bool) -> Workcell:
 
     if gui and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RobotError("--gui needs a display and there is none; leave it out to run headless")
-    with _banner_on_stderr():
+    with banner_on_stderr():
         return Workcell(robot, gui=gui)
-
-
-@contextmanager
-def _banner_on_stderr() -> Iterator[None]:
-    """Send what pybullet prints when it starts to standard error: results go to standard output.
-
-    The library writes to file descriptor 1 through the buffers of the C library.
-    """
-    c_library = ctypes.CDLL(None)
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        c_library.fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 @click.group("act-test")

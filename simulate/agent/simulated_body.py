@@ -34,7 +34,7 @@ class Conditions:
     Parameters
     ----------
     robot
-        Name of the kind of robot, from :data:`simulate.robots.ROBOTS`.
+        Name of the kind of robot, from :func:`simulate.robots.known_robots`.
     preset
         Preset of the physics.
     gui

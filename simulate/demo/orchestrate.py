@@ -23,7 +23,7 @@ from simulate.demo.report import (
     summary,
     write_report,
 )
-from simulate.robots import ROBOTS
+from simulate.robots import check_robot
 from simulate.world.objects import PRODUCTS
 
 __all__ = ["Demo", "Settings"]
@@ -70,9 +70,7 @@ class Settings:
             known = ", ".join(PRODUCTS)
             raise UsageError(f"--products: there is no set {self.products!r}; known: {known}")
         for kind in self.kinds:
-            if kind not in ROBOTS:
-                known = ", ".join(ROBOTS)
-                raise UsageError(f"--robot: no robot is called {kind!r}; known: {known}")
+            check_robot(kind)
         if self.seed < 0:
             raise UsageError(f"--seed must not be negative, got {self.seed}")
 

@@ -83,7 +83,7 @@ class RobotJob:
     outbox
         File that keeps outcomes not yet delivered.
     robot
-        Kind of robot: a name of :data:`simulate.robots.ROBOTS`.
+        Kind of robot: a name of :func:`simulate.robots.known_robots`.
     """
 
     name: str

@@ -35,7 +35,7 @@ class MemberJob:
     patience_s
         Time that it waits for an answer before it gives up.
     robot
-        Kind of robot, from :data:`simulate.robots.ROBOTS`.
+        Kind of robot, from :func:`simulate.robots.known_robots`.
     """
 
     name: str

@@ -20,7 +20,7 @@ import rtask
 from rtask.errors import RtaskError, UsageError
 from simulate.demo.processes import Endpoint, MemberProcess, run_rtask
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
-from simulate.robots import ROBOTS
+from simulate.robots import check_robot
 
 __all__ = ["Fleet", "FleetSettings"]
 
@@ -55,7 +55,7 @@ class FleetSettings:
     silence_s
         Time without any event after which a robot counts as lost and is terminated.
     kinds
-        Kinds of the robots, in turn, from :data:`simulate.robots.ROBOTS`.
+        Kinds of the robots, in turn, a name of :func:`simulate.robots.known_robots`.
     """
 
     folder: Path
@@ -74,9 +74,7 @@ class FleetSettings:
 
     def __post_init__(self) -> None:
         for kind in self.kinds:
-            if kind not in ROBOTS:
-                known = ", ".join(ROBOTS)
-                raise UsageError(f"--robot: no robot is called {kind!r}; known: {known}")
+            check_robot(kind)
 
 
 class Fleet:

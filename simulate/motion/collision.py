@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from simulate.motion.kinematics import Chain
-from simulate.motion.mesh_cover import cover_mesh
 from simulate.robots.description import (
     Arm,
     Floats,
@@ -26,6 +25,7 @@ from simulate.robots.description import (
     rotation_from_rpy,
     transform_from,
 )
+from simulate.robots.mesh_cover import cover_mesh
 
 __all__ = ["ArmSpheres", "Obstacle", "PointField", "Surroundings", "body_obstacles", "link_poses"]
 
@@ -265,8 +265,8 @@ class ArmSpheres:
             for shape in robot.link(name).shapes:
                 rows += [(index, c, r, group) for c, r in _spheres(shape)]
         fingers = [joint for joint in robot.joints if joint.name in arm.fingers]
-        values = {joint.name: opening * arm.finger_range for joint in fingers}
-        for name, wrist_from_link in link_poses(arm.wrist, fingers, values).items():
+        finger_poses = link_poses(arm.wrist, fingers, arm.finger_values(opening))
+        for name, wrist_from_link in finger_poses.items():
             for shape in robot.link(name).shapes:
                 for centre, radius in _spheres(shape):
                     moved = wrist_from_link[:3, :3] @ centre + wrist_from_link[:3, 3]

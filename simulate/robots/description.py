@@ -121,6 +121,8 @@ class Inertial:
         tensors = [self.tensor, rotation @ other.tensor @ rotation.T]
         masses = [self.mass, other.mass]
         mass = sum(masses)
+        if mass == 0:
+            return self
         centre = sum(m * c for m, c in zip(masses, centres, strict=True)) / mass
         total = np.zeros((3, 3))
         for m, c, tensor in zip(masses, centres, tensors, strict=True):  # Steiner
@@ -157,6 +159,8 @@ class Joint:
     velocity: float = 0.0
     effort: float = 0.0
     mimic: tuple[str, float] | None = None
+    """Joint that this one follows, and by which factor."""
+    mimic_offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -182,7 +186,12 @@ class Arm:
     aliases
         Other names accepted for the hand.
     fingers
-        Joints that close the hand; each moves from 0 (closed) to ``finger_range`` (open).
+        Joints that close the hand.
+    finger_range
+        Value at which each is open, rad or m; closed is 0.
+    finger_closed, finger_open
+        Values of each finger joint, rad or m, where they differ from 0 and ``finger_range``; empty
+        where they do not.
     mouth
         Largest object (m) between the fingers.
     max_payload
@@ -227,6 +236,24 @@ class Arm:
     grip: Literal["diagonal_mouth", "parallel_jaws"] = "diagonal_mouth"
     kind: Literal["Hand", "ParallelJawGripper"] = "Hand"
     aliases: tuple[str, ...] = ()
+    finger_closed: tuple[float, ...] = ()
+    finger_open: tuple[float, ...] = ()
+
+    def finger_values(self, opening: float) -> dict[str, float]:
+        """Return the value (rad or m) of each finger joint at an opening, 0 (closed) to 1."""
+        closed, opened = self._finger_ends()
+        values = closed + opening * (opened - closed)
+        return {name: float(value) for name, value in zip(self.fingers, values, strict=True)}
+
+    def finger_openings(self, values: Floats) -> Floats:
+        """Return the opening (n,) of each finger joint at its value (n,), rad or m."""
+        closed, opened = self._finger_ends()
+        return np.asarray((values - closed) / (opened - closed))
+
+    def _finger_ends(self) -> tuple[Floats, Floats]:
+        count = len(self.fingers)
+        closed = np.array(self.finger_closed or (0.0,) * count)
+        return closed, np.array(self.finger_open or (self.finger_range,) * count)
 
 
 @dataclass(frozen=True)
@@ -297,7 +324,8 @@ class RobotDescription:
     ``base_from_root`` is the pose of the root link when the robot stands on z = 0 of its base
     frame. ``support`` holds the corners (x, y) m of its support polygon, counter-clockwise; it is
     empty for a robot that is bolted down. ``stances`` are alternative stances, the most similar
-    first.
+    first. ``may_touch`` are pairs of its links whose contact means nothing, because their shapes
+    overlap.
     """
 
     name: str
@@ -313,6 +341,7 @@ class RobotDescription:
     workplace: Workplace = Workplace()
     stances: Mapping[str, Stance] = field(default_factory=dict)
     support: tuple[tuple[float, float], ...] = ()
+    may_touch: tuple[tuple[str, str], ...] = ()
 
     def joint(self, name: str) -> Joint:
         """Return the joint of a name."""

@@ -13,18 +13,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from rtask.errors import RobotError
-from simulate.robots.description import (
-    Arm,
-    CameraMount,
-    Floats,
-    Pose,
-    RobotDescription,
-    Workplace,
-    rpy_from_rotation,
-)
+from simulate.robots.cameras import standing_cameras
+from simulate.robots.description import Arm, Pose, RobotDescription, Workplace
 from simulate.robots.urdf_reader import read_urdf
 
 __all__ = ["describe_panda"]
@@ -47,8 +38,6 @@ _WORKPLACE = Workplace(
     eye=(1.15, -0.70, 0.75),
     target=(0.42, -0.12, 0.25),
 )
-_CAMERA_AT, _CAMERA_SEES = np.array([0.58, 0.0, 0.54]), np.array([0.46, 0.0, 0.20])
-_BOX_CAMERA_OFFSET = np.array([0.14, 0.0, 0.40])
 
 
 def describe_panda(*, name: str = "panda") -> RobotDescription:
@@ -66,17 +55,10 @@ def describe_panda(*, name: str = "panda") -> RobotDescription:
     bare = RobotDescription(
         name=name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={}
     ).welded()
-    camera = CameraMount(
-        "camera_depth",
-        read.root,
-        _camera_pose(_CAMERA_AT, _CAMERA_SEES),
-        look={"left": (), "right": (), "ahead": ()},
-    )
-    cameras = {camera.name: camera, **_box_cameras(read.root)}
     return replace(
         bare,
         arms={"panda_arm": _arm()},
-        cameras=cameras,
+        cameras=standing_cameras(read.root, _WORKPLACE),
         frames={"panda_grasptarget": ("panda_link7", Pose((0.0, 0.0, _HAND_M + _TARGET_M)))},
         model="Franka Emika Panda",
         base_frame="panda_link0",
@@ -111,25 +93,3 @@ def _arm() -> Arm:
         grip="parallel_jaws",
         kind="ParallelJawGripper",
     )
-
-
-def _box_cameras(root: str) -> dict[str, CameraMount]:
-    """Return a fixed camera over each box, which the one over the table does not see."""
-    x, y = _WORKPLACE.box_centre
-    mounts = {}
-    for side, sign in (("left", 1), ("right", -1)):
-        target = np.array([x, sign * y, _WORKPLACE.table_height])
-        pose = _camera_pose(target + _BOX_CAMERA_OFFSET, target)
-        frame = f"box_{side}_depth_optical_frame"
-        mounts[f"box_{side}"] = CameraMount(f"box_{side}", root, pose, frame)
-    return mounts
-
-
-def _camera_pose(position: Floats, target: Floats) -> Pose:
-    """Return the pose of a camera mount whose x axis points at a target, with z upwards."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    left = np.cross([0.0, 0.0, 1.0], forward)
-    left /= np.linalg.norm(left)
-    rotation = np.stack([forward, left, np.cross(forward, left)], axis=1)
-    x, y, z = (float(v) for v in position)
-    return Pose((x, y, z), rpy_from_rotation(rotation))

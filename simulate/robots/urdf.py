@@ -98,5 +98,8 @@ def _joint(joint: Joint) -> Iterator[str]:
         )
         if joint.mimic is not None:
             source, factor = joint.mimic
-            yield f'    <mimic joint="{source}" multiplier="{factor:.9g}"/>'
+            yield (
+                f'    <mimic joint="{source}" multiplier="{factor:.9g}" '
+                f'offset="{joint.mimic_offset:.9g}"/>'
+            )
     yield "  </joint>"

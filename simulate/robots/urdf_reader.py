@@ -1,44 +1,71 @@
 """Reader of URDF files.
 
-Anything that a physics engine would have to guess is rejected: a moving link without mass or
-inertia, a physically impossible inertia tensor, a joint without limits.
+Many published files leave out what a physics engine needs. The reader fills the gaps and says so, a
+warning for each; in strict mode it refuses them: a moving link without mass or inertia, a
+physically impossible inertia tensor, a joint without limits, a mesh that is not there.
 """
 
 from __future__ import annotations
 
+import math
+import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 
 from rtask.errors import RobotError
 from simulate.robots.description import Inertial, Joint, Link, Pose, Shape, Vector
+from simulate.robots.mass import estimated_inertial
+from simulate.robots.mesh_cover import mesh_box
+from simulate.robots.mesh_files import find_mesh
 
 __all__ = ["ReadRobot", "read_urdf"]
 
-_KINDS = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 _ZERO = (0.0, 0.0, 0.0)
+_KINDS: dict[str, Literal["revolute", "prismatic", "fixed"]] = {
+    "revolute": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "continuous": "revolute",
+    "floating": "fixed",
+    "planar": "fixed",
+}
+_STRICT_KINDS = ("revolute", "prismatic", "fixed")
+_EFFORT = {"revolute": 100.0, "prismatic": 10.0}
+"""N m and N, of a joint that states none."""
+_PREFIX = re.compile(rb"(</?|\s)([A-Za-z]\w*):(?=[\w.-]+[\s=/>])")
+_SPEED = 1.0
+"""rad/s or m/s, of a joint that states none."""
 
 
 @dataclass(frozen=True)
 class ReadRobot:
-    """Links and joints of a file; ``root`` is the link without a parent."""
+    """Links and joints of a file, parents before children; ``root`` is the link without a parent.
+
+    ``warnings`` says, one sentence each, what was missing and what was put in its place.
+    """
 
     name: str
     root: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
+    warnings: tuple[str, ...] = ()
 
 
-def read_urdf(path: Path) -> ReadRobot:
+def read_urdf(path: Path, *, strict: bool = True) -> ReadRobot:
     """Read a robot.
 
     Parameters
     ----------
     path
-        The file; meshes are searched in its folder.
+        The file. Meshes are searched in its folder; those of ``package://`` in the folders above
+        it, too, and in those of the environment variable ``ROS_PACKAGE_PATH``.
+    strict
+        Refuse a gap instead of filling it with a warning.
 
     Raises
     ------
@@ -46,123 +73,265 @@ def read_urdf(path: Path) -> ReadRobot:
         With file, link or joint, and the problem.
     """
     try:
-        tree = ET.parse(path).getroot()
+        text = path.read_bytes()
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from error
-    except ET.ParseError as error:
-        raise RobotError(f"{path}: not XML: {error}") from error
+    reader = _Reader(path, strict)
+    tree = reader.parse(text)
     if tree.tag != "robot":
         raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")
-    joints = tuple(_joint(path, element) for element in tree.findall("joint"))
-    moved = {joint.child for joint in joints if joint.kind != "fixed"}
-    links = tuple(_link(path, element, moved) for element in tree.findall("link"))
-    names = {link.name for link in links}
-    for joint in joints:
-        for end in (joint.parent, joint.child):
-            if end not in names:
-                raise RobotError(f"{path}: joint {joint.name!r} names no link: {end!r}")
-    roots = sorted(names - {joint.child for joint in joints})
-    if len(roots) != 1:
-        raise RobotError(f"{path}: expected one root link, found {', '.join(roots) or 'none'}")
-    return ReadRobot(tree.get("name", path.stem), roots[0], links, joints)
+    return reader.read(tree)
 
 
-def _numbers(text: str | None, default: Vector = _ZERO) -> Vector:
-    if text is None:
-        return default
-    x, y, z = (float(word) for word in text.split())
-    return (x, y, z)
+class _Reader:
+    """One reading of one file."""
+
+    def __init__(self, path: Path, strict: bool) -> None:
+        self._path, self._strict = path, strict
+        self._warnings: list[str] = []
+
+    def parse(self, text: bytes) -> ET.Element:
+        """Return the document; a late declaration or an undeclared prefix is a gap."""
+        try:
+            return ET.fromstring(text)
+        except ET.ParseError as error:
+            problem = str(error)
+        try:
+            tree = ET.fromstring(_PREFIX.sub(rb"\1\2_", text[max(text.find(b"<?xml"), 0) :]))
+        except ET.ParseError:
+            raise RobotError(f"{self._path}: not XML: {problem}") from None
+        self._gap("the file", f"is not XML: {problem}", "read without it")
+        return tree
+
+    def read(self, tree: ET.Element) -> ReadRobot:
+        joints = [self._joint(e) for e in tree.findall("joint") if e.find("parent") is not None]
+        moved = {joint.child for joint in joints if joint.kind != "fixed"}
+        links = {}
+        for element in tree.findall("link"):
+            link = self._link(element, moved)
+            if link.name in links:
+                raise RobotError(f"{self._path}: two links are called {link.name!r}")
+            links[link.name] = link
+        for joint in joints:
+            for end in (joint.parent, joint.child):
+                if end not in links:
+                    raise RobotError(f"{self._path}: joint {joint.name!r} names no link: {end!r}")
+        roots = sorted(set(links) - {joint.child for joint in joints})
+        if len(roots) != 1:
+            named = ", ".join(roots) or "none"
+            raise RobotError(f"{self._path}: expected one root link, found {named}")
+        ordered = tuple(_from_the_root(self._path, roots[0], joints))
+        name = tree.get("name", self._path.stem)
+        return ReadRobot(name, roots[0], tuple(links.values()), ordered, tuple(self._warnings))
+
+    def _gap(self, where: str, problem: str, instead: str) -> None:
+        """Record a gap that is filled; refuse it in strict mode."""
+        if self._strict:
+            raise RobotError(f"{self._path}: {where} {problem}")
+        self._warnings.append(f"{where} {problem}; {instead}")
+
+    # -- links ------------------------------------------------------------------------------
+
+    def _link(self, element: ET.Element, moved: set[str]) -> Link:
+        name = element.get("name", "")
+        found = (self._shape(name, part) for part in element.findall("collision"))
+        shapes = tuple(shape for group in found for shape in group)
+        return Link(name, self._inertial(name, element, shapes, name in moved), shapes)
+
+    def _inertial(
+        self, name: str, element: ET.Element, shapes: tuple[Shape, ...], moves: bool
+    ) -> Inertial:
+        where = f"link {name!r}"
+        found = element.find("inertial")
+        mass_of = found.find("mass") if found is not None else None
+        tensor = found.find("inertia") if found is not None else None
+        mass = self._number(where, mass_of, "value", 0.0) if mass_of is not None else 0.0
+        if mass <= 0.0 or found is None:
+            if not moves:
+                return Inertial(0.0, _ZERO, _ZERO)
+            problem = (
+                "moves and has no <inertial>: expected mass and inertia"
+                if found is None
+                else f"moves and weighs {mass:g} kg: expected a mass above 0"
+            )
+            return self._estimated(where, problem, shapes)
+        if tensor is None:
+            return self._estimated(where, "has a mass and no <inertia>", shapes, mass)
+        keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        xx, yy, zz, xy, xz, yz = (self._number(where, tensor, key, 0.0) for key in keys)
+        pose = self._pose(where, found)
+        inertial = Inertial(mass, pose.xyz, (xx, yy, zz), (xy, xz, yz))
+        rotation = pose.matrix[:3, :3]
+        rotated = rotation @ inertial.tensor @ rotation.T
+        moments = np.linalg.eigvalsh(rotated)
+        if moments[0] <= 0 or moments[2] > moments[0] + moments[1] + 1e-9:
+            if not (moves or self._strict):
+                return Inertial(mass, pose.xyz, _ZERO)
+            shown = ", ".join(f"{m:.3g}" for m in moments)
+            problem = f"has impossible inertia: no body has the principal moments {shown} kg m2"
+            return self._estimated(where, problem, shapes, mass)
+        off = (float(rotated[0, 1]), float(rotated[0, 2]), float(rotated[1, 2]))
+        x, y, z = (float(v) for v in np.diag(rotated))
+        return Inertial(mass, pose.xyz, (x, y, z), off)
+
+    def _estimated(
+        self, where: str, problem: str, shapes: tuple[Shape, ...], mass: float | None = None
+    ) -> Inertial:
+        self._gap(where, problem, "estimated from its collision shape")
+        return estimated_inertial(shapes, mass)
+
+    def _shape(self, name: str, element: ET.Element) -> Iterator[Shape]:
+        where = f"link {name!r}"
+        pose, geometry = self._pose(where, element), element.find("geometry")
+        part = geometry[0] if geometry is not None and len(geometry) else None
+        kind = part.tag if part is not None else "nothing"
+        if part is not None and kind == "box":
+            yield Shape("box", self._vector(where, part, "size"), pose)
+        elif part is not None and kind == "sphere":
+            yield Shape("sphere", (self._number(where, part, "radius", 0.0),), pose)
+        elif part is not None and kind in ("cylinder", "capsule"):
+            radius = self._number(where, part, "radius", 0.0)
+            length = self._number(where, part, "length", 0.0)
+            yield Shape("cylinder", (radius, length), pose)
+            for sign in (-1, 1) if kind == "capsule" else ():
+                end = pose.matrix @ [0.0, 0.0, sign * length / 2, 1.0]
+                yield Shape(
+                    "sphere", (radius,), Pose((float(end[0]), float(end[1]), float(end[2])))
+                )
+        elif part is not None and kind == "mesh":
+            yield from self._mesh(where, part, pose)
+        else:
+            self._gap(where, f"has a shape of {kind!r}, which cannot be read", "left out")
+
+    def _mesh(self, where: str, part: ET.Element, pose: Pose) -> Iterator[Shape]:
+        name = part.get("filename", "")
+        scale = self._vector(where, part, "scale", (1.0, 1.0, 1.0))
+        found = find_mesh(self._path, name)
+        if found is None:
+            self._gap(where, f"has the mesh {name!r}, which is not there", "left out")
+            return
+        if not self._strict:
+            try:
+                mesh_box(str(found), scale)
+            except RobotError as error:
+                self._gap(where, f"has a mesh that cannot be read ({error})", "left out")
+                return
+        yield Shape("mesh", scale, pose, str(found))
+
+    # -- joints -----------------------------------------------------------------------------
+
+    def _joint(self, element: ET.Element) -> Joint:
+        name, stated = element.get("name", ""), element.get("type", "")
+        where = f"joint {name!r}"
+        if stated not in _KINDS:
+            raise RobotError(f"{self._path}: {where} is {stated!r}; expected one of {_kinds()}")
+        if stated not in _STRICT_KINDS:
+            instead = "taken as revolute over +-pi" if stated == "continuous" else "held still"
+            self._gap(where, f"is {stated!r}; expected one of {_kinds()}", instead)
+        parent, child = element.find("parent"), element.find("child")
+        if parent is None or child is None:
+            raise RobotError(f"{self._path}: {where} has no parent or no child")
+        axis = element.find("axis")
+        joint = Joint(
+            name,
+            parent.get("link", ""),
+            child.get("link", ""),
+            self._pose(where, element),
+            self._vector(where, axis, "xyz", (1.0, 0.0, 0.0)) if axis is not None else (1.0, 0, 0),
+            _KINDS[stated],
+        )
+        if joint.kind == "fixed":
+            return replace(joint, axis=(0.0, 0.0, 1.0))
+        if not any(joint.axis):
+            self._gap(where, "moves about the axis 0 0 0", "held still")
+            return replace(joint, axis=(0.0, 0.0, 1.0), kind="fixed")
+        limited = self._limited(where, joint, element.find("limit"), stated == "continuous")
+        return self._following(where, limited, element.find("mimic"))
+
+    def _limited(self, where: str, joint: Joint, limit: ET.Element | None, endless: bool) -> Joint:
+        has_range = limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib)
+        if not has_range and not endless:
+            instead = "held still" if joint.kind == "prismatic" else "taken as +-pi"
+            self._gap(where, "moves and has no <limit>", instead)
+            if joint.kind == "prismatic":
+                return replace(joint, kind="fixed")
+        lower, upper = -math.pi, math.pi
+        if limit is not None and has_range and not endless:
+            lower = self._number(where, limit, "lower", 0.0)
+            upper = self._number(where, limit, "upper", 0.0)
+        if lower > upper:
+            self._gap(where, f"has the limits {lower:g} .. {upper:g}", "exchanged")
+            lower, upper = upper, lower
+        speed = self._number(where, limit, "velocity", 0.0) if limit is not None else 0.0
+        effort = self._number(where, limit, "effort", 0.0) if limit is not None else 0.0
+        if not self._strict and (speed <= 0 or effort <= 0):
+            default = _EFFORT[joint.kind]
+            self._gap(where, "states no speed or effort", f"taken as {_SPEED:g} and {default:g}")
+            speed, effort = speed if speed > 0 else _SPEED, effort if effort > 0 else default
+        return replace(joint, lower=lower, upper=upper, velocity=speed, effort=effort)
+
+    def _following(self, where: str, joint: Joint, element: ET.Element | None) -> Joint:
+        if element is None:
+            return joint
+        factor = self._number(where, element, "multiplier", 1.0)
+        offset = self._number(where, element, "offset", 0.0)
+        return replace(joint, mimic=(element.get("joint", ""), factor), mimic_offset=offset)
+
+    # -- values -----------------------------------------------------------------------------
+
+    def _number(self, where: str, element: ET.Element, key: str, default: float) -> float:
+        text = element.get(key)
+        try:
+            value = default if text is None else float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise RobotError(f"{self._path}: {where}: {key} {text!r} is not a number")
+        return value
+
+    def _vector(self, where: str, element: ET.Element, key: str, default: Vector = _ZERO) -> Vector:
+        text = element.get(key)
+        if text is None:
+            return default
+        words = text.split()
+        if not self._strict and (len(words) > 3 or "," in text):
+            words = text.replace(",", " ").split()
+            self._gap(where, f"has {key} {text!r}", f"taken as {' '.join(words[:3])}")
+        try:
+            x, y, z = (float(word) for word in words[: 3 if not self._strict else None])
+        except ValueError:
+            raise RobotError(
+                f"{self._path}: {where}: {key} {text!r} is not three numbers"
+            ) from None
+        if not all(math.isfinite(value) for value in (x, y, z)):
+            raise RobotError(f"{self._path}: {where}: {key} {text!r} is not finite")
+        return (x, y, z)
+
+    def _pose(self, where: str, element: ET.Element) -> Pose:
+        origin = element.find("origin")
+        if origin is None:
+            return Pose()
+        return Pose(self._vector(where, origin, "xyz"), self._vector(where, origin, "rpy"))
 
 
-def _pose(element: ET.Element) -> Pose:
-    origin = element.find("origin")
-    if origin is None:
-        return Pose()
-    return Pose(_numbers(origin.get("xyz")), _numbers(origin.get("rpy")))
+def _kinds() -> str:
+    return ", ".join(_STRICT_KINDS)
 
 
-def _link(path: Path, element: ET.Element, moved: set[str]) -> Link:
-    name = element.get("name", "")
-    inertial = _inertial(path, name, element, name in moved)
-    shapes = tuple(_shape(path, name, part) for part in element.findall("collision"))
-    return Link(name, inertial, shapes)
-
-
-def _inertial(path: Path, name: str, element: ET.Element, moves: bool) -> Inertial:
-    where = f"{path}: link {name!r}"
-    found = element.find("inertial")
-    if found is None:
-        if moves:
-            raise RobotError(f"{where} moves and has no <inertial>: expected mass and inertia")
-        return Inertial(0.0, _ZERO, _ZERO)
-    mass_of, tensor = found.find("mass"), found.find("inertia")
-    mass = float(mass_of.get("value", "0")) if mass_of is not None else 0.0
-    if mass <= 0.0:
-        if moves:
-            raise RobotError(f"{where} moves and weighs {mass:g} kg: expected a mass above 0")
-        return Inertial(0.0, _ZERO, _ZERO)
-    if tensor is None:
-        raise RobotError(f"{where} has a mass and no <inertia>")
-    values = {
-        key: float(tensor.get(key, "0")) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    }
-    pose = _pose(found)
-    inertial = Inertial(
-        mass,
-        pose.xyz,
-        (values["ixx"], values["iyy"], values["izz"]),
-        (values["ixy"], values["ixz"], values["iyz"]),
-    )
-    rotation = pose.matrix[:3, :3]
-    rotated = rotation @ inertial.tensor @ rotation.T
-    moments = np.linalg.eigvalsh(rotated)
-    if moments[0] <= 0 or moments[2] > moments[0] + moments[1] + 1e-9:
-        shown = ", ".join(f"{m:.3g}" for m in moments)
-        raise RobotError(f"{where}: no body has the principal moments {shown} kg m2")
-    off = (float(rotated[0, 1]), float(rotated[0, 2]), float(rotated[1, 2]))
-    x, y, z = (float(v) for v in np.diag(rotated))
-    return Inertial(mass, pose.xyz, (x, y, z), off)
-
-
-def _shape(path: Path, name: str, element: ET.Element) -> Shape:
-    pose, geometry = _pose(element), element.find("geometry")
-    part = geometry[0] if geometry is not None and len(geometry) else None
-    if part is not None and part.tag == "box":
-        return Shape("box", _numbers(part.get("size")), pose)
-    if part is not None and part.tag == "sphere":
-        return Shape("sphere", (float(part.get("radius", "0")),), pose)
-    if part is not None and part.tag == "cylinder":
-        size = (float(part.get("radius", "0")), float(part.get("length", "0")))
-        return Shape("cylinder", size, pose)
-    if part is not None and part.tag == "mesh":
-        file = part.get("filename", "")
-        relative = file.removeprefix("package://").removeprefix("file://")
-        scale = _numbers(part.get("scale"), (1.0, 1.0, 1.0))
-        return Shape("mesh", scale, pose, str((path.parent / relative).resolve()))
-    kind = part.tag if part is not None else "nothing"
-    raise RobotError(f"{path}: link {name!r}: a shape of {kind!r} cannot be read")
-
-
-def _joint(path: Path, element: ET.Element) -> Joint:
-    name, kind = element.get("name", ""), element.get("type", "")
-    if kind not in _KINDS:
-        raise RobotError(f"{path}: joint {name!r} is {kind!r}; expected one of {', '.join(_KINDS)}")
-    parent, child = element.find("parent"), element.find("child")
-    if parent is None or child is None:
-        raise RobotError(f"{path}: joint {name!r} has no parent or no child")
-    limit, axis = element.find("limit"), element.find("axis")
-    if kind != "fixed" and (limit is None or "lower" not in limit.keys()):  # noqa: SIM118
-        raise RobotError(f"{path}: joint {name!r} moves and has no <limit>")
-    bounds = dict(limit.attrib) if limit is not None else {}
-    return Joint(
-        name,
-        parent.get("link", ""),
-        child.get("link", ""),
-        _pose(element),
-        _numbers(axis.get("xyz")) if axis is not None and kind != "fixed" else (0.0, 0.0, 1.0),
-        cast(Literal["revolute", "prismatic", "fixed"], _KINDS[kind]),
-        float(bounds.get("lower", "0")),
-        float(bounds.get("upper", "0")),
-        float(bounds.get("velocity", "0")),
-        float(bounds.get("effort", "0")),
-    )
+def _from_the_root(path: Path, root: str, joints: Sequence[Joint]) -> Iterator[Joint]:
+    """Yield the joints so that every parent comes before its children, else in the file's order."""
+    reached, waiting = {root}, list(joints)
+    while waiting:
+        later = []
+        for joint in waiting:
+            if joint.parent not in reached:
+                later.append(joint)
+                continue
+            if joint.child in reached:
+                raise RobotError(f"{path}: link {joint.child!r} hangs on two joints")
+            reached.add(joint.child)
+            yield joint
+        if len(later) == len(waiting):
+            lost = later[0].name
+            raise RobotError(f"{path}: joint {lost!r} hangs on itself, not on the root {root!r}")
+        waiting = later

@@ -32,6 +32,8 @@ __all__ = ["REST_OPENING", "FingerTouch", "HandTouch", "RobotBody"]
 _ARM_GAINS = (0.5, 1.0)
 _FINGER_GAINS = (0.3, 1.0)
 _HEAD_FORCE = 2.0
+_GEAR_FORCE, _GEAR_ERP = 100.0, 1.0
+"""Of finger joints that follow another: N or N m, and the share of an error mended in a step."""
 _LEG_FORCE = 100.0
 """N m: the feet bear no load in this world, so the hips only have to keep the legs in place."""
 _STANCE_TICK_S = 0.02
@@ -105,7 +107,11 @@ class RobotBody:
     def _load(self, description: RobotDescription) -> None:
         self.body = self.world.load_urdf(description.welded(), self.world_from_base)
         self.joint_index, self.link_index = self._indices()
+        for pair in self.description.may_touch:
+            first, second = (self.link_index.get(link, -1) for link in pair)  # -1: the root
+            self._client.setCollisionFilterPair(self.body, self.body, first, second, 0)
         self.hand_links = {name: self._hand_links(arm) for name, arm in self.arms.items()}
+        self._driven = {name: self._couple_fingers(arm) for name, arm in self.arms.items()}
 
     def _indices(self) -> tuple[dict[str, int], dict[str, int]]:
         joints, links = {}, {}
@@ -118,6 +124,26 @@ class RobotBody:
     def _hand_links(self, arm: Arm) -> tuple[int, ...]:
         fingers = [self.description.joint(name).child for name in arm.fingers]
         return tuple(self.link_index[link] for link in (arm.wrist, *fingers))
+
+    def _couple_fingers(self, arm: Arm) -> tuple[str, ...]:
+        """Gear the finger joints that follow another to it; return those that have a motor."""
+        driven = []
+        for name in arm.fingers:
+            mimic = self.description.joint(name).mimic
+            if mimic is None or mimic[0] not in arm.fingers:
+                driven.append(name)
+                continue
+            source, factor = mimic
+            client, follower = self._client, self.joint_index[name]
+            gear = client.createConstraint(
+                self.body, self.joint_index[source], self.body, follower,
+                client.JOINT_GEAR, [0, 1, 0], [0, 0, 0], [0, 0, 0],
+            )  # fmt: skip
+            client.changeConstraint(
+                gear, gearRatio=-1 / factor, maxForce=_GEAR_FORCE, erp=_GEAR_ERP
+            )
+            client.setJointMotorControl2(self.body, follower, client.VELOCITY_CONTROL, force=0)
+        return tuple(driven)
 
     def _head_joints(self) -> tuple[str, ...]:
         """Return the moving joints that carry the camera."""
@@ -132,10 +158,10 @@ class RobotBody:
             self._client.changeDynamics(self.body, index, linearDamping=0.0, angularDamping=0.0)
         for arm in self.arms.values():
             self.reset_arm(arm.name, np.array(arm.home))
-            for name in arm.fingers:
+            for name, value in arm.finger_values(REST_OPENING).items():
                 index = self.joint_index[name]
                 self._client.changeDynamics(self.body, index, **_FINGER_FRICTION)
-                self._client.resetJointState(self.body, index, REST_OPENING * arm.finger_range)
+                self._client.resetJointState(self.body, index, value)
             self.rest_hand(arm.name)
         self.set_head(np.zeros(len(self._head)))
 
@@ -246,14 +272,16 @@ class RobotBody:
         """
         parts = self.arm(arm)
         position_gain, velocity_gain = _FINGER_GAINS
-        for name in parts.fingers:
+        for name, value in parts.finger_values(opening).items():
             index = self.joint_index[name]
             self._client.changeDynamics(self.body, index, frictionAnchor=int(opening < 0.5))
+            if name not in self._driven[parts.name]:
+                continue
             self._client.setJointMotorControl2(
                 self.body,
                 index,
                 self._client.POSITION_CONTROL,
-                targetPosition=opening * parts.finger_range,
+                targetPosition=value,
                 force=effort,
                 positionGain=position_gain,
                 velocityGain=velocity_gain,
@@ -269,7 +297,7 @@ class RobotBody:
         parts = self.arm(arm)
         indices = [self.joint_index[name] for name in parts.fingers]
         values = [state[0] for state in self._client.getJointStates(self.body, indices)]
-        return float(np.mean(values)) / parts.finger_range
+        return float(np.mean(parts.finger_openings(np.array(values))))
 
     def finger_touch(self, arm: str) -> FingerTouch:
         """Read positions and efforts of a hand's fingers."""
@@ -277,7 +305,7 @@ class RobotBody:
         states = self._client.getJointStates(
             self.body, [self.joint_index[name] for name in hand.fingers]
         )
-        openings = np.array([state[0] for state in states]) / hand.finger_range
+        openings = hand.finger_openings(np.array([state[0] for state in states]))
         efforts = np.abs([state[3] for state in states])
         revolute = self.description.joint(hand.fingers[0]).kind == "revolute"
         forces = efforts / (hand.finger_length if revolute else 1.0)

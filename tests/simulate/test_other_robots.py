@@ -15,8 +15,8 @@ from simulate.agent.simulated_body import Conditions, SimulatedBody
 from simulate.grasping.executor import GraspRequest, Workcell
 from simulate.motion.collision import link_poses
 from simulate.motion.kinematics import Chain, Goal, follow_line, solve_ik
-from simulate.motion.mesh_cover import cover_mesh, read_vertices
 from simulate.robots import ROBOTS, describe, urdf_text
+from simulate.robots.mesh_cover import cover_mesh, read_vertices
 from simulate.robots.urdf_reader import read_urdf
 from simulate.world.objects import product, sample_objects
 from simulate.world.scene import arrange

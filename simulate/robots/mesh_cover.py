@@ -13,12 +13,13 @@ import numpy as np
 from rtask.errors import RobotError
 from simulate.robots.description import Floats
 
-__all__ = ["cover_mesh", "read_vertices"]
+__all__ = ["cover_mesh", "mesh_box", "read_vertices"]
 
 _FINEST_M = 0.012
 _ALONG, _ACROSS = 0.8, 1.3
 
 
+@functools.lru_cache(maxsize=64)
 def read_vertices(path: str) -> Floats:
     """Return the vertices (n, 3) of a mesh file (OBJ, STL, PLY, ...), in its own units.
 
@@ -39,7 +40,15 @@ def read_vertices(path: str) -> Floats:
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
     if not len(vertices):
         raise RobotError(f"{file}: the mesh has no vertices")
+    vertices.flags.writeable = False
     return vertices
+
+
+def mesh_box(path: str, scale: tuple[float, ...]) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest corner (3,) m of a mesh file, times ``scale``."""
+    corners = np.stack([read_vertices(path).min(axis=0), read_vertices(path).max(axis=0)])
+    scaled = corners * np.array(scale)
+    return scaled.min(axis=0), scaled.max(axis=0)
 
 
 @functools.cache

@@ -1,0 +1,1 @@
+"""Robots from URDF files: finding arms and hands, a workplace that suits them, and checks."""

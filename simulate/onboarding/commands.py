@@ -1,0 +1,239 @@
+"""The commands ``rtask robot``: robots made from URDF files."""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rtask.cli.options import json_option, print_json
+from rtask.errors import RobotError, UsageError
+from simulate import options
+
+__all__ = ["robot"]
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
+
+
+@click.group()
+def robot() -> None:
+    """Make robots from URDF files, and check them.
+
+    A robot that was added is known by its name wherever a command takes --robot. Its settings are a
+    TOML file in the folder RTASK_ROBOTS, by default ~/.local/share/rtask/robots.
+    """
+
+
+@robot.command("list")
+@json_option
+def list_robots(as_json: bool) -> None:
+    """List the robots: built in, of installed packages, and added."""
+    from simulate.robots import ROBOTS, known_robots
+    from simulate.robots.robot_files import robot_names, robots_folder
+
+    added = set(robot_names())
+    rows = [
+        {
+            "name": name,
+            "from": "built in"
+            if name in ROBOTS
+            else str(robots_folder() / f"{name}.toml")
+            if name in added
+            else "an installed package",
+        }
+        for name in known_robots()
+    ]
+    if as_json:
+        print_json(rows)
+        return
+    for row in rows:
+        click.echo(f"{row['name']:20} {row['from']}")
+
+
+@robot.command()
+@click.argument("urdf", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--name", help="Name of the robot.  [default: the file's]")
+@click.option(
+    "--gripper",
+    metavar="FILE|jaw:STROKE",
+    help="Hang a gripper on the arm: a URDF file, or plain jaws that open by STROKE, m.",
+)
+@click.option(
+    "--on", metavar="LINK", help="Link that carries the gripper.  [default: tool0, else the last]"
+)
+@click.option("--srdf", type=click.Path(path_type=Path, dir_okay=False),
+    help="SRDF of the robot: home posture and links that may touch are taken from it.",
+)  # fmt: skip
+@click.option("--strict", is_flag=True, help="Refuse a file with gaps instead of filling them.")
+@click.option("--replace", is_flag=True, help="Replace a robot of the same name.")
+@json_option
+def add(
+    urdf: Path,
+    name: str | None,
+    gripper: str | None,
+    on: str | None,
+    srdf: Path | None,
+    strict: bool,
+    replace: bool,
+    as_json: bool,
+) -> None:
+    """Make a robot of URDF: find its arms and hands, a table that suits it, and cameras.
+
+    Everything that the file does not say is guessed, and marked so in the settings, which are there
+    to be edited. `rtask robot check` tells whether the robot works.
+    """
+    from simulate.onboarding.guess import guess_robot
+    from simulate.robots import ROBOTS
+    from simulate.robots.robot_files import robots_folder, save_robot
+    from simulate.world.quiet import banner_on_stderr
+
+    name = name or urdf.stem
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"--name: {name!r}: expected letters, digits, - and _, a letter first")
+    if name in ROBOTS:
+        raise UsageError(f"--name: {name!r} is a built-in robot; choose another name")
+    path = robots_folder() / f"{name}.toml"
+    if path.exists() and not replace:
+        raise UsageError(f"{path} exists; --replace replaces it, --name NAME keeps both")
+    with banner_on_stderr():
+        made = guess_robot(urdf, name, gripper=gripper, on=on, srdf=srdf, strict=strict)
+    save_robot(made.settings, made.guessed, path)
+    arms = [
+        {
+            "name": arm.name,
+            "joints": len(arm.joints),
+            "hand": arm.wrist,
+            "fingers": list(arm.fingers),
+            "opening_m": arm.mouth,
+        }
+        for arm in made.robot.arms.values()
+    ]
+    answer = {
+        "name": name,
+        "settings": str(path),
+        "arms": arms,
+        "cameras": list(made.robot.cameras),
+        "reach": round(made.share, 3),
+        "warnings": list(made.warnings),
+    }
+    if as_json:
+        print_json(answer)
+        return
+    for warning in made.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    for arm in made.robot.arms.values():
+        click.echo(
+            f"{arm.name}: {len(arm.joints)} joints, hand on {arm.wrist}, "
+            f"opens {1000 * arm.mouth:.0f} mm"
+        )
+    click.echo(f"reaches {made.share:.0%} of its table; settings: {path}")
+    click.echo(f"next: rtask robot check {name}")
+
+
+@robot.command()
+@click.argument("name")
+@click.option("--grasps", default=10, show_default=True, help="Products to grasp; 0 = none.")
+@options.seed("products, places and noise")
+@options.preset
+@options.workers
+@json_option
+def check(name: str, grasps: int, seed: int, preset: str, workers: int, as_json: bool) -> None:
+    """Check a robot: reach, home posture, closing hands, and grasps of products.
+
+    Exit code 1 if it fails one. A grasp takes about five seconds.
+    """
+    from simulate.onboarding.check import check_grasps, check_robot_body
+    from simulate.robots import describe
+    from simulate.world.quiet import banner_on_stderr
+
+    if grasps < 0:
+        raise UsageError(f"--grasps must not be negative, got {grasps}")
+    described = describe(name)
+    rows: Sequence[Any] = []
+    with banner_on_stderr():
+        findings = list(check_robot_body(described, seed))
+        if grasps:
+            with tempfile.TemporaryDirectory(prefix="rtask-robot-") as folder:
+                finding, rows = check_grasps(
+                    name, grasps, Path(folder), preset=preset, seed=seed, workers=workers
+                )
+            findings.append(finding)
+    passed = all(finding.passed for finding in findings)
+    if as_json:
+        kept = ("product", "held", "placed", "reason")
+        print_json(
+            {
+                "name": name,
+                "passed": passed,
+                "findings": [finding.to_json() for finding in findings],
+                "grasps": [{key: row[key] for key in kept} for row in rows],
+            }
+        )
+    else:
+        for finding in findings:
+            click.echo(f"{'ok  ' if finding.passed else 'FAIL'} {finding.name}: {finding.says}")
+    if not passed:
+        raise click.exceptions.Exit(1)
+
+
+@robot.command()
+@click.argument(
+    "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
+)
+@click.option("--strict", is_flag=True, help="Count a file with gaps as one that cannot be read.")
+@json_option
+def survey(files: tuple[Path, ...], strict: bool, as_json: bool) -> None:
+    """Tell which URDF files can be read, and which arms and hands they show.
+
+    A folder stands for all files *.urdf below it. Exit code 1 if one cannot be read.
+    """
+    from simulate.onboarding.survey import survey_files
+
+    rows = list(survey_files(files, strict))
+    if as_json:
+        print_json([row.to_json() for row in rows])
+    else:
+        for row in rows:
+            click.echo(row.line())
+        read = sum(not row.error for row in rows)
+        click.echo(f"{read} of {len(rows)} can be read")
+    if any(row.error for row in rows):
+        raise click.exceptions.Exit(1)
+
+
+@robot.command()
+@click.argument("name")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object with the document.")
+def srdf(name: str, as_json: bool) -> None:
+    """Print the SRDF of a robot: groups, hands, home posture, links that may touch.
+
+    With the URDF of `rtask simulate urdf` it describes the robot to MoveIt.
+    """
+    from simulate.robots import describe
+    from simulate.robots.srdf import srdf_text
+
+    text = srdf_text(describe(name))
+    click.echo(json.dumps({"name": name, "srdf": text}) if as_json else text, nl=as_json)
+
+
+@robot.command()
+@click.argument("name")
+@json_option
+def remove(name: str, as_json: bool) -> None:
+    """Forget a robot that was added; its URDF stays."""
+    from simulate.robots.robot_files import robot_names, robots_folder
+
+    path = robots_folder() / f"{name}.toml"
+    if name not in robot_names():
+        known = ", ".join(robot_names()) or "none"
+        raise RobotError(f"no robot {name!r} was added; there are: {known}")
+    path.unlink()
+    if as_json:
+        print_json({"name": name, "removed": str(path)})
+    else:
+        click.echo(f"removed {path}")

@@ -1,0 +1,246 @@
+"""A robot from a URDF: everything that the file does not say is guessed, and marked as guessed."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rtask.errors import RobotError
+from simulate.motion.collision import link_poses
+from simulate.onboarding.hands import FoundHand, arm_ends, arm_from, find_hands, points_of
+from simulate.onboarding.touching import SelfContacts, without_contacts
+from simulate.onboarding.workplace import home_postures, place_robot
+from simulate.robots.description import (
+    Arm,
+    CameraMount,
+    Floats,
+    Joint,
+    Pose,
+    RobotDescription,
+)
+from simulate.robots.robot_files import bare_robot, robot_from, settings_of
+from simulate.robots.srdf import Srdf, read_srdf
+from simulate.robots.urdf_reader import read_urdf
+
+__all__ = ["GuessedRobot", "guess_robot"]
+
+_OPTICAL = "optical_frame"
+_MOUNT_FROM_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+_MOST_HOMES = 24
+
+
+@dataclass(frozen=True)
+class GuessedRobot:
+    """A robot made from a URDF.
+
+    Parameters
+    ----------
+    robot
+        Its description.
+    settings
+        For :func:`simulate.robots.robot_files.save_robot`.
+    guessed
+        Keys of the settings that the file does not state.
+    warnings
+        What the URDF lacks and what was taken instead, one sentence each.
+    share
+        Share of the table in reach, 0..1.
+    """
+
+    robot: RobotDescription
+    settings: Mapping[str, Any]
+    guessed: tuple[str, ...]
+    warnings: tuple[str, ...]
+    share: float
+
+
+def guess_robot(
+    urdf: Path,
+    name: str,
+    *,
+    gripper: str | None = None,
+    on: str | None = None,
+    srdf: Path | None = None,
+    strict: bool = False,
+    seed: int = 0,
+) -> GuessedRobot:
+    """Return the robot of a URDF, with arms, hands, cameras and a workplace.
+
+    Parameters
+    ----------
+    urdf
+        The file.
+    name
+        Of the robot.
+    gripper, on, strict
+        As of :func:`~simulate.robots.robot_files.bare_robot`.
+    srdf
+        A semantic description: its home postures are tried first, and the links whose collisions
+        it disables may touch; None = home and overlaps are guessed.
+    seed
+        Of the postures tried.
+
+    Raises
+    ------
+    RobotError
+        The file cannot be read, or it shows no arm with a hand; the message says what to do.
+    """
+    semantic = read_srdf(srdf) if srdf is not None else Srdf({}, ())
+    whole, warnings = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on)
+    hands = _chosen(find_hands(whole))
+    if not hands:
+        raise RobotError(_no_hand(whole, urdf))
+    rest = {joint.name: _neutral(joint) for joint in _unused(whole, hands)}
+    robot, _ = bare_robot(urdf, name=name, strict=strict, gripper=gripper, on=on, rest=rest)
+    found = _chosen(find_hands(robot))
+    if not found:
+        raise RobotError(_no_hand(robot, urdf))
+    robot = replace(robot, base_from_root=_standing(robot), cameras=_own_cameras(urdf, robot))
+    arms = dict(_arms(robot, found))
+    placed = place_robot(replace(robot, arms=arms, model=whole.name), seed)
+    robot = without_contacts(placed.robot, seed)
+    allowed = {pair for pair in semantic.may_touch if _are_links(robot, pair)}
+    robot = replace(robot, may_touch=tuple(sorted({*robot.may_touch, *allowed})))
+    robot = _at_home(robot, semantic.homes, seed)
+    settings = settings_of(robot, urdf, gripper=gripper, on=on, rest=rest, strict=strict)
+    made = robot_from(settings, Path(f"{name}.toml").resolve())
+    return GuessedRobot(made, settings, tuple(_guessed(settings)), warnings, placed.share)
+
+
+def _no_hand(robot: RobotDescription, urdf: Path) -> str:
+    ends = arm_ends(robot)
+    if not ends:
+        return f"{urdf}: no arm: no chain of three or more moving joints"
+    return (
+        f"{urdf}: no hand: no link behind three moving joints carries two or more fingers that "
+        f"open; give one with --gripper FILE or --gripper jaw:0.085 (arms end at "
+        f"{', '.join(ends[:4])})"
+    )
+
+
+def _chosen(hands: Sequence[FoundHand]) -> list[FoundHand]:
+    """Return the hand with the most joints behind it, and another if it has an arm of its own."""
+    ordered = sorted(hands, key=lambda hand: -len(hand.joints))
+    for other in ordered[1:]:
+        shared = {j.name for j in ordered[0].joints} & {j.name for j in other.joints}
+        if min(len(ordered[0].joints), len(other.joints)) - len(shared) >= 3:
+            return [ordered[0], other]
+    return ordered[:1]
+
+
+def _unused(robot: RobotDescription, hands: Sequence[FoundHand]) -> list[Joint]:
+    """Return the joints that no arm or hand moves: bases, torsos, heads, legs, other hands."""
+    chains = [{joint.name for joint in hand.joints} for hand in hands]
+    shared = set.intersection(*chains) if len(chains) > 1 else set()
+    used = set.union(*chains) - shared | {j.name for hand in hands for j in hand.fingers}
+    return [joint for joint in robot.joints if joint.name not in used]
+
+
+def _neutral(joint: Joint) -> float:
+    return 0.0 if joint.lower <= 0.0 <= joint.upper else round((joint.lower + joint.upper) / 2, 6)
+
+
+def _standing(robot: RobotDescription) -> Pose:
+    """Return the pose of the root at which the lowest point of its shapes is on the floor."""
+    middle = {joint.name: _neutral(joint) for joint in robot.joints}
+    poses = {robot.root: np.eye(4), **link_poses(robot.root, robot.joints, middle)}
+    moved = {joint.child for joint in robot.joints}
+    still = [link.name for link in robot.links if link.name not in moved]
+    clouds = [points_of(robot, name, poses[name]) for name in still]
+    lowest = min((float(c[:, 2].min()) for c in clouds if len(c)), default=0.0)
+    return Pose((0.0, 0.0, round(max(-lowest, 0.0), 6)))
+
+
+def _arms(robot: RobotDescription, hands: Sequence[FoundHand]) -> Iterator[tuple[str, Arm]]:
+    """Yield the arms by name: ``arm``, or ``left_arm`` and ``right_arm``."""
+    two = len(hands) == 2
+    ordered = sorted(hands, key=lambda hand: -_shoulder_y(robot, hand))
+    for hand, side in zip(ordered, (1, -1) if two else (0,), strict=True):
+        name = {1: "left_arm", -1: "right_arm", 0: "arm"}[side]
+        middle = np.array([(joint.lower + joint.upper) / 2 for joint in hand.joints])
+        yield name, arm_from(hand, name, side, hand.joints, middle)
+
+
+def _shoulder_y(robot: RobotDescription, hand: FoundHand) -> float:
+    poses = link_poses(robot.root, robot.joints, {})
+    return float(poses[hand.joints[0].child][1, 3])
+
+
+def _own_cameras(urdf: Path, robot: RobotDescription) -> dict[str, CameraMount]:
+    """Return the cameras of the file's optical frames that are fixed to the root."""
+    try:
+        read = read_urdf(urdf, strict=False)
+    except RobotError:
+        return {}
+    names = [link.name for link in read.links if link.name.endswith(_OPTICAL)]
+    tree = RobotDescription(
+        name=read.name, root=read.root, links=read.links, joints=read.joints, arms={}, cameras={}
+    )
+    mounts = {}
+    for frame in sorted(names, key=lambda name: ("depth" not in name, name)):
+        path = tree.path(frame)
+        if any(joint.kind != "fixed" for joint in path):
+            continue
+        optical = link_poses(read.root, path, {})[frame]
+        pose = Pose.of(optical @ np.linalg.inv(_MOUNT_FROM_OPTICAL))
+        name = frame.removesuffix(f"_{_OPTICAL}")
+        look: dict[str, tuple[float, ...]] = {"left": (), "right": (), "ahead": ()}
+        mounts[name] = CameraMount(name, robot.root, pose, frame, look=look)
+    return mounts
+
+
+def _are_links(robot: RobotDescription, pair: tuple[str, str]) -> bool:
+    """Tell whether both names are still links; those on fixed joints are part of their parents."""
+    return set(pair) <= {link.name for link in robot.links}
+
+
+def _at_home(robot: RobotDescription, stated: Mapping[str, float], seed: int) -> RobotDescription:
+    """Return the robot with every arm at home beside the table, touching nothing.
+
+    Raises
+    ------
+    RobotError
+        An arm has no such posture among those tried.
+    """
+    homes: dict[str, Floats] = {}
+    with SelfContacts(robot) as contacts:
+        for arm in robot.arms.values():
+            tried = 0
+            first = [[stated[j] for j in arm.joints]] if set(arm.joints) <= set(stated) else []
+            postures = itertools.chain(map(np.array, first), home_postures(robot, arm, seed))
+            for posture in postures:
+                tried += 1
+                if not contacts.touching({**homes, arm.name: posture}):
+                    homes[arm.name] = posture
+                    break
+                if tried >= _MOST_HOMES:
+                    break
+            if arm.name not in homes:
+                raise RobotError(
+                    f"{robot.name}: no posture of {arm.name!r} beside the table, hand down, is "
+                    f"free of collisions ({tried} tried); the arm may not reach down at all"
+                )
+    arms = {
+        name: replace(arm, home=tuple(round(float(v), 4) for v in homes[name]))
+        for name, arm in robot.arms.items()
+    }
+    return replace(robot, arms=arms)
+
+
+_STATED = {"urdf", "strict", "model", "base_frame", "gripper", "name"}
+
+
+def _guessed(settings: Mapping[str, Any], where: str = "") -> Iterator[str]:
+    """Yield the keys of everything that the user did not state."""
+    for key, value in settings.items():
+        if not where and key in _STATED:
+            continue
+        if isinstance(value, Mapping):
+            yield from _guessed(value, f"{where}{key}.")
+        elif not (where.startswith("arms.") and key in ("joints", "fingers", "wrist")):
+            yield f"{where}{key}"

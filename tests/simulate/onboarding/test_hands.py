@@ -1,0 +1,87 @@
+"""Hands are found in a tree of links, and what was found is what is known of those hands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simulate.motion.collision import link_poses
+from simulate.onboarding.hands import arm_ends, find_hands, hand_of
+from simulate.robots import describe
+from simulate.robots.attaching import jaw_gripper
+from simulate.robots.description import RobotDescription
+from simulate.robots.robot_files import bare_robot
+
+
+def data(name: str) -> Path:
+    import pybullet_data
+
+    return Path(pybullet_data.getDataPath()) / name
+
+
+def robot(name: str, **options) -> RobotDescription:
+    return bare_robot(data(name), name="robot", **options)[0]
+
+
+def test_the_hand_of_a_panda_is_found_as_it_was_written_by_hand():
+    (hand,) = find_hands(robot("franka_panda/panda.urdf"))
+    known = describe("panda").arm("panda_arm")
+    assert (hand.wrist, [j.name for j in hand.joints]) == (known.wrist, list(known.joints))
+    assert hand.stroke == pytest.approx(known.mouth, abs=0.002)
+    np.testing.assert_allclose(hand.approach, known.approach, atol=1e-6)
+    assert abs(np.dot(hand.closing, known.closing)) == pytest.approx(1.0, abs=1e-4)
+    # The tool point is the tips' middle less 9 mm; that of the maker's hand is a little elsewhere.
+    np.testing.assert_allclose(hand.tcp, known.tcp, atol=0.004)
+
+
+def test_a_linkage_that_opens_at_its_lower_limit_is_found():
+    (hand,) = find_hands(robot("xarm/xarm6_with_gripper.urdf"))
+    assert len(hand.fingers) == 6
+    assert set(hand.closed) == {0.85}
+    assert set(hand.opened) == {0.0}
+    assert hand.stroke == pytest.approx(0.087, abs=0.004)
+    np.testing.assert_allclose(hand.approach, (0, 0, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize("stroke", [0.05, 0.085, 0.14])
+def test_plain_jaws_are_measured_exactly(stroke):
+    (hand,) = find_hands(robot("kuka_iiwa/model.urdf", gripper=f"jaw:{stroke}"))
+    assert hand.stroke == pytest.approx(stroke, abs=1e-6)
+    assert hand.wrist == "lbr_iiwa_link_7"
+    assert len(hand.joints) == 7
+    np.testing.assert_allclose(np.abs(hand.closing), (0, 1, 0), atol=1e-6)
+
+
+def test_a_tree_of_legs_shows_no_hand_but_chains():
+    legs = robot("a1/a1.urdf")
+    assert find_hands(legs) == []
+    assert len(arm_ends(legs)) == 4
+
+
+def test_a_gripper_alone_is_a_hand_but_no_arm():
+    jaws = jaw_gripper(0.08)
+    alone = RobotDescription(
+        name="jaws", root=jaws.root, links=jaws.links, joints=jaws.joints, arms={}, cameras={}
+    )
+    assert find_hands(alone) == []
+    hand = hand_of(alone, "jaw_palm")
+    assert hand is not None
+    assert hand.stroke == pytest.approx(0.08)
+
+
+def test_joints_held_still_keep_the_rest_where_it_was():
+    whole = robot("kuka_iiwa/model.urdf")
+    held = robot("kuka_iiwa/model.urdf", rest={"lbr_iiwa_joint_3": 0.4})
+    names = [joint.name for joint in whole.joints]
+    q = np.linspace(-0.5, 0.7, len(names))
+    q[names.index("lbr_iiwa_joint_3")] = 0.4
+    tip = "lbr_iiwa_link_7"
+    first = _position(whole, tip, dict(zip(names, q, strict=True)))
+    second = _position(held, tip, dict(zip(names, q, strict=True)))
+    np.testing.assert_allclose(first, second, atol=1e-9)
+
+
+def _position(description: RobotDescription, link: str, values: dict[str, float]) -> np.ndarray:
+    return link_poses(description.root, description.joints, values)[link]

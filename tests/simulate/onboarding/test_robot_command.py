@@ -1,0 +1,174 @@
+"""`rtask robot`: a robot from its URDF file to grasps, without a line of Python."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rtask.errors import RobotError
+from simulate.grasping.executor import Workcell
+from simulate.onboarding.commands import robot as command
+from simulate.robots import check_robot, describe, known_robots
+from simulate.robots.robot_files import load_robot
+from simulate.robots.srdf import read_srdf, srdf_text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("robots")
+
+
+@pytest.fixture(autouse=True)
+def robots(folder, monkeypatch):
+    monkeypatch.setenv("RTASK_ROBOTS", str(folder))
+
+
+def data(name: str) -> str:
+    import pybullet_data
+
+    return str(Path(pybullet_data.getDataPath()) / name)
+
+
+def run(*words: str):
+    """Return the exit code and the JSON that a command printed."""
+    done = CliRunner().invoke(command, [*words, "--json"])
+    if done.exception and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return done.exit_code, json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def added(folder):
+    """Two robots: an arm that gets plain jaws, and one whose fingers are a linkage."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RTASK_ROBOTS", str(folder))
+        return {
+            "iiwa": run(
+                "add", data("kuka_iiwa/model.urdf"), "--name", "iiwa", "--gripper", "jaw:0.085"
+            ),
+            "xarm": run("add", data("xarm/xarm6_with_gripper.urdf"), "--name", "xarm"),
+        }
+
+
+@pytest.mark.slow
+def test_an_added_robot_is_known_by_its_name(added, folder):
+    code, answer = added["iiwa"]
+    assert code == 0
+    assert answer["arms"][0]["joints"] == 7
+    assert answer["arms"][0]["opening_m"] == pytest.approx(0.085, abs=1e-4)
+    assert answer["reach"] >= 0.8
+    assert {"iiwa", "nao", "panda"} <= set(known_robots())
+    assert describe("iiwa") == load_robot(folder / "iiwa.toml")
+    assert "# guessed" in (folder / "iiwa.toml").read_text("utf-8")
+    code, rows = run("list")
+    assert {"name": "iiwa", "from": str(folder / "iiwa.toml")} in rows
+    check_robot("iiwa")
+    with pytest.raises(RobotError, match="iiwa"):
+        check_robot("iwia")
+
+
+@pytest.mark.slow
+def test_its_settings_can_be_edited_and_errors_name_the_key(added, folder):
+    path = folder / "iiwa.toml"
+    text = path.read_text("utf-8")
+    (folder / "heavy.toml").write_text(text.replace("max_payload = 1.0", "max_payload = 2.5"))
+    assert describe("heavy").arm("arm").max_payload == 2.5
+    for before, after, says in (
+        ("max_payload", "max_playload", "max_playload"),
+        ('wrist = "lbr_iiwa_link_7"', 'wrist = "hand"', "no link 'hand'"),
+        ("[workplace]", "[workspace]", "workplace is missing"),
+        ("urdf = ", "urdf = 3 #", "not TOML|No such file|Is a directory|3"),
+    ):
+        (folder / "broken.toml").write_text(text.replace(before, after, 1))
+        with pytest.raises(RobotError, match=says) as refused:
+            load_robot(folder / "broken.toml")
+        assert "broken.toml" in str(refused.value) or "3" in str(refused.value)
+    (folder / "broken.toml").unlink()
+
+
+@pytest.mark.slow
+def test_fingers_that_follow_another_stay_with_it_under_load(added):
+    described = describe("xarm")
+    arm = described.arm("arm")
+    with Workcell(described, preset="fast") as cell:
+        cell.robot.move_fingers(arm.name, 0.3, arm.close_effort)
+        cell.world.step(1.0)
+        values = cell.robot.joint_values()
+        fingers = np.array([values[name] for name in arm.fingers])
+        # The gears of the physics engine are soft: a tenth of the range between the joints.
+        assert np.ptp(fingers) < 0.085
+        assert cell.robot.finger_opening(arm.name) == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["iiwa", "xarm"])
+def test_the_check_passes_from_the_file_to_grasps(added, name):
+    code, answer = run("check", name, "--grasps", "2", "--preset", "fast", "--workers", "1")
+    by_name = {finding["name"]: finding for finding in answer["findings"]}
+    assert by_name["reach"]["passed"], by_name
+    assert by_name["home"]["passed"], by_name
+    assert by_name["close"]["passed"], by_name
+    assert any(row["held"] for row in answer["grasps"]), answer
+    assert answer["passed"] == (code == 0)
+
+
+@pytest.mark.slow
+def test_an_srdf_goes_out_and_comes_back_in(added, folder, tmp_path):
+    described = describe("xarm")
+    path = tmp_path / "xarm.srdf"
+    path.write_text(srdf_text(described), encoding="utf-8")
+    read = read_srdf(path)
+    arm = described.arm("arm")
+    home = [read.homes[joint] for joint in arm.joints]
+    np.testing.assert_allclose(home, arm.home, atol=1e-5)
+    assert set(described.may_touch) <= set(read.may_touch)
+    code, answer = run("srdf", "xarm")
+    assert (code, answer["srdf"]) == (0, path.read_text("utf-8"))
+    code, _ = run(
+        "add", data("xarm/xarm6_with_gripper.urdf"), "--name", "again", "--srdf", str(path)
+    )
+    assert code == 0
+    np.testing.assert_allclose(describe("again").arm("arm").home, arm.home, atol=1e-4)
+    assert set(read.may_touch) >= set(describe("again").may_touch)
+
+
+@pytest.mark.slow
+def test_nothing_is_written_for_a_robot_that_cannot_be_made(added, folder, tmp_path):
+    before = sorted(folder.iterdir())
+    for words, says in (
+        (("add", data("kuka_iiwa/model.urdf"), "--name", "bare"), "--gripper"),
+        (("add", data("cartpole.urdf")), "no arm"),
+        (("add", data("kuka_iiwa/model.urdf"), "--name", "iiwa"), "--replace"),
+        (("add", data("kuka_iiwa/model.urdf"), "--name", "../x"), "--name"),
+        (("add", data("kuka_iiwa/model.urdf"), "--name", "panda"), "built-in"),
+        (("add", str(tmp_path / "none.urdf")), "No such file"),
+        (
+            ("add", data("kuka_iiwa/model.urdf"), "--name", "w", "--gripper", "jaw:wide"),
+            "jaw:STROKE",
+        ),
+        (("remove", "nobody"), "there are: "),
+    ):
+        with pytest.raises(Exception, match=says):
+            run(*words)
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.slow
+def test_a_removed_robot_is_forgotten(added, folder):
+    text = (folder / "iiwa.toml").read_text("utf-8")
+    (folder / "short.toml").write_text(text)
+    code, answer = run("remove", "short")
+    assert (code, answer["removed"]) == (0, str(folder / "short.toml"))
+    assert "short" not in known_robots()
+
+
+def test_a_survey_tells_why_a_file_cannot_be_read(tmp_path):
+    (tmp_path / "bad.urdf").write_text("<robot")
+    code, rows = run("survey", str(tmp_path), data("franka_panda/panda.urdf"))
+    assert code == 1
+    assert "not XML" in rows[0]["error"]
+    assert rows[1]["hands"] == ["panda_link7"]
