@@ -17,7 +17,8 @@ from typing import Any, cast
 from a2wsgi import WSGIMiddleware
 from flask import Flask
 
-from endpoint.api.services import JOBS, is_service_address
+from endpoint.api.datasets import is_dataset_address
+from endpoint.api.services import is_service_address
 from endpoint.application import Application, Job
 from endpoint.follow.changes import Changes
 from endpoint.follow.event_stream import EventStream
@@ -339,12 +340,12 @@ class AsgiApplication:
 def _wants_page(request: Request) -> bool:
     """Tell whether a person opens a page that shares its address with programs.
 
-    These are the workbench, at the protocol's address, and the pages of services.
+    These are the workbench, at the protocol's address, and pages of services, datasets and jobs.
     """
     if not prefers_html(request.header("accept")):
         return False
     address = request.raw_path.rstrip("/")
-    if is_service_address(address) and not address.startswith(JOBS):
+    if is_service_address(address) or is_dataset_address(address):
         return address.count("/") < 4
     return request.method in ("GET", "HEAD") and address == "/sparql"
 

@@ -12,14 +12,13 @@ from endpoint.pages import (
     objects,
     operations,
     search,
-    services,
     signin,
     teach,
-    tools,
     wording,
 )
 from endpoint.pages.graph import classes, proof, resource, workbench
 from endpoint.pages.render import blueprint
+from endpoint.pages.services import datasets, forms, jobs, tools
 
 __all__ = [
     "activity",
@@ -28,14 +27,16 @@ __all__ = [
     "classes",
     "clouds",
     "curation",
+    "datasets",
     "feedback",
+    "forms",
     "home",
+    "jobs",
     "objects",
     "operations",
     "proof",
     "resource",
     "search",
-    "services",
     "signin",
     "teach",
     "tools",

@@ -46,7 +46,7 @@ def cloud() -> WerkzeugResponse:
         return response
     with naming_extras("clouds"):
         points, colours = _points_of_view(iri(view), blob) if view else _points_of_model(thing)
-        response.set_data(_ply(*_thinned(points, colours, most)))
+        response.set_data(ply_of(*thinned(points, colours, most)))
     return response
 
 
@@ -119,7 +119,7 @@ def _numbers(node: NamedNode, *names: str) -> list[float]:
     return [float(str(python_value(kb.match(node, getattr(RT, name))[0].object))) for name in names]
 
 
-def _thinned(points: NDArray[np.float32], colours: NDArray[np.uint8], most: int) -> Points:
+def thinned(points: NDArray[np.float32], colours: NDArray[np.uint8], most: int) -> Points:
     """Return at most so many points, evenly chosen; the same ones each time."""
     import numpy as np
 
@@ -129,7 +129,7 @@ def _thinned(points: NDArray[np.float32], colours: NDArray[np.uint8], most: int)
     return points, colours
 
 
-def _ply(points: NDArray[np.float32], colours: NDArray[np.uint8]) -> bytes:
+def ply_of(points: NDArray[np.float32], colours: NDArray[np.uint8]) -> bytes:
     """Return points and colours as binary little-endian PLY."""
     import numpy as np
 

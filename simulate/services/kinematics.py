@@ -18,7 +18,7 @@ from simulate.motion.kinematics import Chain, Goal, IkOptions, Tool, solve_ik
 from simulate.robots.description import Floats, Joint
 from simulate.robots.urdf_reader import ReadRobot, read_urdf
 
-__all__ = ["Kinematics", "checked", "read_chains"]
+__all__ = ["Kinematics", "chain_named", "checked", "pose_matrix", "read_chains"]
 
 
 class Solutions(Answer):
@@ -26,6 +26,8 @@ class Solutions(Answer):
 
     solutions: list[Array]
     """joint values, rad, or m of prismatic joints; none where the pose cannot be reached"""
+    nearest: Array
+    """joint values of the best posture found, whether or not it is good enough"""
     position_error: Annotated[float, Unit("m")]
     """of the best posture, whether or not it is good enough"""
     rotation_error: Annotated[float, Unit("rad")]
@@ -73,7 +75,7 @@ class Kinematics(Service):
     """
 
     name = "example/Kinematics"
-    version = "1.2.0"
+    version = "1.3.0"
     robot = data_resource(
         "binary",
         default="robots/NAO",
@@ -98,7 +100,7 @@ class Kinematics(Service):
         """
         chain = self._chain(manipulator)
         rotations, positions = chain.tool_poses(checked(chain, joints)[None])
-        return _pose(rotations[0], positions[0])
+        return pose_matrix(rotations[0], positions[0])
 
     @method
     def inverseKinematics(
@@ -142,6 +144,7 @@ class Kinematics(Service):
         best = order[0]
         return Solutions(
             solutions=[found[i] for i in good],
+            nearest=found[best],
             position_error=float(distance[best]),
             rotation_error=float(angle[best]),
         )
@@ -160,7 +163,7 @@ class Kinematics(Service):
         chain = self._chain(manipulator)
         rotations, positions = chain.link_frames(checked(chain, joints)[None])
         links = [
-            LinkPose(name=name, pose=_pose(rotation, position))
+            LinkPose(name=name, pose=pose_matrix(rotation, position))
             for name, rotation, position in zip(
                 chain.links, rotations[0], positions[0], strict=True
             )
@@ -252,7 +255,8 @@ def _path(robot: ReadRobot, tip: str) -> list[Joint]:
     return path[::-1]
 
 
-def _pose(rotation: Floats, position: Floats) -> Floats:
+def pose_matrix(rotation: Floats, position: Floats) -> Floats:
+    """Return the (4, 4) matrix of a rotation (3, 3) and a position (3,), m."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose

@@ -8,6 +8,7 @@ checked: at each posture that is checked there is room for the way to the next.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -17,11 +18,11 @@ from numpy.typing import NDArray
 from rtask.errors import ServiceError
 from rtask.services import Call, Service, data_resource, method, startup
 from rtask.wire.message import Answer
-from rtask.wire.types import Array, ArrayOf, Carried, Number, Unit, Whole
+from rtask.wire.types import Array, ArrayOf, Carried, Number, Pose, Unit, Whole
 from simulate.motion.kinematics import Chain
 from simulate.motion.rrt import IsFree, PlanOptions, edge_is_free, plan_path, shortcut
 from simulate.robots.description import Floats
-from simulate.services.kinematics import chain_named, checked, read_chains
+from simulate.services.kinematics import chain_named, checked, pose_matrix, read_chains
 
 __all__ = ["Trajopt"]
 
@@ -56,11 +57,30 @@ class Checked(Answer):
     """number of the first straight piece that touches an obstacle, from 0; null where none does"""
 
 
+class Posture(Answer):
+    """Where the robot is in one posture."""
+
+    joints: Array
+    """rad, or m of prismatic joints"""
+    links: list[Array]
+    """middle line of each link, [x, y, z, x, y, z] in m, in the frame of the root link"""
+    pose: Pose
+    """of the end of the arm, in the frame of the root link"""
+    clearance: Annotated[float | None, Unit("m")] = None
+    """from the robot's surface to the nearest obstacle, negative inside; null without obstacles"""
+
+
+class Traced(Answer):
+    """The robot along a path."""
+
+    postures: list[Posture]
+
+
 class Trajopt(Service):
     """Motion planning of one robot among balls."""
 
     name = "example/Trajopt"
-    version = "1.0.0"
+    version = "1.1.0"
     robot = data_resource("binary", default="robots/PlanarArm", summary="as for example/Kinematics")
 
     @startup
@@ -171,22 +191,88 @@ class Trajopt(Service):
         rng = np.random.default_rng(seed)
         return _answer(shortcut(_corners(chain, path), is_free, rng, options))
 
+    @method
+    def trace(
+        self,
+        manipulator: str,
+        path: list[Array],
+        obstacles: Obstacles | None = None,
+        link_radius: Radius = 0.02,
+        samples: Annotated[Whole, Ge(1), Le(500)] = 60,
+    ) -> Traced:
+        """Show where the robot is along a path, and how near the obstacles are.
+
+        Parameters
+        ----------
+        manipulator
+            Name of the arm.
+        path
+            Postures at its corners; a single one is shown by itself.
+        obstacles
+            Balls, [[x, y, z, radius], ...] in m; default: none.
+        link_radius
+            Half the thickness of the links.
+        samples
+            Number of postures, at equal distances in joint space, both ends included.
+        """
+        chain = chain_named(self.chains, manipulator)
+        q = _sampled(_corners(chain, path, at_least=1), samples)
+        links = _links(chain, q)
+        rotations, positions = chain.tool_poses(q)
+        near = _clearance(chain, obstacles, link_radius)(q)
+        found = [
+            Posture(
+                joints=q[i], links=list(links[i].reshape(-1, 6)),
+                pose=pose_matrix(rotations[i], positions[i]),
+                clearance=float(near[i]) if np.isfinite(near[i]) else None,
+            )
+            for i in range(len(q))
+        ]  # fmt: skip
+        return Traced(postures=found)
+
 
 def _is_free(chain: Chain, obstacles: Floats | None, radius: float, margin: float = 0.0) -> IsFree:
-    """Return the collision check of the links, thick lines between the joints, against balls."""
-    balls = np.zeros((0, 4)) if obstacles is None else obstacles
-    is_body = _is_body(chain)
+    """Return the collision check of the links against balls."""
+    clearance = _clearance(chain, obstacles, radius)
 
     def is_free(q: Floats) -> NDArray[np.bool_]:
-        points = _points(chain, q)
-        a, b = points[:, :-1][:, is_body, None], points[:, 1:][:, is_body, None]
+        return np.asarray(clearance(q) > margin)
+
+    return is_free
+
+
+def _clearance(chain: Chain, obstacles: Floats | None, radius: float) -> Callable[[Floats], Floats]:
+    """Return the distance, m, of the links, thick lines between the joints, from the nearest ball.
+
+    The distance (b,) is infinite where there is no ball.
+    """
+    balls = np.zeros((0, 4)) if obstacles is None else obstacles
+
+    def clearance(q: Floats) -> Floats:
+        links = _links(chain, q)
+        a, b = links[:, :, None, 0], links[:, :, None, 1]
         along, to_ball = b - a, balls[:, :3] - a
         squared = np.maximum((along**2).sum(axis=3), 1e-12)
         share = np.clip((to_ball * along).sum(axis=3) / squared, 0.0, 1.0)
         apart = np.linalg.norm(to_ball - share[..., None] * along, axis=3)
-        return np.asarray((apart > balls[:, 3] + radius + margin).all(axis=(1, 2)))
+        return np.asarray((apart - balls[:, 3] - radius).min(axis=(1, 2), initial=np.inf))
 
-    return is_free
+    return clearance
+
+
+def _links(chain: Chain, q: Floats) -> Floats:
+    """Return the two ends (b, links, 2, 3) of the middle line of each link, m."""
+    points = _points(chain, q)
+    return np.stack([points[:, :-1], points[:, 1:]], axis=2)[:, _is_body(chain)]
+
+
+def _sampled(corners: Floats, samples: int) -> Floats:
+    """Return postures (samples, dof) at equal distances along a path; one if it goes nowhere."""
+    far = np.concatenate([[0.0], np.abs(np.diff(corners, axis=0)).max(axis=1).cumsum()])
+    if far[-1] == 0.0 or samples == 1:
+        return corners[:1]
+    at = np.linspace(0.0, far[-1], samples)
+    return np.stack([np.interp(at, far, joint) for joint in corners.T], axis=1)
 
 
 def _points(chain: Chain, q: Floats) -> Floats:
@@ -234,9 +320,9 @@ def _inside(chain: Chain, joints: Floats, name: str) -> Floats:
     return q
 
 
-def _corners(chain: Chain, path: list[Floats]) -> Floats:
-    if len(path) < 2:
-        raise ServiceError("path: expected two postures or more")
+def _corners(chain: Chain, path: list[Floats], at_least: int = 2) -> Floats:
+    if len(path) < at_least:
+        raise ServiceError(f"path: expected {at_least} or more postures, got {len(path)}")
     return np.array([checked(chain, one) for one in path])
 
 

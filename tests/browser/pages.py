@@ -12,10 +12,13 @@ from urllib.parse import urlsplit
 PHONE = {"width": 360, "height": 740}
 LAPTOP = {"width": 1280, "height": 800}
 SIZES = {"phone": PHONE, "laptop": LAPTOP}
-LOOKS = {
-    "phone-dark": {"viewport": PHONE, "color_scheme": "dark", "has_touch": True},
-    "laptop-light": {"viewport": LAPTOP, "color_scheme": "light"},
-}
+_THEMES = ("light", "dark")
+ALL_LOOKS = {
+    **{f"phone-{theme}": {"viewport": PHONE, "color_scheme": theme, "has_touch": True}
+       for theme in _THEMES},
+    **{f"laptop-{theme}": {"viewport": LAPTOP, "color_scheme": theme} for theme in _THEMES},
+}  # fmt: skip
+LOOKS = {name: ALL_LOOKS[name] for name in ("phone-dark", "laptop-light")}
 """Both sizes and both themes, in two runs instead of four."""
 TIMEOUT_MS = 60_000
 

@@ -14,7 +14,7 @@ import pytest
 import ontology
 import rtask
 from endpoint.access.tokens import TokenStore
-from tests.browser.pages import LOOKS, fits, keep_picture, open_page
+from tests.browser.pages import ALL_LOOKS, fits, keep_picture, open_page
 from tests.servers import RunningServer, bearer, running_server
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -23,7 +23,8 @@ OBJECT = "urn:lab/object/1"
 PATHS = (
     "/", "/activity", "/sparql", "/objects", f"/object?iri={OBJECT}", "/classes?iri=rt:Mug",
     "/robots", "/feedback", "/services", "/services/example/Grasping",
-    "/tools/grasp", "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
+    "/datasets", "/datasets/robots/Point", "/jobs", "/tools/grasp", "/tools/arm",
+    "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
     f"/object/split?iri={OBJECT}", f"/object/forget?iri={OBJECT}", "/resource?iri=rt:Mug",
     f"/explain?s={OBJECT}&p=rdf:type&o=rt:Mug", "/search?q=mug", "/operations",
     "/operations/register_robot", "/admin/tokens", "/admin/audit", "/admin/queries", "/openapi",
@@ -83,13 +84,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RunningServ
         yield running, admin
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", ALL_LOOKS)
 def test_every_page_has_one_heading_fits_and_names_its_controls(
     browser: Any, site: tuple[RunningServer, str], look: str
 ) -> None:
     server, token = site
     faults: list[str] = []
-    with open_page(browser, server.url, token, **LOOKS[look]) as page:
+    with open_page(browser, server.url, token, **ALL_LOOKS[look]) as page:
         for path in PATHS:
             page.goto(server.url + path)
             if not fits(page):

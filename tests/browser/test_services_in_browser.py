@@ -20,13 +20,34 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 SERVICE = '''
 """A service for tests."""
+import time
 from typing import Annotated, Literal
 
+import cv2
+import numpy as np
 from annotated_types import Ge, Le
 
+from features.codec import encode_cloud
 from rtask.errors import ServiceError
-from rtask.services import Service, method
-from rtask.wire.types import Array, Unit
+from rtask.services import Call, Service, data_resource, method
+from rtask.wire.message import Answer
+from rtask.wire.types import Array, Bytes, Pose, Unit
+
+
+class End(Answer):
+    """One end of a lever."""
+
+    name: str
+    pose: Pose
+
+
+class Watched(Answer):
+    """What was seen."""
+
+    picture: Bytes
+    cloud: Bytes
+    ends: list[End]
+    path: list[Array]
 
 
 class Lever(Service):
@@ -34,6 +55,7 @@ class Lever(Service):
 
     name = "lab/Lever"
     version = "1.2.0"
+    parts = data_resource("binary", default="robots/Point", summary="parts of the lever")
 
     @method(output="force")
     def lift(
@@ -56,6 +78,30 @@ class Lever(Service):
         if len(arms) != 2:
             raise ServiceError("a lever has two arms")
         return load * 9.81 * (arms[0] / arms[1] if method == "near" else arms[1] / arms[0])
+
+    @method
+    def watch(self, call: Call, seconds: Annotated[float, Unit("s"), Ge(0), Le(600)]) -> Watched:
+        """Watch the lever and show what was seen.
+
+        Parameters
+        ----------
+        seconds
+            How long to watch.
+        """
+        call.progress(0.5, "half seen")
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            call.check_cancelled()
+            time.sleep(0.01)
+        grid = np.stack(np.meshgrid(*[np.linspace(0, 0.1, 12)] * 3), axis=-1).reshape(-1, 3)
+        colours = np.full((len(grid), 3), 90, np.uint8)
+        _, picture = cv2.imencode(".png", np.zeros((4, 6, 3), np.uint8))
+        return Watched(
+            picture=picture.tobytes(),
+            cloud=encode_cloud(grid.astype(np.float32), colours),
+            ends=[End(name="left", pose=np.eye(4)), End(name="<b>right</b>", pose=np.eye(4))],
+            path=[np.array([0.0, 1.0]), np.array([0.5, 0.5])],
+        )
 '''
 
 
@@ -68,7 +114,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
 
 
 def _answer(page: Any) -> Any:
-    return json.loads(page.get_by_role("status").inner_text())
+    return json.loads(page.locator("[data-json]").text_content())
 
 
 @pytest.mark.parametrize("look", LOOKS)
@@ -134,6 +180,55 @@ def test_a_built_in_service_is_called_by_its_form(browser: Any, server: RunningS
         page.get_by_label("grasps").fill("3")
         page.get_by_role("button", name="Call").click()
         assert len(_answer(page)["grasps"]) == 3
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_pictures_clouds_poses_and_curves_are_shown_as_such(
+    browser: Any, server: RunningServer, look: str
+) -> None:
+    with open_page(browser, server.url, **LOOKS[look]) as page:
+        page.goto(f"{server.url}/services/lab/Lever?$method=watch")
+        page.get_by_label("seconds (s) *").fill("0")
+        page.get_by_role("button", name="Call").click()
+        page.locator("[data-place][data-drawn]").wait_for()  # the cloud
+        page.locator("[data-poses] .arrow").first.wait_for()
+        assert page.locator("[data-poses] .arrow").count() == 2
+        assert page.locator("img.shown").evaluate("one => one.naturalWidth") == 6
+        assert page.locator("[data-curves] .curve").count() == 2
+        assert page.get_by_role("cell", name="<b>right</b>").count() == 1
+        assert fits(page)
+        keep_picture(page, f"answer-{look}")
+
+
+def test_an_answer_is_read_without_scripts(browser: Any, server: RunningServer) -> None:
+    with open_page(browser, server.url, java_script_enabled=False) as page:
+        page.goto(f"{server.url}/services/lab/Lever?$method=watch")
+        page.get_by_label("seconds (s) *").fill("0")
+        page.get_by_role("button", name="Call").click()
+        assert "1728 points" in page.locator("main").inner_text()
+        assert page.get_by_role("cell", name="at 0, 0, 0 m, turned 0, 0, 0, 1").count() == 2
+
+
+def test_a_call_as_a_job_shows_its_progress_and_is_cancelled(
+    browser: Any, server: RunningServer
+) -> None:
+    with open_page(browser, server.url, **LOOKS["phone-dark"]) as page:
+        page.goto(f"{server.url}/services/lab/Lever?$method=watch")
+        page.get_by_label("seconds (s) *").fill("600")
+        page.get_by_role("button", name="Run as a job").click()
+        page.get_by_text("50 %: half seen").wait_for()
+        assert page.locator("progress").evaluate("one => one.value") == 0.5
+        assert fits(page)
+        page.get_by_role("button", name="Cancel").click()
+        page.get_by_text("cancelled", exact=True).wait_for()
+        page.get_by_role("link", name="Jobs").first.click()
+        page.get_by_role("heading", name="Jobs").wait_for()
+        assert page.get_by_role("cell", name="cancelled").count() == 1
+        page.goto(f"{server.url}/services/lab/Lever?$method=watch")
+        page.get_by_label("seconds (s) *").fill("0")
+        page.get_by_label("dataset for parts").fill("robots/PlanarArm@1")
+        page.get_by_role("button", name="Run as a job").click()
+        page.locator("[data-poses] .arrow").first.wait_for()  # the page of its answer
 
 
 def test_programs_get_the_same_addresses_as_json(server: RunningServer) -> None:

@@ -64,6 +64,10 @@ def test_a_pose_out_of_reach_has_no_solution_and_says_how_far_it_is(host):
         "arm", pose
     )
     assert answer.solutions == []
+    service = host.connect("example/Trajopt", {"robot": "robots/PlanarArm"})
+    (nearest,) = service.trace("arm", [answer.nearest]).postures
+    off = np.linalg.norm(nearest.pose[:3, 3] - pose[:3, 3])
+    assert off == pytest.approx(answer.position_error)
     # The arm is 1.1 m long; the best posture found weighs distance against orientation.
     assert 0.9 - 1e-6 <= answer.position_error <= 1.2
 
@@ -104,3 +108,24 @@ def test_a_goal_inside_an_obstacle_is_refused(host):
         service.plan("arm", [-1, 0], [1, 0], obstacles=[[1, 0, 0, 0.1]])
     with pytest.raises(ServiceError, match="goal: beyond the limits"):
         service.plan("arm", [-1, 0], [9, 0])
+
+
+def test_a_trace_shows_links_pose_and_clearance_along_a_path(host):
+    planning = host.connect("example/Trajopt", {"robot": "robots/PlanarArm"})
+    kinematics = host.connect("example/Kinematics", {"robot": "robots/PlanarArm"})
+    path = [[0.0, 0.0, 0.0], [1.0, 0.5, -0.5], [1.0, 1.0, 0.0]]
+    ball = [2.0, 0.0, 0.0, 0.1]
+    traced = planning.trace("arm", path, obstacles=[ball], samples=11).postures
+    assert len(traced) == 11
+    np.testing.assert_allclose([traced[0].joints, traced[-1].joints], [path[0], path[-1]])
+    # The stretched arm ends at 1.1 m; the ball begins at 1.9 m, the link is 2 cm thick each way.
+    assert traced[0].clearance == pytest.approx(1.9 - 1.1 - 0.02)
+    for posture in traced:
+        reached = kinematics.forwardKinematics("arm", posture.joints)
+        np.testing.assert_allclose(posture.pose, reached)
+        assert len(posture.links) == 3
+        np.testing.assert_allclose(posture.links[-1][3:], reached[:3, 3], atol=1e-12)
+    alone = planning.trace("arm", [path[1]]).postures
+    assert [one.clearance for one in alone] == [None]
+    with pytest.raises(ServiceError, match="1 or more postures, got 0"):
+        planning.trace("arm", [])

@@ -1,5 +1,7 @@
 // Asks a service for a plan: one question at a time, the newest wins, and again while nobody answers.
 
+import { problemOf } from "./calls.js";
+
 const SETTLE_MS = 150;
 const RETRY_MS = 2000;
 
@@ -54,14 +56,5 @@ export class Planner {
     this.told.link(null);
     if (answer.ok) this.told.answer(JSON.parse(body), request);
     else this.told.problem(problemOf(answer, body));
-  }
-}
-
-/** Return the details of a refusal; a proxy in between may send none. */
-function problemOf(answer, body) {
-  try {
-    return JSON.parse(body);
-  } catch {
-    return { detail: `The server answered ${answer.status} ${answer.statusText}.` };
   }
 }

@@ -12,10 +12,11 @@ export async function fetchCloud(address) {
     const problem = await response.json().catch(() => ({ detail: response.statusText }));
     throw new Error(problem.detail);
   }
-  return parse(await response.arrayBuffer());
+  return parsePly(await response.arrayBuffer());
 }
 
-function parse(buffer) {
+/** Return the cloud in a file; same form as `fetchCloud`. */
+export function parsePly(buffer) {
   const text = new TextDecoder("latin1").decode(buffer.slice(0, 512));
   const end = text.indexOf("end_header\n");
   const found = /element vertex (\d+)/.exec(text);

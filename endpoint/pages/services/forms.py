@@ -11,22 +11,25 @@ from werkzeug.datastructures import MultiDict
 from werkzeug.wrappers import Response as WerkzeugResponse
 
 from endpoint.access.auth import require_scope
-from endpoint.api.services import ADDRESS, DATA
+from endpoint.api.services import ADDRESS, DATA, JOBS
 from endpoint.http.messages import RefusedError
 from endpoint.http.problems import details_of
 from endpoint.pages.operations import read_request
 from endpoint.pages.render import application, blueprint, context, current_request, to_flask
+from endpoint.pages.services.datasets import readable_datasets
+from endpoint.pages.services.results import shown_answer
+from endpoint.pages.services.snippets import snippets
 from endpoint.pages.signin import require_form
-from endpoint.pages.snippets import snippets
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError, UnknownTermError
 from rtask.services.definition import Definition, Method
 from rtask.services.description import ros_service, ros_type
+from rtask.services.host import MAX_JOB_S
 from rtask.wire.forms import controls_of
 
 _DATA = DATA + "."
 _METHOD = "$method"
-_OWN = ("secret", "more", _METHOD)
+_OWN = ("secret", "more", "job", _METHOD)
 
 
 @blueprint.route(ADDRESS, methods=["GET"])
@@ -51,8 +54,11 @@ def service(namespace: str, name: str) -> str | WerkzeugResponse:
 
 
 @blueprint.route(f"{ADDRESS}/<namespace>/<name>", methods=["POST"])
-def service_sent(namespace: str, name: str) -> str | tuple[str, int]:
-    """Call the method that a form names, and show the answer or what was wrong at its field."""
+def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugResponse:
+    """Call the method that a form names, and show the answer or what was wrong at its field.
+
+    As a job, it is started, and the page of the job is shown.
+    """
     definition, form = _found(f"{namespace}/{name}"), flask.request.form
     caller = context().auth.identify(current_request())
     require_form()
@@ -65,17 +71,27 @@ def service_sent(namespace: str, name: str) -> str | tuple[str, int]:
     args: dict[str, Any] = {}
     try:
         args = read_request(method.request)
-        task = context().services.submit(
-            definition.exact, method.name, args, caller.access, _datasets(form)
-        )
+        services = context().services
+        as_job = "job" in form
+        task = services.prepare(
+            definition.exact, method.name, args, caller.access, _datasets(form),
+            MAX_JOB_S if as_job else None,
+        )  # fmt: skip
+        if as_job:
+            return flask.redirect(f"{JOBS}/{services.start_job(task, caller.key).id}", 303)
+        services.start(task)
         answer = task.result()
     except RtaskError as error:
         details = details_of(error)
         return _shown(definition, method.name, form, args=args, problem=details), details["status"]
     if method.scope != "read":
         context().audit.event(f"{definition.exact}/{method.name}", by=caller.name)
-    meta = {"service": task.service, "queued_ms": task.queued_ms, "run_ms": task.run_ms}
-    shown = {"value": answer.as_json(), "meta": meta}
+    shown = {
+        **shown_answer(answer, dict(task.request)),
+        "service": task.service,
+        "queued_ms": task.queued_ms,
+        "run_ms": task.run_ms,
+    }
     return _shown(definition, method.name, form, args=args, answer=shown)
 
 
@@ -115,8 +131,8 @@ def _shown(
         controls=controls_of(method.request, values, more),
         resources={n: one for n, one in definition.resources.items() if one.type != "graph"},
         given=values,
-        answer=None if answer is None else _pretty(answer["value"]),
-        meta=None if answer is None else answer["meta"],
+        answer=answer,
+        datasets=readable_datasets(),
         problem=problem or {},
         snippets=snippets(site, definition.exact, ros_service(definition, method),
                           ros_type(definition, method), method.name,
@@ -139,7 +155,3 @@ def _number(value: Any) -> Any:
         return json.loads(value)
     except (TypeError, ValueError):
         return value
-
-
-def _pretty(value: Any) -> str:
-    return json.dumps(value, indent=2, ensure_ascii=False)

@@ -1,0 +1,72 @@
+"""Pages of jobs: the calls that a person started and comes back to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import flask
+from werkzeug.wrappers import Response as WerkzeugResponse
+
+from endpoint.api.services import JOBS
+from endpoint.http.messages import RefusedError
+from endpoint.http.problems import details_of
+from endpoint.pages.render import application, blueprint, context, current_request, to_flask
+from endpoint.pages.services.results import shown_answer
+from endpoint.pages.signin import require_form
+from endpoint.sparql.negotiation import prefers_html
+from rtask.errors import UnknownTermError
+from rtask.services.jobs import ENDED, Job
+
+__all__: list[str] = []
+
+
+@blueprint.route(JOBS, methods=["GET"])
+def jobs() -> str | WerkzeugResponse:
+    """Show the person's jobs; programs get theirs as JSON."""
+    if not prefers_html(current_request().header("accept")):
+        return to_flask(application().handle(current_request()))
+    caller = context().auth.identify(current_request())
+    found = [_facts(job) for job in context().services.jobs.of(caller.key)]
+    return flask.render_template("jobs.html", jobs=found)
+
+
+@blueprint.route(f"{JOBS}/<job_id>", methods=["GET"])
+def job(job_id: str) -> str | WerkzeugResponse:
+    """Show a job with its progress, its log, and its answer or what went wrong."""
+    if not prefers_html(current_request().header("accept")):
+        return to_flask(application().handle(current_request()))
+    found = _found(job_id)
+    events = [said for _, said in found.events(0) if said.get("message")]
+    error = found.error
+    answer = None
+    if found.state == "succeeded":
+        answer = shown_answer(found.task.done.result(), dict(found.task.request))
+    return flask.render_template(
+        "job.html",
+        job=_facts(found),
+        events=events,
+        problem=details_of(error) if error else None,
+        answer=answer,
+    )
+
+
+@blueprint.route(f"{JOBS}/<job_id>", methods=["POST"])
+def job_cancelled(job_id: str) -> WerkzeugResponse:
+    """Cancel a job, and show it."""
+    found = _found(job_id)
+    require_form()
+    found.cancel()
+    return flask.redirect(f"{JOBS}/{found.id}", 303)
+
+
+def _found(job_id: str) -> Job:
+    caller = context().auth.identify(current_request())
+    try:
+        return context().services.jobs.find(job_id, caller.key)
+    except UnknownTermError as error:
+        raise RefusedError(404, "not-found", f"{error}; see {JOBS}") from None
+
+
+def _facts(found: Job) -> dict[str, Any]:
+    facts = found.facts()
+    return {**facts, "href": f"{JOBS}/{found.id}", "ended": facts["state"] in ENDED}
