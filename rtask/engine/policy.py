@@ -72,11 +72,26 @@ class Policy:
 
         >>> Policy().version == Policy(min_grasp=0.5).version != Policy(fast_physics=0.5).version
         True
+        >>> Policy().version == Policy(bandit=Bandit(rho=1.0)).version
+        False
         """
         bandit = self.bandit
-        numbers = (bandit.kappa, bandit.cap, bandit.floor, self.fast_physics)
+        numbers = (bandit.kappa, bandit.cap, bandit.floor, bandit.rho, self.fast_physics)
         return f"beta-{_SCHEME}-{sha256(repr(numbers).encode()).hexdigest()[:8]}"
 
-    def weight_of(self, is_fast: bool) -> float:
-        """Return the weight of an outcome by its physics preset."""
-        return self.fast_physics if is_fast else 1.0
+    def weight_of(self, held: bool, discounted: bool) -> float:
+        """Return the weight of one attempt at the object itself, with the hand that asks.
+
+        Parameters
+        ----------
+        held
+            A failure weighs rho: an object that does not change fails the same way again.
+        discounted
+            Whether it was made in coarse physics and is weighed for a robot elsewhere.
+
+        Examples
+        --------
+        >>> Policy().weight_of(True, False), Policy().weight_of(False, False)
+        (1.0, 2.0)
+        """
+        return (1.0 if held else self.bandit.rho) * (self.fast_physics if discounted else 1.0)

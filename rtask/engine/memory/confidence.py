@@ -73,7 +73,7 @@ class Confidence:
 
 
 def posterior(
-    policy: Policy, quality: float | None, counts: Iterable[tuple[bool, float]]
+    policy: Policy, quality: float | None, counts: Iterable[tuple[bool, bool, int]]
 ) -> Belief:
     """Combine a prior and judged attempts to a belief.
 
@@ -82,19 +82,20 @@ def posterior(
     quality
         Confidence of an evaluation or else the generator's score, 0..1; None if neither is known.
     counts
-        (held, weight) of attempts.
+        Judged attempts: held, in coarse physics, their number. They weigh as in the choice of a
+        grasp; see :meth:`Policy.weight_of`.
 
     Examples
     --------
     >>> round(posterior(Policy(), 0.9, []).mean, 2)
     0.81
-    >>> round(posterior(Policy(), 0.9, [(False, 6.0)]).mean, 2)
+    >>> round(posterior(Policy(), 0.9, [(False, False, 3)]).mean, 2)
     0.24
     """
-    told = list(counts)
-    won = sum(weight for held, weight in told if held)
-    lost = sum(weight for held, weight in told if not held)
-    arm = Arm((0.0, 0.0, 0.0), 0.0, quality, won, lost)
+    weight = {True: 0.0, False: 0.0}
+    for held, is_fast, number in counts:
+        weight[held] += number * policy.weight_of(held, is_fast)
+    arm = Arm((0.0, 0.0, 0.0), 0.0, quality, weight[True], weight[False])
     alpha, beta = BetaThompson(policy.bandit).beliefs([arm])[0]
     return Belief(float(alpha), float(beta))
 
@@ -155,10 +156,9 @@ def believe(
     -------
     The statements of this author's previous posterior, which are to be withdrawn.
     """
-    weighed = [(held, n * context.policy.weight_of(fast)) for (held, fast), n in counts.items()]
     first = stored_confidences(context, [grasp.value]).get(grasp.value, Confidence())
     prior = _quality(context, grasp, quality) if first.prior is None else first.prior
-    belief = posterior(context.policy, prior, weighed)
+    belief = posterior(context.policy, prior, [(*how, n) for how, n in counts.items()])
     home = context.kb.graphs.owner(graph) or "shared"
     node = iri(f"{grasp.value}/evaluation/{slug(home)}")
     triples.discard(node, _BELIEF)

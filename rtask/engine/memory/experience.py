@@ -69,11 +69,10 @@ class Weights:
 
     def of(self, grasp: Remembered, tally: Tally) -> float:
         """Return the weight of one attempt in a tally."""
-        weight = self._object(grasp) * self._gripper(grasp, tally.held)
-        if tally.is_fast and not self.is_fast:
-            weight *= self.policy.fast_physics
-        if not tally.held and not grasp.of_class:
-            weight *= self.policy.bandit.rho
+        # Another object of the class may differ in why it failed, so its failures weigh 1.
+        rule = tally.held or grasp.of_class
+        weight = self.policy.weight_of(rule, tally.is_fast and not self.is_fast)
+        weight *= self._object(grasp) * self._gripper(grasp, tally.held)
         half_life = self.policy.half_life_days
         if half_life is not None and tally.latest is not None:
             age_days = max((self.now - tally.latest).total_seconds() / 86_400, 0.0)

@@ -194,7 +194,7 @@ def _confidence(context: Context, grasp: Remembered, stored: Confidence) -> Gras
     if belief is None:
         belief = posterior(policy, prior, ())
     elif stored.policy != policy.version:
-        counts = [(t.held, t.count * policy.weight_of(t.is_fast)) for t in grasp.tallies]
+        counts = [(t.held, t.is_fast, t.count) for t in grasp.tallies]
         belief = posterior(policy, prior, counts)
         note = f"computed anew: stored by the rules {stored.policy or 'of an older release'}"
     return GraspConfidence(

@@ -299,7 +299,7 @@ def _known(one: Found, memory: Memory, gripper: KnownGripper, context: Context) 
 
 
 def _chance(context: Context, grasp: Remembered) -> float:
-    counts = [(t.held, t.count * context.policy.weight_of(t.is_fast)) for t in grasp.tallies]
+    counts = [(t.held, t.is_fast, t.count) for t in grasp.tallies]
     return round(posterior(context.policy, grasp.prior, counts).mean, 6)
 
 

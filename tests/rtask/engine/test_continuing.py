@@ -168,6 +168,26 @@ def test_a_belief_of_other_rules_is_computed_anew_and_says_so(folder):
     assert first["alpha"] == pytest.approx(0.3 + 2 * prior + 1, abs=1e-5)
 
 
+def test_a_belief_computed_anew_is_the_one_that_was_stored(folder):
+    """Failures weigh alike when they are stored, recalled and chosen by."""
+    real = Policy(fast_physics=Policy().fast_physics / 2)  # another version, same weights here
+    beliefs = []
+    for policy in (Policy(), real):
+        with rtask.open(folder, reason=False) as kb, Engine(kb, policy=policy) as engine:
+            told = [
+                engine.call("recall_grasps", {"object": f"{kb.base}object/{n}"})["grasps"]
+                for n in (1, 2)
+            ]
+        beliefs.append([(g["id"], g["confidence"], g["statistics"]) for one in told for g in one])
+    assert any(told["attempts"] > told["successes"] for _, _, told in beliefs[0])
+    for (grasp, stored, _), (same, anew, _) in zip(*beliefs, strict=True):
+        assert grasp == same
+        assert (stored["note"] == "") != (anew["note"] == "")
+        assert (anew["alpha"], anew["beta"]) == pytest.approx(
+            (stored["alpha"], stored["beta"]), abs=1e-5
+        )
+
+
 def test_what_robots_did_is_experience_for_the_learners_of_the_thesis(folder):
     with rtask.open(folder, reason=False) as kb, Engine(kb) as engine:
         steps = experience(engine.context)

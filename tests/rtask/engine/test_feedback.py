@@ -154,7 +154,7 @@ def test_a_verdict_gives_no_right_to_another_graph(trial):
 def test_the_stored_confidence_is_prior_plus_outcomes_and_the_prior_stays(bench, trial):
     policy = Policy()
     quality = trial.recalled()["grasp_quality"]
-    belief = posterior(policy, quality, [(True, 1.0)])
+    belief = posterior(policy, quality, [(True, False, 1)])
     kept = trial.recalled()["confidence"]
     assert (kept["alpha"], kept["beta"]) == pytest.approx((belief.alpha, belief.beta), abs=1e-5)
     assert kept["prior"] == quality
@@ -163,10 +163,10 @@ def test_the_stored_confidence_is_prior_plus_outcomes_and_the_prior_stays(bench,
             "report_outcome", task_id=f"urn:more:{k}", object=trial.object, grasp=trial.grasp,
             gripper_id="right_hand", outcome=bench.missed(),
         )  # fmt: skip
-    floor, kappa = Bandit().floor, Bandit().kappa
+    floor, kappa, rho = Bandit().floor, Bandit().kappa, Bandit().rho
     kept = trial.recalled()["confidence"]
     assert kept["alpha"] == pytest.approx(floor + kappa * quality + 1, abs=1e-5)
-    assert kept["beta"] == pytest.approx(floor + kappa * (1 - quality) + 3, abs=1e-5)
+    assert kept["beta"] == pytest.approx(floor + kappa * (1 - quality) + 3 * rho, abs=1e-5)
     assert kept["updated"]
 
 
@@ -187,7 +187,7 @@ def test_a_planned_grasp_keeps_its_evaluation_and_gets_a_posterior(bench, trial)
     kept = after[grasp]["confidence"]
     assert kept["prior"] == 0.8
     assert kept["evaluation"] == grasp + "/evaluation"
-    assert kept["mean"] == pytest.approx(posterior(Policy(), 0.8, [(False, 1.0)]).mean, abs=1e-5)
+    assert kept["mean"] == pytest.approx(posterior(Policy(), 0.8, [(False, False, 1)]).mean, abs=1e-5)
     assert list(trial.kb.validate()) == []
 
 
