@@ -35,6 +35,7 @@ _SPARE_M = 0.002
 _EASY_M = 0.010
 _HEIGHT_STEPS_M = (0.0, 0.007, 0.014)
 _TOP_MARGIN_M = 0.002
+_TIP_ROOM_M = 0.002
 
 
 @dataclass(frozen=True)
@@ -80,15 +81,25 @@ class PlanarGrasp:
     clearance: float = FREE
 
 
-def tip_heights(height: float, width: float, length: float) -> list[float]:
+def tip_heights(height: float, width: float, length: float, fingertip: float = 0.0) -> list[float]:
     """Return heights of the tool centre point over the support to try, m, best first.
 
     Tall things are held at half their height within the reach of a small hand, low thick ones
     above the middle, thin lying ones just above the support; each also 7 and 14 mm higher, for an
     arm that cannot come so low.
 
+    Parameters
+    ----------
+    fingertip
+        How far the fingertips reach below the tool centre point, m: they stay 2 mm over the
+        support, on which they would jam.
+
+    Examples
+    --------
     >>> [round(z, 3) for z in tip_heights(0.08, 0.035, 0.035)]
     [0.04, 0.047, 0.054]
+    >>> [round(z, 3) for z in tip_heights(0.018, 0.018, 0.1, fingertip=0.009)]
+    [0.011]
     """
     if height >= 0.045:
         base = float(np.clip(0.5 * height, 0.026, 0.045))
@@ -96,6 +107,7 @@ def tip_heights(height: float, width: float, length: float) -> list[float]:
         base = 0.008
     else:
         base = max(0.55 * height, 0.018)
+    base = max(base, fingertip + _TIP_ROOM_M)
     tried = [base + step for step in _HEIGHT_STEPS_M]
     return [tried[0], *(z for z in tried[1:] if z <= height - _TOP_MARGIN_M)]
 
@@ -164,7 +176,7 @@ def propose_planar(
     ):
         if not gripper.fits(width, _SPARE_M):  # nor does NaN, where the jaws close on nothing
             continue
-        for z in tip_heights(footprint.height, width, footprint.length):
+        for z in tip_heights(footprint.height, width, footprint.length, gripper.fingertip):
             for opening in openings(width, footprint, gripper):
                 drafts.append(PlanarGrasp(x, y, z, lines[i][1], width, opening, 0.0, seed=seed))
                 line.append(i)
@@ -282,7 +294,8 @@ def _judged(
     aside = offset[:, 1] * np.cos(thetas) - offset[:, 0] * np.sin(thetas)
     arm = np.abs(aside) / (footprint.length / 2)
     widths = lines.widths.tolist()
-    lift = z - [tip_heights(footprint.height, w, footprint.length)[0] for w in widths]
+    tip, height, length = gripper.fingertip, footprint.height, footprint.length
+    lift = z - [tip_heights(height, w, length, tip)[0] for w in widths]
     excess = opened - [openings(w, footprint, gripper)[0] for w in widths]
     factors = (
         0.6 + 0.4 * np.clip(spare, 0.0, 1.0),

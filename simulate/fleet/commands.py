@@ -138,7 +138,7 @@ def attempts(
 @options.seed()
 @options.prior(default=False)
 @options.products(default="plain")
-@click.option("--robot", default="nao", show_default=True, help="Kind of the robots.")
+@options.robots_in_turn
 @click.option(
     "--from-attempts",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
@@ -153,7 +153,7 @@ def sharing(
     seed: int,
     prior: bool,
     products: str,
-    robot: str,
+    kinds: tuple[str, ...],
     from_attempts: Path | None,
     workers: int,
     preset: str,
@@ -178,7 +178,7 @@ def sharing(
         _replay(from_attempts, fleets, on_table, seed, out, as_json)
         return
     study = sharing_study(
-        fleets, robots, objects, on_table, seed, prior, preset, products=products, robot=robot
+        fleets, robots, objects, on_table, seed, prior, preset, products=products, kinds=kinds
     )
     summary = write_sharing_report(out, run(study, out, workers, resume), study.settings)
     if as_json:

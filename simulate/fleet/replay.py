@@ -1,9 +1,11 @@
 """Fleets of two robots replayed from a table of attempts.
 
 The first robot meets products that nobody knows. The second meets the same ones with what the first
-one reported, and again with nothing. Both choose by the engine's own weights and learner. Controls:
-look-alikes (the memory is that of another product of the family, with another secret) and a memory
-shuffled among the products.
+one reported, and again with nothing. Both choose by the engine's own weights and learner. Controls
+give the second robot another memory: that of a look-alike (another product of the family, with
+another secret), that of a product of another family, and the outcomes of the product itself moved
+to random grasps. Only the last holds nothing that is true: families share where they can be held,
+and most hard products cannot be held in the middle.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from simulate.world.seeds import stream
 
 __all__ = ["COLUMNS", "CONDITIONS", "replay", "replay_rows"]
 
-CONDITIONS = ("shared", "look-alikes", "shuffled")
+CONDITIONS = ("shared", "look-alikes", "another family", "random grasps")
 COLUMNS = (
     "memory of", "robot 1", "robot 2", "robot 2 alone", "effect", "first tries", "headroom won",
 )  # fmt: skip
@@ -75,44 +77,75 @@ def replay(
     for fleet in range(fleets):
         rng = stream(seed, _REPLAY, fleet)
         drawn = [int(i) for i in rng.choice(len(things), on_table, replace=False)]
-        first = {i: player.play(things[i], [], things[i], rng) for i in drawn}
-        alone = {i: player.play(things[i], [], things[i], rng) for i in drawn}
-        for name in CONDITIONS:
-            sources = _sources(name, drawn, things, rng)
-            for i, source in zip(drawn, sources, strict=True):
-                told = first[source] if source in first else player.play(
-                    things[source], [], things[source], rng
-                )  # fmt: skip
-                known = told if rng.random() < _RECOGNISED else []
-                second = player.play(things[i], known, things[source], rng)
-                counts = [player.count(done) for done in (first[i], second, alone[i])]
-                rows[name].append([i, *counts])
+        for i in drawn:
+            one, two, other = (_Luck.draw(rng, cap) for _ in range(3))
+            first = player.play(things[i], one)
+            alone = player.play(things[i], two)
+            for name in CONDITIONS:
+                memory = _memory(name, i, things, first, player, other, rng)
+                if memory is None:
+                    continue
+                second = player.play(things[i], two, *memory) if two.recognised else alone
+                rows[name].append([i, *(player.count(done) for done in (first, second, alone))])
     return {
         "fleets": fleets,
         "products": len(things),
         "oracle_first_try": round(float(np.mean(oracle)), 4),
         "conditions": {
-            name: _summary(np.array(found), np.array(oracle)) for name, found in rows.items()
+            name: _summary(np.array(found), np.array(oracle))
+            for name, found in rows.items()
+            if found
         },
     }
 
 
-def _sources(
-    condition: str, drawn: Sequence[int], things: Sequence[Mapping[str, Any]],
-    rng: np.random.Generator,
-) -> list[int]:  # fmt: skip
-    """Return for each product the product whose attempts are remembered for it."""
-    if condition == "shuffled":
-        return [int(i) for i in np.roll(drawn, 1)]
-    if condition == "look-alikes":
-        found = []
-        for i in drawn:
-            alike = [
-                k for k, one in enumerate(things) if k != i and one["kind"] == things[i]["kind"]
-            ]
-            found.append(int(rng.choice(alike)) if alike else i)
-        return found
-    return list(drawn)
+@dataclass(frozen=True)
+class _Luck:
+    """Chance of one robot at one product, the same under every memory.
+
+    Parameters
+    ----------
+    seeds, outcomes : (cap,)
+        Of the learner, and of which try of a grasp it gets, 0..1, attempt by attempt.
+    recognised, turned
+        Whether it recognises the product, and sees it turned by half a turn.
+    """
+
+    seeds: NDArray[np.int64]
+    outcomes: NDArray[np.float64]
+    recognised: bool
+    turned: bool
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, cap: int) -> _Luck:
+        """Draw it."""
+        return cls(
+            rng.integers(2**31, size=cap), rng.random(cap),
+            bool(rng.random() < _RECOGNISED), bool(rng.random() < _TURNED),
+        )  # fmt: skip
+
+
+def _memory(
+    condition: str, i: int, things: Sequence[Mapping[str, Any]], first: Sequence[_Told],
+    player: _Player, luck: _Luck, rng: np.random.Generator,
+) -> tuple[Sequence[_Told], Mapping[str, Any]] | None:  # fmt: skip
+    """Return attempts to remember for a product, and the product on which they were made.
+
+    None if no product is of the kind that the condition asks for.
+    """
+    if condition == "shared":
+        return first, things[i]
+    if condition == "random grasps":
+        places = rng.permutation(len(things[i]["arms"]))
+        moved = [_Told(int(k), one.held) for k, one in zip(places, first, strict=False)]
+        return moved, things[i]
+    alike = condition == "look-alikes"
+    kind = things[i]["kind"]
+    others = [k for k, one in enumerate(things) if k != i and (one["kind"] == kind) is alike]
+    if not others:
+        return None
+    source = things[int(rng.choice(others))]
+    return player.play(source, luck), source
 
 
 class _Player:
@@ -126,8 +159,8 @@ class _Player:
         return len(done) if done and done[-1].held else self.cap + 1
 
     def play(
-        self, thing: Mapping[str, Any], told: Sequence[_Told], source: Mapping[str, Any],
-        rng: np.random.Generator,
+        self, thing: Mapping[str, Any], luck: _Luck, told: Sequence[_Told] = (),
+        source: Mapping[str, Any] | None = None,
     ) -> list[_Told]:  # fmt: skip
         """Return the attempts of a robot at a product.
 
@@ -136,20 +169,20 @@ class _Player:
         told
             Attempts that the graph remembers.
         source
-            Product on which they were made.
+            Product on which they were made; None = this one.
         """
-        arms = self._arms(thing, told, source, turned=bool(rng.random() < _TURNED))
+        arms = self._arms(thing, told, source or thing, luck.turned)
         learner = BetaThompson(self.policy.bandit, max(thing["size"]))
         done: list[_Told] = []
-        while len(done) < self.cap:
+        for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):
             tries = [Trial(arms[one.arm].position, arms[one.arm].theta, one.held) for one in done]
-            order = learner.rank(arms, tries, int(rng.integers(2**31)))
+            order = learner.rank(arms, tries, seed)
             if not order:
                 break
             chosen = order[0].index
-            held = bool(rng.choice(thing["arms"][chosen]["held"]))
-            done.append(_Told(chosen, held))
-            if held:
+            tried = thing["arms"][chosen]["held"]
+            done.append(_Told(chosen, bool(tried[int(outcome * len(tried))])))
+            if done[-1].held:
                 break
         return done
 
@@ -234,7 +267,10 @@ def _summary(rows: NDArray[np.int64], oracle: NDArray[np.float64]) -> dict[str, 
 
 def replay_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Return the table of :data:`COLUMNS`."""
-    names = {"shared": "the product", "look-alikes": "a look-alike", "shuffled": "another product"}
+    names = {
+        "shared": "the product", "look-alikes": "a look-alike",
+        "another family": "another family", "random grasps": "random grasps",
+    }  # fmt: skip
     rows: list[tuple[str, ...]] = []
     for name, found in summary["conditions"].items():
         low, high = found["effect_interval95"]

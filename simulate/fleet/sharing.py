@@ -41,7 +41,7 @@ __all__ = [
 
 COLUMNS = (
     "graph", "robot", "attempts, common", "first try, common", "attempts, own", "recognised",
-    "false",
+    "false", "memory first, held",
 )  # fmt: skip
 
 Condition = Literal["shared", "not shared"]
@@ -61,9 +61,14 @@ def sharing_study(
     preset: str,
     max_attempts: int = MAX_ATTEMPTS,
     products: str = "plain",
-    robot: str = "nao",
+    kinds: Sequence[str] = ("nao",),
 ) -> Study:
     """Return the study of a number of fleets, each with its own products and tables.
+
+    Parameters
+    ----------
+    kinds
+        Kinds of the robots, in turn.
 
     Raises
     ------
@@ -71,14 +76,15 @@ def sharing_study(
         If a number is out of range.
     """
     plan_fleet(robots, objects, on_table, seed, products)
-    describe(robot)
+    for kind in kinds:
+        describe(kind)
     return Study(
         "what sharing is worth",
         "simulate.fleet.sharing:sharing_trial",
         {
             "seed": seed, "robots": robots, "objects": objects, "on_table": on_table,
             "prior": prior, "preset": preset, "max_attempts": max_attempts,
-            "products": products, "robot": robot,
+            "products": products, "kinds": list(kinds),
         },
         fleets,
     )  # fmt: skip
@@ -113,10 +119,11 @@ def _plan(settings: Mapping[str, Any], seed: int) -> FleetPlan:
 def _life(kb: KnowledgeBase, settings: Mapping[str, Any], seed: int, index: int) -> dict[str, Any]:
     """Run one robot until all its tables are clear."""
     plan = _plan(settings, seed)
-    name = f"robot-{index + 1}"
+    name, kinds = f"robot-{index + 1}", settings["kinds"]
     job = MemberJob(
         name, index, "", seed, plan.tables(index), int(settings["max_attempts"]),
-        bool(settings["prior"]), "", preset=str(settings["preset"]), robot=str(settings["robot"]),
+        bool(settings["prior"]), "", preset=str(settings["preset"]),
+        robot=str(kinds[index % len(kinds)]),
     )  # fmt: skip
     with (
         tempfile.TemporaryDirectory(prefix="rtask-assets-") as assets,
@@ -151,6 +158,7 @@ def summarise_sharing(results: Sequence[Mapping[str, Any]], max_attempts: int) -
                     "attempts_own": _over_products(own),
                     "recognised": right,
                     "false_identities": false,
+                    "memory_first": _memory_first(results, condition, robot),
                 }
             )
     return {
@@ -195,6 +203,24 @@ def _identities(
         for result in results
     ]
     return sum(right for right, _ in scored), sum(false for _, false in scored)
+
+
+def _memory_first(
+    results: Sequence[Mapping[str, Any]], condition: Condition, robot: int
+) -> dict[str, int]:
+    """Return how many objects the n-th robots recognised rightly and tried, at how many of them the
+    first grasp came from memory, and how many of these held and were not lost on the way.
+    """
+    met = [
+        one
+        for result in results
+        if robot <= len(result[condition])
+        for one in objects_tried(result[condition][robot - 1])
+        if one["right"] and one["attempts"]
+    ]
+    recalled = [one for one in met if one["attempts"][0]["source"] == "memory"]
+    held = sum(one["tries_to_success"] == 1 for one in recalled)
+    return {"known": len(met), "recalled": len(recalled), "held": held}
 
 
 def _over_products(values: _Values) -> dict[str, Any]:
@@ -256,6 +282,7 @@ def sharing_rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
             *(show(row[name]) for name in ("attempts_common", "first_try_common", "attempts_own")),
             str(row["recognised"]),
             str(row["false_identities"]),
+            "{recalled} of {known}, {held}".format(**row["memory_first"]),
         )
         for row in summary["robots"]
     ]

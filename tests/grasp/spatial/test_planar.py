@@ -8,6 +8,7 @@ import pytest
 from grasp.spatial.footprint import Footprint
 from grasp.spatial.frames import angle_between_axes
 from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper_files import gripper_named
 from grasp.spatial.planar import PlanarGrasp, openings, propose_planar, rate, tip_heights
 
 HAND = ParallelGripper("nao_right_hand", "nao_hand", 0.0, 0.05, symmetric=False)
@@ -67,6 +68,13 @@ def test_tip_height_follows_the_measured_size(height, width, length, expected):
     assert heights[0] == pytest.approx(expected)
     assert all(z <= height for z in heights)
     assert np.allclose(np.diff(heights), 0.007)
+
+
+def test_no_fingertip_is_proposed_below_the_support() -> None:
+    for hand in (HAND, gripper_named("panda"), gripper_named("jaw:0.08")):
+        found = propose_planar(PEN, hand)
+        assert found
+        assert min(grasp.z for grasp in found) >= hand.fingertip + 0.001
 
 
 def test_low_round_and_thin_things_are_met_with_a_smaller_mouth():

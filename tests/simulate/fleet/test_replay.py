@@ -1,4 +1,4 @@
-"""Fleets replayed from a table of attempts: an ideal memory wins, a shuffled one does not."""
+"""Fleets replayed from a table of attempts: an ideal memory wins, an untrue one does not."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from click.testing import CliRunner
 
 from rtask.errors import UsageError
 from simulate.fleet.commands import sharing
-from simulate.fleet.replay import COLUMNS, replay, replay_rows
+from simulate.fleet.replay import COLUMNS, CONDITIONS, replay, replay_rows
 from simulate.study.attempt_table import read_attempts
 
 
-def _thing(number: int, secret: int | None, slides: int = 7) -> dict[str, Any]:
+def _thing(number: int, secret: int | None, slides: int = 7, kind: str = "bar") -> dict[str, Any]:
     """Return a product that one of several places holds (None = all); the middle looks best."""
     middle = slides // 2
     arms = [
@@ -25,7 +25,7 @@ def _thing(number: int, secret: int | None, slides: int = 7) -> dict[str, Any]:
         for k in range(slides)
     ]  # fmt: skip
     return {
-        "product": f"bar-{number}", "kind": "bar", "size": [0.12, 0.03, 0.03], "arms": arms
+        "product": f"{kind}-{number}", "kind": kind, "size": [0.12, 0.03, 0.03], "arms": arms
     }  # fmt: skip
 
 
@@ -34,17 +34,38 @@ def _table(secrets: list[int | None]) -> dict[str, Any]:
     return {"format": 1, "settings": {"hand": "panda"}, "products": things}
 
 
-def test_an_ideal_memory_wins_most_of_the_headroom_and_a_shuffled_one_nothing() -> None:
-    summary = replay(_table([0, 1, 5, 6, 0, 1, 5, 6]), 12, 4, 6, seed=1)
+def test_an_ideal_memory_wins_most_of_the_headroom_and_an_untrue_one_nothing() -> None:
+    # The secrets are spread evenly: nothing that one product teaches holds of the others.
+    table = _table(list(range(7)))
+    table["products"] += [_thing(10 + k, k, kind="flask") for k in range(7)]
+    summary = replay(table, 40, 6, 6, seed=1)
     assert summary["oracle_first_try"] == 1.0
-    shared, shuffled = (summary["conditions"][name] for name in ("shared", "shuffled"))
-    assert shared["headroom_won"] >= 0.6
-    assert shared["effect_interval95"][1] < 0
-    assert shared["robot_2"] < shared["robot_1"]
-    assert shuffled["headroom_won"] < 0.3
-    assert shuffled["effect"] > shared["effect"] + 1
+    found = summary["conditions"]
+    assert tuple(found) == CONDITIONS
+    assert found["shared"]["headroom_won"] >= 0.6
+    assert found["shared"]["effect_interval95"][1] < 0
+    assert found["shared"]["robot_2"] < found["shared"]["robot_1"]
+    for untrue in CONDITIONS[1:]:
+        assert found[untrue]["headroom_won"] < 0.2
+        assert found[untrue]["effect_interval95"][1] > 0
     rows = replay_rows(summary)
-    assert [len(row) for row in rows] == [len(COLUMNS)] * 3
+    assert [len(row) for row in rows] == [len(COLUMNS)] * len(CONDITIONS)
+
+
+def test_a_condition_that_the_table_cannot_show_is_left_out() -> None:
+    summary = replay(_table([0, 1, 5, 6]), 3, 4, 6, seed=1)
+    assert set(summary["conditions"]) == set(CONDITIONS) - {"another family"}
+    assert len(replay_rows(summary)) == len(CONDITIONS) - 1
+
+
+def test_a_product_that_is_not_recognised_is_met_as_if_alone() -> None:
+    """Both meetings have the same luck, so that only the memory tells them apart."""
+    table = _table([0, 1, 5, 6])
+    for thing in table["products"]:
+        for arm in thing["arms"]:
+            arm["held"] = [False] * 3
+    found = replay(table, 10, 4, 6, seed=1)["conditions"]
+    assert all(one["effect"] == 0.0 and one["robot_2"] == 7.0 for one in found.values())
 
 
 def test_sharing_changes_nothing_where_any_grasp_holds() -> None:
