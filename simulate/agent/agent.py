@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from features.geometry import FloatArray, Frame
-from features.perception import Ignored, Perceived, Seen, neighbour_points, perceive
+from features.perception import Ignored, Perceived, Seen, neighbour_points
 from simulate.agent.crowd import Crowd
 from simulate.agent.encounter import Attempt, Encounter
 from simulate.agent.messages import (
@@ -26,7 +26,7 @@ from simulate.agent.messages import (
     observation_message,
     outcome_message,
 )
-from simulate.agent.second_look import asked_again
+from simulate.agent.second_look import asked_again, look_at_side
 from simulate.agent.tracking import TrackedObject, Tracker
 from simulate.grasping.executor import GraspRecord, GraspRequest, PlannedGrasp
 from simulate.world.seeds import mix_seed
@@ -51,6 +51,8 @@ class AgentConfig:
         Number of grasps per answer that are planned before the object counts as out of reach.
     max_looks
         Number of views of one side of the table, a guard against a scene that never settles.
+    max_searches
+        How often both sides are searched again for objects that went out of sight.
     seed
         Seed of every choice that the server makes for this robot.
     """
@@ -58,6 +60,7 @@ class AgentConfig:
     max_attempts: int = 4
     max_plans: int = 10
     max_looks: int = 40
+    max_searches: int = 2
     seed: int = 0
 
 
@@ -165,12 +168,26 @@ class Agent:
         self._on_frame = on_frame
         self._tracker = Tracker()
         self._crowd = Crowd(server)
+        self._is_searching = False
         self._runs = 0
 
     def clear_table(self) -> list[Encounter]:
-        """Handle every object on both sides; return the encounters in order."""
-        for side in ("right", "left"):
-            self._clear_side(side)
+        """Handle every object on both sides; return the encounters in order.
+
+        What went out of sight, because it rolled to the other side or behind something, is
+        searched for on both sides.
+        """
+        for search in range(1 + self.config.max_searches):
+            self._is_searching, runs = search > 0, self._runs
+            for side in ("right", "left"):
+                self._clear_side(side)
+            if not self._tracker.missing or (search and runs == self._runs):
+                break
+        for thing in self._tracker.missing:
+            if thing.number in self.encounters:
+                self.encounters[thing.number].lost = True
+                x, y = (round(float(v), 3) for v in thing.seen.position[:2])
+                self._tell("missing", {"object": thing.number, "last_seen": [x, y]})
         return list(self.encounters.values())
 
     def _clear_side(self, side: str) -> None:
@@ -178,13 +195,11 @@ class Agent:
         sign = -1 if side == "right" else 1
         for number in range(self.config.max_looks):
             started = time.perf_counter()
-            frame, base_from_camera = self.body.look(side)
-            view = perceive(frame, base_from_camera, self.body.ignored)
+            frame, base_from_camera, view = look_at_side(self.body, self._tracker, handled, side)
             looked_s = time.perf_counter() - started
             self._on_frame(frame)
-            mine = [seen for seen in view.objects if seen.position[1] * sign >= 0]
-            things = self._tracker.update(mine, handled, sign)
-            self._tell("look", {"side": side, "status": view.status, "objects": len(mine)})
+            things = self._tracker.in_view(sign)
+            self._tell("look", {"side": side, "status": view.status, "objects": len(things)})
             todo = [thing for thing in things if not thing.finished]
             if not todo:
                 return
@@ -284,13 +299,7 @@ class Agent:
 
     def _encounter(self, thing: TrackedObject, side: str) -> Encounter:
         if thing.number not in self.encounters:
-            shape = thing.seen.shape
-            self.encounters[thing.number] = Encounter(
-                thing.number,
-                side,
-                (float(shape.centre[0]), float(shape.centre[1])),
-                (shape.length, shape.width, shape.height),
-            )
+            self.encounters[thing.number] = Encounter.at(thing.number, side, thing.seen.shape)
         return self.encounters[thing.number]
 
     def _first_sight(
@@ -299,6 +308,8 @@ class Agent:
         """Note how the server recognised a new thing, or join it with one that was lost."""
         recognition = answer["recognition"]
         lost = self._tracker.lost(answer["object"]) if recognition["accepted"] else None
+        if self._is_searching and not recognition["accepted"]:  # both sides had been clear
+            lost = self._tracker.stray(thing)
         if lost is not None:
             del self.encounters[thing.number]
             self._tracker.join(lost, thing)

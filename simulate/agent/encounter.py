@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from features.tabletop import TabletopShape
+
 __all__ = ["Attempt", "Encounter"]
 
 
@@ -61,6 +63,8 @@ class Encounter:
         Confidence of the best match in the first view, whether accepted or not.
     object_iri
         IRI of the object in the graph at the end.
+    lost
+        Whether it went out of sight before the robot was done with it, and was not found again.
     """
 
     number: int
@@ -72,8 +76,15 @@ class Encounter:
     label: str = ""
     confidence: float = 0.0
     object_iri: str = ""
+    lost: bool = False
     attempts: list[Attempt] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def at(cls, number: int, side: str, shape: TabletopShape) -> Encounter:
+        """Return the encounter with an object that was just seen."""
+        x, y = (float(v) for v in shape.centre)
+        return cls(number, side, (x, y), (shape.length, shape.width, shape.height))
 
     @property
     def tries(self) -> int:

@@ -19,6 +19,7 @@ __all__ = ["TrackedObject", "Tracker"]
 
 _STILL_M = 0.025
 _MOVED_M = 0.09
+_SAME_SIZE = 0.15
 
 
 @dataclass
@@ -104,12 +105,38 @@ class Tracker:
         near = min(objects, key=lambda seen: cls._distance(thing, seen, None), default=None)
         return near if near is not None and cls._distance(thing, near, None) < 1 else None
 
+    def finds(self, thing: TrackedObject, objects: Sequence[Seen], side: int | None) -> bool:
+        """Match the objects of another view if it shows a lost object; else change nothing."""
+        before = [(one, one.seen, one.visible) for one in self.things]
+        self.update(objects, thing, side)
+        if thing.visible:
+            return True
+        del self.things[len(before) :]
+        for one, seen, visible in before:
+            one.seen, one.visible = seen, visible
+        return False
+
+    def in_view(self, side: int) -> list[TrackedObject]:
+        """Return the objects of a half of the table (as in :meth:`update`) in the latest view."""
+        return [one for one in self.things if one.visible and one.seen.position[1] * side >= 0]
+
+    @property
+    def missing(self) -> list[TrackedObject]:
+        """Unfinished objects that went out of sight."""
+        return [thing for thing in self.things if not thing.visible and not thing.finished]
+
     def lost(self, object_iri: str) -> TrackedObject | None:
-        """Return the unfinished object of that identity that went out of sight, if any."""
-        for thing in self.things:
-            if thing.object_iri == object_iri and not thing.visible and not thing.finished:
-                return thing
-        return None
+        """Return the missing object of that identity, if any."""
+        return next((thing for thing in self.missing if thing.object_iri == object_iri), None)
+
+    def stray(self, found: TrackedObject) -> TrackedObject | None:
+        """Return the only missing object of the size of one that appeared elsewhere, if any."""
+        size = np.array(_size(found))
+        alike = [
+            thing for thing in self.missing
+            if np.all(np.abs(np.array(_size(thing)) / size - 1) < _SAME_SIZE)
+        ]  # fmt: skip
+        return alike[0] if len(alike) == 1 else None
 
     def join(self, lost: TrackedObject, found: TrackedObject) -> None:
         """Replace a lost object by the one found elsewhere."""
@@ -122,3 +149,8 @@ class Tracker:
         allowed = _MOVED_M if thing is handled else _STILL_M
         way = float(np.linalg.norm(thing.seen.position - seen.position))
         return min(way / allowed, 1e3)
+
+
+def _size(thing: TrackedObject) -> tuple[float, float, float]:
+    shape = thing.seen.shape
+    return shape.length, shape.width, shape.height

@@ -74,6 +74,9 @@ def _sentence(event: dict[str, Any]) -> str:
         result = "held" + (" and placed" if event["placed"] else ", not placed")
         said = result if event["held"] else f"failed: {event['reason']}"
         return f"object {event['object']}, attempt {event['number']} ({event['source']}): {said}"
+    if name == "missing":
+        x, y = event["last_seen"]
+        return f"object {event['object']} is gone; it was last seen at {x:.2f}, {y:.2f} m"
     if name == "waiting":
         return "no answer yet; asking again"
     return ""

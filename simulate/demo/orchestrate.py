@@ -20,6 +20,7 @@ from simulate.demo.report import (
     comparison,
     robot_totals,
     rows,
+    show_total,
     summary,
     write_report,
 )
@@ -249,7 +250,10 @@ class Demo:
 
     @staticmethod
     def _score(done: dict[str, Any], products: dict[str, str]) -> dict[str, Any]:
-        """Score the recognitions: an object stands for the product it was first created from."""
+        """Score the recognitions: an object stands for the product it was first created from.
+
+        A new object is false if its product had one already, or if it stands for no product.
+        """
         known = set(products.values())
         done["known_before"] = sum(
             encounter["product"] in known for encounter in done["encounters"]
@@ -259,8 +263,9 @@ class Demo:
                 encounter["right"] = (
                     products.get(encounter["recognised"]) == encounter["product"] != ""
                 )
-            elif encounter["object_iri"]:
-                products.setdefault(encounter["object_iri"], encounter["product"])
+            elif encounter["object_iri"] and encounter["object_iri"] not in products:
+                encounter["false_object"] = encounter["product"] in {"", *products.values()}
+                products[encounter["object_iri"]] = encounter["product"]
         return done
 
     def _totals(self, done: list[dict[str, Any]]) -> None:
@@ -270,7 +275,7 @@ class Demo:
             "Side by side",
             ("", *(total["name"] for total in totals)),
             [
-                (name.replace("_", " "), *(_number(total[name]) for total in totals))
+                (name.replace("_", " "), *(show_total(total[name]) for total in totals))
                 for name in names
             ],
         )
@@ -296,9 +301,3 @@ class Demo:
         while endpoint.process.poll() is None:
             time.sleep(0.2)  # waiting for Ctrl-C; polling is the only portable way
         raise RtaskError(f"the endpoint went away: {endpoint.complaint()}")
-
-
-def _number(value: object) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -16,6 +16,7 @@ __all__ = [
     "mean_attempts",
     "robot_totals",
     "rows",
+    "show_total",
     "summary",
     "write_report",
 ]
@@ -43,7 +44,7 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
                     str(encounter["tries"]),
                     "yes" if encounter["held"] else "no",
                     "yes" if encounter["placed"] else "no",
-                    encounter["attempts"][-1]["reason"] if encounter["attempts"] else "gone",
+                    _reason(encounter),
                     *(f"{_total(encounter, key):.2f}" for key in ("look", "ask", "plan", "move")),
                 )
             )
@@ -53,6 +54,12 @@ def rows(robots: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
 def _first_source(encounter: Mapping[str, Any]) -> str:
     """Return the source of the first grasp; ``-`` without an attempt."""
     return str(encounter["attempts"][0]["source"]) if encounter["attempts"] else "-"
+
+
+def _reason(encounter: Mapping[str, Any]) -> str:
+    """Return the last reason code, or ``gone`` for what went out of sight and was not found."""
+    lost = encounter.get("lost", False) or not encounter["attempts"]
+    return "gone" if lost else str(encounter["attempts"][-1]["reason"])
 
 
 def _told(encounter: Mapping[str, Any]) -> str:
@@ -117,11 +124,13 @@ def robot_totals(robot: Mapping[str, Any], cap: int) -> dict[str, Any]:
     return {
         "name": robot["name"],
         "objects": len(objects),
-        "objects_on_table": robot["objects_on_table"],
+        "objects_on_table": len(robot["products"]),
+        "never_seen": sorted(set(robot["products"]) - {one["product"] for one in objects}),
         "objects_in_reach": len(reach),
         "known_before": robot["known_before"],
         "recognised": sum(encounter["right"] is True for encounter in objects),
         "false_identities": sum(encounter["right"] is False for encounter in objects),
+        "false_objects": sum(one.get("false_object", False) for one in robot["encounters"]),
         "held": sum(encounter["held"] for encounter in reach),
         "placed": sum(encounter["placed"] for encounter in reach),
         "judgements": judged,
@@ -204,7 +213,10 @@ def write_report(
     names = [key for key in result["robots"][0] if key != "name"] if result["robots"] else []
     lines += _markdown(
         ("", *(robot["name"] for robot in result["robots"])),
-        [(name.replace("_", " "), *(_show(r[name]) for r in result["robots"])) for name in names],
+        [
+            (name.replace("_", " "), *(show_total(r[name]) for r in result["robots"]))
+            for name in names
+        ],
     )
     for answer in answers:
         lines += ["", f"## {answer.question.words}", "", "```sparql"]
@@ -243,9 +255,12 @@ def _missing(attempt: Mapping[str, Any]) -> str:
     return "placed" if attempt["held"] else "held"
 
 
-def _show(value: object) -> str:
-    if value is None:
+def show_total(value: object) -> str:
+    """Return a total in words: names joined, numbers that are not whole to two places."""
+    if value is None or value == []:
         return "-"
+    if isinstance(value, list):
+        return ", ".join(value)
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 

@@ -106,7 +106,7 @@ def _run(job: RobotJob, body: SimulatedBody, tell: EventWriter) -> None:
         {
             "name": job.name,
             "seconds": seconds,
-            "objects_on_table": len(body.laid),
+            "products": [laid.placement.spec.name for laid in body.laid],
             "encounters": scorer.score(encounters, first_sight, in_reach),
         },
     )

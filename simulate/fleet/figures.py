@@ -20,6 +20,7 @@ __all__ = [
     "fleet_figures",
     "fleet_rows",
     "objects_tried",
+    "products_known",
     "score_identities",
     "sharing_gain",
     "write_fleet_report",
@@ -33,17 +34,23 @@ COLUMNS = (
 Met = Mapping[str, Any]
 
 
-def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Return for each robot how many objects it recognised correctly and falsely.
+def products_known(robots: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the product that each object of the graph stands for, by the object's IRI.
 
-    An object of the graph stands for the product from which it was first created. An object that
-    was reported through the outbox has an IRI that its robot never learned, and is not scored.
+    It is the one from which the object was first created. An object that was reported through the
+    outbox has an IRI that its robot never learned, and is not among them.
     """
     products: dict[str, str] = {}
-    for robot in done["robots"]:
+    for robot in robots:
         for met in _encounters(robot):
             if not met["recognised"] and met["object_iri"]:
                 products.setdefault(met["object_iri"], met["product"])
+    return products
+
+
+def score_identities(done: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    """Return for each robot how many objects it recognised correctly and falsely."""
+    products = products_known(done["robots"])
     counts = {}
     for robot in done["robots"]:
         known = [met for met in _encounters(robot) if met["recognised"]]

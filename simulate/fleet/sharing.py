@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 import rtask
 from rtask.knowledge_base import KnowledgeBase
 from simulate.fleet.assignment import FleetPlan, MemberJob, plan_fleet
-from simulate.fleet.figures import attempts_to_success, objects_tried, score_identities
+from simulate.fleet.figures import (
+    attempts_to_success,
+    objects_tried,
+    products_known,
+    score_identities,
+)
 from simulate.fleet.member import Member
 from simulate.robots import describe
 from simulate.study.chart import Line, line_chart
@@ -211,13 +216,16 @@ def _memory_first(
     """Return how many objects the n-th robots recognised rightly and tried, at how many of them the
     first grasp came from memory, and how many of these held and were not lost on the way.
     """
-    met = [
-        one
-        for result in results
-        if robot <= len(result[condition])
-        for one in objects_tried(result[condition][robot - 1])
-        if one["right"] and one["attempts"]
-    ]
+    met: list[Mapping[str, Any]] = []
+    for result in results:
+        robots = result[condition][:robot]
+        products = products_known(robots if condition == "shared" else robots[-1:])
+        met += [
+            one
+            for one in objects_tried(robots[-1])
+            if one["attempts"] and one["recognised"]
+            if products.get(one["recognised"]) == one["product"]
+        ]
     recalled = [one for one in met if one["attempts"][0]["source"] == "memory"]
     held = sum(one["tries_to_success"] == 1 for one in recalled)
     return {"known": len(met), "recalled": len(recalled), "held": held}

@@ -24,6 +24,7 @@ _COLUMNS = (
     "known_before",
     "recognised",
     "false_identities",
+    "false_objects",
     "held",
     "placed",
     "mean_attempts_to_first_success",

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import simulate.agent.agent as agent_module
 from features.geometry import Frame
 from features.perception import Perceived
 from simulate.agent import second_look
@@ -112,14 +111,17 @@ TABLE_OF: list[tuple[float, float]] = []
 def run(monkeypatch: pytest.MonkeyPatch):
     """Run an agent over a table and return (agent, encounters)."""
 
-    def _run(body: _Body, server: _Server, order: list[tuple[float, float]], **config):
+    def _run(
+        body: _Body, server: _Server, order: list[tuple[float, float]],
+        on_event=lambda name, data: None, see=None, **config
+    ):  # fmt: skip
         TABLE_OF[:] = order
-        monkeypatch.setattr(
-            agent_module,
-            "perceive",
-            lambda *_: Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table)),
-        )
-        agent = Agent(body, server, AgentConfig(**config))
+
+        def everything(*_: Any) -> Perceived:
+            return Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in body.table))
+
+        monkeypatch.setattr(second_look, "perceive", see or everything)
+        agent = Agent(body, server, AgentConfig(**config), on_event)
         return agent.clear_table()
 
     return _run
@@ -195,7 +197,7 @@ def test_an_object_known_but_not_well_gives_one_more_view(run) -> None:
 
 
 def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks_again(
-    run, monkeypatch
+    run,
 ) -> None:
     looked: list[str] = []
 
@@ -214,9 +216,12 @@ def test_what_it_is_not_sure_of_the_robot_sees_from_another_place_before_it_asks
             return answer
 
     body, server = Turning([(0.16, -0.1)]), Unsure()
-    where = Perceived("ok", 0.27, (seen_at(0.16, -0.1), seen_at(0.16, 0.02)))
-    monkeypatch.setattr(second_look, "perceive", lambda *_: where)
-    (encounter,) = run(body, server, [(0.16, -0.1)] * 2)
+
+    def see(*_: Any) -> Perceived:
+        more = [(0.16, 0.02)] if looked[-1] == "ahead" else []
+        return Perceived("ok", 0.27, tuple(seen_at(x, y) for x, y in [*body.table, *more]))
+
+    (encounter,) = run(body, server, [(0.16, -0.1)] * 2, see=see)
     assert encounter.recognised == "o:7"
     assert len(server.asked) == 2
     first, again = server.asked
@@ -307,6 +312,92 @@ def test_an_object_that_turns_up_elsewhere_goes_on_where_it_was_left(run) -> Non
     assert [a.reason for a in first.attempts] == ["missed", "ok"]
     assert first.tries_to_success == 2
     assert second.tries_to_success == 1
+
+
+def _away(body: _Body, to: tuple[float, float] | None) -> None:
+    """Let the first attempt miss and the object roll somewhere, or fall off the table."""
+    execute = body.execute
+
+    def rolls(plan):
+        result = execute(plan)
+        if len(body.executed) == 1:
+            body.table.remove((plan.request.x, plan.request.y))
+            body.table.extend([] if to is None else [to])
+        return result
+
+    body.execute = rolls
+
+
+def test_what_rolled_to_a_side_that_was_clear_is_found_there_and_tried_again(run) -> None:
+    spot, there = (0.15, 0.05), (0.16, -0.08)
+    body, server = _Body([spot], [Record("missed", held=False, placed=False)]), _Server()
+    _away(body, there)
+    (met,) = run(body, server, [spot, there])
+    assert [a.reason for a in met.attempts] == ["missed", "ok"]
+    assert [r["gripper_id"] for r in server.asked] == ["left_hand", "right_hand"]
+    assert "object" not in server.inserted[0]
+    assert server.inserted[1]["object"] == "o:1"  # nobody knew it, and it is no second object
+    assert not met.lost
+
+
+def test_of_two_alike_that_are_missing_a_find_is_neither(run) -> None:
+    spots, there = [(0.15, 0.15), (0.15, 0.05)], (0.16, -0.08)
+    miss = Record("missed", held=False, placed=False)
+    body = _Body(list(spots), [miss, miss])
+    execute = body.execute
+
+    def rolls(plan):
+        result = execute(plan)
+        if len(body.executed) <= 2:
+            body.table.remove((plan.request.x, plan.request.y))
+        if len(body.executed) == 2:
+            body.table.append(there)
+        return result
+
+    body.execute = rolls
+    first, second, third = run(body, _Server(), [*spots, there])
+    assert (first.lost, second.lost, third.lost) == (True, True, False)
+    assert third.placed
+
+
+def test_what_is_nowhere_is_said_to_be_lost(run) -> None:
+    spot, told = (0.15, -0.1), []
+    body = _Body([spot], [Record("missed", held=False, placed=False)])
+    _away(body, None)
+    looks: list[str] = []
+    look = body.look
+    body.look = lambda side: looks.append(side) or look(side)
+    (met,) = run(body, _Server(), [spot], on_event=lambda name, data: told.append((name, data)))
+    assert met.lost
+    assert ("missing", {"object": 1, "last_seen": [0.15, -0.1]}) in told
+    assert looks[-2:] == ["right", "left"]
+    assert looks.count("left") < 8  # it does not search for ever
+
+
+def test_what_is_hidden_from_one_side_is_looked_for_from_another(run) -> None:
+    spot, there = (0.15, -0.1), (0.15, -0.04)
+    sees: list[str] = []
+
+    class Turning(_Body):
+        def look(self, side):
+            sees.append(side)
+            pose = np.eye(4)
+            pose[1, 3] = {"right": -0.03, "ahead": 0.0, "left": 0.03}[side]
+            return super().look(side)[0], pose
+
+    body = Turning([spot], [Record("missed", held=False, placed=False)])
+    _away(body, there)
+
+    def perceived(*_: Any) -> Perceived:
+        hidden = sees[-1] == "right" and bool(body.executed)
+        table = () if hidden else tuple(seen_at(x, y) for x, y in body.table)
+        return Perceived("ok", 0.27, table)
+
+    server = _Server()
+    (met,) = run(body, server, [spot, there], see=perceived)
+    assert [a.reason for a in met.attempts] == ["missed", "ok"]
+    assert sees[sees.index("ahead") + 1] == "right"  # the head is back
+    assert server.asked[1]["sensor_pose"]["position"]["y"] == 0.0
 
 
 def test_held_but_dropped_on_the_way_counts_as_held_and_is_tried_again(run) -> None:

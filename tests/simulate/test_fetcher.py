@@ -11,6 +11,7 @@ import simulate.agent.agent as agent_module
 import simulate.agent.fetcher as fetcher_module
 from features.geometry import Frame
 from features.perception import Perceived
+from simulate.agent import second_look
 from simulate.agent.agent import AgentConfig
 from simulate.agent.fetcher import Fetched, Fetcher
 from tests.simulate.agent_doubles import CAMERA, Plan, Record, seen_at
@@ -105,7 +106,7 @@ def fetch(monkeypatch: pytest.MonkeyPatch):
 
     def _fetch(body: _Body, wanted: str = "something to drink from", **server):
         told = _Server(body, **server)
-        for module in (agent_module, fetcher_module):
+        for module in (second_look, fetcher_module):
             monkeypatch.setattr(
                 module,
                 "perceive",

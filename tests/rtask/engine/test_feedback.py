@@ -187,7 +187,9 @@ def test_a_planned_grasp_keeps_its_evaluation_and_gets_a_posterior(bench, trial)
     kept = after[grasp]["confidence"]
     assert kept["prior"] == 0.8
     assert kept["evaluation"] == grasp + "/evaluation"
-    assert kept["mean"] == pytest.approx(posterior(Policy(), 0.8, [(False, False, 1)]).mean, abs=1e-5)
+    assert kept["mean"] == pytest.approx(
+        posterior(Policy(), 0.8, [(False, False, 1)]).mean, abs=1e-5
+    )
     assert list(trial.kb.validate()) == []
 
 

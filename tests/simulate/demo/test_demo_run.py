@@ -84,6 +84,8 @@ def test_the_second_robot_recognises_what_the_first_one_stored(finished: Any) ->
     # At least 4 of 5 of the products that the first robot stored, and nothing taken for another.
     assert second["recognised"] >= 0.8 * second["known_before"]
     assert first["false_identities"] == second["false_identities"] == 0
+    seen = {met["product"] for met in result["objects"] if met["robot"] == second["name"]} - {""}
+    assert len(seen) + len(second["never_seen"]) == second["objects_on_table"]
 
 
 def test_most_objects_in_reach_are_held(finished: Any) -> None:

@@ -19,6 +19,7 @@ from simulate.demo.report import (
     own_judgements,
     robot_totals,
     rows,
+    show_total,
     write_report,
 )
 
@@ -52,8 +53,8 @@ def _robot(*met: dict[str, Any]) -> dict[str, Any]:
     products = [m if m["product"] != "can-1" else {**m, "product": f"can-{n}"}
                 for n, m in enumerate(met, start=1)]  # fmt: skip
     return {
-        "name": "nao-1", "encounters": products, "objects_on_table": len(met), "known_before": 0,
-        "seconds": 1.0,
+        "name": "nao-1", "encounters": products, "products": [m["product"] for m in products],
+        "known_before": 0, "seconds": 1.0,
     }  # fmt: skip
 
 
@@ -90,6 +91,22 @@ def test_totals_separate_right_from_false_identities() -> None:
     robot = _robot(_met(right=True), _met(right=False), _met(right=None))
     totals = robot_totals(robot, cap=4)
     assert (totals["recognised"], totals["false_identities"]) == (1, 1)
+
+
+def test_objects_that_stand_for_no_product_or_a_known_one_are_counted() -> None:
+    robot = _robot(_met(), _met(object_iri="urn:o:2"), _met(object_iri="urn:o:3", product=""))
+    robot["encounters"][1]["product"] = "can-1"  # met a second time, and not recognised
+    robot["products"] = ["can-1", "pen-9"]
+    products: dict[str, str] = {}
+    scored = Demo._score(robot, products)
+    totals = robot_totals(scored, cap=4)
+    assert (totals["false_objects"], totals["false_identities"]) == (2, 0)
+    assert totals["never_seen"] == ["pen-9"]
+    assert show_total(totals["never_seen"]) == "pen-9"
+    assert products == {"urn:o:1": "can-1", "urn:o:2": "can-1", "urn:o:3": ""}
+    again = _robot(_met(recognised="urn:o:2", right=None))
+    again["encounters"][0]["product"] = "can-1"
+    assert robot_totals(Demo._score(again, products), cap=4)["false_objects"] == 0
 
 
 def test_held_counts_only_what_was_in_reach() -> None:

@@ -13,7 +13,7 @@ from simulate.demo.console import Console
 from simulate.demo.orchestrate import Demo, Settings
 from simulate.demo.processes import _Child
 
-DONE = {"event": "done", "name": "nao-1", "encounters": [], "objects_on_table": 0, "seconds": 1.0}
+DONE = {"event": "done", "name": "nao-1", "encounters": [], "products": [], "seconds": 1.0}
 WAITING = {"event": "waiting", "for": "report_outcome", "doing": "waiting for the endpoint"}
 
 
