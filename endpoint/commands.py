@@ -161,7 +161,8 @@ def token() -> None:
     multiple=True,
     metavar="RIGHT",
     help="What it allows beyond its role: rules, to change rules of the reasoner; replicate, to "
-    "copy everything, as a follower does.",
+    "copy everything, as a follower does; deploy, to carry out calls of services, as a "
+    "worker does.",
 )
 @json_option
 def create(

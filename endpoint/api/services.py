@@ -25,6 +25,7 @@ from endpoint.http.plan import Elsewhere, Plan
 from endpoint.http.problems import details_of
 from rtask.errors import UnknownTermError, UsageError
 from rtask.services import ServiceHost
+from rtask.services.call import Invocation
 from rtask.services.host import MAX_JOB_S, MAX_TIMEOUT_S
 from rtask.services.jobs import Job
 from rtask.services.task import Task
@@ -104,7 +105,7 @@ def _plan_call(
     timeout_s = _seconds(request, "timeout", MAX_JOB_S if is_job else MAX_TIMEOUT_S)
     if is_job and timeout_s is None:
         timeout_s = MAX_JOB_S
-    task = host.prepare(name, method, args, caller.access, data, timeout_s)
+    task = host.prepare(Invocation(name, method, args, caller.access, data, timeout_s))
     if is_job:
         return Plan(lambda: _accepted(host.start_job(task, caller.key)), lane="loop")
 

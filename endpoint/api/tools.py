@@ -20,6 +20,7 @@ from rtask import __version__
 from rtask.engine.context import SCOPES
 from rtask.errors import CancelledError, RtaskError
 from rtask.services import ServiceHost
+from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
 from rtask.services.description import request_schema
 from rtask.services.task import Task
@@ -148,7 +149,8 @@ def _plan_call(
     data = args.pop(_DATA, None)
     authorise(auth, request, caller, method.scope, name)
     try:
-        task = host.prepare(definition.exact, method.name, args, caller.access, data)
+        asked = Invocation(definition.exact, method.name, args, caller.access, data)
+        task = host.prepare(asked)
     except RtaskError as error:
         return _told(message, _refused(error))
 

@@ -146,13 +146,13 @@ class Connection:
             message = await self._receive()
             if message["type"] == "websocket.disconnect":
                 return
-            text = message.get("text")
-            if text is None:
-                text = "(a binary frame)"  # answered as what it is: not JSON
-            if len(text) > LARGE_MESSAGE:
-                await loop.run_in_executor(None, self._session.feed, text)
+            frame = message.get("text")
+            if frame is None:
+                frame = message.get("bytes") or b""
+            if isinstance(frame, str) and len(frame) > LARGE_MESSAGE:
+                await loop.run_in_executor(None, self._session.feed, frame)
             else:
-                self._session.feed(text)
+                self._session.feed(frame)
             await self._outbox.wait_for_room()
 
     async def _write(self) -> None:

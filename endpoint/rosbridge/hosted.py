@@ -12,6 +12,7 @@ from endpoint.rosbridge.messages import JsonObject
 from endpoint.rosbridge.services import Service
 from rtask.kb.commit.access import Access
 from rtask.services import ServiceHost
+from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
 from rtask.services.description import ros_service, ros_type
 from rtask.services.host import MAX_TIMEOUT_S
@@ -23,18 +24,18 @@ def hosted_services(host: ServiceHost | None) -> list[Service]:
     """Return one service for each method of each service, of its newest version."""
     if host is None:
         return []
+    return [hosted_service(host, one, method) for one, method in _methods(host)]
 
-    def of(definition: Definition, method: Method) -> Service:
-        def handler(args: JsonObject, access: Access) -> JsonObject:
-            given, data = _split(args)
-            return host.call(definition.name, method.name, given, access, data).as_json()
 
-        name, type_ = ros_service(definition, method), ros_type(definition, method)
-        return Service(
-            name, type_, method.scope, handler, request=method.request, answer=method.answer
-        )
+def hosted_service(host: ServiceHost, definition: Definition, method: Method) -> Service:
+    """Return a method as a service of rosbridge."""
 
-    return [of(definition, method) for definition, method in _methods(host)]
+    def handler(args: JsonObject, access: Access) -> JsonObject:
+        given, data = _split(args)
+        return host.call(definition.name, method.name, given, access, data).as_json()
+
+    name, type_ = ros_service(definition.name, method.name), ros_type(definition, method)
+    return Service(name, type_, method.scope, handler, request=method.request, answer=method.answer)
 
 
 def hosted_actions(host: ServiceHost | None) -> list[Action]:
@@ -46,14 +47,16 @@ def hosted_actions(host: ServiceHost | None) -> list[Action]:
         def handler(args: JsonObject, access: Access, progress: Progress) -> JsonObject:
             given, data = _split(args)
             task = host.prepare(
-                definition.name, method.name, given, access, data, timeout_s=MAX_TIMEOUT_S
+                Invocation(
+                    definition.name, method.name, given, access, data, timeout_s=MAX_TIMEOUT_S
+                )
             )
             task.call.on_progress(progress.report)
             progress.on_cancel(task.cancel)
             host.start(task)
             return task.result().as_json()
 
-        name, type_ = ros_service(definition, method), ros_type(definition, method)
+        name, type_ = ros_service(definition.name, method.name), ros_type(definition, method)
         return Action(name, type_, method.scope, handler)
 
     return [of(definition, method) for definition, method in _methods(host)]

@@ -38,6 +38,7 @@ from endpoint.rosbridge.providers import Providers, timeout_of
 from endpoint.rosbridge.rosapi import Graph, rosapi_services
 from endpoint.rosbridge.services import Engine, Service, ServiceTable, engine_services
 from endpoint.rosbridge.topics import Topics
+from endpoint.rosbridge.workers import Workers, WorkerSeat
 from rtask.errors import RtaskError, UsageError
 from rtask.kb.commit.access import Access
 from rtask.services import ServiceHost
@@ -47,6 +48,7 @@ _log = logging.getLogger(__name__)
 MAX_ANSWER_BYTES = 64 << 20
 CALL_S = 60.0
 LEVELS = ("none", "error", "warning", "info")
+SERVICES = "/services/"
 _CANCEL_ALL = "/_action/cancel_goal"
 _numbers = itertools.count(1)
 
@@ -93,6 +95,7 @@ class Bridge:
         own_actions = [*plan_grasps_action(engine), *hosted_actions(host)]
         self.actions = Actions(own_actions, self.calls, self.deadlines)
         self.services = ServiceTable([*engine_services(engine), *hosted_services(host)])
+        self.workers = Workers(host, self.services, self.deadlines)
         self.sessions: dict[int, Session] = {}
         graph = Graph(
             self.services, self.topics, self.providers, self.actions, Parameters(),
@@ -129,6 +132,7 @@ class Session:
         self._closed = False
         self._fragments = Fragments()
         self._packings: dict[str, Packing] = {}
+        self._worker = WorkerSeat(bridge.workers, self)
         self._ops: dict[str, Callable[[JsonObject], None]] = {
             "call_service": self._call_service,
             "advertise": self._advertise,
@@ -138,12 +142,14 @@ class Session:
             "unsubscribe": self._unsubscribe,
             "advertise_service": self._advertise_service,
             "unadvertise_service": self._unadvertise_service,
-            "service_response": lambda m: bridge.providers.answer(self, m),
+            "service_response": self._service_response,
+            "worker_alive": self._worker.heard,
+            "worker_leaves": self._worker.drain,
             "advertise_action": self._advertise_action,
             "unadvertise_action": self._unadvertise_action,
             "send_action_goal": self._send_action_goal,
             "cancel_action_goal": self._cancel_action_goal,
-            "action_feedback": lambda m: bridge.actions.relay(self, m),
+            "action_feedback": self._action_feedback,
             "action_result": lambda m: bridge.actions.relay(self, m),
             "fragment": self._fragment,
             "set_level": self._set_level,
@@ -159,11 +165,11 @@ class Session:
         """Name of the robot; the same for all robots without a token."""
         return self.access.agent or ANONYMOUS
 
-    def feed(self, text: str) -> None:
+    def feed(self, frame: Frame) -> None:
         """Handle one message; errors are sent as a `status` message, never raised."""
         message: Any = None
         try:
-            message = parse(text)
+            message = parse(frame) if isinstance(frame, str) else self._worker.read(frame)
             op = message.get("op")
             handler = self._ops.get(op) if isinstance(op, str) else None
             if handler is None:
@@ -188,6 +194,12 @@ class Session:
         bridge.topics.leave(self.number)
         bridge.actions.leave(self)
         bridge.providers.leave(self)
+        self._worker.leave()
+
+    def put(self, frame: Frame) -> None:
+        """Queue a frame for the robot without waiting."""
+        if not self._closed:
+            self._send(frame)
 
     def emit(self, message: JsonObject, topic: str = "") -> None:
         """Queue a message for the robot without waiting."""
@@ -319,6 +331,9 @@ class Session:
 
     def _advertise_service(self, message: JsonObject) -> None:
         name, type_ = name_of(message, "service"), message.get("type") or ""
+        if name.startswith(SERVICES) and "description" in message:
+            self._worker.advertise(message)
+            return
         require_scope(self.access, "call")
         if self.bridge.topics.advertised(self.number, name):
             # roslibpy keeps both in one table of events and would mix them up.
@@ -327,8 +342,18 @@ class Session:
 
     def _unadvertise_service(self, message: JsonObject) -> None:
         name = name_of(message, "service")
-        if not self.bridge.providers.unadvertise(self, name):
+        if name.startswith(SERVICES):
+            self._worker.unadvertise(name.removeprefix(SERVICES))
+        elif not self.bridge.providers.unadvertise(self, name):
             self._status("warning", f"{name} was not advertised here", message)
+
+    def _service_response(self, message: JsonObject) -> None:
+        if not self._worker.take(message):
+            self.bridge.providers.answer(self, message)
+
+    def _action_feedback(self, message: JsonObject) -> None:
+        if not self._worker.take(message):
+            self.bridge.actions.relay(self, message)
 
     def _advertise_action(self, message: JsonObject) -> None:
         require_scope(self.access, "call")

@@ -56,6 +56,7 @@ _BUILT_IN = {
     "update": "rtask.cli.query:update",
     "validate": "rtask.cli.maintenance:validate",
     "verify": "rtask.cli.maintenance:verify",
+    "worker": "rtask.cli.worker:worker",
 }
 
 

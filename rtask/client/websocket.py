@@ -17,7 +17,7 @@ from rtask.errors import (
     RtaskError,
 )
 
-__all__ = ["ServiceSocket"]
+__all__ = ["ServiceSocket", "is_near"]
 
 _MOST_BYTES = 64 * 2**20
 
@@ -121,7 +121,7 @@ class ServiceSocket:
                 open_timeout=max(patience.left_s, 0.1),
                 ping_interval=None,  # the server pings; a long upload must not be cut off
                 close_timeout=1.0,
-                proxy=None if _is_near(self._address) else True,
+                proxy=None if is_near(self._address) else True,
             )
             self._socket = self._opened.enter_context(context)
         except InvalidStatus as error:
@@ -170,7 +170,8 @@ class ServiceSocket:
         self._socket = None
 
 
-def _is_near(address: str) -> bool:
+def is_near(address: str) -> bool:
+    """Tell whether an address is on this machine, so that no proxy leads there."""
     from urllib.parse import urlsplit
 
     return (urlsplit(address).hostname or "") in ("localhost", "127.0.0.1", "::1")

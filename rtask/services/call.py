@@ -6,13 +6,14 @@ import itertools
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from rtask.errors import CancelledError, DeadlineError, UnsupportedError
 from rtask.kb.commit.access import Access
 
-__all__ = ["Call"]
+__all__ = ["Call", "Invocation"]
 
 _RUN = secrets.token_hex(4)
 _numbers = itertools.count(1)
@@ -26,16 +27,7 @@ class Others(Protocol):
     def connect_within(self, parent: Call, name: str, data: dict[str, str] | None) -> Any:
         """Return a proxy of a service, whose calls are made within another call."""
 
-    def submit(
-        self,
-        service: str,
-        method: str,
-        args: dict[str, Any],
-        access: Access,
-        data: dict[str, str] | None,
-        *,
-        parent: Call,
-    ) -> Any:
+    def submit(self, asked: Invocation) -> Any:
         """Queue a call."""
 
     def find(self, service: str, method: str) -> tuple[Any, Any]:
@@ -136,7 +128,7 @@ class Call:
         self, name: str, method: str, args: dict[str, Any], data: dict[str, str] | None = None
     ) -> Any:
         """Queue a call of another service, and return its :class:`~rtask.services.task.Task`."""
-        return self._reach().submit(name, method, args, self.caller, data, parent=self)
+        return self._reach().submit(Invocation(name, method, args, self.caller, data, None, self))
 
     def find(self, name: str, method: str) -> Any:
         """Return the :class:`~rtask.services.definition.Method` of another service."""
@@ -162,3 +154,32 @@ class Call:
         self._cancelled.set()
         for stop in self._stops:
             stop()
+
+
+@dataclass(frozen=True)
+class Invocation:
+    """What a caller asks of a service.
+
+    Parameters
+    ----------
+    service
+        ``example/Kinematics``, or with a version: ``@1.2.0``, ``@1.2.*``, ``@1.*``.
+    args
+        The request.
+    access
+        Rights of the caller; None = those of the owner.
+    data
+        Names of datasets by the names of the data resources.
+    timeout_s
+        Time for the answer; None = as the service says.
+    parent
+        The call on whose behalf this one is made; None = it is made for itself.
+    """
+
+    service: str
+    method: str
+    args: Mapping[str, Any] = field(default_factory=dict)
+    access: Access | None = None
+    data: Mapping[str, str] | None = None
+    timeout_s: float | None = None
+    parent: Call | None = None

@@ -26,7 +26,7 @@ from rtask.services.service import Executor, Mark, ResourceNeed, Service, marked
 from rtask.wire.message import Answer, Message
 from rtask.wire.types import Bytes, Carried, Flag, Number, Text, Whole
 
-__all__ = ["Definition", "Method", "define", "split_name"]
+__all__ = ["Definition", "Method", "check_name", "define", "split_name"]
 
 M = TypeVar("M", bound=BaseModel)
 Invoke = Callable[[Any, Message, Call], Any]
@@ -153,6 +153,20 @@ def split_name(name: str) -> tuple[str, str]:
     return plain, version
 
 
+def check_name(name: str, version: str) -> None:
+    """Refuse what is not the name or the version of a service.
+
+    Raises
+    ------
+    UsageError
+        With the form that is expected.
+    """
+    if not _NAME.fullmatch(name):
+        raise UsageError(f"name {name!r}; expected <namespace>/<name>")
+    if not _VERSION.fullmatch(version):
+        raise UsageError(f"version {version!r} of {name}; expected 1.2.3")
+
+
 def define(service: type[Service]) -> Definition:
     """Return the definition of a class.
 
@@ -162,15 +176,10 @@ def define(service: type[Service]) -> Definition:
         Name or version are missing, or a parameter or a result is not annotated with a type that
         can be sent; with file, line and parameter.
     """
-    if not _NAME.fullmatch(service.name):
-        raise UsageError(
-            f"{_place(service)}: name {service.name!r} of {service.__name__}; expected "
-            "<namespace>/<name>"
-        )
-    if not _VERSION.fullmatch(service.version):
-        raise UsageError(
-            f"{_place(service)}: version {service.version!r} of {service.name}; expected 1.2.3"
-        )
+    try:
+        check_name(service.name, service.version)
+    except UsageError as error:
+        raise UsageError(f"{_place(service)}: {service.__name__}: {error}") from None
     methods = {name: _method(service, name, mark) for name, mark in marked(service).items()}
     if not methods:
         raise UsageError(

@@ -66,7 +66,7 @@ def _method(definition: Definition, method: Method) -> JsonObject:
         "request": _whole(found, method.request.__name__),
         "answer": _whole(found, method.answer.__name__),
         "href": f"/services/{definition.exact}/{method.name}",
-        "ros_service": ros_service(definition, method),
+        "ros_service": ros_service(definition.name, method.name),
         "ros_type": ros_type(definition, method),
     }
 
@@ -81,9 +81,9 @@ def schemas(method: Method) -> JsonObject:
     return components({one.__name__: one for one in (method.request, method.answer)})
 
 
-def ros_service(definition: Definition, method: Method) -> str:
+def ros_service(service: str, method: str) -> str:
     """Return the name of a method as a service of rosbridge."""
-    return f"/services/{definition.name}/{method.name}"
+    return f"/services/{service}/{method}"
 
 
 def ros_type(definition: Definition, method: Method) -> str:

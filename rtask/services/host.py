@@ -18,12 +18,13 @@ from rtask.errors import (
     nearest,
 )
 from rtask.kb.commit.access import Access
-from rtask.services.call import Call
+from rtask.services.call import Call, Invocation
 from rtask.services.datasets.store import Datasets
 from rtask.services.definition import Definition, Method, define
 from rtask.services.description import described, listed
 from rtask.services.in_process import InProcess, Written
 from rtask.services.jobs import Job, Jobs
+from rtask.services.outward.seats import Connected, Outward
 from rtask.services.pool import Pool, Runner, Sizes
 from rtask.services.processes import ChildProcess
 from rtask.services.proxy import Proxy, offer_of
@@ -66,6 +67,8 @@ class ServiceHost:
         Calls that callers come back to.
     datasets
         Its datasets.
+    outward
+        The workers that connected from other machines.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class ServiceHost:
     ) -> None:
         self.registry = Registry()
         self.jobs = Jobs()
+        self.outward = Outward(self.registry, self._resize)
         self._kb = kb
         self.datasets = datasets or Datasets(None)
         self._check_every = check_every or int(os.environ.get("RTASK_CHECK_STATE", "100"))
@@ -120,47 +124,25 @@ class ServiceHost:
         ServiceError
             One of its kinds says what went wrong in the service.
         """
-        return self.submit(service, method, args, access, data, timeout_s).result()
+        asked = Invocation(service, method, args or {}, access, data, timeout_s)
+        return self.submit(asked).result()
 
-    def submit(
-        self,
-        service: str,
-        method: str,
-        args: Mapping[str, Any] | None = None,
-        access: Access | None = None,
-        data: Mapping[str, str] | None = None,
-        timeout_s: float | None = None,
-        parent: Call | None = None,
-    ) -> Task:
-        """Queue a call and return at once; parameters and errors as :meth:`call`.
-
-        Parameters
-        ----------
-        parent
-            The call on whose behalf this one is made.
-        """
-        task = self.prepare(service, method, args, access, data, timeout_s, parent)
+    def submit(self, asked: Invocation) -> Task:
+        """Queue a call and return at once; errors as :meth:`call`."""
+        task = self.prepare(asked)
         self.start(task)
         return task
 
-    def prepare(
-        self,
-        service: str,
-        method: str,
-        args: Mapping[str, Any] | None = None,
-        access: Access | None = None,
-        data: Mapping[str, str] | None = None,
-        timeout_s: float | None = None,
-        parent: Call | None = None,
-    ) -> Task:
-        """Check a call and return it, to be started later; parameters as :meth:`submit`."""
-        definition, found = self.find(service, method)
-        access = access or Access()
+    def prepare(self, asked: Invocation) -> Task:
+        """Check a call and return it, to be started later; errors as :meth:`call`."""
+        definition, found = self.find(asked.service, asked.method)
+        access, parent = asked.access or Access(), asked.parent
         if found.scope not in SCOPES[access.role]:
             raise ForbiddenError(f"needs scope {found.scope}; the role {access.role} lacks it")
-        request = read(found.request, dict(args or {}))
-        mapped = self._mapped(definition, data or {}, access)
-        seconds = definition.timeout_s if timeout_s is None else min(timeout_s, MAX_JOB_S)
+        request = read(found.request, dict(asked.args))
+        mapped = self._mapped(definition, asked.data or {}, access)
+        wanted_s = asked.timeout_s
+        seconds = definition.timeout_s if wanted_s is None else min(wanted_s, MAX_JOB_S)
         chain = (*parent.chain, definition.name) if parent else (definition.name,)
         if parent is not None:
             seconds = min(seconds, parent.left_s)
@@ -169,7 +151,8 @@ class ServiceHost:
         call = Call(access, seconds, chain, self)
         if parent is not None:
             parent.on_cancel(call.cancel)
-        return Task(found, request, call, definition.exact, mapped)
+        may_repeat = found.scope == "read" and not definition.is_writing
+        return Task(found, request, call, definition.exact, mapped, may_repeat=may_repeat)
 
     def start(self, task: Task) -> None:
         """Queue a call that was prepared."""
@@ -239,7 +222,15 @@ class ServiceHost:
         return described(found, self.registry.versions(found.name), self.state(found))
 
     def state(self, definition: Definition) -> str:
-        """Return ``ready``, or ``failed`` where a service could not be made ready."""
+        """Return the state of a service.
+
+        Returns
+        -------
+        ``ready``, ``failed`` where it could not be made ready, or ``waiting`` where only workers
+        have it and none is connected.
+        """
+        if definition.executor == "outward" and not self.outward.count(definition.exact):
+            return "waiting"
         with self._lock:
             pools = [p for (exact, _), p in self._pools.items() if exact == definition.exact]
         return "failed" if any(pool.state == "failed" for pool in pools) else "ready"
@@ -275,8 +266,8 @@ class ServiceHost:
         parent: Call | None = None,
     ) -> Proxy:
         def carry_out(method: str, args: dict[str, Any]) -> Answer:
-            exact = definition.exact
-            return self.submit(exact, method, args, access, data, parent=parent).result()
+            asked = Invocation(definition.exact, method, args, access, data, None, parent)
+            return self.submit(asked).result()
 
         offers = [offer_of(one) for one in definition.methods.values()]
         return Proxy(definition.exact, offers, carry_out)
@@ -361,20 +352,36 @@ class ServiceHost:
                     return [self.datasets.find(one).digest for one in written_to]
 
                 def start() -> Runner:
+                    seat = self.outward.seat(definition)
+                    if seat is not None:
+                        return Connected(self.outward, seat, commit)
                     bound = heads()  # before they are bound, so that no write is overlooked
                     resources = self._resources(definition, mapped)
                     kind = ChildProcess if definition.executor == "processes" else InProcess
                     every = self._check_every
                     return kind(definition, resources, every, commit, lambda: heads() != bound)
 
-                workers = definition.max_workers or os.cpu_count() or 1
-                sizes = Sizes(
-                    1 if definition.is_writing else workers,
-                    definition.max_waiting,
-                    may_repeat=not definition.is_writing,
-                )
+                sizes = Sizes(self._workers(definition), definition.max_waiting)
                 pool = self._pools[key] = Pool(definition.exact, start, sizes)
         return pool
+
+    def _workers(self, definition: Definition) -> int:
+        """Return how many workers a queue of a service may have, here and on other machines."""
+        if definition.is_writing:
+            return 1
+        here = definition.max_workers or os.cpu_count() or 1
+        if definition.executor == "outward":
+            here = 0
+        return max(here + self.outward.count(definition.exact), 1)
+
+    def _resize(self, exact: str) -> None:
+        """Adapt the queues of a service to the workers that are connected."""
+        definition = self.registry.exact(exact)
+        with self._lock:
+            pools = [pool for (name, _), pool in self._pools.items() if name == exact]
+        if definition is not None:
+            for pool in pools:
+                pool.resize(self._workers(definition))
 
 
 def _closed_apart(pools: Iterable[Pool]) -> list[threading.Thread]:

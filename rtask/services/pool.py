@@ -68,14 +68,11 @@ class Sizes:
         Largest number of calls that wait for one.
     idle_s
         Time after which a worker without work leaves.
-    may_repeat
-        Whether a call whose worker died is given to another worker, once.
     """
 
     workers: int
     waiting: int = 100
     idle_s: float = 300.0
-    may_repeat: bool = True
 
 
 class Pool:
@@ -131,6 +128,15 @@ class Pool:
             self._waiting.append(task)
             self._add_worker()
             self._changed.notify()
+
+    def resize(self, workers: int) -> None:
+        """Change the largest number of workers, and forget that a start failed."""
+        with self._changed:
+            self.sizes = replace(self.sizes, workers=workers)
+            self._failures, self._problem = 0, None
+            for _ in range(len(self._waiting)):
+                self._add_worker()
+            self._changed.notify_all()  # those whose instance is gone leave
 
     @property
     def is_idle(self) -> bool:
@@ -212,7 +218,7 @@ class Pool:
                 self._idle += 1
                 told = self._changed.wait(self.sizes.idle_s)
                 self._idle -= 1
-                if not told and not self._waiting:
+                if (not told and not self._waiting) or runner.is_spent:
                     return None
 
     def _carry_out(self, runner: Runner, task: Task) -> bool:
@@ -225,7 +231,7 @@ class Pool:
             answer = runner.carry_out(task)
         except WorkerDiedError as error:
             can_go_on = False
-            if not self._repeat(task):
+            if not self._repeat(task, error.details.get("was_sent", True)):
                 _fail(task, error)
         except RtaskError as error:
             can_go_on = not isinstance(error, StateChangedError)
@@ -240,15 +246,16 @@ class Pool:
             self._running.discard(task)
         return can_go_on
 
-    def _repeat(self, task: Task) -> bool:
+    def _repeat(self, task: Task, was_sent: bool) -> bool:
         """Give a call to another worker, once, if carrying it out twice does no harm."""
         with self._changed:
             is_over = self._closed or task.call.is_cancelled or task.call.left_s <= 0
-            if not self.sizes.may_repeat or task.tries or is_over:
+            if (was_sent and not task.may_repeat) or task.tries or is_over:
                 return False
             again = replace(task, done=Future(), tries=1)
             again.done.add_done_callback(lambda done: _pass_on(done, task, again))
             self._waiting.appendleft(again)
+            self._add_worker()
             self._changed.notify()
         return True
 
@@ -257,12 +264,14 @@ class Pool:
         words = str(error) if isinstance(error, RtaskError) else f"{type(error).__name__}: {error}"
         if not isinstance(error, RtaskError):
             _log.warning("%s could not be made ready", self.name, exc_info=error)
-        problem = StartupFailedError(f"{self.name} could not be made ready: {words}")
         with self._changed:
             self._starting -= 1
             self._threads.discard(threading.current_thread())
             pause_s = min(_FIRST_PAUSE_S * 2**self._failures, _LONGEST_PAUSE_S)
             self._failures += 1
+            problem = StartupFailedError(
+                f"{self.name} could not be made ready: {words}", retry_after_s=round(pause_s, 1)
+            )
             self._problem, self._try_again_s = problem, time.monotonic() + pause_s
             refused = [] if self._threads else list(self._waiting)
             if refused:
@@ -274,6 +283,7 @@ class Pool:
         with self._changed:
             self._threads.discard(threading.current_thread())
             self._add_worker()
+            self._changed.notify()  # what woke this worker may be for another one
 
 
 def _failed(task: Task, error: BaseException) -> ServiceFailedError:

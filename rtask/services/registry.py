@@ -70,6 +70,15 @@ class Registry:
             )
         versions[key] = definition
 
+    def replace(self, definition: Definition) -> None:
+        """Put a definition in the place of the one of its name and version."""
+        self._services.setdefault(definition.name, {})[_numbers(definition.version)] = definition
+
+    def exact(self, name: str) -> Definition | None:
+        """Return the definition of ``name@1.2.3``; none if there is none."""
+        plain, version = split_name(name)
+        return self._services.get(plain, {}).get(_numbers(version))
+
     def forget(self, name: str) -> None:
         """Remove all versions of a service."""
         self._services.pop(name, None)

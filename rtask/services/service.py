@@ -25,7 +25,7 @@ __all__ = [
     "startup",
 ]
 
-Executor = Literal["threads", "processes"]
+Executor = Literal["threads", "processes", "outward"]
 F = TypeVar("F", bound=Callable[..., Any])
 MARK, _STARTUP, _SHUTDOWN = "__rtask_method__", "__rtask_startup__", "__rtask_shutdown__"
 

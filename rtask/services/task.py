@@ -36,6 +36,8 @@ class Task:
         Datasets of the data resources.
     done
         Receives the answer.
+    may_repeat
+        Whether it may be carried out again after its worker died.
     tries
         How often it may be given to another worker after its worker died.
     queued_s, started_s, ended_s
@@ -48,6 +50,7 @@ class Task:
     service: str
     data: Mapped = ()
     done: Future[Answer] = field(default_factory=Future)
+    may_repeat: bool = True
     tries: int = 0
     queued_s: float = field(default_factory=time.monotonic)
     started_s: float = 0.0

@@ -22,6 +22,7 @@ from endpoint.pages.services.snippets import snippets
 from endpoint.pages.signin import require_form
 from endpoint.sparql.negotiation import prefers_html
 from rtask.errors import RtaskError, UnknownTermError
+from rtask.services.call import Invocation
 from rtask.services.definition import Definition, Method
 from rtask.services.description import ros_service, ros_type
 from rtask.services.host import MAX_JOB_S
@@ -73,10 +74,11 @@ def service_sent(namespace: str, name: str) -> str | tuple[str, int] | WerkzeugR
         args = read_request(method.request)
         services = context().services
         as_job = "job" in form
-        task = services.prepare(
+        asked = Invocation(
             definition.exact, method.name, args, caller.access, _datasets(form),
             MAX_JOB_S if as_job else None,
         )  # fmt: skip
+        task = services.prepare(asked)
         if as_job:
             return flask.redirect(f"{JOBS}/{services.start_job(task, caller.key).id}", 303)
         services.start(task)
@@ -127,14 +129,14 @@ def _shown(
         "service.html",
         service=definition,
         method=method,
-        ros=(ros_service(definition, method), ros_type(definition, method)),
+        ros=(ros_service(definition.name, method.name), ros_type(definition, method)),
         controls=controls_of(method.request, values, more),
         resources={n: one for n, one in definition.resources.items() if one.type != "graph"},
         given=values,
         answer=answer,
         datasets=readable_datasets(),
         problem=problem or {},
-        snippets=snippets(site, definition.exact, ros_service(definition, method),
+        snippets=snippets(site, definition.exact, ros_service(definition.name, method.name),
                           ros_type(definition, method), method.name,
                           _sample(method, args), _datasets(values)),
     )  # fmt: skip

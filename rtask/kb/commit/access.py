@@ -14,7 +14,7 @@ from rtask.rdf.terms import DEFAULT, DefaultGraph, GraphName, NamedNode
 __all__ = ["RIGHTS", "Access", "Role"]
 
 Role: TypeAlias = OneOf["reader", "robot", "teacher", "admin", "anonymous"]
-RIGHTS = frozenset(("rules", "replicate"))
+RIGHTS = frozenset(("rules", "replicate", "deploy"))
 _ROLES = ("reader", "robot", "teacher", "admin", "anonymous")
 
 
@@ -33,7 +33,8 @@ class Access:
     rights
         What the caller may do beyond its role. ``rules``: add and remove rules of the reasoner,
         which of the roles only an ``admin`` may. ``replicate``: copy the whole knowledge base,
-        tokens included, as a follower does.
+        tokens included, as a follower does. ``deploy``: carry out calls of services, as a worker
+        does.
 
     Examples
     --------

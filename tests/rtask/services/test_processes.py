@@ -22,6 +22,7 @@ from rtask.errors import (
 )
 from rtask.kb.commit.access import Access
 from rtask.services import Service, ServiceHost, data_resource, method
+from rtask.services.call import Invocation
 from rtask.services.definition import define
 from rtask.services.registry import load
 from tests.rtask.services.lab import ApartNotebook, Fragile, Notebook, Writer
@@ -38,7 +39,7 @@ def host() -> Iterator[ServiceHost]:
 def test_values_travel_to_another_process_and_back(host):
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 2.0, 3.0
-    task = host.prepare("lab/Fragile", "turn", {"pose": pose, "image": b"\0\1"})
+    task = host.prepare(Invocation("lab/Fragile", "turn", {"pose": pose, "image": b"\0\1"}))
     seen: list[tuple[float, str]] = []
     task.call.on_progress(lambda *progress: seen.append(progress))
     host.start(task)
@@ -89,7 +90,7 @@ def test_what_hangs_is_killed_at_its_deadline_and_the_next_call_is_answered(host
 
 
 def test_what_hangs_is_killed_when_it_is_cancelled(host):
-    task = host.submit("lab/Fragile", "hang", timeout_s=300)
+    task = host.submit(Invocation("lab/Fragile", "hang", timeout_s=300))
     threading.Timer(0.3, task.cancel).start()
     with pytest.raises((CancelledError, WorkerDiedError)):
         task.result()

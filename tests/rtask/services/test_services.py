@@ -36,6 +36,7 @@ from rtask.services import (
     shutdown,
     startup,
 )
+from rtask.services.call import Invocation
 from rtask.services.definition import define
 from rtask.services.host import MAX_POOLS
 from rtask.services.registry import GROUP, installed, load
@@ -221,11 +222,11 @@ def test_a_full_queue_refuses_and_loses_nothing():
     Gate.opened.clear()
     Gate.entered.clear()
     with ServiceHost([Gate]) as host:
-        first = host.submit("lab/Gate", "go_through", {"number": 0})
+        first = host.submit(Invocation("lab/Gate", "go_through", {"number": 0}))
         assert Gate.entered.wait(30)
-        waiting = [host.submit("lab/Gate", "go_through", {"number": k}) for k in (1, 2)]
+        waiting = [host.submit(Invocation("lab/Gate", "go_through", {"number": k})) for k in (1, 2)]
         with pytest.raises(QueueFullError) as caught:
-            host.submit("lab/Gate", "go_through", {"number": 3})
+            host.submit(Invocation("lab/Gate", "go_through", {"number": 3}))
         assert caught.value.details["retry_after_s"] == 1
         waiting[0].cancel()
         Gate.opened.set()
@@ -235,7 +236,7 @@ def test_a_full_queue_refuses_and_loses_nothing():
 
 
 def test_a_job_tells_its_progress_and_can_be_cancelled(host):
-    task = host.prepare("lab/Arm", "count", {"steps": 500, "pause_s": 0.01})
+    task = host.prepare(Invocation("lab/Arm", "count", {"steps": 500, "pause_s": 0.01}))
     job = host.start_job(task, "me")
     seen = job.wait(30, after=0)
     assert job.state == "running"
@@ -251,7 +252,7 @@ def test_a_job_tells_its_progress_and_can_be_cancelled(host):
 
 
 def test_a_job_keeps_its_answer(host):
-    job = host.start_job(host.prepare("lab/Arm", "stretch", {"joints": [1]}), "me")
+    job = host.start_job(host.prepare(Invocation("lab/Arm", "stretch", {"joints": [1]})), "me")
     job.wait(30)
     assert job.answer() == {"distance": 1.0, "joints": [1.0]}
     assert job.facts()["progress"] == 1.0
@@ -260,14 +261,15 @@ def test_a_job_keeps_its_answer(host):
 def test_calls_from_many_threads_are_all_answered():
     with ServiceHost([Arm]) as host:
         tasks = [
-            host.submit("lab/Arm", "forward", {"joints": [0], "scale": k % 7}) for k in range(90)
+            host.submit(Invocation("lab/Arm", "forward", {"joints": [0], "scale": k % 7}))
+            for k in range(90)
         ]
         assert [task.result()["pose"][0, 3] for task in tasks] == [k % 7 for k in range(90)]
 
 
 def test_closing_asks_what_runs_to_stop():
     with ServiceHost([Arm]) as host:
-        task = host.submit("lab/Arm", "count", {"steps": 10_000, "pause_s": 0.01})
+        task = host.submit(Invocation("lab/Arm", "count", {"steps": 10_000, "pause_s": 0.01}))
         host.jobs.add(task, "me").wait(30, after=0)
     with pytest.raises(CancelledError):
         task.result()
