@@ -7,7 +7,6 @@ stands an earlier measurement of the same rules in another, unrecorded, draw of 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -25,6 +24,7 @@ from grasp.learning.quadrants import (
     texplore,
 )
 from grasp.learning.simulated import World, WorldSettings, make_world
+from grasp.workers import Processes
 
 __all__ = ["ROWS", "Result", "Row", "compare", "transfer"]
 
@@ -159,8 +159,9 @@ def compare(
     chosen = tuple(rows)
     task = partial(_lives, chosen, worlds, settings or WorldSettings())
     if workers > 1:
-        with ProcessPoolExecutor(workers) as pool:
-            found = list(pool.map(task, range(seeds)))
+        with Processes(workers) as pool:
+            done = {seed: one.result() for seed, one in pool.finished(task, range(seeds))}
+        found = [done[seed] for seed in range(seeds)]
     else:
         found = [task(seed) for seed in range(seeds)]
     return [

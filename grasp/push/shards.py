@@ -7,12 +7,14 @@ function of its number, so all ways give the same results bit for bit.
 from __future__ import annotations
 
 import concurrent.futures
+import functools
 import importlib
-import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal, Protocol, Self, TypeVar
 
-__all__ = ["Executor", "Pool", "Ray", "Serial", "open_executor", "shard"]
+from grasp.workers import Processes
+
+__all__ = ["Apart", "Executor", "Ray", "Serial", "Threads", "open_executor", "shard"]
 
 T = TypeVar("T")
 Task = Callable[[int, int], T]
@@ -77,20 +79,14 @@ class Serial:
         return None
 
 
-class Pool:
-    """Runs in threads or in fresh processes of this machine."""
+class Threads:
+    """Runs in threads of this process."""
 
-    def __init__(self, workers: int, kind: Literal["threads", "processes"] = "processes") -> None:
+    def __init__(self, workers: int) -> None:
         if workers < 1:
             raise ValueError(f"workers must be at least 1, got {workers}")
         self.workers = workers
-        self._pool: concurrent.futures.Executor
-        if kind == "threads":
-            self._pool = concurrent.futures.ThreadPoolExecutor(workers)
-        else:
-            # A fork of a process with threads may stop for ever.
-            spawn = multiprocessing.get_context("spawn")
-            self._pool = concurrent.futures.ProcessPoolExecutor(workers, mp_context=spawn)
+        self._pool = concurrent.futures.ThreadPoolExecutor(workers)
 
     def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
         """Return the results in the order of the ranges."""
@@ -111,6 +107,34 @@ class Pool:
 
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class Apart:
+    """Runs in fresh processes of this machine; a range whose process is killed is run again."""
+
+    def __init__(self, workers: int) -> None:
+        self._pool = Processes(workers)
+        self.workers = workers
+
+    def map(self, task: Task[T], ranges: Sequence[Range]) -> list[T]:
+        """Return the results in the order of the ranges."""
+        found = dict(self.finished(task, ranges))
+        return [found[i] for i in range(len(ranges))]
+
+    def finished(self, task: Task[T], ranges: Sequence[Range]) -> Iterator[tuple[int, T]]:
+        """Yield results as they come; what is not wanted any more is stopped."""
+        for i, done in self._pool.finished(functools.partial(_on_range, task), ranges):
+            yield i, done.result()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.close()
+
+
+def _on_range(task: Task[T], one: Range) -> T:
+    return task(*one)
 
 
 class Ray:
@@ -195,4 +219,5 @@ def open_executor(
         return Ray(address, workers)
     if kind not in ("threads", "processes"):
         raise ValueError(f"unknown executor {kind!r}; serial, threads, processes or ray")
-    return Pool(workers or len(os.sched_getaffinity(0)), kind)
+    count = workers or len(os.sched_getaffinity(0))
+    return Threads(count) if kind == "threads" else Apart(count)

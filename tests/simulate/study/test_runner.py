@@ -30,11 +30,13 @@ def draw(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
 
 
 def dies_in_two(settings: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """A trial that takes its process along once."""
+    """A trial that takes its process along once in 0, and as often as it is tried again in 2."""
     mark = Path(settings["folder"]) / "died"
-    if number == 2 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
+    for tries in range({0: 1, 2: 3}.get(number, 0)):
+        died = mark.with_name(f"died-{number}-{tries}")
+        if not died.exists():
+            died.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
     if number == 3 and not mark.with_name("raised").exists():
         mark.with_name("raised").touch()
         raise ZeroDivisionError("three")
