@@ -18,7 +18,7 @@ from endpoint.pages import (
 )
 from endpoint.pages.graph import classes, proof, resource, workbench
 from endpoint.pages.render import blueprint
-from endpoint.pages.services import datasets, forms, jobs, tools
+from endpoint.pages.services import datasets, forms, jobs, setup, tools
 
 __all__ = [
     "activity",
@@ -37,6 +37,7 @@ __all__ = [
     "proof",
     "resource",
     "search",
+    "setup",
     "signin",
     "teach",
     "tools",

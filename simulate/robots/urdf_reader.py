@@ -56,7 +56,7 @@ class ReadRobot:
     warnings: tuple[str, ...] = ()
 
 
-def read_urdf(path: Path, *, strict: bool = True) -> ReadRobot:
+def read_urdf(path: Path, *, strict: bool = True, shapes: bool = True) -> ReadRobot:
     """Read a robot.
 
     Parameters
@@ -66,6 +66,8 @@ def read_urdf(path: Path, *, strict: bool = True) -> ReadRobot:
         it, too, and in those of the environment variable ``ROS_PACKAGE_PATH``.
     strict
         Refuse a gap instead of filling it with a warning.
+    shapes
+        Read the shapes of the links; kinematics does without, and so without meshes.
 
     Raises
     ------
@@ -76,7 +78,7 @@ def read_urdf(path: Path, *, strict: bool = True) -> ReadRobot:
         text = path.read_bytes()
     except OSError as error:
         raise RobotError(f"{path}: {error.strerror}") from error
-    reader = _Reader(path, strict)
+    reader = _Reader(path, strict, shapes)
     tree = reader.parse(text)
     if tree.tag != "robot":
         raise RobotError(f"{path}: expected <robot>, found <{tree.tag}>")
@@ -86,8 +88,8 @@ def read_urdf(path: Path, *, strict: bool = True) -> ReadRobot:
 class _Reader:
     """One reading of one file."""
 
-    def __init__(self, path: Path, strict: bool) -> None:
-        self._path, self._strict = path, strict
+    def __init__(self, path: Path, strict: bool, shapes: bool) -> None:
+        self._path, self._strict, self._shapes = path, strict, shapes
         self._warnings: list[str] = []
 
     def parse(self, text: bytes) -> ET.Element:
@@ -134,7 +136,8 @@ class _Reader:
 
     def _link(self, element: ET.Element, moved: set[str]) -> Link:
         name = element.get("name", "")
-        found = (self._shape(name, part) for part in element.findall("collision"))
+        parts = element.findall("collision") if self._shapes else ()
+        found = (self._shape(name, part) for part in parts)
         shapes = tuple(shape for group in found for shape in group)
         return Link(name, self._inertial(name, element, shapes, name in moved), shapes)
 

@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import copy
 import json
+import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy.typing import NDArray
 
-from rtask.errors import ServiceError, nearest
+from rtask.errors import RobotError, ServiceError, nearest
 from rtask.services import Service, data_resource, method, startup
 from rtask.wire.message import Answer
-from rtask.wire.types import Array, Number, Pose, Unit, Whole
+from rtask.wire.types import Array, Bytes, Number, Pose, Unit, Whole
 from simulate.motion.kinematics import Chain, Goal, IkOptions, Tool, solve_ik
 from simulate.robots.description import Floats, Joint
 from simulate.robots.urdf_reader import ReadRobot, read_urdf
 
-__all__ = ["Kinematics", "chain_named", "checked", "pose_matrix", "read_chains"]
+__all__ = [
+    "Kinematics",
+    "chain_named",
+    "checked",
+    "is_body",
+    "link_ends",
+    "link_lines",
+    "pose_matrix",
+    "read_chains",
+]
 
 
 class Solutions(Answer):
@@ -60,6 +71,8 @@ class Manipulator(Answer):
     """smallest joint values, rad or m"""
     upper: Array
     """largest joint values, rad or m"""
+    links: list[Array]
+    """middle line of each link, [x, y, z, x, y, z] in m, with all joints in mid-range"""
 
 
 class Manipulators(Answer):
@@ -173,17 +186,45 @@ class Kinematics(Service):
     @method
     def describe(self) -> Manipulators:
         """Arms of the robot, with their joints and limits."""
-        found = [
-            Manipulator(
-                name=name, tip=self.tips[name], joints=list(chain.names), lower=chain.lower,
-                upper=chain.upper,
-            )
-            for name, chain in sorted(self.chains.items())
-        ]  # fmt: skip
-        return Manipulators(manipulators=found)
+        return _described(self.chains, self.tips)
+
+    @method
+    def read(self, urdf: Bytes) -> Manipulators:
+        """Arms of a robot that is not stored yet, so that its model can be checked first.
+
+        Parameters
+        ----------
+        urdf
+            The model; meshes are not needed.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            model = Path(folder) / "model"
+            model.write_bytes(urdf)
+            try:
+                chains, tips = read_chains(model)
+            except RobotError as error:
+                words = str(error).replace(str(model), "the model")
+                raise ServiceError(f"urdf: {words}", field="urdf") from error
+        return _described(chains, tips)
 
     def _chain(self, manipulator: str) -> Chain:
         return chain_named(self.chains, manipulator)
+
+
+def _described(chains: dict[str, Chain], tips: dict[str, str]) -> Manipulators:
+    found = [
+        Manipulator(
+            name=name, tip=tips[name], joints=list(chain.names), lower=chain.lower,
+            upper=chain.upper, links=list(_mid_range(chain)),
+        )
+        for name, chain in sorted(chains.items())
+    ]  # fmt: skip
+    return Manipulators(manipulators=found)
+
+
+def _mid_range(chain: Chain) -> Floats:
+    middle = (chain.lower + chain.upper) / 2
+    return np.asarray(link_lines(copy.copy(chain), middle[None])[0].reshape(-1, 6))
 
 
 def chain_named(chains: dict[str, Chain], manipulator: str) -> Chain:
@@ -227,7 +268,7 @@ def read_chains(model: Path) -> tuple[dict[str, Chain], dict[str, str]]:
     The file ``arms.json`` beside it names the arms; without it there is one for each link at the
     end of a branch, called like that.
     """
-    robot = read_urdf(model)
+    robot = read_urdf(model, shapes=False)
     names = model.with_name("arms.json")
     if names.exists():
         tips: dict[str, str] = json.loads(names.read_text("utf-8"))
@@ -268,3 +309,21 @@ def _errors(chain: Chain, q: Floats, pose: Floats) -> tuple[Floats, Floats]:
     distance = np.linalg.norm(positions - pose[:3, 3], axis=1)
     cosine = (np.einsum("kij,ij->k", rotations, pose[:3, :3]) - 1.0) / 2.0
     return distance, np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def link_ends(chain: Chain, q: Floats) -> Floats:
+    """Return the ends (b, dof + 1, 3) of the links, m."""
+    _, positions = chain.link_frames(q)
+    _, ends = chain.tool_poses(q)
+    return np.concatenate([positions, ends[:, None]], axis=1)
+
+
+def is_body(chain: Chain) -> NDArray[np.bool_]:
+    """Return between which joints there is a link: nothing joins the parts of a prismatic one."""
+    return np.append(~chain.slides[1:], True)
+
+
+def link_lines(chain: Chain, q: Floats) -> Floats:
+    """Return the two ends (b, links, 2, 3) of the middle line of each link, m."""
+    points = link_ends(chain, q)
+    return np.stack([points[:, :-1], points[:, 1:]], axis=2)[:, is_body(chain)]

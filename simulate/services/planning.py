@@ -22,7 +22,15 @@ from rtask.wire.types import Array, ArrayOf, Carried, Number, Pose, Unit, Whole
 from simulate.motion.kinematics import Chain
 from simulate.motion.rrt import IsFree, PlanOptions, edge_is_free, plan_path, shortcut
 from simulate.robots.description import Floats
-from simulate.services.kinematics import chain_named, checked, pose_matrix, read_chains
+from simulate.services.kinematics import (
+    chain_named,
+    checked,
+    is_body,
+    link_ends,
+    link_lines,
+    pose_matrix,
+    read_chains,
+)
 
 __all__ = ["Trajopt"]
 
@@ -217,7 +225,7 @@ class Trajopt(Service):
         """
         chain = chain_named(self.chains, manipulator)
         q = _sampled(_corners(chain, path, at_least=1), samples)
-        links = _links(chain, q)
+        links = link_lines(chain, q)
         rotations, positions = chain.tool_poses(q)
         near = _clearance(chain, obstacles, link_radius)(q)
         found = [
@@ -249,7 +257,7 @@ def _clearance(chain: Chain, obstacles: Floats | None, radius: float) -> Callabl
     balls = np.zeros((0, 4)) if obstacles is None else obstacles
 
     def clearance(q: Floats) -> Floats:
-        links = _links(chain, q)
+        links = link_lines(chain, q)
         a, b = links[:, :, None, 0], links[:, :, None, 1]
         along, to_ball = b - a, balls[:, :3] - a
         squared = np.maximum((along**2).sum(axis=3), 1e-12)
@@ -258,12 +266,6 @@ def _clearance(chain: Chain, obstacles: Floats | None, radius: float) -> Callabl
         return np.asarray((apart - balls[:, 3] - radius).min(axis=(1, 2), initial=np.inf))
 
     return clearance
-
-
-def _links(chain: Chain, q: Floats) -> Floats:
-    """Return the two ends (b, links, 2, 3) of the middle line of each link, m."""
-    points = _points(chain, q)
-    return np.stack([points[:, :-1], points[:, 1:]], axis=2)[:, _is_body(chain)]
 
 
 def _sampled(corners: Floats, samples: int) -> Floats:
@@ -275,25 +277,13 @@ def _sampled(corners: Floats, samples: int) -> Floats:
     return np.stack([np.interp(at, far, joint) for joint in corners.T], axis=1)
 
 
-def _points(chain: Chain, q: Floats) -> Floats:
-    """Return the ends (b, dof + 1, 3) of the links, m."""
-    _, positions = chain.link_frames(q)
-    _, ends = chain.tool_poses(q)
-    return np.concatenate([positions, ends[:, None]], axis=1)
-
-
-def _is_body(chain: Chain) -> NDArray[np.bool_]:
-    """Return between which joints there is a link: nothing joins the parts of a prismatic one."""
-    return np.append(~chain.slides[1:], True)
-
-
 def _margin(chain: Chain) -> float:
     """Return by how much, m, no point of the robot moves more between two checked postures.
 
     With that much room at every posture that is checked, a path is free between them as well.
     """
-    ends = _points(chain, np.zeros((1, chain.dof)))[0]
-    lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1) * _is_body(chain)
+    ends = link_ends(chain, np.zeros((1, chain.dof)))[0]
+    lengths = np.linalg.norm(np.diff(ends, axis=0), axis=1) * is_body(chain)
     lengths[:-1] += np.where(
         chain.slides[1:], np.abs([chain.lower, chain.upper]).max(axis=0)[1:], 0
     )

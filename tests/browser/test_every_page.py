@@ -23,7 +23,7 @@ OBJECT = "urn:lab/object/1"
 PATHS = (
     "/", "/activity", "/sparql", "/objects", f"/object?iri={OBJECT}", "/classes?iri=rt:Mug",
     "/robots", "/feedback", "/services", "/services/example/Grasping",
-    "/datasets", "/datasets/robots/Point", "/jobs", "/tools/grasp", "/tools/arm",
+    "/setup", "/datasets", "/datasets/robots/Point", "/jobs", "/tools/grasp", "/tools/arm",
     "/teach", f"/teach?iri={OBJECT}", "/curation", f"/object/merge?iri={OBJECT}",
     f"/object/split?iri={OBJECT}", f"/object/forget?iri={OBJECT}", "/resource?iri=rt:Mug",
     f"/explain?s={OBJECT}&p=rdf:type&o=rt:Mug", "/search?q=mug", "/operations",

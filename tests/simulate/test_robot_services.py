@@ -129,3 +129,15 @@ def test_a_trace_shows_links_pose_and_clearance_along_a_path(host):
     assert [one.clearance for one in alone] == [None]
     with pytest.raises(ServiceError, match="1 or more postures, got 0"):
         planning.trace("arm", [])
+
+
+def test_a_model_is_checked_before_it_is_stored_and_needs_no_meshes(host):
+    service = host.connect("example/Kinematics", {"robot": "robots/Point"})
+    model = host.datasets.read("robots/PlanarArm", "model")
+    mesh = b'<collision><geometry><mesh filename="package://gone.stl"/></geometry></collision>'
+    read = service.read(model.replace(b"<inertial>", mesh + b"<inertial>")).manipulators
+    assert [(one.name, one.joints) for one in read] == [("link4", ["joint1", "joint2", "joint3"])]
+    with pytest.raises(ServiceError, match="urdf: the model: joint 'joint2' names no link: 'lonk'"):
+        service.read(model.replace(b'parent link="link1"', b'parent link="lonk"'))
+    with pytest.raises(ServiceError, match="urdf: the model: not XML"):
+        service.read(b"solid")

@@ -14,8 +14,10 @@ from rtask.errors import UnknownTermError
 from rtask.services.definition import Definition
 from rtask.wire.forms import controls_of
 
-_GRASPING, _KINEMATICS, _PLANNING = "example/Grasping", "example/Kinematics", "example/Trajopt"
-_ROBOTS = "robots/"
+__all__ = ["KINEMATICS", "ROBOTS", "service_named"]
+
+_GRASPING, KINEMATICS, _PLANNING = "example/Grasping", "example/Kinematics", "example/Trajopt"
+ROBOTS = "robots/"
 _SETTINGS = ("link_radius", "seed", "iterations")
 _SCENES: dict[str, Model] = {
     "robots/PlanarArm": {"look": "top", "arm": "arm", "start": [-2.0, 0.0, 0.0],
@@ -37,7 +39,7 @@ def grasp_editor() -> Model:
     """Return the settings of the planning service and the example parts, in m."""
     from grasp.push.parts import BRACKETS, SHAPES, TOLERANCING, stand_in
 
-    definition = _needed(_GRASPING)
+    definition = service_named(_GRASPING)
     groups = {
         "like Fig. 3.8": BRACKETS,
         "simple": SHAPES,
@@ -58,9 +60,9 @@ def grasp_editor() -> Model:
 @page("/tools/arm", "arm.html")
 def arm() -> Model:
     """Return the robots, an example for each, and the settings of the planner."""
-    kinematics, planning = _needed(_KINEMATICS), _needed(_PLANNING)
+    kinematics, planning = service_named(KINEMATICS), service_named(_PLANNING)
     controls = controls_of(planning.methods["plan"].request)
-    robots = [name for name in readable_datasets() if name.startswith(_ROBOTS)]
+    robots = [name for name in readable_datasets() if name.startswith(ROBOTS)]
     default = planning.resources["robot"].default
     return {
         "kinematics": kinematics.name,
@@ -71,7 +73,14 @@ def arm() -> Model:
     }
 
 
-def _needed(service: str) -> Definition:
+def service_named(service: str) -> Definition:
+    """Return a service that a page needs.
+
+    Raises
+    ------
+    RefusedError
+        404; it is not offered.
+    """
     try:
         return context().services.registry.find(service)
     except UnknownTermError as error:
