@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "docs" / "deploy"
 INSTRUCTIONS = {
     *("FROM", "WORKDIR", "COPY", "RUN", "ENV", "USER", "VOLUME", "EXPOSE", "STOPSIGNAL"),
-    *("HEALTHCHECK", "ENTRYPOINT", "CMD"),
+    *("HEALTHCHECK", "ENTRYPOINT", "CMD", "ARG"),
 }
 
 
@@ -103,6 +104,14 @@ def test_the_container_is_nobody_and_copies_all_packages(
     assert packages <= set(copied.split())
     for name in copied.split():
         assert name.startswith(("/", "-", ".")) or (ROOT / name).exists(), name
+
+
+def test_the_container_can_recognise(instructions: list[tuple[str, str]]) -> None:
+    given = dict(rest.split("=") for name, rest in instructions if name == "ARG")
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert given["EXTRAS"] == "perception"
+    assert "perception" in extras["optional-dependencies"]
+    assert any(".[${EXTRAS}]" in rest for name, rest in instructions if name == "RUN")
 
 
 def test_the_container_starts_what_there_is(instructions: list[tuple[str, str]]) -> None:
