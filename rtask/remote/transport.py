@@ -2,7 +2,7 @@
 
 Texts are always sent as a form (SPARQL 1.1 Protocol, 2.1.2 and 2.2.1), which every server takes;
 some never answer a text that is sent directly. A read is repeated when the server or the connection
-fails. An update is repeated only if the answer proves that it did not run.
+fails. An update is repeated only if the answer proves that it did not run, or was rolled back.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ _PAUSE_S = 0.2
 _CONNECT_S = 5.0
 _UNAVAILABLE = (502, 503, 504)
 _DID_NOT_RUN = (429, 503)
+_ROLLED_BACK = "40001"
+"""State of SQL: the transaction lost a deadlock or a conflict, and left nothing behind."""
 
 
 class Connection:
@@ -122,7 +124,8 @@ class Connection:
                     reason = str(error) or type(error).__name__
                     raise RemoteUnavailableError(f"{where}: {reason}") from error
             else:
-                if last or answer.status_code not in (_UNAVAILABLE if repeat else _DID_NOT_RUN):
+                again = answer.status_code in (_UNAVAILABLE if repeat else _DID_NOT_RUN)
+                if last or not (again or _was_rolled_back(answer)):
                     return _checked(answer, where)
             time.sleep(_PAUSE_S * 2**attempt)
         raise AssertionError("the last attempt returns or raises")
@@ -194,6 +197,11 @@ def read_triples(data: bytes) -> Triples:
         return Triples(tuple(quad.triple for quad in parse(data, format=RdfFormat.N_TRIPLES)))
     except SyntaxError as error:
         raise RemoteUnavailableError(f"the answer broke off: {error}") from error
+
+
+def _was_rolled_back(answer: httpx.Response) -> bool:
+    """Tell whether a server gave a request up for another one (Virtuoso tells it as a fault)."""
+    return answer.status_code == 500 and _ROLLED_BACK in answer.text[:200]
 
 
 def _checked(answer: httpx.Response, url: str) -> httpx.Response:

@@ -69,7 +69,8 @@ def test_there_is_a_whisker_or_a_dot_for_each_grasp_and_the_best_is_the_longest(
 
 
 def test_an_outline_is_drawn_by_mouse_and_undone(browser: Any, server: RunningServer) -> None:
-    with open_page(browser, server.url, **LOOKS["laptop-light"]) as page:
+    # For a moment the outline crosses itself; a slow machine plans in that moment, and is refused.
+    with open_page(browser, server.url, expected=("422",), **LOOKS["laptop-light"]) as page:
         _open(page, server, PLATE)
         corner = page.locator('[data-vertex="2"]').bounding_box()
         x, y = corner["x"] + corner["width"] / 2, corner["y"] + corner["height"] / 2
