@@ -29,6 +29,7 @@ _BUILT_IN = {
     "dataset": "rtask.cli.datasets:dataset",
     "doctor": "rtask.cli.doctor:doctor",
     "entails": "rtask.cli.entails:entails",
+    "episodes": "rtask.cli.episodes:episodes",
     "explain": "rtask.cli.reasoning:explain",
     "export": "rtask.cli.contents:export",
     "feedback": "rtask.cli.people:feedback",

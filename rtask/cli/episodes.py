@@ -1,0 +1,116 @@
+"""``rtask episodes``: what robots did, saw and judged, out of a graph and into another."""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from rtask.cli.options import agent_option, data_option, exit_if_empty, json_option, print_json
+from rtask.errors import UsageError
+
+_EXTRA = "rtask episodes"
+
+
+@click.group()
+def episodes() -> None:
+    """Attempts with all that belongs to them, as recordings (MCAP, bags) and back."""
+
+
+def _time(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> dt.datetime | None:
+    if text is None:
+        return None
+    try:
+        found = dt.datetime.fromisoformat(text)
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is no time of ISO 8601") from None
+    if found.tzinfo is None:
+        raise click.BadParameter(f"{text!r} has no time zone; write {text}Z")
+    return found
+
+
+_since = click.option(
+    "--since", callback=_time, help="Only those that ended then or later (ISO 8601)."
+)
+
+
+@episodes.command("list")
+@data_option
+@agent_option("Only those of this robot.")
+@_since
+@json_option
+def list_episodes(data: Path, agent: str | None, since: dt.datetime | None, as_json: bool) -> None:
+    """List attempts: when, who, with what, and what the robot judged."""
+    import rtask
+    from rtask.interop.episodes.episode import episodes_of
+
+    with rtask.open(data, mode="r") as kb:
+        found = episodes_of(kb, robot=agent, since=since)
+    if as_json:
+        print_json([one.to_json() for one in found])
+        return
+    for one in found:
+        judged = {True: "held", False: one.reason or "not held", None: "not judged"}[one.held]
+        placed = ", placed" if one.placed else ""
+        time = one.ended.isoformat(timespec="seconds")
+        click.echo(f"{time}  {one.robot_name:16} {one.thing_name:20} {judged}{placed}")
+    exit_if_empty(found)
+
+
+@episodes.command()
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@data_option
+@agent_option("Only those of this robot.")
+@_since
+@json_option
+def export(
+    out: Path, data: Path, agent: str | None, since: dt.datetime | None, as_json: bool
+) -> None:
+    """Write attempts to OUT: .mcap, or .bag of ROS 1.
+
+    A viewer shows the pictures, the views with depth, and each attempt as JSON; `rtask recognise`
+    and `rtask segment` read the views. `rtask episodes import` loses nothing.
+    """
+    import rtask
+    from rtask.extras import naming_extras
+    from rtask.interop.episodes.episode import episodes_of
+    from rtask.interop.episodes.recording import write_episodes
+
+    with rtask.open(data, mode="r") as kb, naming_extras(_EXTRA):
+        found = episodes_of(kb, robot=agent, since=since)
+        if not found:
+            raise UsageError("no attempt fits; see `rtask episodes list`")
+        written = write_episodes(kb, found, out)
+    if as_json:
+        print_json({"path": str(out), **asdict(written)})
+        return
+    click.echo(
+        f"{out}: {written.episodes} episodes, {written.pictures} pictures, {written.views} views, "
+        f"{written.statements} statements"
+    )
+
+
+@episodes.command("import")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@data_option
+@json_option
+def import_episodes(file: Path, data: Path, as_json: bool) -> None:
+    """Add the episodes of FILE (.mcap, .bag) to the graph, in one commit.
+
+    What is known already changes nothing.
+    """
+    import rtask
+    from rtask.extras import naming_extras
+    from rtask.interop.episodes.recording import read_episodes
+
+    with rtask.open(data) as kb, naming_extras(_EXTRA):
+        read = read_episodes(kb, file)
+    told = {key: value for key, value in asdict(read).items() if key not in ("pictures", "views")}
+    if as_json:
+        print_json({"path": str(file), **told})
+        return
+    click.echo(f"{read.episodes} episodes, {read.statements} statements, {read.blobs} binary data")

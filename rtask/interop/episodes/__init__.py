@@ -1,0 +1,1 @@
+"""Episodes: what a robot did, saw and judged in one attempt, out of a graph and into another."""

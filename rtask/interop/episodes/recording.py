@@ -1,0 +1,323 @@
+"""Episodes as recordings of ROS: a bag of ROS 1 or an MCAP file (extra ``recordings``).
+
+Any viewer of such files shows what the robot saw and, as JSON, what it did and judged. Two further
+topics hold the statements (N-Quads) and their binary data, so that nothing is lost on the way into
+another graph.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from pyoxigraph import NamedNode, Quad, RdfFormat, parse, serialize
+
+from rtask.errors import DataError, UsageError
+from rtask.interop.episodes.episode import Episode, blobs_of, statements_of
+
+if TYPE_CHECKING:
+    from features.geometry import Frame
+    from rtask.kb.core import GraphCore
+
+__all__ = ["Written", "read_episodes", "write_episodes"]
+
+_STATEMENTS, _BLOBS, _EPISODES = "/rtask/statements", "/rtask/blobs", "/rtask/episodes"
+_SUFFIXES = (".mcap", ".bag")
+_NS = 1_000_000_000
+
+
+@dataclass
+class Written:
+    """Numbers of what was written or read.
+
+    Parameters
+    ----------
+    episodes, statements, blobs, pictures, views
+        Views are depth with colour, as the robot saw the object.
+    """
+
+    episodes: int = 0
+    statements: int = 0
+    blobs: int = 0
+    pictures: int = 0
+    views: int = 0
+
+
+class _Sink(Protocol):
+    """Where messages go."""
+
+    def write(self, topic: str, kind: str, fields: dict[str, Any], time_ns: int) -> None:
+        """Append a message; ``kind`` such as ``std_msgs/msg/String``."""
+
+
+@dataclass
+class _Rosbag:
+    """A bag under construction, of either version of ROS."""
+
+    writer: Any
+    store: Any
+    serialise: Callable[[Any, str], Any]
+    has_sequence: bool
+    _last_ns: int = 0
+    _connections: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, topic: str, kind: str, fields: dict[str, Any], time_ns: int) -> None:
+        """Append a message."""
+        if topic not in self._connections:
+            made = self.writer.add_connection(topic, kind, typestore=self.store)
+            self._connections[topic] = made
+        message = self._message(kind, fields)
+        # Readers sort by time, and would mix up what has the same.
+        self._last_ns = max(time_ns, self._last_ns + 1)
+        self.writer.write(self._connections[topic], self._last_ns, self.serialise(message, kind))
+
+    def _message(self, kind: str, fields: dict[str, Any]) -> Any:
+        values = dict(fields)
+        for key, value in fields.items():
+            if isinstance(value, tuple) and value and value[0] == "header":
+                values[key] = self._header(*value[1:])
+            elif isinstance(value, tuple):
+                values[key] = self._message(value[0], value[1])
+            elif isinstance(value, list):
+                values[key] = [self._message(*one) for one in value]
+        return self.store.types[kind](**values)
+
+    def _header(self, time_ns: int, frame_id: str) -> Any:
+        types = self.store.types
+        stamp = types["builtin_interfaces/msg/Time"](time_ns // _NS, time_ns % _NS)
+        sequence = (0,) if self.has_sequence else ()
+        return types["std_msgs/msg/Header"](*sequence, stamp, frame_id)
+
+
+def write_episodes(kb: GraphCore, episodes: Iterable[Episode], path: Path) -> Written:
+    """Write episodes to a file, wholly or not at all.
+
+    Parameters
+    ----------
+    kb
+        The graph that has them.
+    episodes
+        From :func:`~rtask.interop.episodes.episode.episodes_of`.
+    path
+        ``.mcap`` or ``.bag``; it must not exist.
+
+    Raises
+    ------
+    UsageError
+        The file exists, or its extension is another.
+    MissingBlobError
+        Binary data that a statement names is not in the graph's store.
+    """
+    if path.suffix not in _SUFFIXES:
+        raise UsageError(f"{path}: expected a file {' or '.join(_SUFFIXES)}")
+    if path.exists():
+        raise UsageError(f"{path} exists; give another name or remove it")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}")
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    # Beside the file, so that moving it there at the end is one step.
+    folder = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
+    try:
+        if path.suffix == ".bag":
+            store = get_typestore(Stores.ROS1_NOETIC)
+            with rosbag1.Writer(folder / "made.bag") as writer:
+                bag = _Rosbag(writer, store, store.serialize_ros1, has_sequence=True)
+                written = _write(kb, episodes, bag)
+        else:
+            store = get_typestore(Stores.ROS2_HUMBLE)
+            plugin = rosbag2.StoragePlugin.MCAP
+            with rosbag2.Writer(folder / "made", version=9, storage_plugin=plugin) as writer:
+                bag = _Rosbag(writer, store, store.serialize_cdr, has_sequence=False)
+                written = _write(kb, episodes, bag)
+        (made,) = folder.rglob(f"*{path.suffix}")
+        made.replace(path)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return written
+
+
+def _write(kb: GraphCore, episodes: Iterable[Episode], sink: _Sink) -> Written:
+    written, blobs_done = Written(), set[str]()
+    for episode in sorted(episodes, key=lambda one: (one.ended, one.attempt)):
+        ended = int(episode.ended.timestamp() * _NS)
+        started = int(episode.started.timestamp() * _NS) if episode.started else ended
+        quads = statements_of(kb, episode)
+        told = {**episode.to_json(), "statements": len(quads)}
+        for name in blobs_of(quads):
+            if name in blobs_done:
+                continue
+            blobs_done.add(name)
+            data = kb.blobs.read(name)
+            _write_bytes(sink, name, data, started)
+            written.views += _write_view(sink, f"/{_topic(episode)}/camera", data, started)
+            written.blobs += 1
+        for picture in episode.pictures:
+            topic = f"/{_topic(episode)}/attempt/image/compressed"
+            data = kb.blobs.read(picture.blob)
+            kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
+            fields = {
+                "header": ("header", ended, picture.phase),
+                "format": kind,
+                "data": np.frombuffer(data, np.uint8),
+            }
+            sink.write(topic, "sensor_msgs/msg/CompressedImage", fields, ended)
+            written.pictures += 1
+        text = serialize(quads, format=RdfFormat.N_QUADS)
+        assert text is not None
+        sink.write(_STATEMENTS, "std_msgs/msg/String", {"data": text.decode()}, ended)
+        shown = json.dumps(told, ensure_ascii=False)
+        sink.write(_EPISODES, "std_msgs/msg/String", {"data": shown}, ended)
+        written.episodes += 1
+        written.statements += len(quads)
+    return written
+
+
+def _topic(episode: Episode) -> str:
+    """Return a robot's name as a name of ROS: letters, digits and underscores."""
+    name = episode.robot_name or episode.robot.rpartition("/")[2]
+    return "".join(c if c.isascii() and c.isalnum() else "_" for c in name) or "robot"
+
+
+def _write_bytes(sink: _Sink, name: str, data: bytes, time_ns: int) -> None:
+    dimension = {"label": name, "size": len(data), "stride": len(data)}
+    layout = {"dim": [("std_msgs/msg/MultiArrayDimension", dimension)], "data_offset": 0}
+    fields = {
+        "layout": ("std_msgs/msg/MultiArrayLayout", layout),
+        "data": np.frombuffer(data, np.uint8),
+    }
+    sink.write(_BLOBS, "std_msgs/msg/UInt8MultiArray", fields, time_ns)
+
+
+def _write_view(sink: _Sink, space: str, data: bytes, time_ns: int) -> int:
+    """Write binary data that is a view with depth as images; return how many views they are."""
+    from features.codec import CloudFormatError, decode
+    from features.geometry import Frame
+
+    try:
+        seen = decode(data)
+    except CloudFormatError:
+        return 0
+    if not isinstance(seen, Frame) or seen.rgb is None:
+        return 0
+    # Colour first: a reader that pairs by time then has it when depth comes.
+    _write_camera(sink, f"{space}/color", seen, time_ns, "rgb8", seen.rgb)
+    _write_camera(sink, f"{space}/depth", seen, time_ns, "32FC1", seen.depth_m.astype("<f4"))
+    return 1
+
+
+def _write_camera(
+    sink: _Sink, space: str, frame: Frame, time_ns: int, encoding: str, image: Any
+) -> None:
+    header = ("header", time_ns, frame.frame_id or "camera")
+    camera = frame.intrinsics
+    cx, cy = camera.cx - frame.x0, camera.cy - frame.y0  # of the crop
+    matrix = np.array([camera.fx, 0, cx, 0, camera.fy, cy, 0, 0, 1], np.float64)
+    height, width = frame.depth_m.shape
+    size = {"height": height, "width": width}
+    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    names = ("D", "K", "R", "P") if getattr(sink, "has_sequence", False) else ("d", "k", "r", "p")
+    projection = np.insert(matrix.reshape(3, 3), 3, 0.0, axis=1).ravel()
+    values = (np.zeros(5), matrix, np.eye(3).ravel(), projection)
+    info = {
+        "header": header,
+        **size,
+        "distortion_model": "plumb_bob",
+        **dict(zip(names, values, strict=True)),
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": ("sensor_msgs/msg/RegionOfInterest", region),
+    }
+    sink.write(f"{space}/camera_info", "sensor_msgs/msg/CameraInfo", info, time_ns)
+    rows = np.ascontiguousarray(image)
+    fields = {
+        "header": header,
+        **size,
+        "encoding": encoding,
+        "is_bigendian": 0,
+        "step": rows.strides[0],
+        "data": rows.view(np.uint8).ravel(),
+    }
+    sink.write(f"{space}/image_raw", "sensor_msgs/msg/Image", fields, time_ns)
+
+
+# -- reading --------------------------------------------------------------------------------
+
+
+def read_episodes(kb: GraphCore, path: Path) -> Written:
+    """Add the episodes of a file to a graph, in one commit; known statements change nothing.
+
+    What a robot asserted goes to the graph of the robot of that name. Damaged files leave the graph
+    as it was.
+
+    Parameters
+    ----------
+    kb
+        The graph, open for writing.
+    path
+        From :func:`write_episodes`.
+
+    Raises
+    ------
+    DataError
+        It is no such file, or binary data is missing or does not match its name.
+    """
+    quads: dict[Quad, None] = {}
+    blobs: dict[str, bytes] = {}
+    read = Written()
+    for topic, message in _messages(path):
+        if topic == _STATEMENTS:
+            try:
+                quads |= dict.fromkeys(parse(message.data.encode(), format=RdfFormat.N_QUADS))
+            except SyntaxError as error:
+                raise DataError(f"{path}: {_STATEMENTS}: {error}") from error
+            read.episodes += 1
+        elif topic == _BLOBS:
+            name, data = message.layout.dim[0].label, bytes(message.data)
+            if name != f"urn:sha256:{hashlib.sha256(data).hexdigest()}":
+                raise DataError(f"{path}: the bytes of {name} do not match their name")
+            blobs[name] = data
+    if not read.episodes:
+        raise DataError(f"{path} holds no episodes: no topic {_STATEMENTS}")
+    missing = [name for name in blobs_of(quads) if name not in blobs and not kb.blobs.has(name)]
+    if missing:
+        raise DataError(f"{path}: {len(missing)} binary data are missing, {missing[0]} first")
+    for data in blobs.values():
+        kb.blobs.put(data)
+    with kb.transaction(note=f"episodes of {path.name}") as transaction:
+        transaction.add_quads(_owned_here(kb, quads))
+    read.statements, read.blobs = len(quads), len(blobs)
+    return read
+
+
+def _messages(path: Path) -> Iterator[tuple[str, Any]]:
+    from rosbags.highlevel import AnyReader, AnyReaderError
+
+    if not path.is_file():
+        raise UsageError(f"{path}: there is no such file")
+    try:
+        with AnyReader([path]) as reader:
+            wanted = [one for one in reader.connections if one.topic in (_STATEMENTS, _BLOBS)]
+            for connection, _, raw in reader.messages(connections=wanted) if wanted else ():
+                yield connection.topic, reader.deserialize(raw, connection.msgtype)
+    except (AnyReaderError, OSError, AssertionError) as error:
+        raise DataError(f"{path} is no recording, or it is damaged: {error}") from error
+
+
+def _owned_here(kb: GraphCore, quads: Iterable[Quad]) -> Iterator[Quad]:
+    """Yield statements in the graphs that the same robots, people and files have here."""
+    for quad in quads:
+        named = quad.graph_name.value if isinstance(quad.graph_name, NamedNode) else ""
+        _, _, place = named.partition("/graph/")
+        if not place.startswith(("agent/", "import/")):
+            raise DataError(f"{named or 'the default graph'} is not that of a robot or a file")
+        graph = NamedNode(f"{kb.graphs.base}graph/{place}")
+        yield Quad(quad.subject, quad.predicate, quad.object, graph)

@@ -1,0 +1,153 @@
+"""Episodes go out as recordings and come back into another graph with nothing lost."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import rtask
+from features.codec import decode
+from features.geometry import Frame
+from features.imaging.recordings import views_of
+from rtask.cli.episodes import episodes as command
+from rtask.errors import DataError, MissingBlobError, UsageError
+from rtask.interop.episodes.episode import blobs_of, episodes_of, statements_of
+from rtask.interop.episodes.recording import read_episodes, write_episodes
+from rtask.rdf.namespaces import RT
+
+
+@pytest.fixture
+def told(bench, robots):
+    """Two robots that tried one object: lost by the first, held by the second."""
+    seen = bench.sight(bench.CAN)
+    reports = (
+        ("nao-1", bench.missed(images=[{"phase": "lift", "data": bench.png(1)}])),
+        ("nao-2", bench.held()),
+    )
+    for name, outcome in reports:
+        robot = robots(name)
+        answer = robot.recognise(seen)
+        stored = robot.insert(
+            seen, grasp=answer["grasps"][0], outcome=outcome, task_id=answer["task_id"]
+        )
+        thing = stored["objects"][0]["object"]
+    return thing
+
+
+def same(one, other):
+    return [a.to_json() for a in one] == [b.to_json() for b in other]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["all.mcap", "all.bag"])
+def test_what_robots_did_comes_back_whole(told, kb, tmp_path, name):
+    found = episodes_of(kb)
+    assert [(one.robot_name, one.held, one.reason) for one in found] == [
+        ("nao-1", False, "missed"),
+        ("nao-2", True, "ok"),
+    ]
+    written = write_episodes(kb, found, tmp_path / name)
+    assert (written.episodes, written.pictures, written.views) == (2, 1, 1)
+    with rtask.open(":memory:", reason=False) as other:
+        read = read_episodes(other, tmp_path / name)
+        assert read.blobs == written.blobs
+        assert same(episodes_of(other), found)
+        for one in found:
+            for quad in statements_of(kb, one):
+                owner = kb.graphs.owner(quad.graph_name)
+                there = other.graphs.agent(owner)
+                assert other.match(quad.subject, quad.predicate, quad.object, there), quad
+            for blob in blobs_of(statements_of(kb, one)):
+                assert other.blobs.read(blob) == kb.blobs.read(blob)
+        before = other.seq
+        assert read_episodes(other, tmp_path / name).episodes == 2
+        assert other.seq == before  # nothing was new
+
+
+@pytest.mark.slow
+def test_any_reader_of_recordings_sees_the_views_with_depth(told, kb, tmp_path):
+    found = episodes_of(kb)
+    blobs = [b for one in found for b in blobs_of(statements_of(kb, one))]
+    frames = []
+    for blob in dict.fromkeys(blobs):
+        try:
+            seen = decode(kb.blobs.read(blob))
+        except ValueError:
+            continue
+        frames += [seen] if isinstance(seen, Frame) else []
+    for name in ("a.mcap", "a.bag"):
+        write_episodes(kb, found, tmp_path / name)
+        (view,) = views_of(tmp_path / name)
+        np.testing.assert_array_equal(view.depth_m, frames[0].depth_m)
+        deep = view.depth_m > 0  # the reader keeps colours where there is depth
+        np.testing.assert_array_equal(view.rgb[deep], frames[0].rgb[deep])
+        assert view.intrinsics.fx == frames[0].intrinsics.fx
+        assert view.intrinsics.cx == frames[0].intrinsics.cx - frames[0].x0
+
+
+@pytest.mark.slow
+def test_one_robots_episode_brings_no_other_attempt_along(told, kb, tmp_path):
+    (only,) = episodes_of(kb, robot="nao-2")
+    write_episodes(kb, [only], tmp_path / "two.mcap")
+    with rtask.open(":memory:", reason=False) as other:
+        read_episodes(other, tmp_path / "two.mcap")
+        assert same(episodes_of(other), [only])
+        assert other.match(None, RT.objectId, None)  # the object came along
+    late = only.ended + dt.timedelta(seconds=1)
+    assert episodes_of(kb, since=late) == []
+    assert episodes_of(kb, since=only.ended)[-1] == only
+    with pytest.raises(UsageError, match="time zone"):
+        episodes_of(kb, since=dt.datetime(2026, 1, 1))
+
+
+@pytest.mark.slow
+def test_files_that_are_damaged_or_of_another_kind_change_nothing(told, kb, tmp_path):
+    found = episodes_of(kb)
+    path = tmp_path / "all.mcap"
+    write_episodes(kb, found, path)
+    with pytest.raises(UsageError, match="exists"):
+        write_episodes(kb, found, path)
+    with pytest.raises(UsageError, match="expected a file"):
+        write_episodes(kb, found, tmp_path / "all.zip")
+    whole = path.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.mcap").write_bytes(b"no recording")
+    with rtask.open(":memory:", reason=False) as other:
+        before = other.seq
+        for name in ("cut.mcap", "text.mcap"):
+            with pytest.raises(DataError, match=name):
+                read_episodes(other, tmp_path / name)
+        with pytest.raises(UsageError, match="no such file"):
+            read_episodes(other, tmp_path / "none.mcap")
+        assert other.seq == before
+    blob = blobs_of(statements_of(kb, found[0]))[0]
+    kb.blobs._memory.pop(blob.rpartition(":")[2])
+    with pytest.raises(MissingBlobError):
+        write_episodes(kb, found, tmp_path / "lacking.mcap")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["all.mcap", "cut.mcap", "text.mcap"]
+
+
+@pytest.mark.slow
+def test_the_command_lists_writes_and_reads(told, kb, tmp_path):
+    found = episodes_of(kb)
+    write_episodes(kb, found, tmp_path / "all.bag")
+    folder = str(tmp_path / "graph")
+
+    def run(*words):
+        done = CliRunner().invoke(command, [*words, "-d", folder, "--json"])
+        if done.exception and not isinstance(done.exception, SystemExit):
+            raise done.exception
+        return json.loads(done.stdout)
+
+    read = run("import", str(tmp_path / "all.bag"))
+    assert read["episodes"] == 2
+    assert run("list") == json.loads(json.dumps([one.to_json() for one in found]))
+    assert [one["robot_name"] for one in run("list", "--agent", "nao-2")] == ["nao-2"]
+    out = run("export", str(tmp_path / "again.mcap"))
+    assert (out["episodes"], out["pictures"]) == (2, 1)
+    with pytest.raises(UsageError, match="no attempt fits"):
+        run("export", str(tmp_path / "none.mcap"), "--agent", "nobody")
