@@ -19,7 +19,7 @@ from grasp.spatial.frames import (
     pose_from_matrix,
     pose_from_planar,
 )
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector, ParallelGripper
 from grasp.spatial.planar import PlanarGrasp
 
 __all__ = [
@@ -199,7 +199,7 @@ _UP = (0.0, 0.0, 1.0)
 
 def spatial_grasp_message(
     candidate: GraspCandidate,
-    gripper: ParallelGripper,
+    gripper: EndEffector,
     frame_id: str,
     *,
     grasp_id: str = "",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector, ParallelGripper
 
 if TYPE_CHECKING:
     from grasp.spatial.meshes.mesh import Mesh
@@ -127,7 +127,7 @@ class Room:
 def room_around(
     poses: NDArray[np.float64],
     openings: NDArray[np.float64],
-    gripper: ParallelGripper,
+    gripper: EndEffector,
     surroundings: Surroundings,
     mesh: Mesh | None = None,
     cloud: NDArray[np.float64] | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 from grasp.arrays import FloatArray
 from grasp.push.figures.drawing import Canvas
 from grasp.spatial.candidate import GraspCandidate
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector
 from grasp.spatial.meshes.mesh import Mesh
 
 __all__ = ["candidates_svg"]
@@ -28,7 +28,7 @@ Shaded = list[tuple[FloatArray, str]]
 
 def candidates_svg(
     candidates: Sequence[GraspCandidate],
-    gripper: ParallelGripper,
+    gripper: EndEffector,
     shape: Mesh | FloatArray,
     count: int = 6,
 ) -> str:
@@ -69,7 +69,7 @@ def _panel(
     corner: FloatArray,
     shape: Shaded,
     candidate: GraspCandidate | None,
-    gripper: ParallelGripper,
+    gripper: EndEffector,
 ) -> None:
     """Draw what of the gripper is behind the shape, the shape, then the rest of the gripper."""
     behind: Shaded = []
@@ -108,9 +108,10 @@ def _seen(points: FloatArray) -> FloatArray:
     return np.stack([x, up, near], axis=1)
 
 
-def _fork(candidate: GraspCandidate, gripper: ParallelGripper) -> FloatArray:
+def _fork(candidate: GraspCandidate, gripper: EndEffector) -> FloatArray:
     """Return the bar between the fingers and the stem behind it as one line (5, 3)."""
-    half, root = _half(candidate) + gripper.thickness, gripper.fingertip - gripper.finger_length
+    fingers = gripper.boxes(2 * _half(candidate))[:2]
+    half, root = float(fingers[..., 0].max()), float(fingers[..., 2].min())
     local = np.array([(-half, 0, root), (0, 0, root), (0, 0, root - _STEM_M), (0, 0, root),
                       (half, 0, root)])  # fmt: skip
     pose = candidate.frame_from_gripper
@@ -121,7 +122,7 @@ def _half(candidate: GraspCandidate) -> float:
     return (candidate.width if candidate.opening is None else candidate.opening) / 2
 
 
-def _fingers(candidate: GraspCandidate, gripper: ParallelGripper) -> list[Shaded]:
+def _fingers(candidate: GraspCandidate, gripper: EndEffector) -> list[Shaded]:
     """Return the faces towards the eye of both open fingers, far ones first."""
     pose, found = candidate.frame_from_gripper, list[Shaded]()
     for low, high in gripper.boxes(2 * _half(candidate))[:2]:

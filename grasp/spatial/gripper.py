@@ -3,13 +3,60 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ParallelGripper", "nao_hand", "panda_hand", "parallel_jaw"]
+__all__ = ["EndEffector", "ParallelGripper", "nao_hand", "panda_hand", "parallel_jaw"]
 
 _PALM_CLEARANCE_M = 0.005
+
+
+class EndEffector(Protocol):
+    """What planning, messages and drawings need of any end effector, jaws or suction cup."""
+
+    @property
+    def name(self) -> str:
+        """On its robot."""
+
+    @property
+    def gripper_type(self) -> str:
+        """Grasps carry over between end effectors of one type."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether half a turn about the approach makes no difference."""
+
+    @property
+    def max_opening(self) -> float:
+        """Before closing at most, m."""
+
+    @property
+    def max_effort(self) -> float:
+        """Of a closed joint, N or N m."""
+
+    @property
+    def friction(self) -> float:
+        """Coulomb coefficient on the object."""
+
+    @property
+    def approach(self) -> tuple[float, float]:
+        """Straight way in: wanted and least length, m."""
+
+    @property
+    def retreat(self) -> tuple[float, float]:
+        """Straight way out: wanted and least length, m."""
+
+    @property
+    def parent_from_gripper(self) -> NDArray[np.float64] | None:
+        """Tool centre point in the link that carries the end effector (4, 4)."""
+
+    def boxes(self, opening_m: float, sweep_m: float = 0.0) -> NDArray[np.float64]:
+        """Return the parts as boxes (n, 2, 3), m, in the gripper frame."""
+
+    def joint_positions(self, opening_m: float) -> dict[str, float]:
+        """Return the value of each joint at an opening."""
 
 
 @dataclass(frozen=True)

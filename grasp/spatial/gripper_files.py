@@ -14,14 +14,57 @@ import numpy as np
 
 from grasp.spatial.gripper import ParallelGripper, nao_hand, panda_hand, parallel_jaw
 from grasp.spatial.gripper_urdf import gripper_from_urdf
+from grasp.spatial.suction_cup import SuctionCup
 
-__all__ = ["gripper_from_data", "gripper_named", "gripper_to_data", "read_gripper"]
+__all__ = [
+    "end_effector_from_data",
+    "end_effector_named",
+    "gripper_from_data",
+    "gripper_named",
+    "gripper_to_data",
+    "read_end_effector",
+    "read_gripper",
+]
 
 _ENDINGS = (".json", ".toml", ".urdf")
 _MAX_BYTES = 1_000_000
 _PAIRS = {"approach": 2, "retreat": 2, "palm": 3, "wrist": 3}
-_TEXTS = ("name", "gripper_type")
-_OPTIONAL = ("palm", "wrist", "finger_thickness", "parent_from_gripper")
+_TEXTS = ("name", "gripper_type", "joint")
+_OPTIONAL = (
+    "palm", "wrist", "finger_thickness", "parent_from_gripper", "compliance", "stem_radius",
+)  # fmt: skip
+_KINDS = ("parallel", "suction")
+
+
+def end_effector_named(text: str) -> ParallelGripper | SuctionCup:
+    """Return the gripper or suction cup of a short text.
+
+    Parameters
+    ----------
+    text
+        As for :func:`gripper_named`, or ``suction:RADIUS`` (m); a file may describe either.
+
+    Raises
+    ------
+    ValueError
+        Naming what is possible.
+
+    Examples
+    --------
+    >>> end_effector_named("suction:0.02").radius
+    0.02
+    """
+    if Path(text).suffix.lower() in _ENDINGS:
+        return read_end_effector(Path(text))
+    kind, _, radius = text.partition(":")
+    if kind != "suction":
+        return gripper_named(text)
+    try:
+        return SuctionCup("suction_cup", radius=float(radius))
+    except ValueError as error:
+        raise ValueError(
+            f"gripper {text!r}: expected a radius in m, as in suction:0.015"
+        ) from error
 
 
 def gripper_named(text: str) -> ParallelGripper:
@@ -60,14 +103,31 @@ def gripper_named(text: str) -> ParallelGripper:
 
 
 def read_gripper(path: Path) -> ParallelGripper:
-    """Return the gripper that a file describes.
+    """Return the gripper with two jaws that a file describes; see :func:`read_end_effector`.
+
+    Raises
+    ------
+    ValueError
+        As there; or the file describes a suction cup.
+    OSError
+        The file cannot be read.
+    """
+    found = read_end_effector(path)
+    if isinstance(found, SuctionCup):
+        raise ValueError(f"{path.name} describes a suction cup; two jaws are needed here")
+    return found
+
+
+def read_end_effector(path: Path) -> ParallelGripper | SuctionCup:
+    """Return the end effector that a file describes.
 
     Parameters
     ----------
     path
         JSON or TOML with the fields of :class:`~grasp.spatial.gripper.ParallelGripper` (``name``
-        and ``max_opening`` at least, lengths in m, forces in N), or a URDF with two fingers that
-        slide towards each other.
+        and ``max_opening`` at least) or, with ``kind = "suction"``, those of
+        :class:`~grasp.spatial.suction_cup.SuctionCup` (``name`` at least), lengths in m, forces in
+        N, pressures in Pa; or a URDF with two fingers that slide towards each other.
 
     Raises
     ------
@@ -91,9 +151,26 @@ def read_gripper(path: Path) -> ParallelGripper:
     if not isinstance(data, dict):
         raise ValueError(f"{path.name}: expected an object with the fields of a gripper")
     try:
-        return gripper_from_data(data)
+        return end_effector_from_data(data)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
+
+
+def end_effector_from_data(data: Mapping[str, Any]) -> ParallelGripper | SuctionCup:
+    """Return the end effector of the fields of a file; ``kind`` is ``parallel`` or ``suction``.
+
+    Examples
+    --------
+    >>> end_effector_from_data({"kind": "suction", "name": "vac", "radius": 0.01}).radius
+    0.01
+    """
+    kind = data.get("kind", "parallel")
+    if kind not in _KINDS:
+        raise ValueError(f"kind: expected {' or '.join(_KINDS)}, got {kind!r}")
+    rest = {name: value for name, value in data.items() if name != "kind"}
+    if kind == "parallel":
+        return gripper_from_data(rest)
+    return SuctionCup(**_values(SuctionCup, rest, "a suction cup"))
 
 
 def gripper_from_data(data: Mapping[str, Any]) -> ParallelGripper:
@@ -104,18 +181,23 @@ def gripper_from_data(data: Mapping[str, Any]) -> ParallelGripper:
     >>> gripper_from_data({"name": "wide", "max_opening": 0.14, "max_force": 60}).max_force
     60.0
     """
-    known = {one.name: one for one in fields(ParallelGripper)}
-    for name in data:
+    given = {"gripper_type": data.get("name"), "min_opening": 0.0, **data}
+    return ParallelGripper(**_values(ParallelGripper, given, "a gripper"))
+
+
+def _values(kind: type, given: Mapping[str, Any], what: str) -> dict[str, Any]:
+    """Return the checked fields of a dataclass."""
+    known = {one.name: one for one in fields(kind)}
+    for name in given:
         if name not in known:
             close = difflib.get_close_matches(name, known, 1)
             hint = f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
-            raise ValueError(f"unknown field {name!r} of a gripper{hint}")
-    given = {"gripper_type": data.get("name"), "min_opening": 0.0, **data}
+            raise ValueError(f"unknown field {name!r} of {what}{hint}")
     for name, one in known.items():
         needed = one.default is MISSING and one.default_factory is MISSING
         if needed and given.get(name) is None:
             raise ValueError(f"{name} is missing")
-    return ParallelGripper(**{name: _value(name, value) for name, value in given.items()})
+    return {name: _value(name, value) for name, value in given.items()}
 
 
 def gripper_to_data(gripper: ParallelGripper) -> dict[str, Any]:

@@ -40,6 +40,9 @@ class TrackedObject:
         Whether it is in the latest view of its side of the table.
     waiting
         Whether it is out of reach because others are in the way.
+    gone
+        Whether it was put into a box: what lies at its place now is another thing, such as one that
+        touched it and was seen as a part of it.
     """
 
     number: int
@@ -48,6 +51,7 @@ class TrackedObject:
     finished: bool = False
     visible: bool = True
     waiting: bool = False
+    gone: bool = False
 
 
 class Tracker:
@@ -80,6 +84,7 @@ class Tracker:
         known = [t for t in self.things if side is None or t.seen.position[1] * side >= 0]
         for thing in known:
             thing.visible = False
+        known = [thing for thing in known if not thing.gone]
         matched: list[TrackedObject | None] = [None] * len(objects)
         if known and objects:
             cost = np.array(

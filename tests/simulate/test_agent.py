@@ -134,6 +134,38 @@ def test_the_outermost_object_comes_first_and_each_side_has_its_hand(run) -> Non
     assert [r["gripper_id"] for r in server.asked] == ["right_hand", "right_hand", "left_hand"]
 
 
+def test_what_was_moved_to_the_side_that_was_done_is_taken_too(run) -> None:
+    table = [(0.15, -0.10), (0.15, 0.18), (0.15, 0.08)]
+
+    class Sweeping(_Body):
+        def execute(self, plan):
+            done = super().execute(plan)
+            if plan.request.y == table[1][1]:
+                self.table[:] = [(0.15, -0.03)]
+            return done
+
+    body = Sweeping(list(table))
+    run(body, _Server(), [table[0], table[1], (0.15, -0.03)])
+    assert [request.y for request in body.executed] == [-0.10, 0.18, -0.03]
+
+
+def test_what_was_hidden_by_a_placed_object_is_another_one(run) -> None:
+    spot, beside = (0.15, -0.10), (0.15, -0.06)
+
+    class Hiding(_Body):
+        def execute(self, plan):
+            done = super().execute(plan)
+            if plan.request.y == spot[1]:
+                self.table[:] = [beside]
+            return done
+
+    body = Hiding([spot])
+    first, second = run(body, _Server(), [spot, beside])
+    assert (first.number, second.number) == (1, 2)
+    assert first.placed
+    assert second.placed
+
+
 def test_an_object_nobody_knows_is_stored_with_its_view_grasp_and_outcome(run) -> None:
     spot = (0.15, -0.1)
     server = _Server()

@@ -14,7 +14,7 @@ import numpy as np
 
 from grasp.arrays import FloatArray
 from grasp.spatial.candidate import GraspCandidate
-from grasp.spatial.gripper import ParallelGripper
+from grasp.spatial.gripper import EndEffector
 
 __all__ = ["diverse", "rank", "rank_by_confidence", "rank_by_holding", "select_grasp"]
 
@@ -102,7 +102,7 @@ def _finer(candidate: GraspCandidate) -> tuple[float, float, float]:
 
 def diverse(
     candidates: Sequence[GraspCandidate],
-    gripper: ParallelGripper,
+    gripper: EndEffector,
     distance: float = 0.01,
     angle: float = np.deg2rad(15.0),
     most: int = 50,
@@ -127,7 +127,7 @@ def diverse(
 
 
 def _alike(
-    a: GraspCandidate, b: GraspCandidate, gripper: ParallelGripper, distance: float, angle: float
+    a: GraspCandidate, b: GraspCandidate, gripper: EndEffector, distance: float, angle: float
 ) -> bool:
     # Facets may be exactly as far apart as the limits, whatever a frame's rounding makes of it.
     if np.linalg.norm(a.centre - b.centre) > distance + _EQUAL:

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from grasp.spatial.candidate import Proposals
-    from grasp.spatial.gripper import ParallelGripper
+    from grasp.spatial.grasp_plan import SpatialOptions
+    from grasp.spatial.gripper import EndEffector, ParallelGripper
     from grasp.spatial.hand_search.classifier import GraspClassifier
     from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.suction_cup import SuctionCup
     from rtask.engine.records.shapes import ObjectShape
 
     Shape = Mesh | NDArray[np.float64]
@@ -46,9 +48,9 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
     """
     import time
 
-    from grasp.spatial.gripper_files import gripper_named
+    from grasp.spatial.gripper_files import end_effector_named
 
-    gripper = gripper_named(options["gripper"])
+    gripper = end_effector_named(options["gripper"])
     if options["friction"] is not None:
         from dataclasses import replace
 
@@ -63,8 +65,10 @@ def plan_in_space(source: str, data: Path, as_json: bool, options: dict[str, Any
         stored = _store(data, known, found, gripper, options)
     drawings = _draw(found, gripper, shape, options) if options["plots"] else []
     if options["save_grasps"] is not None:
+        from grasp.spatial.gripper import ParallelGripper
         from grasp.spatial.interchange import write_grasps
 
+        assert isinstance(gripper, ParallelGripper)
         name = Path(source).name if Path(source).is_file() else source
         write_grasps(options["save_grasps"], found.candidates, gripper, name, options["scale"])
         drawings.append(str(options["save_grasps"]))
@@ -112,7 +116,10 @@ def _shape(
 
 
 def _planned(
-    shape: Shape, known: ObjectShape | None, gripper: ParallelGripper, options: dict[str, Any]
+    shape: Shape,
+    known: ObjectShape | None,
+    gripper: ParallelGripper | SuctionCup,
+    options: dict[str, Any],
 ) -> Proposals:
     import numpy as np
 
@@ -120,6 +127,7 @@ def _planned(
     from grasp.spatial.grasp_plan import SpatialOptions, plan_given, plan_on_cloud, plan_on_mesh
     from grasp.spatial.interchange import read_grasps
     from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.suction_cup import SuctionCup
     from rtask.errors import UsageError
 
     wanted = SpatialOptions(
@@ -127,6 +135,8 @@ def _planned(
         seed=options["seed"],
         most=max(options["top"], 50),
     )  # fmt: skip
+    if isinstance(gripper, SuctionCup):
+        return _with_cup(shape, gripper, wanted, options)
     if options["grasps"] is not None and not isinstance(shape, Mesh):
         raise UsageError("--grasps needs the mesh that they are grasps of")
     if options["scene"]:
@@ -146,6 +156,28 @@ def _planned(
     eye = options["viewpoint"]
     viewpoints = None if eye is None else np.array([eye])
     return plan_on_cloud(shape, gripper, support, viewpoints, wanted, _classifier(options))
+
+
+def _with_cup(
+    shape: Shape, cup: SuctionCup, wanted: SpatialOptions, options: dict[str, Any]
+) -> Proposals:
+    """Plan where a suction cup takes a mesh."""
+    from grasp.spatial.collision import Support, Surroundings
+    from grasp.spatial.meshes.mesh import Mesh
+    from grasp.spatial.suction import plan_suction
+    from rtask.errors import UsageError
+
+    if not isinstance(shape, Mesh):
+        raise UsageError(
+            "a suction cup needs a mesh: the points of a cloud do not tell whether a lip seals"
+        )
+    for name in ("grasps", "save_grasps", "store"):
+        if options[name]:
+            raise UsageError(
+                f"--{name.replace('_', '-')} is for grippers with two jaws, not a suction cup"
+            )
+    support = None if options["floating"] else Support(float(shape.vertices[:, 2].min()))
+    return plan_suction(shape, cup, Surroundings(support), wanted)
 
 
 def _in_scene(shape: Shape, gripper: ParallelGripper, options: dict[str, Any]) -> Proposals:
@@ -204,7 +236,7 @@ def _noise(options: dict[str, Any]) -> Any:
 
 
 def _store(
-    data: Path, known: ObjectShape, found: Proposals, gripper: ParallelGripper,
+    data: Path, known: ObjectShape, found: Proposals, gripper: EndEffector,
     options: dict[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     import rtask
@@ -225,7 +257,7 @@ def _store(
 
 
 def _draw(
-    found: Proposals, gripper: ParallelGripper, shape: Shape, options: dict[str, Any]
+    found: Proposals, gripper: EndEffector, shape: Shape, options: dict[str, Any]
 ) -> list[str]:
     from grasp.spatial.drawing import candidates_svg
 
@@ -276,13 +308,13 @@ def _rows(found: Proposals, options: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _print(
-    found: Proposals, gripper: ParallelGripper, notes: list[str], seconds: float,
+    found: Proposals, gripper: EndEffector, notes: list[str], seconds: float,
     options: dict[str, Any],
 ) -> None:  # fmt: skip
     for note in notes:
         click.echo(note)
     click.echo(
-        f"{gripper.name}, stroke {1000 * gripper.max_opening:.0f} mm, friction "
+        f"{gripper.name}, {_size(gripper)}, friction "
         f"{gripper.friction:g}: {len(found)} grasps, {options['samples']} poses each, "
         f"{seconds:.3f} s"
     )
@@ -300,7 +332,7 @@ def _print(
         click.echo(
             f"{row['rank']:4d}  ({x:6.1f},{y:6.1f},{z:6.1f})  ({a:+.2f},{b:+.2f},{c:+.2f})  "
             f"{1000 * row['width']:7.1f}  {row['confidence']:.2f}  {row['lower_95']:.2f}  "
-            f"{row.get('epsilon', 0.0):7.4f}{held}{'' if row['antipodal'] == 'full' else '  half'}"
+            f"{row.get('epsilon', 0.0):7.4f}{held}{'  half' if row['antipodal'] == 'half' else ''}"
         )
     said = _verdict(found, options)
     if said:
@@ -310,8 +342,16 @@ def _print(
         click.echo(f"{count:8d}  {name}")
 
 
+def _size(gripper: EndEffector) -> str:
+    from grasp.spatial.suction_cup import SuctionCup
+
+    if isinstance(gripper, SuctionCup):
+        return f"lip {2000 * gripper.radius:.0f} mm wide, vacuum {gripper.force:.0f} N"
+    return f"stroke {1000 * gripper.max_opening:.0f} mm"
+
+
 def _as_json(
-    found: Proposals, gripper: ParallelGripper, notes: list[str], seconds: float,
+    found: Proposals, gripper: EndEffector, notes: list[str], seconds: float,
     options: dict[str, Any], stored: dict[str, Any] | None, drawings: list[str],
 ) -> dict[str, Any]:  # fmt: skip
     from grasp.messages import spatial_grasp_message

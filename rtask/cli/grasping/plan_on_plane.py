@@ -42,8 +42,8 @@ grasp.add_command(train)
     "--gripper",
     default="panda",
     show_default=True,
-    help="Space: nao, panda, jaw:STROKE with the stroke in m, or a file that describes one: JSON, "
-    "TOML or URDF.",
+    help="Space: nao, panda, jaw:STROKE or suction:RADIUS in m, or a file that describes one: "
+    "JSON, TOML or URDF.",
 )
 @click.option(
     "--gripper-type",
