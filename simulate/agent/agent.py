@@ -10,7 +10,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from itertools import cycle, product
+from itertools import product
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -174,15 +174,13 @@ class Agent:
     def clear_table(self) -> list[Encounter]:
         """Handle every object on both sides; return the encounters in order.
 
-        What was moved across the middle is handled in another turn. What went out of sight, because
-        it rolled to the other side or behind something, is searched for on both sides.
+        What went out of sight, because it rolled to the other side or behind something, is
+        searched for on both sides.
         """
         for search in range(1 + self.config.max_searches):
             self._is_searching, runs = search > 0, self._runs
-            turns = cycle(("right", "left"))
-            self._clear_side(next(turns))
-            while self._clear_side(next(turns)):
-                pass
+            for side in ("right", "left"):
+                self._clear_side(side)
             if not self._tracker.missing or (search and runs == self._runs):
                 break
         for thing in self._tracker.missing:
@@ -192,8 +190,7 @@ class Agent:
                 self._tell("missing", {"object": thing.number, "last_seen": [x, y]})
         return list(self.encounters.values())
 
-    def _clear_side(self, side: str) -> bool:
-        """Handle every object on one side; return whether there was one."""
+    def _clear_side(self, side: str) -> None:
         handled: TrackedObject | None = None
         sign = -1 if side == "right" else 1
         for number in range(self.config.max_looks):
@@ -205,20 +202,19 @@ class Agent:
             self._tell("look", {"side": side, "status": view.status, "objects": len(things)})
             todo = [thing for thing in things if not thing.finished]
             if not todo:
-                return number > 0
+                return
             if self.body.takes_poses:
                 request = {"gripper_id": self.body.gripper_ids[side],
                            "frame_id": self.body.base_frame,
                            "seed": mix_seed(self.config.seed, number)}  # fmt: skip
                 self._crowd.look(frame, base_from_camera, view, todo, request)
             # The best grasp in a crowd, else the outermost: the hand comes from outside, and each
-            # success clears its path. What was out of reach behind others waits until they are gone.
+            # success clears its path. What was out of reach behind others waits for them to go.
             handled = self._crowd.first(todo) or max(
                 todo, key=lambda t: (not t.waiting, t.seen.position[1] * sign)
             )
             may_wait = any(not t.waiting for t in todo if t is not handled)
             self._attempt(handled, side, view, base_from_camera, looked_s, may_wait)
-        return False
 
     def _attempt(
         self,
@@ -317,7 +313,10 @@ class Agent:
         if lost is not None:
             del self.encounters[thing.number]
             self._tracker.join(lost, thing)
-            return self.encounters[thing.number]
+            if thing.number in self.encounters:
+                return self.encounters[thing.number]
+            encounter.number = thing.number  # it was seen before, but not tried yet
+            self.encounters[thing.number] = encounter
         matches = recognition["matches"]
         encounter.is_seen = True
         encounter.confidence = float(matches[0]["confidence"]) if matches else 0.0
