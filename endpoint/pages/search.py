@@ -1,4 +1,4 @@
-"""Search page: objects, robots, classes, properties and pages by their names."""
+"""Search: objects, robots, classes, properties, services, datasets and pages by their names."""
 
 from __future__ import annotations
 
@@ -16,17 +16,19 @@ from endpoint.pages.render import (
     Model,
     about,
     blueprint,
+    context,
     knowledge_base,
     object_url,
     page,
     resource_url,
 )
 from endpoint.pages.render import select as run_select
+from endpoint.pages.services.datasets import readable_datasets
 from endpoint.pages.wording import title
 
 PER_GROUP = 5
 MAX_QUERY = 200
-GROUPS = ("objects", "robots", "classes", "properties", "pages")
+GROUPS = ("objects", "robots", "classes", "properties", "services", "datasets", "pages")
 _PAGES = (
     ("/activity", "Live activity", "watch robots camera now events"),
     ("/sparql", "SPARQL workbench", "ask query"),
@@ -36,6 +38,10 @@ _PAGES = (
     ("/feedback", "Outcomes", "feedback attempts judge verdicts"),
     ("/services", "Services", "algorithms methods forms call"),
     ("/tools/grasp", "Grasp editor", "tool push outline polygon whiskers plan"),
+    ("/tools/arm", "Arm and planning", "tool kinematics motion path trajectory joints"),
+    ("/setup", "Set up a robot", "register gripper sensor camera urdf describe"),
+    ("/datasets", "Datasets", "files versions fork merge"),
+    ("/jobs", "Jobs", "calls progress cancel"),
     ("/operations", "Operations", "engine forms"),
     ("/teach", "Teach", "name unnamed kind"),
     ("/curation", "Changes by people", "curation merge split forget undo"),
@@ -169,6 +175,15 @@ def is_near(typed: str, word: str) -> bool:
     )
 
 
+def _offered() -> Iterable[Entry]:
+    """Return the services, and the datasets that the person may read."""
+    for one in context().services.listing():
+        found = words_of(one["name"], one["summary"], " ".join(one["methods"]))
+        yield Entry("services", one["name"], one["summary"], one["href"], found)
+    for name in readable_datasets():
+        yield Entry("datasets", name, "dataset", f"/datasets/{name}", words_of(name))
+
+
 @page("/search", "search.html")
 def search() -> Model:
     """Return what matches the words in the address, the best first, in groups."""
@@ -176,7 +191,7 @@ def search() -> Model:
     wanted = words_of(query)
     found: dict[str, list[tuple[int, Entry]]] = {group: [] for group in GROUPS}
     if wanted:
-        for entry in entries():
+        for entry in (*entries(), *_offered()):
             place = rank(wanted, entry.words)
             if place is not None:
                 found[entry.group].append((place, entry))

@@ -20,6 +20,7 @@ import pytest
 
 import ontology
 import rtask
+from tests.browser.pages import open_page
 from tests.servers import RunningServer, running_server
 
 HOSTILE = '<img src=x onerror="document.title=1">'
@@ -203,7 +204,7 @@ def test_things_are_searched_for_from_the_header_by_keys(
     page.set_viewport_size({"width": width, "height": 800})
     page.emulate_media(color_scheme=theme)
     page.goto(f"{server.url}/robots")
-    page.get_by_role("searchbox", name="Search").fill("tea tni")
+    page.get_by_role("combobox", name="Search").fill("tea tni")
     page.keyboard.press("Enter")
     page.wait_for_url("**/search?q=tea+tni")
     assert page.locator("h1").count() == 1
@@ -213,7 +214,50 @@ def test_things_are_searched_for_from_the_header_by_keys(
     page.keyboard.press("Enter")
     page.wait_for_url("**/object?iri=*")
     assert page.get_by_role("heading", level=1).inner_text() == "tea tin"
-    page.get_by_role("searchbox", name="Search").fill("rt:Mug")
+    page.get_by_role("combobox", name="Search").fill("rt:Mug")
     page.keyboard.press("Enter")
     page.wait_for_url("**/resource?iri=rt%3AMug")
     assert page.get_by_role("heading", level=1).inner_text() == "rt:Mug"
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+def test_what_fits_is_suggested_while_one_types_and_opened_by_keys(
+    page: Any, server: RunningServer, width: int
+) -> None:
+    page.set_viewport_size({"width": width, "height": 800})
+    page.goto(f"{server.url}/robots")
+    field = page.get_by_role("combobox", name="Search")
+    page.locator("main").click()
+    page.wait_for_selector('.find [role="combobox"]')
+    page.keyboard.press("/")
+    page.keyboard.type("tea")
+    page.get_by_role("option", name="tea tin").wait_for()
+    assert page.evaluate("() => document.documentElement.scrollWidth") == width
+    page.keyboard.press("Escape")
+    assert page.get_by_role("option").count() == 0
+    field.fill("kinematcs")  # with a typing error
+    page.get_by_role("option", name="example/Kinematics").wait_for()
+    assert field.get_attribute("aria-expanded") == "true"
+    page.keyboard.press("ArrowDown")
+    chosen = page.get_by_role("option", selected=True)
+    address = chosen.get_attribute("href")
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"**{address}")
+    page.get_by_role("combobox", name="Search").fill("planararm")
+    page.get_by_role("option", name="robots/PlanarArm").click()
+    page.wait_for_url("**/datasets/robots/PlanarArm")
+
+
+def test_a_new_object_is_suggested_without_reload(browser: Any) -> None:
+    with running_server(None) as own, open_page(browser, own.url) as page:
+        page.goto(f"{own.url}/robots")
+        field = page.get_by_role("combobox", name="Search")
+        with page.expect_response("**/search.json?q=zebra"):
+            field.fill("zebra")
+        assert page.get_by_role("option").count() == 0
+        update = f"""PREFIX rt: <{RT}> INSERT DATA {{
+            <urn:zebra-cup> a rt:Mug ; rt:objectId "zebra-1" ; rt:name "zebra cup" }}"""
+        headers = {"Content-Type": "application/sparql-update"}
+        httpx.post(f"{own.url}/update", content=update, headers=headers).raise_for_status()
+        field.fill("zebra cu")
+        page.get_by_role("option", name="zebra cup").wait_for()
