@@ -5,7 +5,8 @@ Each candidate i of the present object is an arm with a belief Beta(alpha, beta)
     alpha_i = floor + kappa q_i       + c A_i + sum_t k(i, t) s_t
     beta_i  = floor + kappa (1 - q_i) + c B_i + rho sum_t k(i, t) (1 - s_t)
 
-q is the quality by geometry, A and B are weighted successes and failures from the graph with
+q is the quality by geometry, less what attempts say of hidden causes
+(:mod:`grasp.learning.causes`). A and B are weighted successes and failures from the graph with
 c = min(1, cap / (A + B)), and t runs over the attempts on this very object in this episode, which
 teach about neighbouring grasps through the kernel k. The grasp problem of Gatto 2016, 3.3.4 has no
 dynamics: one choice, one outcome. That is a bandit, and candidates make better arms than the four
@@ -92,6 +93,9 @@ class Arm:
     axes
         Closing and approach direction, unit vectors, of a grasp in space; None = from above,
         closing along theta.
+    hidden
+        Factor on the quality, 0..1, for what attempts say of causes that cannot be seen; see
+        :mod:`grasp.learning.causes`.
     """
 
     position: tuple[float, float, float]
@@ -101,6 +105,7 @@ class Arm:
     failures: float = 0.0
     opening: float = 0.0
     axes: Axes | None = None
+    hidden: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -268,7 +273,8 @@ class BetaThompson:
         belief = np.full((len(arms), 2), policy.floor)
         for i, arm in enumerate(arms):
             if arm.quality is not None:
-                belief[i] += policy.kappa * np.array([arm.quality, 1 - arm.quality])
+                quality = arm.quality * arm.hidden
+                belief[i] += policy.kappa * np.array([quality, 1 - quality])
             belief[i] += self._share(arm) * np.array([arm.successes, arm.failures])
         return belief + self._own(arms, trials)
 
@@ -370,9 +376,11 @@ class BetaThompson:
     ) -> dict[str, Any]:
         policy, share = self.policy, self._share(arm)
         quality = arm.quality
-        prior = [0.0, 0.0] if quality is None else [quality, 1 - quality]
+        left = 0.0 if quality is None else quality * arm.hidden
+        prior = [0.0, 0.0] if quality is None else [left, 1 - left]
         return {
             "quality": quality,
+            "hidden": round(arm.hidden, 6),
             "prior": [round(policy.floor + policy.kappa * part, 6) for part in prior],
             "graph": [round(share * arm.successes, 6), round(share * arm.failures, 6)],
             "episode": [round(float(v), 6) for v in own],

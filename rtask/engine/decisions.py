@@ -125,6 +125,8 @@ def _sentence(option: Option, parts: Mapping[str, Any]) -> str:
     assert option.choice is not None
     won, lost = parts["graph"]
     said = [f"geometry rates it {parts['quality']:.2f}"]
+    if parts["hidden"] < 0.95:
+        said.append(f"attempts elsewhere on it leave {parts['hidden']:.2f} of that")
     if option.remembered is not None and option.remembered.attempts:
         known = option.remembered
         said.append(f"it held {known.successes} of {known.attempts} times")

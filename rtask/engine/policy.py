@@ -34,6 +34,8 @@ class Policy:
         one; a success of a weaker one and a failure of a stronger one count in full.
     fast_physics
         Weight of outcomes from the coarse physics preset for robots elsewhere.
+    causes
+        Whether attempts speak about hidden causes; see :mod:`grasp.learning.causes`.
     half_life_days
         Half-life of evidence; None = unlimited.
     size_gate, size_gate_m
@@ -55,6 +57,7 @@ class Policy:
     other_gripper: float = 0.5
     doubtful_transfer: float = 0.3
     fast_physics: float = 0.3
+    causes: bool = True
     half_life_days: float | None = None
     size_gate: float = 1.3
     size_gate_m: float = 0.006

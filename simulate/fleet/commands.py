@@ -214,6 +214,13 @@ def _replay(table: Path, fleets: int, on_table: int, seed: int, out: Path, as_js
     click.echo(
         f"the best grasp of each product holds {summary['oracle_first_try']:.2f} of the time"
     )
+    for robot, found in summary["causes"].items():
+        low, high = found["interval95"]
+        click.echo(
+            f"{robot.replace('_', ' ')} without reasoning about hidden causes: "
+            f"{found['without']:.2f} attempts; with it: {found['with']:.2f}, "
+            f"{found['change']:+.2f} [{low:+.2f}, {high:+.2f}]"
+        )
     click.echo(f"report  {out / 'replay.json'}")
 
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grasp.learning.bandit import Arm, BetaThompson, Trial
+from grasp.learning.causes import hidden_share
 from grasp.spatial.gripper import ParallelGripper
 from grasp.spatial.gripper_files import gripper_named
 from rtask.engine.memory.experience import Weights, gather
@@ -71,8 +72,11 @@ def replay(
     things = [thing for thing in table["products"] if thing["arms"]]
     if on_table > len(things):
         raise UsageError(f"a fleet takes {on_table} products, and the table has {len(things)}")
-    player = _Player(policy or Policy(), gripper_named(str(table["settings"]["hand"])), cap)
+    policy, hand = policy or Policy(), gripper_named(str(table["settings"]["hand"]))
+    player = _Player(policy, hand, cap)
+    plain = _Player(replace(policy, causes=False), hand, cap)
     rows: dict[str, list[list[int]]] = {name: [] for name in CONDITIONS}
+    without: list[list[int]] = []
     oracle = [_oracle(thing) for thing in things]
     for fleet in range(fleets):
         rng = stream(seed, _REPLAY, fleet)
@@ -81,6 +85,10 @@ def replay(
             one, two, other = (_Luck.draw(rng, cap) for _ in range(3))
             first = player.play(things[i], one)
             alone = player.play(things[i], two)
+            first_plain = plain.play(things[i], one)
+            known = first_plain if two.recognised else []
+            second_plain = plain.play(things[i], two, known)
+            without.append([i, *(player.count(done) for done in (first_plain, second_plain))])
             for name in CONDITIONS:
                 memory = _memory(name, i, things, first, player, other, rng)
                 if memory is None:
@@ -91,6 +99,7 @@ def replay(
         "fleets": fleets,
         "products": len(things),
         "oracle_first_try": round(float(np.mean(oracle)), 4),
+        "causes": _causes(np.array(rows["shared"]), np.array(without)),
         "conditions": {
             name: _summary(np.array(found), np.array(oracle))
             for name, found in rows.items()
@@ -171,12 +180,16 @@ class _Player:
         source
             Product on which they were made; None = this one.
         """
-        arms = self._arms(thing, told, source or thing, luck.turned)
+        source = source or thing
+        arms = self._arms(thing, told, source, luck.turned)
         learner = BetaThompson(self.policy.bandit, max(thing["size"]))
+        sign = -1.0 if luck.turned else 1.0
+        known = [(sign * source["arms"][one.arm]["x"], one.held) for one in told]
         done: list[_Told] = []
         for seed, outcome in zip(luck.seeds.tolist(), luck.outcomes.tolist(), strict=True):
             tries = [Trial(arms[one.arm].position, arms[one.arm].theta, one.held) for one in done]
-            order = learner.rank(arms, tries, seed)
+            seen = [*known, *((trial.position[0], trial.success) for trial in tries)]
+            order = learner.rank(self._with_causes(arms, seen, thing["size"][0]), tries, seed)
             if not order:
                 break
             chosen = order[0].index
@@ -185,6 +198,18 @@ class _Player:
             if done[-1].held:
                 break
         return done
+
+    def _with_causes(
+        self, arms: Sequence[Arm], seen: Sequence[tuple[float, bool]], length: float
+    ) -> list[Arm]:
+        """Return arms with what attempts (place along the object in m, held) say of causes."""
+        if not self.policy.causes:
+            return list(arms)
+        x, held = np.array(seen, dtype=np.float64).reshape(-1, 2).T
+        places = np.array([arm.position[0] for arm in arms]) / length
+        half_finger = self.hand.finger_width / 2 / length
+        hidden = hidden_share(places, half_finger, x / length, held, np.ones(len(held)))
+        return [replace(arm, hidden=float(h)) for arm, h in zip(arms, hidden, strict=True)]
 
     def _arms(
         self, thing: Mapping[str, Any], told: Sequence[_Told], source: Mapping[str, Any],
@@ -222,6 +247,27 @@ def _oracle(thing: Mapping[str, Any]) -> float:
     held = np.array([arm["held"] for arm in thing["arms"]], dtype=np.float64)
     best = held[:, :-1].mean(axis=1)
     return float(held[best == best.max(), -1].mean())
+
+
+def _causes(rows: NDArray[np.int64], without: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the attempts of both robots with and without causes, paired, with intervals."""
+    products = rows[:, 0]
+    known = np.unique(products)
+    found: dict[str, Any] = {}
+    for robot in (1, 2):
+        less = rows[:, robot] - without[:, robot]
+        sums = np.array([[(products == i).sum(), less[products == i].sum()] for i in known])
+
+        def change(i: NDArray[np.intp], sums: NDArray[np.int64] = sums) -> float:
+            return float(sums[i, 1].sum() / sums[i, 0].sum())
+
+        found[f"robot_{robot}"] = {
+            "with": round(float(rows[:, robot].mean()), 4),
+            "without": round(float(without[:, robot].mean()), 4),
+            "change": round(float(less.mean()), 4),
+            "interval95": [round(v, 4) for v in bootstrap(change, len(known))],
+        }
+    return found
 
 
 def _summary(rows: NDArray[np.int64], oracle: NDArray[np.float64]) -> dict[str, Any]:

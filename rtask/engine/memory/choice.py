@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from grasp.learning.bandit import Arm, Axes, BetaThompson, Choice
 from grasp.learning.bandit import Trial as Tried
 from grasp.learning.calibration import ScoreMap
+from grasp.learning.causes import hidden_share
 from grasp.spatial.candidate import GraspCandidate
 from grasp.spatial.collision import Support, Surroundings, room_around
 from grasp.spatial.footprint import Footprint
@@ -132,9 +133,10 @@ def choose(
     evidence = gather(
         at[:, :3], at[:, 3], told, weights, policy.bandit.bandwidth, _all_axes(candidates, told)
     )
+    hidden = _hidden(candidates, scene, memory, told, weights)
     return [
         replace(candidates[c.index], choice=c, sources=evidence.objects[c.index])
-        for c in _rank(candidates, scene, memory, policy, evidence, maps or {})
+        for c in _rank(candidates, scene, memory, policy, evidence, maps or {}, hidden)
     ]
 
 
@@ -162,7 +164,9 @@ def unaided(
     """Return the option that :func:`choose` would put first if the graph told of no outcomes."""
     n = len(candidates)
     nothing = Evidence(np.zeros(n), np.zeros(n), ((),) * n)
-    order = _rank(candidates, scene, memory, policy, nothing, maps or {})
+    weights = Weights(policy, {}, scene.gripper, scene.size, dt.datetime.now(dt.UTC))
+    hidden = _hidden(candidates, scene, memory, (), weights)
+    order = _rank(candidates, scene, memory, policy, nothing, maps or {}, hidden)
     return replace(candidates[order[0].index], choice=order[0]) if order else None
 
 
@@ -173,19 +177,44 @@ def _rank(
     policy: Policy,
     evidence: Evidence,
     maps: Mapping[str, ScoreMap],
+    hidden: NDArray[np.float64],
 ) -> list[Choice]:
     """Return the learner's order, given the graph's evidence on each option."""
     arms = [
         Arm(
             (x, y, z), theta, _chance(option, maps),
             float(evidence.successes[i]), float(evidence.failures[i]), option.opening,
-            _axes(option.remembered),
+            _axes(option.remembered), float(hidden[i]),
         )
         for i, option in enumerate(candidates)
         for x, y, z, theta in [option.in_object]
     ]  # fmt: skip
     trials = [Tried((t.x, t.y, t.z), t.theta, t.held, _axes(t)) for t in memory.trials]
     return BetaThompson(policy.bandit, max(scene.size)).rank(arms, trials, scene.seed)
+
+
+def _hidden(
+    candidates: Sequence[Option],
+    scene: Scene,
+    memory: Memory,
+    told: Sequence[Remembered],
+    weights: Weights,
+) -> NDArray[np.float64]:
+    """Return what attempts at the object itself leave of each option's quality, (n,)."""
+    if not weights.policy.causes:
+        return np.ones(len(candidates))
+    seen = [(trial.x, float(trial.held), 1.0) for trial in memory.trials]
+    seen += [
+        (one.x, float(tally.held), tally.count * weights.trust(one, tally))
+        for one in told
+        if not one.of_class
+        for tally in one.tallies
+    ]
+    x, held, weight = np.array(sorted(seen)).reshape(-1, 3).T
+    length = scene.size[0]
+    places = np.array([option.in_object[0] for option in candidates]) / length
+    half_finger = scene.gripper.finger_width / 2 / length
+    return hidden_share(places, half_finger, x / length, held, weight)
 
 
 def _opening(one: Remembered, hand: ParallelGripper) -> float:

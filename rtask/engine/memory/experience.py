@@ -71,7 +71,11 @@ class Weights:
         """Return the weight of one attempt in a tally."""
         # Another object of the class may differ in why it failed, so its failures weigh 1.
         rule = tally.held or grasp.of_class
-        weight = self.policy.weight_of(rule, tally.is_fast and not self.is_fast)
+        return self.policy.weight_of(rule, discounted=False) * self.trust(grasp, tally)
+
+    def trust(self, grasp: Remembered, tally: Tally) -> float:
+        """Return how far one attempt in a tally is true of the present object and hand, 0..1."""
+        weight = self.policy.weight_of(True, tally.is_fast and not self.is_fast)
         weight *= self._object(grasp) * self._gripper(grasp, tally.held)
         half_life = self.policy.half_life_days
         if half_life is not None and tally.latest is not None:

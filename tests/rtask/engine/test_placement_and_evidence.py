@@ -211,6 +211,47 @@ def test_once_an_object_itself_was_held_its_class_says_no_more():
     assert told(alike, held) == pytest.approx((0.9, 0.0))
 
 
+BAR = (0.12, 0.03, 0.03)
+LOST = (Tally(False, 1),)
+
+
+def along_a_bar(policy, *grasps, trials=(), confidence=1.0):
+    """Return what is left of the quality of grasps along a bar, from one end to the other."""
+    places = [-0.04, -0.02, 0.0, 0.02, 0.04]
+    found = [
+        Option(f"candidate:{k}", PlanarGrasp(x, 0.0, 0.018, 1.571, 0.03, 0.05, 0.9),
+               (x, 0.0, 0.018, 1.571))
+        for k, x in enumerate(places)
+    ]  # fmt: skip
+    here = Scene(Footprint((0.0, 0.0), 0.0, *BAR), np.eye(4), HAND)
+    chosen = choose(found, here, Memory(grasps=grasps, trials=trials), {"o": confidence}, policy)
+    by_id = {one.id: one.choice.explanation["hidden"] for one in chosen}
+    return [by_id[one.id] for one in found], chosen[0].in_object[0]
+
+
+def test_failures_at_one_place_tell_of_the_whole_object():
+    failed = tuple(
+        Trial(f"g{k}", x, 0.0, 0.018, 1.571, False, k, "t") for k, x in enumerate((0.0, -0.04))
+    )
+    left, first = along_a_bar(Policy(), trials=failed)
+    assert first > 0
+    assert left[4] == 1.0
+    assert max(left[:3]) < 0.6
+    everything, _ = along_a_bar(Policy(causes=False), trials=failed)
+    assert everything == [1.0] * 5
+
+
+def test_what_failed_for_another_robot_tells_of_the_object_as_far_as_it_is_the_same():
+    known = [
+        remembered(grasp=f"g{k}", x=x, size=BAR, tallies=LOST) for k, x in enumerate((0.0, -0.04))
+    ]
+    sure, _ = along_a_bar(Policy(), *known)
+    doubtful, _ = along_a_bar(Policy(), *known, confidence=0.3)
+    assert sure[0] < doubtful[0] < 1.0
+    alike = [replace(one, of_class=True, object="p") for one in known]
+    assert along_a_bar(Policy(), *alike)[0] == [1.0] * 5  # what hides in others says nothing
+
+
 def test_a_remembered_hand_opens_no_wider_than_it_must_between_neighbours():
     # 1 mm outside the fingers of a hand that leaves 8 mm on either side: in the way of a wider one.
     away = 0.046 / 2 + HAND.finger_width + 0.001

@@ -38,7 +38,7 @@ def test_an_ideal_memory_wins_most_of_the_headroom_and_an_untrue_one_nothing() -
     # The secrets are spread evenly: nothing that one product teaches holds of the others.
     table = _table(list(range(7)))
     table["products"] += [_thing(10 + k, k, kind="flask") for k in range(7)]
-    summary = replay(table, 40, 6, 6, seed=1)
+    summary = replay(table, 20, 6, 6, seed=1)
     assert summary["oracle_first_try"] == 1.0
     found = summary["conditions"]
     assert tuple(found) == CONDITIONS
@@ -50,6 +50,18 @@ def test_an_ideal_memory_wins_most_of_the_headroom_and_an_untrue_one_nothing() -
         assert found[untrue]["effect_interval95"][1] > 0
     rows = replay_rows(summary)
     assert [len(row) for row in rows] == [len(COLUMNS)] * len(CONDITIONS)
+
+
+def test_reasoning_about_causes_saves_attempts_only_where_something_hides() -> None:
+    table = _table([0, 1, 5, 6] * 2)
+    for thing, weak in zip(table["products"], (1, 1, -1, -1) * 2, strict=True):
+        for k, arm in enumerate(thing["arms"]):
+            arm["held"] = [weak * (k - 3) < -1] * 3  # one end and the middle break
+    robot = replay(table, 20, 6, 6, seed=1)["causes"]["robot_1"]
+    assert robot["interval95"][1] < 0
+    assert robot["change"] == pytest.approx(robot["with"] - robot["without"], abs=1e-3)
+    same = replay(_table([None] * 4), 10, 4, 6, seed=1)["causes"]["robot_1"]
+    assert (same["with"], same["without"], same["change"]) == (1.0, 1.0, 0.0)
 
 
 def test_a_condition_that_the_table_cannot_show_is_left_out() -> None:
