@@ -5,7 +5,8 @@ one reported, and again with nothing. Both choose by the engine's own weights an
 give the second robot another memory: that of a look-alike (another product of the family, with
 another secret), that of a product of another family, and the outcomes of the product itself moved
 to random grasps. Only the last holds nothing that is true: families share where they can be held,
-and most hard products cannot be held in the middle.
+and most hard products cannot be held in the middle. Both robots also work without reasoning about
+hidden causes.
 """
 
 from __future__ import annotations
