@@ -14,6 +14,7 @@ __all__ = [
     "NS",
     "ONTOLOGY",
     "PREFIXES",
+    "episode_queries",
     "graph_shapes",
     "modules",
     "patches",
@@ -128,3 +129,8 @@ def patches() -> Path:
 def queries() -> list[Path]:
     """Return the competency queries; each begins with its question and its expected answer."""
     return sorted((_ROOM / "queries").glob("*.rq"))
+
+
+def episode_queries() -> list[Path]:
+    """Return the questions about what robots did; each file begins with its question."""
+    return sorted((_ROOM / "queries" / "episodes").glob("*.rq"))

@@ -8,7 +8,14 @@ from pathlib import Path
 
 import click
 
-from rtask.cli.options import agent_option, data_option, exit_if_empty, json_option, print_json
+from rtask.cli.options import (
+    agent_option,
+    data_option,
+    exit_if_empty,
+    json_option,
+    print_json,
+    server_option,
+)
 from rtask.errors import UsageError
 
 _EXTRA = "rtask episodes"
@@ -114,3 +121,42 @@ def import_episodes(file: Path, data: Path, as_json: bool) -> None:
         print_json({"path": str(file), **told})
         return
     click.echo(f"{read.episodes} episodes, {read.statements} statements, {read.blobs} binary data")
+
+
+@episodes.command()
+@click.argument("number", type=int, required=False)
+@data_option
+@server_option
+@json_option
+def ask(number: int | None, data: Path, server: str | None, as_json: bool) -> None:
+    """Answer a question about what robots did; without NUMBER list the questions.
+
+    With --json, an answer is a list of objects, one a row. The queries are files to start from.
+    """
+    import ontology
+    from rtask.cli.connection import open_graph
+
+    files = ontology.episode_queries()
+    texts = [file.read_text("utf-8") for file in files]
+    questions = [text.partition("\n")[0].removeprefix("# question: ") for text in texts]
+    if number is None:
+        rows = [
+            {"number": k, "question": question, "file": str(file)}
+            for k, (question, file) in enumerate(zip(questions, files, strict=True), 1)
+        ]
+        if as_json:
+            print_json(rows)
+        for row in () if as_json else rows:
+            click.echo(f"{row['number']:3d}  {row['question']}")
+        return
+    if not 1 <= number <= len(files):
+        raise UsageError(f"there are questions 1 to {len(files)}, not {number}")
+    with open_graph(data, server) as kb:
+        found = kb.select(texts[number - 1]).to_dicts()
+    if as_json:
+        print_json(found)
+        return
+    click.echo(questions[number - 1], err=True)
+    for answer in found:
+        click.echo("\t".join("" if value is None else str(value) for value in answer.values()))
+    exit_if_empty(found)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import ontology
 import rtask
 from features.codec import decode
 from features.geometry import Frame
@@ -151,3 +152,33 @@ def test_the_command_lists_writes_and_reads(told, kb, tmp_path):
     assert (out["episodes"], out["pictures"]) == (2, 1)
     with pytest.raises(UsageError, match="no attempt fits"):
         run("export", str(tmp_path / "none.mcap"), "--agent", "nobody")
+
+
+@pytest.mark.slow
+def test_questions_about_what_happened_are_answered(told, kb, tmp_path):
+    files = ontology.episode_queries()
+    assert [file.stem for file in files] == [f"eq{n:02}" for n in range(1, 21)]
+    answers = {file.stem: kb.select(file.read_text("utf-8")).to_dicts() for file in files}
+    assert all(file.read_text("utf-8").splitlines()[0].endswith("?") for file in files)
+    who = [(row["robot"], int(row["attempts"]), int(row["successes"])) for row in answers["eq01"]]
+    assert who == [("nao-1", 1, 0), ("nao-2", 1, 1)]
+    assert [row["held"] for row in answers["eq02"]] == [False, True]
+    assert answers["eq03"] == []  # nobody tried twice
+    ((reason, count),) = [(row["reason"], row["attempts"]) for row in answers["eq04"]]
+    assert (reason.rpartition("#")[2], int(count)) == ("reason_missed", 1)
+    assert [(row["robot"], row["phase"]) for row in answers["eq06"]] == [("nao-1", "lift")]
+    (picture,) = answers["eq06"]
+    assert kb.blobs.has(f"urn:sha256:{picture['digest']}")
+    (met,) = answers["eq08"]
+    assert (met["first"], met["others"]) == ("nao-1", "nao-2")
+    assert [row["robot"] for row in answers["eq09"]] == ["nao-2"]
+    ((needed, tries),) = [(row["robot"], row["attempts"]) for row in answers["eq11"]]
+    assert (needed, int(tries)) == ("nao-2", 1)
+    assert answers["eq12"] == []
+    assert {row["robot"] for row in answers["eq14"]} <= {"nao-1", "nao-2"}
+    assert [row["held"] for row in answers["eq17"]] == [False, True]
+    assert [row["task"] for row in answers["eq20"]] == ["pick", "pick"]
+    shown = CliRunner().invoke(command, ["ask", "--json"])
+    assert len(json.loads(shown.stdout)) == 20
+    with pytest.raises(UsageError, match="1 to 20"):
+        CliRunner().invoke(command, ["ask", "21"], catch_exceptions=False)

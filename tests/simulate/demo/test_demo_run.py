@@ -17,6 +17,9 @@ from typing import Any
 import httpx
 import pytest
 
+import ontology
+import rtask
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 _DEMO = [sys.executable, "-m", "rtask", "demo", "--products", "plain"]
@@ -86,6 +89,24 @@ def test_the_second_robot_recognises_what_the_first_one_stored(finished: Any) ->
     assert first["false_identities"] == second["false_identities"] == 0
     seen = {met["product"] for met in result["objects"] if met["robot"] == second["name"]} - {""}
     assert len(seen) + len(second["never_seen"]) == second["objects_on_table"]
+
+
+def test_questions_about_what_happened_are_answered_on_its_store(finished: Any) -> None:
+    folder, result = finished
+    with rtask.open(folder / "store", mode="r") as kb:
+        answers = {
+            file.stem: kb.select(file.read_text("utf-8")).to_dicts()
+            for file in ontology.episode_queries()
+        }
+    assert len(answers) == 20
+    names = {robot["name"] for robot in result["robots"]}
+    assert {row["robot"] for row in answers["eq01"]} == names
+    tried = sum(int(row["attempts"]) for row in answers["eq01"])
+    # A robot makes one attempt at a time.
+    assert len({(row["robot"], row["time"]) for row in answers["eq02"]}) == tried
+    assert len({(row["robot"], row["ended"]) for row in answers["eq20"]}) == tried
+    for question in ("eq05", "eq06", "eq08", "eq09", "eq11", "eq14", "eq17", "eq19"):
+        assert answers[question], question
 
 
 def test_most_objects_in_reach_are_held(finished: Any) -> None:
